@@ -26,7 +26,8 @@ from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 RECORDED = (
     *("tirgeo/odometry", "tirgeo/fix", "tirgeo/camera_pose", "tirgeo/overlay/image"),
-    *("tirgeo/overlay/image/compressed", "tirgeo/locate/point", "tirgeo/state", "/diagnostics"),
+    *("tirgeo/overlay/image/compressed", "tirgeo/locate/point"),
+    *("tirgeo/state", "tirgeo/findings", "/diagnostics"),
 )
 _FASTER = 3.0  # than real time: what repeats by the clock (heartbeats) counts a third
 _PLAYER_S = 120.0

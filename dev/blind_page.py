@@ -9,7 +9,6 @@ in 4 s; it says GO again; targets, *Record* and *Share* stay. What is missed has
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import signal
@@ -37,7 +36,8 @@ _WELL = [3, True, True]  # targets, records, shares
 _MOST = {"go_s": 1.5, "changes": math.inf, "alarms_in_4_s": 1, "go_again_s": _LIMIT_S, "lost": 0}
 _MOST_SLOW = _MOST | {"go_s": math.inf}  # it still gives something: the GO may be right
 _MOST_ALONE = _MOST_SLOW | {"changes": 0, "alarms_in_4_s": 0}
-#: Writes down each change of what the page says (s since 1970), and each sound of the alarm.
+#: Writes down each change of what the page says (s since 1970; verdict, banner, words on the
+#: video), and each sound of the alarm.
 _WATCH = """(() => {
   const now = () => (performance.timeOrigin + performance.now()) / 1000;
   Object.assign(window, { said: [], sounds: [] });
@@ -105,7 +105,6 @@ class Watched:
             "alarms_in_4_s": max(map(sum, near), default=0),
             "go_again_s": again_s,
             "lost": sum(a != b for a, b in zip(before, self.kept(), strict=True)) + (not lives),
-            "said": [[round(at - begin_s, 2), *words] for at, *words in self._said(begin_s)],
         }
 
     def kept(self) -> list[Any]:
@@ -113,15 +112,11 @@ class Watched:
         return list(self.page.evaluate(_KEPT))
 
     def verdicts(self, begin_s: float = 0.0) -> list[list[Any]]:
-        """Return what of ``_said`` has another verdict than the one before."""
-        said = self._said(begin_s)
-        return said[:1] + [new for old, new in pairwise(said) if old[1] != new[1]]
-
-    def _said(self, begin_s: float) -> list[list[Any]]:
-        """Return what the page said from a time on: time (s), verdict, banner, words on video."""
+        """Return the changes of the verdict from a time on: time (s), verdict, other words."""
         said = self.page.evaluate("() => window.said") or [[0.0, "", "", ""]]
         first = [[begin_s, *words] for at, *words in said if at < begin_s][-1:]
-        return first + [one for one in said if one[0] >= begin_s]
+        said = first + [one for one in said if one[0] >= begin_s]
+        return said[:1] + [new for old, new in pairwise(said) if old[1] != new[1]]
 
     def _go_again_s(self, begin_s: float) -> float:
         """Wait for a GO that stays; return when it came, s from a time on; inf if it did not."""
@@ -192,10 +187,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m dev.blind_page", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0, help="that it is left alone")
     parser.add_argument("--only", default="", metavar="WORDS", help="as: overlay_node stopped")
-    parser.add_argument("--json", type=Path, help="file for all that the page said")
     args = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing is left running
-    table, done = MarkedTable(46, 15), []
+    table = MarkedTable(46, 15)
     sys.stdout.write(table.row("", list(_MOST)) + "\n")
     for one in results(args.minutes, args.only):
         alone, slow = one["event"].startswith(" "), "%" in one["event"]
@@ -203,9 +197,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         cells = [table.cell(one[name], high=high, digits=1) for name, high in most.items()]
         sys.stdout.write(table.row(one["event"].strip(), cells) + "\n")
         sys.stdout.flush()
-        done.append(one)
-        if args.json:
-            args.json.write_text(json.dumps(done, indent=1))
     return 1 if table.missed else 0
 
 

@@ -26,7 +26,7 @@ import rasterio
 
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
-from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
@@ -43,7 +43,6 @@ from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 SAMPLE = Path(__file__).resolve().parents[1] / "bags" / "sample"
-JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80)
 #: Along an outline: distance between places, and how far they stay from its corners, m.
 STEP_M, CORNER_M = 0.25, 0.75
 #: Along the normal: how far the edge is looked for to either side, and in which steps, m.
@@ -185,31 +184,11 @@ def mosaics(flown: Path, folder: Path, every_s: float = 1.0) -> dict[str, Path]:
     return made
 
 
-def drawn(mosaic: Path, outlines: Path, shrink: int = 3) -> Pixels:
-    """Return a mosaic (h, w, 3) with the outlines of a map's areas on it, made smaller."""
-    with rasterio.open(mosaic) as source:
-        size = source.height // shrink, source.width // shrink
-        grey, alpha = source.read(
-            out_shape=(2, *size), resampling=rasterio.enums.Resampling.average
-        )
-        plane = Plane(source.crs.to_string(), np.zeros((1, 2)))
-        to_pixel = ~(source.transform * rasterio.Affine.scale(shrink))
-    picture = cv2.cvtColor(np.where(alpha > 127, grey, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
-    a, b, c, d, e, f = tuple(to_pixel)[:6]
-    for ring in _rings(json.loads(outlines.read_text())):
-        x, y = plane.metres(ring).T
-        places = np.stack([a * x + b * y + c - 0.5, d * x + e * y + f - 0.5], axis=1)
-        line = np.rint(places * 16).astype(np.int32)
-        cv2.polylines(picture, [line], True, (0, 200, 255), 1, cv2.LINE_AA, 4)
-    return np.asarray(picture, np.uint8)
-
-
 def main() -> int:
     """Print a line for each of the two mosaics."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("flight", type=Path, nargs="?", default=SAMPLE, help="folder of a flight")
     parser.add_argument("--every", type=float, default=1.0, help="seconds between pictures")
-    parser.add_argument("--picture", type=Path, help="write the mosaic with the outlines on it")
     args = parser.parse_args()
     sys.stdout.write("poses   places  of cold beds  clear  mean m  rms m  within 0.25 m\n")
     with tempfile.TemporaryDirectory() as folder:
@@ -221,8 +200,6 @@ def main() -> int:
                 f"{name:<7} {found.places:>6}  {found.cold:>12}  {len(offsets):>5}  "
                 f"{offsets.mean():>6.3f}  {found.rms_m:>5.3f}  {near:.1%}\n"
             )
-            if args.picture and name == "filter":
-                cv2.imwrite(str(args.picture), drawn(mosaic, args.flight / "map.geojson"), JPEG)
     return 0
 
 

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from dev.judging import Figure, in_processes, print_figures
-from tirgeo_ros.core.types.errors import SeasonError
+from tirgeo_ros.core.types.errors import ManyFlightsError
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.tools.presentation.progress import Progress
@@ -66,19 +66,19 @@ def scenario_of(number: int) -> dict[str, Any]:
     }
 
 
-def make_flight(folder: Path, seconds: float, images: bool, number: int) -> Path:
+def make_flight(folder: Path, seconds: float, number: int) -> Path:
     """Simulate a flight unless it is there; return its bag."""
     place = folder / f"flight_{number + 1:02d}"
     if not (place / "flight.mcap").is_file():
-        path = made_folder(place, SeasonError) / "scenario.yaml"
+        path = made_folder(place, ManyFlightsError) / "scenario.yaml"
         path.write_text(json.dumps(scenario_of(number)))  # JSON is YAML
-        simulate(path, place, seed=number, start_s=25.0, duration_s=seconds, images=images)
+        simulate(path, place, seed=number, start_s=25.0, duration_s=seconds, images=False)
     return place / "flight.mcap"
 
 
 def one_by_one(folder: Path, params: Path, bag: Path) -> Path:
     """Process a flight by itself; return its output."""
-    out = made_folder(folder, SeasonError) / f"{bag.parent.name}.mcap"
+    out = made_folder(folder, ManyFlightsError) / f"{bag.parent.name}.mcap"
     process(bag, out, params=params, images=False)
     return out
 
@@ -160,13 +160,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--flights", type=int, default=40)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each flight")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--pictures", action="store_true", help="only make flights, with video")
     args = parser.parse_args(argv)
-    make = partial(make_flight, args.folder, args.seconds, args.pictures)
+    make = partial(make_flight, args.folder, args.seconds)
     with Progress("simulating", "flights") as bar:
         bags = in_processes(make, range(args.flights), os.cpu_count() or 1, bar)
-    if args.pictures:
-        return 0
     load = os.getloadavg()[0]
     sys.stdout.write(f"{len(bags)} flights of {args.seconds:g} s; load before {load:.1f}\n")
     printed = print_figures(figures(args.folder, bags, args.rounds))

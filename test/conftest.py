@@ -27,7 +27,7 @@ LONG = (
     "scenario/test_table.py",
     "scenario/test_real_flights.py",
     "scenario/test_planted_faults.py",
-    "dev/planted_faults/test_planted_live.py",
+    "dev/test_planted_faults.py",
     "scenario/test_wrong_headings.py",
     "tools/evaluate/test_evaluate.py",
     "tools/calibrate/test_boresight.py",

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from aircraft_flights import write_samples
 from flights import flight, navigation_samples
+from process_bags import write_samples
 
 from dev.flight_errors import fitting_config
 from dev.real_flights import (

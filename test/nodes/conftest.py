@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 from project import taken_port
 
+from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, NodeProcess, graph_environment
@@ -66,16 +67,12 @@ def sample_graph(sample: Path, environment: dict[str, str]) -> Callable[..., Gra
     return setup
 
 
-@pytest.fixture
-def spawn(tmp_path: Path, environment: dict[str, str]) -> Iterator[Spawn]:
-    """Start nodes: ``spawn("ekf_node", "-p", "method:=rtk")``; none outlives the test.
-
-    Keyword arguments are variables of the environment.
-    """
+@contextmanager
+def spawning(folder: Path, environment: dict[str, str]) -> Iterator[Spawn]:
     processes: list[NodeProcess] = []
 
     def start(name: str, *arguments: str, **variables: str) -> NodeProcess:
-        log = tmp_path / f"{name}.{len(processes)}.log"
+        log = folder / f"{name}.{len(processes)}.log"
         processes.append(NodeProcess(name, arguments, environment | variables, log))
         return processes[-1]
 
@@ -83,6 +80,50 @@ def spawn(tmp_path: Path, environment: dict[str, str]) -> Iterator[Spawn]:
     for process in processes:
         process.signal(signal.SIGKILL)
         process.wait(5)
+
+
+@pytest.fixture
+def spawn(tmp_path: Path, environment: dict[str, str]) -> Iterator[Spawn]:
+    """Start nodes: ``spawn("ekf_node", "-p", "method:=rtk")``; none outlives the test.
+
+    Keyword arguments are variables of the environment.
+    """
+    with spawning(tmp_path, environment) as start:
+        yield start
+
+
+@pytest.fixture
+def start_idle(spawn: Spawn, tmp_path: Path, flight_bag: Path) -> Callable[..., NodeProcess]:
+    """Start a node that has nothing to do, with what keeps it running."""
+    return lambda name: spawn(name, *idle_words(name, tmp_path, flight_bag))
+
+
+@pytest.fixture(scope="module")
+def idle_nodes(
+    tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str], flight_bag: Path
+) -> Iterator[dict[str, NodeProcess]]:
+    """Every node at once, each with nothing to do, for a whole file of tests."""
+    from graph_helpers import await_words  # noqa: PLC0415 as below
+
+    folder = tmp_path_factory.mktemp("idle")
+    with spawning(folder, environment) as start:
+        nodes = {name: start(name, *idle_words(name, folder, flight_bag)) for name in NODE_CONFIGS}
+        for node in nodes.values():
+            await_words(node, "ready")
+        yield nodes
+
+
+def idle_words(name: str, folder: Path, bag: Path) -> list[str]:
+    given: dict[str, dict[str, object]] = {
+        "bag_player": {"bag": bag, "wait_timeout_s": 600.0, "wait_for": "imu/data"},
+        "recorder": {"output": folder / "out.mcap", "topics": "tirgeo/odometry"},
+        "video_writer": {"output": folder / "out.ts"},
+        "viewer_node": {"listen": "127.0.0.1:0", "targets": folder / "targets.gpkg"},
+        "dji_node": {"port": folder / "no_port"},
+    }
+    pairs = given.get(name, {}).items()
+    words = [word for key, value in pairs for word in ("-p", f"{key}:={value}")]
+    return [*words, "-r", "imu/data:=unheard"] if name == "bag_player" else words
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 import numpy as np
-from message_samples import BODY, CAMERA_POSE, FINDING, PLANE, SOLUTION, STATUS
+from message_samples import BODY, CAMERA_POSE, FINDING, PLANE, SOLUTION, STATE, STATUS
 from overlays import PLANE as FIELD
 from overlays import SQUARE_N, pose_at
 
@@ -55,6 +55,21 @@ def test_the_estimators_state_is_passed_on_until_it_is_silent():
     silent = view.navigation_fields(reports, 100.1 + SILENT_S)
     assert silent["navigation"] == {"state": "lost", "reason": "nothing is heard of ekf_node"}
     assert silent["rtk"] is None
+
+
+def test_the_videos_delay_is_known_from_the_first_report_on_and_the_notice_while_it_is_said():
+    """A recording's first pictures and its last ones had no place, as a diagnostic was awaited."""
+    reports = Reports()
+    assert reports.picture() is None
+    reports.take_state(100.0, MESSAGES.state(STATE))
+    assert reports.picture().video_latency_s == 0.05
+    assert reports.picture().confidence.latency_sigma_s == 0.01
+    assert reports.picture(101.0).notice == "NO MAP: no pose"
+    assert reports.picture(100.1 + SILENT_S) is None
+    assert reports.picture() is not None
+    age_s = reports.input_age_s("overlay_node", "tirgeo/camera_pose", 101.0)
+    assert age_s == pytest.approx(1.02)
+    assert reports.input_age_s("overlay_node", "imu/data", 101.0) is None
 
 
 def test_findings_reach_the_page_part_by_part():

@@ -163,18 +163,20 @@ def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
     """Any type does for being there: its topics are not sent."""
     types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in dji_node._LOST}
     monkeypatch.setattr(dji_node, "_TOPICS", dji_node._TOPICS | types)
-    item = Aircraft(stranger).source.item()
+    item = Aircraft(stranger).source.report()
     assert (item.level, item.message) == (OK, "ok")
 
 
 def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
     monkeypatch.setattr(dji_node, "SILENT_S", 0.0)
-    said = aircraft.source.item()
+    said = aircraft.source.report()
     assert said.level == WARN
     assert "nothing comes from psdk_ros2 on psdk_ros2/*" in said.message
+    (finding,) = aircraft.source.findings()
+    assert finding.evidence == said.message
     monkeypatch.setattr(dji_node, "SILENT_S", 60.0)
     aircraft.source.handle("rtk_yaw_info", UInt8(data=50))
-    assert "nothing comes" not in aircraft.source.item().message
+    assert "nothing comes" not in aircraft.source.report().message
 
 
 def test_a_prefix_that_names_no_topic_is_refused(stranger):

@@ -14,8 +14,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from flights import flight
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph_helpers import KeptLog, await_words
-from hover_bags import write_hover
 from nav_msgs.msg import Odometry
+from process_bags import write_hover
 from project import PROJECT
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -91,14 +91,15 @@ def listen(request, environment):
 
 
 @pytest.mark.graph
-def test_rclpy_has_no_public_way_to_take_a_message_or_to_share_a_clock():
-    """So ``inbox`` and ``runner`` use its inside, and setup.py and package.xml bound its version.
+def test_rclpy_has_no_public_way_to_take_a_message_share_a_clock_or_list_overrides():
+    """So ekf_node, runner and parameters use its inside; setup.py and package.xml bound it.
 
     A callback gets one message of one topic in the executor's order, and each node has a
     subscription to ``/clock`` of its own.
     """
     assert not [name for name in dir(Subscription) if "take" in name]
-    assert not [name for name in dir(Node) if "time_source" in name and name[0] != "_"]
+    public = [name for name in dir(Node) if name[0] != "_"]
+    assert not [name for name in public if "time_source" in name or "override" in name]
     assert '"ros-jazzy-rclpy<8"' in (PROJECT / "setup.py").read_text()
     assert 'version_lt="8.0.0">rclpy<' in (PROJECT / "package.xml").read_text()
 
@@ -152,7 +153,7 @@ def test_what_fails_is_counted_for_its_own_topic(listen):
         listener.send(IMU, number)
         listener.send(FIX, number)
     listener.spin_until(lambda: len(listener.handled) == 8)
-    item = listener.node.monitor.item("x")
+    item = listener.node.monitor.report("x")
     assert item.level == ERROR
     assert f"failed: {FIX}: ValueError at test_ekf_node.py" in item.message
     assert item.values[f"{FIX} failed"] == "3"
@@ -166,7 +167,7 @@ def test_bytes_that_are_no_message_are_counted(listen):
     listener._publishers[IMU].publish(b"\0\1\0\0" + b"\xff" * 20)
     listener.send(IMU, 1)
     listener.spin_until(lambda: listener.handled)
-    values = listener.node.monitor.item("x").values
+    values = listener.node.monitor.report("x").values
     assert values[f"{IMU} unreadable"] == "1"
     assert "24 bytes are no sensor_msgs/msg/Imu" in values[f"{IMU} unreadable because"]
 

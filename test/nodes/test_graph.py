@@ -9,20 +9,19 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
-
 from graph_helpers import Stranger, stamps_of
-from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
-from project import children_of
+from project import children_of, wait_until
 from sensor_msgs.msg import Image
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.core.types.measurements import FixStatus
@@ -34,6 +33,84 @@ from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, run_graph
 from tirgeo_ros.tools.replay.graph_outputs import Outputs, differences, read_outputs
 from tirgeo_ros.tools.replay.process import process
+
+_STEP_M = 0.25  # lines are cut so fine that the lens cannot bend a piece visibly
+_NEAREST_M = 1.0
+_MARK_PX = 8  # a point is drawn as a mark of this reach, which has no outline on the ground
+STATUS_ROWS = 20
+
+
+def ink_of(image: np.ndarray) -> np.ndarray:
+    """(h, w) bool: pixels of the lines' colour, pure yellow, outside the status line."""
+    blue, green, red = (image[:, :, k].astype(int) for k in range(3))
+    ink = (green > 200) & (red > 200) & (blue < 60)
+    ink[-STATUS_ROWS:] = False
+    return ink
+
+
+class Outlines:
+    """The lines of a map in the axes of a plane."""
+
+    def __init__(self, features, plane: TangentPlane, ground_height_m: float) -> None:
+        lines, points = [], []
+        for feature in features:
+            lat, lon, height = feature.points.T
+            height = np.where(np.isnan(height), ground_height_m, height)
+            corners = plane.ned_from_geodetic(lat, lon, height)
+            if len(corners) == 1:
+                points.append(corners[0])
+            else:
+                lines.append(_fine(corners, closed=feature.closed))
+        self._lines = np.vstack(lines)
+        self._starts = np.cumsum([len(line) for line in lines])[:-1]
+        self._points = np.array(points).reshape(-1, 3)
+
+    def drawn(self, camera: Camera, pose: CameraPose) -> tuple[np.ndarray, np.ndarray]:
+        """(h, w) bool twice: where lines lie, and where marks of points may lie."""
+        lines = np.zeros((camera.height, camera.width), np.uint8)
+        uv, seen = _projected(camera, pose, self._lines)
+        together = seen[1:] & seen[:-1]
+        together[self._starts - 1] = False
+        ends = np.rint(np.stack([uv[:-1], uv[1:]], 1)[together]).astype(np.int32)
+        cv2.polylines(lines, list(ends), False, (1,))
+        marks = np.zeros_like(lines)
+        uv, seen = _projected(camera, pose, self._points)
+        for u, v in uv[seen]:
+            cv2.circle(marks, (round(u), round(v)), _MARK_PX, (1,), -1)
+        return lines.astype(bool), marks.astype(bool)
+
+
+def distances_px(ink: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """(N,) from each pixel of ink to the nearest pixel of a line."""
+    far = cv2.distanceTransform((~lines).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return far[ink]
+
+
+def _fine(corners: np.ndarray, *, closed: bool) -> np.ndarray:
+    if closed and not np.array_equal(corners[0], corners[-1]):
+        corners = np.vstack([corners, corners[:1]])
+    pieces = []
+    for start, end in pairwise(corners):
+        count = max(int(np.ceil(np.linalg.norm(end - start) / _STEP_M)), 1)
+        share = np.arange(count)[:, None] / count
+        pieces.append(start + share * (end - start))
+    return np.vstack([*pieces, corners[-1:]])
+
+
+def _projected(
+    camera: Camera, pose: CameraPose, points_n: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2) pixels, nan where not seen, and (N,) whether in or near the picture."""
+    points_c = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)
+    uv, valid = camera.project(points_c)
+    size = np.array([camera.width, camera.height])
+    near = np.all((uv > -size) & (uv < 2 * size), axis=1)
+    seen = valid & near & (points_c[:, 2] > _NEAREST_M)
+    return np.where(seen[:, None], uv, np.nan), seen
+
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
 
 pytestmark = pytest.mark.graph
 
@@ -201,12 +278,8 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
         text=True,
         preexec_fn=ignore_interrupts,  # noqa: PLW1509
     )
-    end_s = time.monotonic() + 120
     player = tmp_path / "bag_player.log"
-    while not (player.exists() and "ready" in player.read_text()):
-        assert demo.poll() is None
-        assert time.monotonic() < end_s
-        time.sleep(0.1)
+    wait_until(lambda: player.exists() and "ready" in player.read_text(), 120, running=demo)
     nodes = children_of(demo.pid)
     assert len(nodes) == 5
     demo.send_signal(number)

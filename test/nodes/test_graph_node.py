@@ -20,7 +20,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 
 from tirgeo_ros.core.types.errors import MessageError
-from tirgeo_ros.io.messages.offered_qos import offered_qos
+from tirgeo_ros.io.messages import TopicState
+from tirgeo_ros.io.messages.sensor_messages import offered_qos
 from tirgeo_ros.nodes import monitor as monitor_module
 from tirgeo_ros.nodes.dji_node import DjiNode
 from tirgeo_ros.nodes.ekf_node import EkfNode
@@ -52,7 +53,7 @@ def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
     assert not any(call(number) for number in range(3))
     assert not call("\x1b[2J\n" * 10_000)
     assert log.texts("warning") == ["rtk/fix: rtk/fix: 0"]
-    item = log.monitor.item("x")
+    item = log.monitor.report("x")
     assert item.level == OK
     assert item.values["rtk/fix unreadable"] == "4"
     because = item.values["rtk/fix unreadable because"]
@@ -71,7 +72,7 @@ def test_a_fault_of_the_program_shows_once_with_its_place_and_stays_an_error():
     assert "test_graph_node.py" in first
     assert call(1)
     for _ in range(2):
-        item = log.monitor.item("x")
+        item = log.monitor.report("x")
         assert item.level == ERROR
         assert "tirgeo/origin: ZeroDivisionError at test_graph_node.py:" in item.message
         assert item.values["tirgeo/origin failed"] == "4"
@@ -148,7 +149,7 @@ def test_one_thread_reads_what_another_writes():
     try:
         for _ in range(100):
             time.sleep(0.001)
-            monitor.item("x")
+            monitor.report("x")
     except RuntimeError as error:
         raised.append(error)
     finally:
@@ -170,11 +171,18 @@ def test_rates_are_of_the_last_window(clock):
     for _ in range(200):
         monitor.received("imu/data")
     clock[0] += 2.0
-    assert monitor.item("x").values["imu/data rate [Hz]"] == "100.0"
-    clock[0] += 1.0
-    item = monitor.item("x")
-    assert item.values["imu/data rate [Hz]"] == "0.0"
-    assert item.values["imu/data age [s]"] == "3.00"
+    monitor.published("tirgeo/odometry", 0.02)
+    assert monitor.report("x").values["imu/data rate [Hz]"] == "100.0"
+    clock[0] += 0.5  # a change of the state is reported between two windows
+    monitor.received("imu/data")
+    assert monitor.topics() == {
+        "imu/data": TopicState(100.0, age_s=0.0),
+        "tirgeo/odometry": TopicState(0.5, latency_ms=20.0),
+    }
+    clock[0] += 0.5
+    item = monitor.report("x")
+    assert item.values["imu/data rate [Hz]"] == "1.0"
+    assert item.values["imu/data age [s]"] == "0.50"
 
 
 def test_a_topic_given_up_leaves_the_values(clock):
@@ -184,19 +192,20 @@ def test_a_topic_given_up_leaves_the_values(clock):
     monitor.lost("imu/data", 2)
     monitor.forget("imu/data")
     clock[0] += 1.0
-    assert monitor.item("x").values.keys() == {"started"}
+    assert monitor.topics() == {}
+    assert monitor.report("x").values.keys() == {"started"}
 
 
 def test_silence_of_what_is_needed_is_a_warning(clock):
     monitor = Monitor()
     monitor.expects("imu/data")
     monitor.received("tirgeo/origin")  # once, for ever: not expected again
-    assert monitor.item("x").level == OK
+    assert monitor.report("x").level == OK
     clock[0] += 3.0
-    item = monitor.item("x")
+    item = monitor.report("x")
     assert (item.level, item.message) == (WARN, "silent: imu/data")
     monitor.received("imu/data")
-    assert monitor.item("x").level == OK
+    assert monitor.report("x").level == OK
 
 
 @pytest.mark.parametrize("make", [EkfNode, GimbalNode, OverlayNode, ViewerNode, DjiNode])

@@ -10,18 +10,17 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import await_words
+from graph_helpers import await_words, sockets
 from launch_stand_ins import environment_of, launched, loaded, ros_arguments_of
-from project import NODES as EXECUTABLES
-from project import PROJECT
+from project import NODES, PROJECT
 
 from dev.soak.run import held_by, shared_files
+from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.nodes.runner import remove_dead
 
@@ -36,15 +35,6 @@ PORT_TAKEN = re.compile(r".*Failed init_port .*fastrtps_port\d+: open_and_lock_f
 
 #: What the checks of the set-up say, of errors of the map among others.
 CAUTION = re.compile(r".*: CAUTION: .*\n")
-
-
-def arguments_of(name: str, folder: Path, bag: Path) -> list[str]:
-    return {
-        "recorder": ["-p", f"output:={folder / 'out.mcap'}", "-p", "topics:=tirgeo/odometry"],
-        "video_writer": ["-p", f"output:={folder / 'out.ts'}"],
-        "viewer_node": ["-p", "listen:=127.0.0.1:0", "-p", f"targets:={folder / 'out.gpkg'}"],
-        "bag_player": ["-p", f"bag:={bag}", "-p", "wait_timeout_s:=100.0"],
-    }.get(name, [])
 
 
 @pytest.fixture
@@ -64,24 +54,21 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
     assert "rror" not in said
 
 
-NODES = [
-    *("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player"),
-    *("recorder", "video_writer"),
-]
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.graph
-def test_running_nodes_stop_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, number):
-    names = ["recorder"] if number is signal.SIGHUP else NODES
-    processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in names]
+def test_running_nodes_are_reached_from_here_alone_and_stop_on_a_signal(start_idle, hangs_up):
+    """The runner takes every signal of every node; each kind is sent to some."""
+    processes = [start_idle(name) for name in NODE_CONFIGS]
     for process in processes:
         await_words(process, "ready")
-    if number is signal.SIGTERM:
-        halt(processes)
-    for process in processes:
+        addresses = sockets(process.pid)
+        assert addresses, f"{process.name}: no socket seen: is /proc read right?"
+        assert all(one.is_loopback for one in addresses), f"{process.name}: {addresses}"
+    halt(processes)
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP] * len(processes)
+    sent = list(zip(processes, numbers, strict=False))
+    for process, number in sent:
         process.signal(number)
-    for process in processes:
+    for process, number in sent:
         ended_cleanly(process)
         # Who ended a node is worth knowing where several share a machine.
         assert process.said(f"stopped by {number.name} from process {os.getpid()}")
@@ -100,12 +87,12 @@ def halt(processes) -> None:
 
 @pytest.mark.slow
 @pytest.mark.graph
-def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
+def test_signals_at_any_moment_also_twice(start_idle):
     """Start-up takes about a second: the moments lie before, in and after it."""
     moments = random.Random(7)
     processes = []
     for name in ["ekf_node", "gimbal_node", "overlay_node", "bag_player"] * 3:
-        process = spawn(name, *arguments_of(name, tmp_path, flight_bag))
+        process = start_idle(name)
         time.sleep(moments.uniform(0.0, 1.5))
         number = moments.choice([signal.SIGINT, signal.SIGTERM])
         process.signal(number)
@@ -300,7 +287,7 @@ def test_nodes_run_and_end_with_every_launch_argument(
     assert set(launch_file["ARGUMENTS"]) == {*BY_LAUNCH, *ON_BAG, *BOTH, *UNTRIED}
     profiles = {n: v for n, v in environment_of(launch_file, **given).items() if v is not None}
     nodes = launched(launch_file, **given)
-    assert set(nodes) == EXECUTABLES - {"dji_node" if "bag" in given else "bag_player"}
+    assert set(nodes) == NODES - {"dji_node" if "bag" in given else "bag_player"}
     processes = {
         name: spawn(name, *ros_arguments_of(node, tmp_path), **profiles)
         for name, node in nodes.items()

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from project import reader_of
+from project import reader_of, wait_until
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
@@ -24,13 +24,6 @@ from tirgeo_ros.nodes.map_watch import MapWatch
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
 #: Two seconds are what is asked for; the machine may do other work.
 SOON_S = 6.0
-
-
-def until(done, timeout_s: float = 30.0) -> None:
-    end_s = time.monotonic() + timeout_s
-    while not done():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def write_line(path: Path, length_deg: float = 0.001) -> None:
@@ -58,7 +51,7 @@ def waiting(spawn, tmp_path):
     pipe = tmp_path / "slow.geojson"
     os.mkfifo(pipe)
     node = spawn("overlay_node", "-p", f"map:={pipe}", "-p", "ground_height_m:=20.0")
-    until(lambda: has_reader(node.pid))
+    wait_until(lambda: has_reader(node.pid))
     time.sleep(0.5)
     assert not node.said("ready")
     return node
@@ -79,7 +72,7 @@ def test_the_reader_ends_with_a_node_that_is_killed(waiting):
     reader = reader_of(waiting.pid)
     waiting.signal(signal.SIGKILL)
     assert waiting.wait(SOON_S) is not None
-    until(lambda: not Path(f"/proc/{reader}").exists(), SOON_S)
+    wait_until(lambda: not Path(f"/proc/{reader}").exists(), SOON_S)
 
 
 @pytest.mark.graph
@@ -104,11 +97,11 @@ def test_a_map_that_comes_later_is_read_then(config):
     told, path = KeptLog(), Path(config.map)
     path.rename(path.with_suffix(".kept"))
     with MapWatch(told, config, lambda: PLANE) as watch:
-        until(lambda: watch.changed() or watch.error)
+        wait_until(lambda: watch.changed() or watch.error)
         assert watch.failure == "map.geojson not found"
         path.with_suffix(".kept").rename(path)
         found = []
-        until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
+        wait_until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
     assert found[0].features == 1
     assert watch.error == ""
     (line,) = told.texts("warning")
@@ -126,7 +119,7 @@ def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_s
 
     found = []
     with MapWatch(told, config, plane) as watch:
-        until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
+        wait_until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
     assert found[0].features == 1
     assert any("Traceback" in line and "a fault of ours" in line for line in told.texts())
     assert any("there is no map" in line for line in told.texts())
@@ -141,10 +134,10 @@ def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
     broken.chmod(0o755)
     told, whole = KeptLog(), sys.executable
     with MapWatch(told, config, lambda: PLANE) as watch:
-        until(watch.changed)
+        wait_until(watch.changed)
         monkeypatch.setattr(sys, "executable", str(broken))
         write_line(Path(config.map), 0.002)
-        until(lambda: watch.changed() or watch.error)
+        wait_until(lambda: watch.changed() or watch.error)
         assert "the process that reads it ended (exit code 1)" in watch.error
         assert len(watch.error) < 4500
         said = [line for line in told.texts() if "KeyError: a fault of ours" in line]
@@ -152,5 +145,5 @@ def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
         assert max(map(len, said)) < 4500
         monkeypatch.setattr(sys, "executable", whole)
         write_line(Path(config.map), 0.003)
-        until(lambda: watch.changed() is not None)
+        wait_until(lambda: watch.changed() is not None)
         assert watch.counts == {"reloads": 1, "reload_errors": 1}

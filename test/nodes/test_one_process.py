@@ -23,7 +23,7 @@ from free_addresses import free_address
 from graph_helpers import deep_queues, stamps_of
 from nav_msgs.msg import Odometry
 from page_clients import Page
-from project import child_of, reader_of
+from project import child_of, reader_of, wait_until
 from sensor_msgs.msg import CompressedImage
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
@@ -48,19 +48,13 @@ class Run:
             self.process = subprocess.Popen(command, stdout=file, stderr=file, cwd=folder)
 
     def await_ready(self, nodes: int = 4) -> None:
-        end_s = time.monotonic() + 60
-        while self.log.read_text().count("]: ready") < nodes:
-            assert self.process.poll() is None, self.log.read_text()
-            assert time.monotonic() < end_s, self.log.read_text()
-            time.sleep(0.05)
+        self._await(lambda: self.log.read_text().count("]: ready") >= nodes)
 
     def await_line(self, pattern: str) -> str:
-        end_s = time.monotonic() + 60
-        while not (found := re.search(pattern, self.log.read_text())):
-            assert self.process.poll() is None, self.log.read_text()
-            assert time.monotonic() < end_s, self.log.read_text()
-            time.sleep(0.05)
-        return found[1]
+        return self._await(lambda: re.search(pattern, self.log.read_text()))[1]
+
+    def _await(self, done):
+        return wait_until(done, running=self.process, tell=self.log.read_text)
 
     @property
     def page(self) -> str:

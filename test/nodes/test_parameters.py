@@ -14,7 +14,6 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 import yaml
-from graph_helpers import await_words
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -234,25 +233,11 @@ def nested(values: dict[str, Any]) -> dict[str, Any]:
     return tree
 
 
-def arguments(node: str, bag, folder) -> tuple[str, ...]:
-    """What keeps a node running that has nothing to do."""
-    given = {
-        "bag_player": {"bag": bag, "wait_timeout_s": 600.0, "wait_for": "imu/data"},
-        "recorder": {"output": folder / "out.mcap", "topics": "imu/data"},
-        "video_writer": {"output": folder / "out.ts"},
-        "viewer_node": {"listen": "127.0.0.1:0", "targets": folder / "targets.gpkg"},
-        "dji_node": {"port": folder / "no_port"},
-    }
-    pairs = given.get(node, {}).items()
-    return tuple(word for name, value in pairs for word in ("-p", f"{name}:={value}"))
-
-
 @pytest.mark.parametrize("node", NODE_CONFIGS)
 @pytest.mark.graph
-def test_what_param_dump_writes_loads_again(spawn, meet, flight_bag, tmp_path, node):
+def test_what_param_dump_writes_loads_again(idle_nodes, meet, tmp_path, node):
     """Every parameter has a value of its type, the empty lists too, and rcl reads the file."""
-    process = spawn(node, *arguments(node, flight_bag, tmp_path))
-    await_words(process, "ready")
+    idle_nodes[node].check_running()
     values = dumped(meet(), node)
     assert "use_sim_time" in values
     path = tmp_path / "dump.yaml"
@@ -272,9 +257,8 @@ def test_what_param_dump_writes_loads_again(spawn, meet, flight_bag, tmp_path, n
 
 
 @pytest.mark.graph
-def test_parameters_are_set_in_flight_or_refused_with_the_reason(spawn, meet):
-    process = spawn("ekf_node")
-    await_words(process, "ready")
+def test_parameters_are_set_in_flight_or_refused_with_the_reason(idle_nodes, meet):
+    process = idle_nodes["ekf_node"]
     stranger = meet()
 
     def put(**values: Any) -> tuple[bool, str]:

@@ -40,7 +40,7 @@ def setup_of(*found: list[Finding]) -> tuple[SetupChecks, KeptLog]:
 
 def test_the_item_has_the_worst_level_and_every_finding():
     setup, _ = setup_of([CAUTION, NOTE], [STOP])
-    item = setup.item()
+    item = setup.report()
     assert setup.findings() == [STOP, CAUTION, NOTE]
     assert item.name == "/uav1/ekf_node: set-up"
     assert item.level == ERROR
@@ -51,18 +51,18 @@ def test_the_item_has_the_worst_level_and_every_finding():
         "levers": f"NOTE: {NOTE.line}",
     }
     for found, level in ((NOTE, OK), (CAUTION, WARN)):
-        assert setup_of([found])[0].item().level == level
+        assert setup_of([found])[0].report().level == level
 
 
 def test_a_finding_stays_until_it_has_been_read_and_its_numbers_are_the_newest():
     found = [STOP]
     setup, _ = setup_of(found)
-    setup.item()
+    setup.report()
     newer = Finding("g", Severity.STOP, "1.01 m/s2 at rest", "imu/data", "give m/s2")
     found[:] = [newer]
-    assert setup.item().values == {"g": f"STOP: {newer.line}"}
+    assert setup.report().values == {"g": f"STOP: {newer.line}"}
     found.clear()
-    levels = [setup.item().level for _ in range(12)]
+    levels = [setup.report().level for _ in range(12)]
     assert levels[:10] == [ERROR] * 10
     assert levels[-1] == OK
 
@@ -71,15 +71,15 @@ def test_go_and_no_go_are_logged_once_each():
     found = []
     setup, logger = setup_of(found)
     for _ in range(20):
-        setup.item()
+        setup.report()
     assert logger.lines == []  # nothing has come yet: nobody knows
     logger.monitor.received("imu/data")
     for _ in range(20):
-        setup.item()
+        setup.report()
     assert logger.lines == [("info", "set-up: GO")]
     for found[:] in ([CAUTION], [CAUTION, NOTE], [CAUTION, STOP], []):
         for _ in range(20):
-            setup.item()
+            setup.report()
     assert [level for level, _ in logger.lines[1:]] == ["warning", "error", "info"]
     assert logger.lines[2][1].startswith("set-up: NO GO: 1.00 m/s2 at rest: imu/data")
 
@@ -88,11 +88,11 @@ def test_a_fault_in_a_check_leaves_the_node_and_what_was_found():
     check = SimpleNamespace(findings=lambda: [STOP])
     node = KeptLog()
     setup = SetupChecks(node, check)
-    setup.item()
+    setup.report()
     check.findings = lambda: 1 / 0
-    assert setup.item().level == ERROR
+    assert setup.report().level == ERROR
     assert not setup.take(lambda _: 1 / 0, "a sample")
-    assert node.monitor.item("topics").values["set-up failed"] == "2"
+    assert node.monitor.report("topics").values["set-up failed"] == "2"
 
 
 def written(image: Image, bgr) -> int:

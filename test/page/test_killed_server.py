@@ -7,11 +7,10 @@ import os
 import re
 import subprocess
 import sys
-import time
 
 import aiohttp
 import pytest
-from project import PROJECT
+from project import PROJECT, wait_until
 
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.targets.store import TargetStore
@@ -35,11 +34,11 @@ def start(tmp_path):
             paths = os.pathsep.join([str(PROJECT), str(PROJECT / "test/support")])
             env = {**os.environ, "PYTHONPATH": paths, "PYTHONUNBUFFERED": "1"}
             running.append(subprocess.Popen([*command, *words], env=env, stdout=out, stderr=out))
-        end_s = time.monotonic() + LIMIT_S
-        while not (found := re.search(r"http://127\.0\.0\.1:\d+", log.read_text())):
-            assert running[-1].poll() is None, log.read_text()
-            assert time.monotonic() < end_s
-            time.sleep(0.05)
+        found = wait_until(
+            lambda: re.search(r"http://127\.0\.0\.1:\d+", log.read_text()),
+            running=running[-1],
+            tell=log.read_text,
+        )
         return running[-1], found[0]
 
     yield begin

@@ -42,7 +42,7 @@ def test_owners_have_each_their_own_and_are_forgotten():
     assert not many.take(OPERATOR, "a", 0.0)
     for k in range(5000):
         assert many.take(OPERATOR, str(k), 0.0)
-    assert len(many._known) == 1000
+    assert len(many._allowances) == 1000
 
 
 def test_each_wrong_token_costs_twice_the_time():

@@ -7,39 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scenario.deliveries import RTK, Deliveries, Fault, Interval
-from scenario.runs import Run, calm, faulty, run, sizes
+from scenario.faults import drop, faster, shifted
+from scenario.runs import RTK, Deliveries, Fault, Interval, Run, calm, faulty, run, sizes
 from scenario.table import LACKING
-from scenario.time_faults import drop
-from scenario.value_faults import faster, shifted
 
+from dev.smoothing import FOUND_S, LOST_S, OUTAGE_FLIGHT_S, outage_flight
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
-from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
-from tirgeo_ros.tools.simulate.scenario import Scenario
 
 pytestmark = pytest.mark.slow
 
 SEEDS = (1, 2, 3, 4, 5, 6)
-LOST_S, FOUND_S = 22.0, 34.0  # the end of the first leg, the turn, and some of the next leg
-END_S = 50.0
-SPEED_M_S = 4.0
-
-
-@functools.cache
-def flown(seed: int) -> SimulatedFlight:
-    """Legs of 85 m and turns of 7.5 m radius, all at 4 m/s."""
-    base = Scenario()
-    route = replace(
-        base.route,
-        speed_m_s=SPEED_M_S,
-        acceleration_m_s2=2.5,  # 4 m/s in a turn of 7.5 m take 2.1
-        turn_radius_m=7.5,
-        leg_length_m=85.0,
-    )
-    return fly(replace(base, duration_s=END_S, route=route), seed)
 
 
 @dataclass(frozen=True)
@@ -59,7 +39,7 @@ class Outage:
 
 @functools.cache
 def outage(seed: int) -> Outage:
-    flight = flown(seed)
+    flight = outage_flight(seed)
     done = run(flight, faulty(flight, drop(*RTK), LOST_S, FOUND_S))
     return Outage(done, steps(flight.plane, done))
 
@@ -87,7 +67,7 @@ def test_twelve_seconds_without_rtk(seed):
     assert position_m[during].max() <= 1.5
     assert np.abs(errors.state / errors.sigma)[during, :3].max() <= 3.0
     assert heading_deg[during].max() <= 0.3
-    after = found.between(FOUND_S + 5.0, END_S)
+    after = found.between(FOUND_S + 5.0, OUTAGE_FLIGHT_S)
     assert max(heading_deg[after].max(), tilt_deg[after].max()) <= 0.3
     assert position_m[after].max() <= 0.05
     # Nothing moves more than usual in the first second; then GPS fixes do, below 5 cm each.
@@ -97,7 +77,7 @@ def test_twelve_seconds_without_rtk(seed):
     # No fix makes good more than half of what went wrong meanwhile, beside what a fix does.
     wrong_m = position_m[found.between(LOST_S, FOUND_S)][-1]
     assert wrong_m > 0.05  # else there is nothing to see
-    assert found.steps_m[found.between(FOUND_S, END_S)].max() <= wrong_m / 2 + usual_m
+    assert found.steps_m[found.between(FOUND_S, OUTAGE_FLIGHT_S)].max() <= wrong_m / 2 + usual_m
 
 
 START_S, CONTRADICTION_END_S, RECOVERED_S = 25.0, 35.0, 40.0

@@ -1,19 +1,28 @@
-"""Every row of the table, on a flight through the estimator's one door."""
+"""Every row of the table, on a flight through the estimator's one door; the table's own judge."""
 
 from __future__ import annotations
 
-import pytest
-from scenario.complaints import complaints
-from scenario.runs import FLIGHTS, faulty, run
-from scenario.table import TABLE, Row
+import functools
+import math
+from dataclasses import replace
 
-from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+import numpy as np
+import pytest
+from flights import config_for, errors
+from scenario.faults import nothing
+from scenario.runs import FLIGHTS, Run, calm, faulty, run, sizes
+from scenario.table import DEGRADED, GOOD, RUNNING, TABLE, Row
+
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
+from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState
 
-pytestmark = pytest.mark.slow
 
-
+@pytest.mark.slow
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
 def test_row(row: Row):
     flown = FLIGHTS[row.flight]()
@@ -21,6 +30,7 @@ def test_row(row: Row):
     assert complaints(row, done) == []
 
 
+@pytest.mark.slow
 def test_no_fault_is_taken_for_clipping():
     for row in TABLE:
         flown = FLIGHTS[row.flight]()
@@ -29,3 +39,169 @@ def test_no_fault_is_taken_for_clipping():
             if isinstance(delivery.sample, ImuSample) and not fault_of(delivery.sample):
                 clipping.add(delivery.sample)
         assert clipping.counts == {}, row.name
+
+
+#: What good data give, and a fault must leave behind.
+GOOD_DEG, GOOD_M, RECOVERY_S = 0.3, 0.05, 5.0
+_IMU_HZ = 100.0
+
+
+def complaints(row: Row, done: Run) -> list[str]:
+    """All that a run does that its row does not allow."""
+    found = [*_numbers(done), *_states(row, done)]
+    if done.published:
+        found += [*_bounds(row, done), *_honesty(row, done), *_recovery(row, done)]
+    return found
+
+
+def _numbers(done: Run) -> list[str]:
+    """What no filter may ever publish."""
+    found = [f"published at {s.stamp_ns}, which never was" for s in done.astray]
+    for solution in done.published:
+        place = (solution.latitude_rad, solution.longitude_rad, solution.height_m)
+        values = [place, solution.velocity_n, solution.q_nb, solution.angular_rate_b]
+        values.append(solution.rate_variance_b)
+        if not all(np.isfinite(value).all() for value in values):
+            found.append(f"not finite at {solution.stamp_ns}")
+    covariances = np.array([s.covariance for s in done.published]).reshape(-1, 9, 9)
+    if not np.isfinite(covariances).all():
+        return [*found, "covariance not finite"]
+    sigma = np.sqrt(np.abs(np.einsum("nii->ni", covariances)))
+    # Of the correlations, for metres and radians do not compare.
+    least = np.linalg.eigvalsh(covariances / sigma[:, :, None] / sigma[:, None, :])[:, 0]
+    if (least < 0).any():
+        found.append(f"covariance not positive: {least.min():.1e}")
+    return found
+
+
+def _states(row: Row, done: Run) -> list[str]:
+    states = done.states_from(row.start_s)
+    found = []
+    if states != row.states:
+        found.append(f"states {', '.join(s.value for s in states)}")
+    if any(state is FilterState.LOST for _, state in done.changes):
+        found.append("lost")
+    if done.resets != row.resets:
+        found.append(f"{done.resets} resets: {done.status.last_reset}")
+    return found
+
+
+def _bounds(row: Row, done: Run) -> list[str]:
+    inside = (done.errors.t_s >= row.start_s) & (done.errors.t_s < row.end_s + RECOVERY_S)
+    limits = (row.bounds.heading_deg, row.bounds.tilt_deg, row.bounds.position_m)
+    return _beyond(done, inside, limits, "meanwhile")
+
+
+def _recovery(row: Row, done: Run) -> list[str]:
+    """Good again ``recovery_s`` after the fault, and published without a break from then on."""
+    since_s = row.end_s + RECOVERY_S
+    after = done.errors.t_s >= since_s
+    found = _beyond(done, after, (GOOD_DEG, GOOD_DEG, GOOD_M), "afterwards")
+    if since_s < done.flown_s and np.count_nonzero(after) < (done.flown_s - since_s) * _IMU_HZ:
+        found.append(f"{np.count_nonzero(after)} solutions in {done.flown_s - since_s:.1f} s")
+    return found
+
+
+def _beyond(
+    done: Run, where: np.ndarray, limits: tuple[float, float, float], when: str
+) -> list[str]:
+    names = ("heading deg", "tilt deg", "position m")
+    found = []
+    for name, values, limit in zip(names, sizes(done), limits, strict=True):
+        worst = values[where].max(initial=0.0)
+        if worst > limit:
+            at_s = done.errors.t_s[where][values[where].argmax()]
+            found.append(f"{when}: {name} {worst:.3g} > {limit:g} at {at_s:.2f} s")
+    return found
+
+
+def _honesty(row: Row, done: Run) -> list[str]:
+    """No error that the filter's own sigma calls impossible: no line is drawn where none is."""
+    ratios = np.abs(done.errors.state / done.errors.sigma)
+    if ratios.max() <= row.bounds.sigmas:
+        return []
+    at, state = np.unravel_index(ratios.argmax(), ratios.shape)
+    name = f"{('position', 'attitude', 'velocity')[state // 3]} {'NED'[state % 3]}"
+    return [f"{name}: {ratios.max():.1f} sigmas at {done.errors.t_s[at]:.2f} s"]
+
+
+ROW = Row("nothing", nothing, RUNNING, GOOD)
+
+
+@functools.cache
+def good() -> Run:
+    return run(calm(), faulty(calm(), nothing, ROW.start_s, ROW.end_s))
+
+
+def changed(start_s: float, end_s: float, change) -> Run:
+    """The good run with its solutions of a part changed, or left out where that gives None."""
+    first_ns = calm().truth.stamp_ns[0]
+    published: list[NavSolution] = []
+    for solution in good().published:
+        inside = start_s <= (solution.stamp_ns - first_ns) * 1e-9 < end_s
+        new = change(solution) if inside else solution
+        if new is not None:
+            published.append(new)
+    return replace(good(), published=published, errors=errors(calm(), published))
+
+
+def covariance_not_positive(covariance):
+    covariance = covariance.copy()
+    covariance[0, 1] = covariance[1, 0] = 2 * math.sqrt(covariance[0, 0] * covariance[1, 1])
+    return covariance
+
+
+@pytest.mark.parametrize(
+    ("start_s", "change", "words"),
+    [
+        (26.0, lambda s: s._replace(height_m=s.height_m + 0.1), "meanwhile: position"),
+        (40.0, lambda s: s._replace(height_m=s.height_m + 0.1), "afterwards: position"),
+        (20.0, lambda s: s._replace(covariance=s.covariance / 100), "sigmas at"),
+        (
+            20.0,
+            lambda s: s._replace(covariance=covariance_not_positive(s.covariance)),
+            "not positive",
+        ),
+        (20.0, lambda s: s._replace(angular_rate_b=np.full(3, math.nan)), "not finite"),
+        (40.0, lambda _: None, "solutions in 15.0 s"),
+    ],
+)
+def test_each_tampering_is_seen(start_s, change, words):
+    found = complaints(ROW, changed(start_s, start_s + 2.0, change))
+    assert any(words in complaint for complaint in found), found
+
+
+def test_states_and_resets_are_seen():
+    assert complaints(ROW, good()) == []
+    assert complaints(replace(ROW, states=RUNNING + DEGRADED), good()) == ["states running"]
+    assert "0 resets" in complaints(replace(ROW, resets=1), good())[0]
+    lost = replace(good(), changes=[*good().changes, (30.0, FilterState.LOST)])
+    assert "lost" in complaints(ROW, lost)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
+def test_row_smoothed(row: Row):
+    flown = FLIGHTS[row.flight]()
+    fed = list(faulty(flown, row.fault, row.start_s, row.end_s))
+    config, samples = config_for(flown), [delivery.sample for delivery in fed]
+    steps, smooth = (
+        [navigation.process(sample) for sample in samples]
+        for navigation in (Navigation(config), smoothed(config, samples))
+    )
+    assert [step.verdict for step in smooth] == [step.verdict for step in steps]
+    for one, other in zip(steps, smooth, strict=True):
+        assert (one.solution is None) == (other.solution is None)
+        if other.solution is not None:
+            assert one.solution.stamp_ns == other.solution.stamp_ns
+            check_smoothed(other.solution)
+
+
+def check_smoothed(solution):
+    """Finite, a unit quaternion, a covariance that is positive."""
+    numbers = np.concatenate([np.ravel(part) for part in solution[1:]])
+    assert np.isfinite(numbers).all()
+    assert np.linalg.norm(solution.q_nb) == pytest.approx(1.0, abs=1e-12)
+    sigma = np.sqrt(solution.covariance.diagonal())
+    assert np.linalg.eigvalsh(solution.covariance / np.outer(sigma, sigma))[0] > 0

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from scenario.faults import turned
 from scenario.runs import DURATION_S, calm, faulty, run, sizes
-from scenario.value_faults import turned
 
 from tirgeo_ros.core.types.verdicts import FilterState
 

@@ -11,8 +11,6 @@ from dev.flight_errors import navigation_samples
 from tirgeo_ros.core.calibration.aircraft_parameters import DELAYS
 from tirgeo_ros.core.calibration.aircraft_run import Recorded
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
@@ -56,13 +54,3 @@ def recorded(samples):
     imu = [sample for sample in samples if isinstance(sample, ImuSample)]
     aids = [s for s in samples if not isinstance(s, ImuSample) and s.source in DELAYS]
     return Recorded(imu, aids)
-
-
-def write_samples(path, samples):
-    """A bag of them; log time = stamp."""
-    messages = Messages(Cdr().types)
-    with BagWriter(path) as bag:
-        for sample in sorted(samples, key=lambda one: one.stamp_ns):
-            topic, message = sensed(messages, sample)
-            bag.write(f"/{topic}", TOPIC_TYPES[topic], message, sample.stamp_ns)
-    return path

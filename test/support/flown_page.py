@@ -6,10 +6,10 @@ import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
+from project import wait_until
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
@@ -52,12 +52,12 @@ class FlownPage:
     @property
     def url(self) -> str:
         """Where the page is, as soon as the node says so."""
-        end_s = time.monotonic() + START_S
-        while not (found := re.search(r"the page is at (\S+)", self.log)):
-            assert self._process.poll() is None, self.log
-            assert time.monotonic() < end_s, self.log
-            time.sleep(0.1)
-        return found[1]
+        return wait_until(
+            lambda: re.search(r"the page is at (\S+)", self.log),
+            START_S,
+            running=self._process,
+            tell=self._log.read_text,
+        )[1]
 
     @property
     def pid(self) -> int:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections import defaultdict
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -120,6 +122,25 @@ def await_words(process: NodeProcess, words: str, timeout_s: float = 60.0) -> No
         process.check_running()
         assert time.monotonic() < end_s, f"{process.name} never said {words!r}"
         time.sleep(0.02)
+
+
+def sockets(pid: int) -> list[IPv4Address | IPv6Address]:
+    """Local addresses of the UDP and TCP sockets of a process."""
+    links = (str(link.readlink()) for link in Path(f"/proc/{pid}/fd").iterdir())
+    inodes = {link[8:-1] for link in links if link.startswith("socket:[")}
+    found = []
+    for table in ("udp", "udp6", "tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            words = line.split()
+            if words[9] in inodes:
+                found.append(address(words[1].partition(":")[0]))
+    return found
+
+
+def address(words: str) -> IPv4Address | IPv6Address:
+    """Read an address as /proc/net has it: 32-bit words in the byte order of the machine."""
+    parts = (int(words[i : i + 8], 16) for i in range(0, len(words), 8))
+    return ip_address(b"".join(part.to_bytes(4, sys.byteorder) for part in parts))
 
 
 def stamps_of(bag: Path, topic: str) -> list[int]:

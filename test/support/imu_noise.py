@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tirgeo_ros.core.calibration.imu_record import ImuRecord
+from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.tools.simulate.static_imu import write_imu
 
 
 def white(rng, size, n, step_s):
@@ -53,6 +55,7 @@ def record(values, step_s, lost=None):
 
 
 FLIGHT_HZ = 200
+START_NS = 1_700_000_000_000_000_000
 #: Of a flight: rad/sqrt(s), m/s/sqrt(s).
 FLIGHT_DENSITY = np.array([3e-3, 5e-3, 1.5e-3, 0.11, 0.07, 0.4])
 
@@ -63,3 +66,11 @@ def flown(seed=1, duration_s=90, density=FLIGHT_DENSITY):
     turns = np.sin(2 * np.pi * np.outer(t_s, [0.3, 0.4, 0.2, 0.7, 1.1, 2.3]))
     values = white(np.random.default_rng(seed), (len(t_s), 6), density, 1 / FLIGHT_HZ)
     return values + turns * [0.8, 0.6, 0.3, 3.0, 2.0, 4.0] + [0, 0, 0, 0, 0, 9.8]
+
+
+def imu_bag(path, values, rate_hz=FLIGHT_HZ, stamps_ns=None):
+    """A bag of rates and forces (n, 6) FLU, at even stamps if none are given."""
+    steps = np.arange(len(values), dtype=np.int64) * (1_000_000_000 // rate_hz)
+    with BagWriter(path) as bag:
+        write_imu(bag, START_NS + steps if stamps_ns is None else stamps_ns, values)
+    return path

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
@@ -26,6 +27,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
+from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
@@ -166,3 +168,24 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
         lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),
     ),
 }
+
+
+# The only arithmetic between a sample and its twin is a rotation by 180 deg: a few roundings.
+EXACT = 1e-14
+
+
+cdr = Cdr()
+
+
+made = Messages(cdr.types)
+
+
+def through_cdr(message):
+    typename = message.__msgtype__
+    return cdr.deserialize(cdr.serialize(message, typename), typename)
+
+
+def assert_same_rotation(p, q, tolerance=EXACT):
+    p, q = canonical(p), canonical(q)
+    # Of a half turn both signs are canonical.
+    assert_allclose(p * np.sign(p @ q), q, rtol=0, atol=tolerance)

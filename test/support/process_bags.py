@@ -1,8 +1,14 @@
-"""Bags that are changed copies of others, what is in them, and the files of the sample flight."""
+"""Bags of samples or changed copies of others, what is in them, and the sample flight's files."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from flights import navigation_samples
+
+from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 
 CDR = Cdr()
 METHODS = ["raw", "rtk", "ekf", "ekf_heading"]
@@ -41,3 +47,20 @@ def messages_of(path, *topics):
 def data_of(path, *topics):
     """The bytes of each message of some topics."""
     return [item.data for item in BagReader(path).messages(topics)]
+
+
+def write_samples(path, samples):
+    """A bag of samples; log time = stamp."""
+    messages = Messages(CDR.types)
+    with BagWriter(path) as bag:
+        for sample in sorted(samples, key=lambda one: one.stamp_ns):
+            topic, message = sensed(messages, sample)
+            bag.write(f"/{topic}", TOPIC_TYPES[topic], message, sample.stamp_ns)
+    return path
+
+
+def write_hover(path, flown, *told):
+    """A flight without ``rtk/heading`` and the autopilot's attitude, with what else is told."""
+    samples = [s for s in navigation_samples(flown) if s.source is not Source.RTK_HEADING]
+    samples = [replace(s, autopilot_q_nb=None) if isinstance(s, ImuSample) else s for s in samples]
+    return write_samples(path, [*samples, *told])

@@ -1,11 +1,17 @@
-"""Where the project's files are, its nodes and verbs, whose a DDS port is, its workers."""
+"""Where the project's files are, its nodes and verbs, its processes, and how long a test waits."""
 
 from __future__ import annotations
 
 import argparse
 import socket
+import subprocess
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -65,4 +71,23 @@ def children_of(pid: int) -> list[int]:
     for task in Path(f"/proc/{pid}/task").iterdir():
         with suppress(OSError):  # that thread has ended meanwhile
             found += map(int, (task / "children").read_text().split())
+    return found
+
+
+def wait_until(
+    done: Callable[[], T],
+    limit_s: float = 60.0,
+    *,
+    running: subprocess.Popen | None = None,
+    tell: Callable[[], object] = str,
+) -> T:
+    """Return what the function returns as soon as that counts as true; fail after the limit.
+
+    ``running``: what must not end meanwhile; ``tell``: what is said of a failure.
+    """
+    end_s = time.monotonic() + limit_s
+    while not (found := done()):
+        assert running is None or running.poll() is None, tell()
+        assert time.monotonic() < end_s, tell()
+        time.sleep(0.005)
     return found

@@ -15,21 +15,11 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from free_addresses import free_port
+from project import wait_until
 
 PASSWORD = "atakatak"
 #: Ends early; enough for the repeats of each minute on a machine that stands still.
 WAIT_S = 150.0
-
-
-def wait_until(what: Callable[[], object], limit_s: float = WAIT_S) -> object:
-    """Return what the function returns as soon as that counts as true; fail after the limit."""
-    end_s = time.monotonic() + limit_s
-    while time.monotonic() < end_s:
-        found = what()
-        if found:
-            return found
-        time.sleep(0.02)
-    raise AssertionError(f"not within {limit_s} s: {what}")
 
 
 class TakServer:
@@ -67,7 +57,7 @@ class TakServer:
             self.process = subprocess.Popen(
                 [*command, "-c", "taky.conf"], cwd=self.folder, stdout=log, stderr=log
             )
-        wait_until(self._listens)
+        wait_until(self._listens, WAIT_S)
 
     def kill(self) -> None:
         if self.process is not None:

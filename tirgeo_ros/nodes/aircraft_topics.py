@@ -38,7 +38,7 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.io.messages.offered_qos import IMAGE_DEPTH, STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH, STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.setup_checks import Restarts
 
@@ -87,13 +87,15 @@ class Reports:
 
     def findings(self, now_s: float) -> list[Finding] | None:
         """Return what the nodes' checks have found; None while those of the flight are silent."""
-        heard = {n: found for n, (s, found) in self._findings.items() if now_s - s <= SILENT_S}
+        heard = {
+            n: findings for n, (s, findings) in self._findings.items() if now_s - s <= SILENT_S
+        }
         if not any(node.endswith(_CHECKED) for node in heard):
             return None
         return [finding for findings in heard.values() for finding in findings]
 
     def state(self, node: str) -> tuple[float, NodeState | None]:
-        """Return when the newest state of a node came, and that; never, and None, without one."""
+        """Return when a node's newest state came (s), and the state: -inf, None without one."""
         return self._states.get(node, (-math.inf, None))
 
     def input_age_s(self, node: str, topic: str, now_s: float) -> float | None:
@@ -120,7 +122,7 @@ class Reports:
 class PoseTape(Generic[P]):
     """Keep messages of the last second by their stamps as bytes; decode those that are wanted.
 
-    ``decode`` makes a pose of one. Any thread may call it.
+    ``decode`` makes a pose of a message. Any thread may call it.
     """
 
     def __init__(self, decode: Callable[[bytes], P]) -> None:
@@ -129,7 +131,7 @@ class PoseTape(Generic[P]):
         self._kept: deque[tuple[int, bytes]] = deque(maxlen=_POSES)
 
     def add(self, data: bytes) -> None:
-        """Add a message; one whose stamp goes back begins anew. Raises MessageError."""
+        """Add a message; where its stamp goes back, drop those before. Raises MessageError."""
         stamp_ns = header_stamp_ns(data)
         with self._lock:
             if self._kept and stamp_ns < self._kept[-1][0]:
@@ -197,13 +199,13 @@ class AircraftTopics:
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""
-        found = self._newest.get(topic)
-        return self._node.decoded(found[1], topic) if found else None
+        newest = self._newest.get(topic)
+        return self._node.decoded(newest[1], topic) if newest else None
 
     def came_s(self, topic: str) -> float | None:
         """Return when the newest message of a topic came, steady clock; None without one."""
-        found = self._newest.get(topic)
-        return found[0] if found else None
+        newest = self._newest.get(topic)
+        return newest[0] if newest else None
 
     def age_s(self, topic: str) -> float | None:
         """Return the time since the newest message of a topic; None without one."""
@@ -249,7 +251,7 @@ class AircraftTopics:
         return ConfidenceConfig() if picture is None else picture.confidence
 
     def sight(self, stamp: int, *, last_pose_s: float = 0.0) -> Sight | None:
-        """Return from where a picture was taken; None if that is not known.
+        """Return camera and pose of a picture; None without a pose at its exposure.
 
         The last pose will do where it is no older than ``last_pose_s``. Without an elevation model
         the ground is known where it is level, by the newest footprint.

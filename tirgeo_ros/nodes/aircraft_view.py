@@ -69,7 +69,7 @@ class Verdict(NamedTuple):
 
 
 class Stream(NamedTuple):
-    """Name a topic that is needed, the node that makes it, and of what; with words for people."""
+    """Name a topic that is needed, the node that publishes it, and that node's inputs."""
 
     topic: str
     kind: str
@@ -98,9 +98,9 @@ _CHECKS = {
 
 
 class Judge:
-    """Make one aircraft's verdict, again and again, by a steady clock.
+    """Judge one aircraft at each call of ``look``, by a steady clock.
 
-    ``came_s`` says when the newest message of a topic came; None: none has come.
+    ``came_s`` returns when the newest message of a topic came; None without one.
     """
 
     def __init__(self, reports: Reports, came_s: Callable[[str], float | None]) -> None:
@@ -131,7 +131,7 @@ class Judge:
         return self._shown
 
     def _count(self, topic: str, at_s: float | None, step_s: float) -> None:
-        """Add up the silence of a topic while this node listened; what is forgotten is silent."""
+        """Add up how long a topic is silent while this node listens; None counts as silent."""
         if at_s is None or at_s == self._came_s.get(topic):
             self._silence_s[topic] += step_s
         else:
@@ -156,7 +156,7 @@ class Judge:
         return no_position or (self._no_data(silent[0]) if silent else None)
 
     def _downstream(self, checks: Verdict | None, no_map: str) -> Verdict | None:
-        """Return what is wrong though all comes, the checks' caution last."""
+        """Return what is wrong although all streams come; a caution of the checks comes last."""
         if checks and checks.word != "CAUTION":
             return checks
         if self._no_map_s > _SILENT_S:
@@ -177,13 +177,13 @@ class Judge:
         return Verdict("NO DATA", "bad" if began else "caution", stream.kind, text, more, began)
 
     def _cause(self, stream: Stream, silence_s: float) -> tuple[str, str, float] | None:
-        """Return what is silent, in words and by its name, and how long; None if none is."""
+        """Return the silent node or input: words, name and seconds; None if none is silent."""
         then_s, state = self._reports.state(stream.node)
         ago_s = self._now_s - then_s
         if min(ago_s, silence_s) >= _ANSWER_S:
             return f"{stream.program} does not answer", stream.node, min(ago_s, silence_s)
-        ages = {topic: one.age_s for topic, one in state.topics.items()} if state else {}
-        topic = next((one for one in stream.inputs if ages.get(one) is not None), "")
+        ages = {name: input_.age_s for name, input_ in state.topics.items()} if state else {}
+        topic = next((topic for topic in stream.inputs if ages.get(topic) is not None), "")
         age_s = ages.get(topic)
         if age_s is None or age_s <= _ALSO_SILENT_S:
             return None
@@ -218,7 +218,7 @@ _NO_POSITION: Mapping[str, None] = dict.fromkeys(
 
 
 class AircraftView(AircraftTopics):
-    """Be one aircraft of the page. ``answered`` takes the answers to clicks."""
+    """Give the page the state of one aircraft; ``answered`` takes the answers to clicks."""
 
     def __init__(
         self,
@@ -264,7 +264,7 @@ class AircraftView(AircraftTopics):
 
     def _take_path(self, message: Any) -> None:
         if self.plane is not None:
-            points_n = places_n(one.pose.position for one in message.poses)
+            points_n = places_n(pose.pose.position for pose in message.poses)
             self._track = places(points_n, self.plane)
 
     def click(self, stamp: int, u: float, v: float) -> bool:
@@ -293,10 +293,12 @@ class AircraftView(AircraftTopics):
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
         heard, picture = self.reports.findings(now_s), self.reports.picture(now_s)
         no_map = picture.notice if picture else None
-        findings = sorted(nearest_causes([*(heard or ()), *more]), key=lambda one: -one.severity)
-        worst = max((one.severity for one in findings), default=Severity.NOTE)
+        findings = sorted(
+            nearest_causes([*(heard or ()), *more]), key=lambda finding: -finding.severity
+        )
+        worst = max((finding.severity for finding in findings), default=Severity.NOTE)
         verdict = self._judge.look(now_s, None if heard is None else worst, no_map or "")
-        rows = [finding_row(one) for one in findings]
+        rows = [finding_row(finding) for finding in findings]
         judged = {"verdict": verdict._asdict(), "no_map": no_map, "findings": rows}
         if verdict.kind == "position" and verdict.word == "NO DATA":
             judged |= dict.fromkeys(("rtk", "heading_sigma_deg"))  # the filter's clock stands
@@ -371,7 +373,7 @@ def velocity_n(odometry: Any) -> Array:
 
 
 def track_fields(sent: list[Place], track: list[Place]) -> dict[str, Any]:
-    """Return the points of a track from the first one that was not sent so, and its index."""
+    """Return the points of a track from the first that differs from ``sent``, and its index."""
     same = len(sent)
     while same and sent[same - 1 : same] != track[same - 1 : same]:
         same -= 1
@@ -381,7 +383,7 @@ def track_fields(sent: list[Place], track: list[Place]) -> dict[str, Any]:
 def places(points_n: Array, plane: TangentPlane) -> list[Place]:
     """Return latitude and longitude (deg) of points (N, 3), NED in the plane."""
     latitude, longitude, _ = plane.geodetic_from_ned(points_n)
-    return [_degrees(*one) for one in zip(latitude.tolist(), longitude.tolist(), strict=True)]
+    return [_degrees(*place) for place in zip(latitude.tolist(), longitude.tolist(), strict=True)]
 
 
 def _degrees(latitude_rad: float, longitude_rad: float) -> Place:
@@ -401,7 +403,7 @@ def on_ground(
 def pixel_of(sight: Sight, point_n: Array) -> tuple[float, float] | None:
     """Return column and row of a point (3,), NED, in a picture; None outside it."""
     offset_n, camera = point_n - sight.pose.position_n, sight.camera
-    uv, seen = camera.project(offset_n[None] @ matrix_from_quat(sight.pose.q_nc))
+    uv, visible = camera.project(offset_n[None] @ matrix_from_quat(sight.pose.q_nc))
     u, v = uv[0].tolist()
-    inside = seen[0] and -0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5
+    inside = visible[0] and -0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5
     return (u, v) if inside else None

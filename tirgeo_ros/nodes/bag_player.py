@@ -31,7 +31,7 @@ from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES, SensedSample, stamp_ns
-from tirgeo_ros.io.messages.offered_qos import offered_qos
+from tirgeo_ros.io.messages.sensor_messages import offered_qos
 from tirgeo_ros.nodes.graph_node import (
     GraphNode,
     latched,
@@ -65,7 +65,7 @@ def publishers_for(
     skipped with a warning. Raise BagError for a wanted topic that the bag lacks, or if there is
     nothing to play.
     """
-    found = {}
+    publishers = {}
     for topic in _chosen(topics, topic_names(wanted)):
         if topic in otherwise:
             continue
@@ -73,24 +73,24 @@ def publishers_for(
         offered = offered_qos(relative)
         qos = latched() if offered.latched else output(max(offered.depth, _DEPTH))
         try:
-            found[topic] = node.create_publisher(message_class(topics[topic]), relative, qos)
+            publishers[topic] = node.create_publisher(message_class(topics[topic]), relative, qos)
         except ConfigError as error:
             node.get_logger().warning(shown(f"{topic} is not played: {error}"))
-    if not found and not otherwise:
+    if not publishers and not otherwise:
         raise BagError(f"the bag has no topic to play (it has: {', '.join(topics) or 'none'})")
-    return found
+    return publishers
 
 
 def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
-    """Return what a DJI aircraft sends of a bag's topics that are to be played: name -> type.
+    """Return which of the bag's topics to play a DJI aircraft sends: name -> type.
 
     Raise BagError if there is none.
     """
     chosen = _chosen(topics, topic_names(wanted))
-    found = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in DJI_TOPICS}
-    if not found:
+    types = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in DJI_TOPICS}
+    if not types:
         raise BagError(f"the bag has none of the aircraft's topics: {', '.join(DJI_TOPICS)}")
-    return found
+    return types
 
 
 def _chosen(topics: Mapping[str, str], wanted: Sequence[str]) -> list[str]:
@@ -185,11 +185,11 @@ class SerialAircraft:
     def losses(self) -> str:
         """Return what of the flight was not transmitted, in one line, or an empty string."""
         counts = dict(self._aircraft.counts)
-        found = {"invalid samples": counts.get("invalid", 0)}
-        found["of imu/data not later than the one before"] = counts.get("imu_not_later", 0)
-        found |= {f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()}
-        found[f"bytes not read by anybody from {self.terminal.path}"] = self.terminal.dropped
-        return ", ".join(f"{number} {what}" for what, number in found.items() if number)
+        losses = {"invalid samples": counts.get("invalid", 0)}
+        losses["of imu/data not later than the one before"] = counts.get("imu_not_later", 0)
+        losses |= {f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()}
+        losses[f"bytes not read by anybody from {self.terminal.path}"] = self.terminal.dropped
+        return ", ".join(f"{number} {what}" for what, number in losses.items() if number)
 
     def _samples(
         self, reader: BagReader, start_ns: int, shift_ns: int
@@ -287,8 +287,8 @@ class BagPlayer(GraphNode):
         config = self._config.simulated_aircraft, self._config.aircraft
         self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
-        self._found: list[Finding] = []
-        self.report_each_second(list, lambda: self._found)
+        self._findings_now: list[Finding] = []
+        self.report_each_second(list, lambda: self._findings_now)
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
@@ -314,7 +314,9 @@ class BagPlayer(GraphNode):
         if self.count_publishers(clock) > 1:
             evidence = f"{clock} has another publisher too"
             remedy = "give each bag its own namespace"
-            self._found = [Finding("clock", Severity.CAUTION, evidence, "bag_player", remedy)]
+            self._findings_now = [
+                Finding("clock", Severity.CAUTION, evidence, "bag_player", remedy)
+            ]
             self.log(WARN, f"{evidence}: {remedy}")
             self._rival_timer.cancel()
 

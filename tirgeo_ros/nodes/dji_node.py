@@ -26,7 +26,7 @@ from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed, stamp_ns
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN
@@ -135,7 +135,7 @@ class SerialSource:
             self._node.log(OK, self._host_message)
 
     def findings(self) -> list[Finding]:
-        """Return why nothing, or nothing understood, comes through the link, if that is so."""
+        """Return a finding while the link brings no data, or none that can be read."""
         with self._lock:
             report = self._watch.report
         if report is None or not report.level:
@@ -144,7 +144,7 @@ class SerialSource:
         evidence = report.message
         return [Finding("serial_link", Severity.CAUTION, evidence, "dji_node port", remedy)]
 
-    def item(self) -> DiagnosticItem:
+    def report(self) -> DiagnosticItem:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
         with self._lock:
             report = self._watch.report
@@ -191,14 +191,14 @@ class PsdkSource:
         stop.wait()
 
     def findings(self) -> list[Finding]:
-        """Return what of psdk_ros2 does not come, if anything."""
+        """Return a finding while topics of psdk_ros2 do not come."""
         evidence = "; ".join(self._logged)
         remedy = "look at psdk_ros2's node and at psdk_interfaces"
-        found = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
-        return [found] if evidence else []
+        finding = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
+        return [finding] if evidence else []
 
-    def item(self) -> DiagnosticItem:
-        """Return the source's diagnostic item; log any change of its warnings."""
+    def report(self) -> DiagnosticItem:
+        """Log any change of the warnings, and return the source's diagnostic item."""
         warnings = self._log_changes()
         values = {name: str(number) for name, number in self._decoder.counts.items()}
         level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
@@ -305,7 +305,7 @@ class DjiNode(GraphNode):
                 self._warned.add(warning)
                 self.log(WARN, warning)
         level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
-        return [self._source.item(), self.item("aircraft", values, message, level)]
+        return [self._source.report(), self.item("aircraft", values, message, level)]
 
 
 main = partial(run, "dji_node", DjiNode, DjiNode.serve)

@@ -22,8 +22,8 @@ from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem, navigation_item
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, told
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.runner import run
@@ -84,7 +84,7 @@ class Inbox:
             if not (self._taking or self._resumes):
                 self._work()
 
-        return told(put)
+        return with_info(put)
 
     def _work(self) -> None:
         """Handle the messages that arrived first, and schedule another call if more wait."""
@@ -106,10 +106,10 @@ class Inbox:
         try:
             for most, take, put in self._sources:
                 for _ in range(most):
-                    found = take()
-                    if found is None:
+                    message = take()
+                    if message is None:
                         break
-                    put(*found)
+                    put(*message)
         finally:
             self._taking = False
 
@@ -167,7 +167,7 @@ class EkfNode(GraphNode):
         self._navigation = Navigation(config, self._heard)
         self._checks = NavigationChecks(config, given_names(self, EkfConfig), RECENT_S)
         sources = METHOD_SOURCES[config.method]
-        positions = [NAVIGATION_INPUTS[one][0] for one in sources if one in _POSITIONS]
+        positions = [NAVIGATION_INPUTS[source][0] for source in sources if source in _POSITIONS]
         inputs = InputChecks(self, (_IMU,), positions)
         self._setup = SetupChecks(self, inputs, OtherPublishers(self), self._checks)
         self._arrivals = Arrivals()
@@ -220,19 +220,21 @@ class EkfNode(GraphNode):
 
     def _note_state(self) -> None:
         """Log and report a change at once; asked at each sample, so the whole status waits."""
-        found = self._navigation.state_and_resets()
-        if found == self._noted:
+        state = self._navigation.state_and_resets()
+        if state == self._noted:
             return
-        self._noted = found
+        self._noted = state
         status = self._navigation.status()
         if self._state_log.note(status):
             self.report([self._item(status)])
 
     def _in_map(self, take: Callable[[Any], None], message: Any) -> None:
         """Take a heading in the axes of ``map``; raise MessageError for any other frame."""
-        frame, known = message.header.frame_id, self.messages.frames.map
-        if frame not in {"", known}:
-            raise MessageError(f"its frame is {frame!r}: give it in {known} (RViz: Fixed Frame)")
+        frame, own_frame = message.header.frame_id, self.messages.frames.map
+        if frame not in {"", own_frame}:
+            raise MessageError(
+                f"its frame is {frame!r}: give it in {own_frame} (RViz: Fixed Frame)"
+            )
         take(message)
 
     def _heard(self, verdict: Verdict) -> None:
@@ -263,7 +265,7 @@ class EkfNode(GraphNode):
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()
         self._state_log.note(status, reasons=True)
-        return [self._item(status), self._setup.item()]
+        return [self._item(status), self._setup.report()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
         item = navigation_item(self.item_name("navigation"), status)

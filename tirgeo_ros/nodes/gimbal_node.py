@@ -18,7 +18,7 @@ from tirgeo_ros.io.messages import (
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import given_names
@@ -34,11 +34,13 @@ class GimbalNode(GraphNode):
         super().__init__("gimbal_node")
         config = self.configured(GimbalConfig, self._reconfigure)
         self._composer = GimbalComposer(config)
-        given = given_names(self, GimbalConfig)
-        self._checks = GimbalChecks(config, given)
-        known = parameter_findings(given, (), "", pictures=True, option="--params-file")
+        set_names = given_names(self, GimbalConfig)
+        self._checks = GimbalChecks(config, set_names)
+        at_start = parameter_findings(set_names, (), "", pictures=True, option="--params-file")
         inputs = InputChecks(self, ("gimbal/joint_states", "gimbal/attitude"))
-        self._setup = SetupChecks(self, inputs, OtherPublishers(self), self._checks, known=known)
+        self._setup = SetupChecks(
+            self, inputs, OtherPublishers(self), self._checks, at_start=at_start
+        )
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)
@@ -102,7 +104,7 @@ class GimbalNode(GraphNode):
         self._listen_for_paper()
         values = self._composer.diagnostics | self._arrivals.diagnostics
         item = self.item("camera pose", values, f"composition: {composition}")
-        return [item, self._setup.item()]
+        return [item, self._setup.report()]
 
     def _listen_for_paper(self) -> None:
         """Listen to the IMU, which the composition "paper" needs, unless encoders are used."""

@@ -37,7 +37,7 @@ from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
 )
-from tirgeo_ros.io.messages.offered_qos import (
+from tirgeo_ros.io.messages.sensor_messages import (
     OUTPUT_DEPTH,
     STREAM_DEPTH,
 )
@@ -124,7 +124,7 @@ class GraphNode(Node):
 
     def set_parameters(self, parameter_list: Sequence[Parameter]) -> list[SetParametersResult]:
         """Set parameters one by one."""
-        return [self.set_parameters_atomically([one]) for one in parameter_list]
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     @property
     def now_ns(self) -> int:
@@ -229,10 +229,10 @@ class GraphNode(Node):
         options = QoSOverridingOptions.with_default_policies()
 
         def create(**events: Callable[[Any], None]) -> Subscription:
-            given = {"raw": raw, "qos_overriding_options": options}
+            options_of_all = {"raw": raw, "qos_overriding_options": options}
             counted = SubscriptionEventCallbacks(**events)
             return self.create_subscription(
-                kind, topic, callback, qos, event_callbacks=counted, **given
+                kind, topic, callback, qos, event_callbacks=counted, **options_of_all
             )
 
         with _overrides():
@@ -277,7 +277,7 @@ class GraphNode(Node):
             try:
                 own = items()
             finally:  # if ``items()`` raises, the monitor's item reports it
-                own = [*own, self.monitor.item(self.item_name("topics"))]
+                own = [*own, self.monitor.report(self.item_name("topics"))]
                 self._diagnostics.publish(self.messages.diagnostics(self.now_ns, own))
             name = self.get_fully_qualified_name()
             self._findings.publish(self.messages.findings(name, self.now_ns, findings()))
@@ -297,7 +297,7 @@ class GraphNode(Node):
         self._state.publish(self.messages.state(state))
 
 
-def told(work: Callable[[Any, Any], None]) -> Callable[..., None]:
+def with_info(work: Callable[[Any, Any], None]) -> Callable[..., None]:
     """Return ``work(message, info)`` as the callback of a subscription, for any executor."""
 
     def take(message: Any, info: Any = None) -> None:

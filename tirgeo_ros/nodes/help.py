@@ -70,20 +70,22 @@ _COLUMNS = """\
 _KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
 #: What is written once, for all nodes: a group, and names.
 _AIRCRAFT = "aircraft"
-_FRAMES = {one.name for one in parameters_of(FramesConfig)}
+_FRAMES = {parameter.name for parameter in parameters_of(FramesConfig)}
 
 
 def parameters_page() -> str:
     """Return the page: the aircraft's group, then a section per node and a table per group."""
     links = ", ".join(f"[{node}](#{node})" for node in NODE_CONFIGS)
     parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
-    shared = (one for one in parameters_of(EkfConfig) if _group_name(one) == _AIRCRAFT)
+    shared = (
+        parameter for parameter in parameters_of(EkfConfig) if _group_name(parameter) == _AIRCRAFT
+    )
     parts += _group(_AIRCRAFT, AircraftConfig, "", shared)
     parts += ["### Frames\n\n[Outputs](outputs.md#the-frames) draws them.\n"]
     parts += _group("", None, "", parameters_of(FramesConfig))
     for node, kind in NODE_CONFIGS.items():
         parts.append(f"## {node}\n")
-        other = (one for one in parameters_of(kind) if one.name not in _FRAMES)
+        other = (parameter for parameter in parameters_of(kind) if parameter.name not in _FRAMES)
         for name, own in groupby(other, _group_name):
             if name != _AIRCRAFT:
                 holder = type(reduce(getattr, name.split("."), kind())) if name else None
@@ -91,8 +93,8 @@ def parameters_page() -> str:
     return "\n".join(parts)
 
 
-def _group_name(one: Parameter) -> str:
-    return one.name.rpartition(".")[0]
+def _group_name(parameter: Parameter) -> str:
+    return parameter.name.rpartition(".")[0]
 
 
 def _group(name: str, holder: type | None, whose: str, own: Iterable[Parameter]) -> Iterator[str]:
@@ -103,21 +105,31 @@ def _group(name: str, holder: type | None, whose: str, own: Iterable[Parameter])
     yield "\n".join([_COLUMNS, *map(_row, own)]) + "\n"
 
 
-def _row(one: Parameter) -> str:
-    kind = _KINDS.get(type(one.default)) or f"{' or '.join(map(str, one.sizes))} doubles"
-    text = as_yaml(one.default)
+def _row(parameter: Parameter) -> str:
+    kind = (
+        _KINDS.get(type(parameter.default)) or f"{' or '.join(map(str, parameter.sizes))} doubles"
+    )
+    text = as_yaml(parameter.default)
     default = f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
-    live = "yes" if one.live else ""
-    cells = [f"`{one.name}`", kind, one.unit, _range(one), default, live, one.description]
+    live = "yes" if parameter.live else ""
+    cells = [
+        f"`{parameter.name}`",
+        kind,
+        parameter.unit,
+        _range(parameter),
+        default,
+        live,
+        parameter.description,
+    ]
     return f"| {' | '.join(cells)} |"
 
 
-def _range(one: Parameter) -> str:
-    if one.choices:
-        return ", ".join(one.choices)
-    if math.isinf(one.low) or math.isinf(one.high):
+def _range(parameter: Parameter) -> str:
+    if parameter.choices:
+        return ", ".join(parameter.choices)
+    if math.isinf(parameter.low) or math.isinf(parameter.high):
         return ""
-    return f"{_bound(one.low)} to {_bound(one.high)}"
+    return f"{_bound(parameter.low)} to {_bound(parameter.high)}"
 
 
 def _bound(value: float) -> str:
@@ -183,15 +195,15 @@ def help_text(name: str, package: str = "tirgeo_ros.nodes") -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _parameter(one: Parameter) -> str:
-    value = as_yaml(one.default)
-    unit = f" {one.unit}" if one.unit and value not in _NONE else ""
-    live = "  [in flight]" if one.live else ""
-    choices = f" ({', '.join(one.choices)})" if one.choices else ""
+def _parameter(parameter: Parameter) -> str:
+    value = as_yaml(parameter.default)
+    unit = f" {parameter.unit}" if parameter.unit and value not in _NONE else ""
+    live = "  [in flight]" if parameter.live else ""
+    choices = f" ({', '.join(parameter.choices)})" if parameter.choices else ""
     text = textwrap.fill(
-        one.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
+        parameter.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
     )
-    return f"  {one.name}  {value}{unit}{live}\n{text}"
+    return f"  {parameter.name}  {value}{unit}{live}\n{text}"
 
 
 def as_yaml(value: Value) -> str:
@@ -207,7 +219,9 @@ def as_yaml(value: Value) -> str:
 
 def _usage(name: str) -> str:
     own = parameters_of(NODE_CONFIGS[name])
-    some = next((one for one in own if as_yaml(one.default) not in _NONE), own[0])
+    some = next(
+        (parameter for parameter in own if as_yaml(parameter.default) not in _NONE), own[0]
+    )
     value = as_yaml(some.default)
     return (
         "How to set them, and to put the topics into a namespace:\n"

@@ -48,10 +48,10 @@ class MapWatch:
         self._config = config
         self._plane = plane
         # A placed map or an error, and what was read if the files have changed.
-        self._found: SimpleQueue[tuple[DrapedMap | TirgeoError, MapContents | None]]
-        self._found = SimpleQueue()
+        self._results: SimpleQueue[tuple[DrapedMap | TirgeoError, MapContents | None]]
+        self._results = SimpleQueue()
         self._child = MapProcess()
-        self._laid = False  # a map has come
+        self._has_map = False  # a map has come
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._first = threading.Event()  # the first reading has ended
@@ -84,17 +84,17 @@ class MapWatch:
     def changed(self) -> DrapedMap | None:
         """Return a newly placed map, once, or None; log each new error and each reload once."""
         try:
-            result, contents = self._found.get_nowait()
+            result, contents = self._results.get_nowait()
         except Empty:
             return None
         if isinstance(result, TirgeoError):
             self.counts["reload_errors"] += 1
             if str(result) != self.error:
-                stays = "the previous map stays in use" if self._laid else "there is no map"
+                stays = "the previous map stays in use" if self._has_map else "there is no map"
                 self._node.log(WARN, f"{stays}: {result}")
             self.error = str(result)
             return None
-        self.error, self._laid = "", True
+        self.error, self._has_map = "", True
         if contents is not None:
             self.counts["reloads"] += 1
             self._log_contents("the map has changed and was read again", contents)
@@ -140,7 +140,7 @@ class MapWatch:
             # A map is placed once: for another plane the child reads it again.
             reads = changed or laid_in is not None
             contents = self._child.read(self._config) if reads else None
-            self._found.put((self._child.lay(plane), contents if changed else None))
+            self._results.put((self._child.lay(plane), contents if changed else None))
         except TirgeoError as error:
             self._fail(error)
 
@@ -150,7 +150,7 @@ class MapWatch:
         paths = map(Path, named_files(self._config.map))
         missing = next((path.name for path in paths if not path.exists()), "")
         self.failure = f"{missing} not found" if missing else "its reading failed"
-        self._found.put((error, None))
+        self._results.put((error, None))
 
     def _log_child_output(self) -> None:
         """Log the error output of a child that failed: it holds the traceback of a fault."""
@@ -191,14 +191,14 @@ class PageMap:
 
     def _answer(self) -> bytes:
         try:
-            found = self._child.answer(self._map_text, "page", self._map_text)
+            content = self._child.answer(self._map_text, "page", self._map_text)
         except TirgeoError as error:
             self.error = str(error)
             self._node.log(WARN, f"the page has no map: {error}")
             return b""
         self._child.close()
         self.error = ""
-        return bytes(found)
+        return bytes(content)
 
 
 def _file_state(path: Path) -> tuple[str, int, int] | None:

@@ -46,7 +46,8 @@ class Monitor:
         A fault of the program on this topic stays in the diagnostics.
         """
         with self._lock:
-            for table in (self._window, self._last_s, self._refused, self._reasons, self._lost):
+            counts = self._window, self._refused, self._reasons, self._lost
+            for table in (self._last_s, self._rates_hz, *counts):
                 table.pop(topic, None)  # type: ignore[attr-defined]
 
     def heard(self) -> frozenset[str]:
@@ -83,8 +84,8 @@ class Monitor:
             self._window[topic] += 1
             self._latency_s.setdefault(topic, []).append(latency_s)
 
-    def item(self, name: str) -> DiagnosticItem:
-        """Return the diagnostic item for the time since the last call, and begin a new window."""
+    def report(self, name: str) -> DiagnosticItem:
+        """End the window of rates and latencies, and return its diagnostic item."""
         with self._lock:
             now = time.monotonic()
             self._end_window(now)
@@ -95,20 +96,20 @@ class Monitor:
         """Return how each topic runs: rates and latencies of the last whole window, ages now."""
         with self._lock:
             now = time.monotonic()
-            return {topic: self._topic_state(topic, now) for topic in sorted(self._names())}
+            topics = {*self._expected_s, *self._last_s, *self._rates_hz}
+            return {topic: self._topic_state(topic, now) for topic in sorted(topics)}
 
     def _end_window(self, now_s: float) -> None:
         span = max(now_s - self._since_s, 1e-3)
-        self._rates_hz = {topic: self._window[topic] / span for topic in sorted(self._names())}
+        topics = sorted({*self._expected_s, *self._last_s, *self._window})
+        self._rates_hz = {topic: self._window[topic] / span for topic in topics}
         self._medians_ms = {
-            topic: 1e3 * sorted(found)[len(found) // 2] for topic, found in self._latency_s.items()
+            topic: 1e3 * sorted(latencies)[len(latencies) // 2]
+            for topic, latencies in self._latency_s.items()
         }
         self._since_s = now_s
         self._window.clear()
         self._latency_s.clear()
-
-    def _names(self) -> set[str]:
-        return {*self._expected_s, *self._last_s, *self._window}
 
     def _topic_state(self, topic: str, now_s: float) -> TopicState:
         last_s, latency_ms = self._last_s.get(topic), self._medians_ms.get(topic)
@@ -130,8 +131,8 @@ class Monitor:
 
     def _judged(self, now_s: float) -> tuple[int, str]:
         """Return level and message: faults since the start, and inputs that are silent now."""
-        heard = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
-        silent = sorted(t for t, last in heard.items() if now_s - last > SILENT_S)
+        last_s = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
+        silent = sorted(t for t, last in last_s.items() if now_s - last > SILENT_S)
         parts = [f"failed: {t}: {kind}, see the log" for t, kind in self._failures]
         parts += [f"silent: {', '.join(silent)}"] if silent else []
         level = ERROR if self._failures else WARN if silent else OK

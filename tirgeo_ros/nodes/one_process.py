@@ -56,8 +56,8 @@ def main() -> int:
 def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading.Event) -> int:
     """Run viewer_node in its own process, again and again, until ``stop`` is set.
 
-    Return its last exit code, 0 or 1. An error of its own before it was ever heard is one of the
-    set-up: then all ends.
+    Return its last exit code, 0 or 1. If it ends with an error before it has reported, its set-up
+    is wrong: then all nodes end.
     """
     wait_s = _RESTART_S
     while not stop.is_set():

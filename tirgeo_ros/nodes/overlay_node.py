@@ -42,9 +42,9 @@ from tirgeo_ros.io.messages import (
     tangent_plane,
     targets_of,
 )
-from tirgeo_ros.io.messages.offered_qos import IMAGE_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, told
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
@@ -158,9 +158,9 @@ class OverlayNode(GraphNode):
         self._release()
         self._setup.take(self._picture_checks.pose, pose)
 
-    def _set_camera(self, found: Camera) -> None:
-        self._setup.take(self._picture_checks.camera, found)
-        self._overlay.set_camera(found)
+    def _set_camera(self, camera_model: Camera) -> None:
+        self._setup.take(self._picture_checks.camera, camera_model)
+        self._overlay.set_camera(camera_model)
 
     def _take_origin(self, message: Any) -> None:
         before = self._overlay.plane
@@ -196,7 +196,9 @@ class OverlayNode(GraphNode):
         worst = sorted_findings(findings)[:1]
         severity = worst[0].severity if worst else Severity.NOTE
         self._verdicts[node] = DrawingVerdict(severity, shown(verdict_line(findings)))
-        self._overlay.set_verdict(max(self._verdicts.values(), key=lambda one: one.severity))
+        self._overlay.set_verdict(
+            max(self._verdicts.values(), key=lambda verdict: verdict.severity)
+        )
 
     def _release(self) -> None:
         if not self._overlay.frames:
@@ -249,7 +251,7 @@ class OverlayNode(GraphNode):
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
-        return [self._overlay_item(), self._setup.item()]
+        return [self._overlay_item(), self._setup.report()]
 
     def _counts(self) -> dict[str, int]:
         overlay, clicks = self._overlay, self._overlay.clicks.counts
@@ -310,7 +312,7 @@ class FrameStatistics:
                 self.heard(topic, number)
             receive(message)
 
-        return told(take)
+        return with_info(take)
 
     def arrived(self, stamp_ns: int) -> None:
         """Record the arrival of a frame."""
@@ -331,13 +333,13 @@ class FrameStatistics:
     @property
     def latencies(self) -> dict[str, str]:
         """Return median and 95th percentile (ms), and the newest frame's stamp (s), as texts."""
-        found = {}
+        values = {}
         if self._arrived_s:
             seconds = divmod(self._arrived_s[-1][0], 1_000_000_000)
-            found["newest_frame"] = "{}.{:09d}".format(*seconds)
+            values["newest_frame"] = "{}.{:09d}".format(*seconds)
         for share in (50, 95) if self._took_s else ():
-            found[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
-        return found
+            values[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
+        return values
 
 
 main = partial(run, "overlay_node", OverlayNode)

@@ -58,8 +58,8 @@ class TeamLink:
         self.findings: list[Finding] = []
         if config.cot:
             files = config.cot_certificate, config.cot_key, config.cot_ca
-            given = CotParameters(config.cot, *files, config.cot_password)
-            self.link = CotLink(given, partial(node.log, OK))
+            parameters = CotParameters(config.cot, *files, config.cot_password)
+            self.link = CotLink(parameters, partial(node.log, OK))
 
     def __enter__(self) -> TeamLink:
         """Begin; nothing is sent before the page says so."""
@@ -73,7 +73,7 @@ class TeamLink:
             self.link.stop()
 
     def go_on(self) -> None:
-        """Share as when the last run was killed; without a link a finding says that it ended."""
+        """Share again, as before the last run was killed; without a link, find that it ended."""
         if self.link is not None:
             self.link.share(True)
             return
@@ -87,8 +87,8 @@ class TeamLink:
         if self.link is None:
             return None
         status = self.link.status
-        told = {"on": status.on, "connected": status.connected, "queued": status.queued}
-        return told | {"error": status.error}
+        fields = {"on": status.on, "connected": status.connected, "queued": status.queued}
+        return fields | {"error": status.error}
 
     def targets(self, targets: Sequence[Target]) -> None:
         """Take the whole list of targets, at each change."""
@@ -99,8 +99,8 @@ class TeamLink:
         """Take the aircraft as they are now; call each second."""
         if self.link is None or not self.link.status.on:
             return
-        for name, one in self._aircraft.items():
-            state = aircraft_state(name or "aircraft", one)
+        for name, view in self._aircraft.items():
+            state = aircraft_state(name or "aircraft", view)
             if state is not None:
                 self.link.aircraft(name, state)
 
@@ -134,7 +134,7 @@ _Key = tuple[str, int, float, float]  # aircraft, stamp, column, row
 
 
 class PageBackend:
-    """Be the page's ``Backend``. ``answered`` is for the thread that hears the graph."""
+    """Serve as the page's ``Backend``. The thread that hears the graph calls ``answered``."""
 
     def __init__(
         self,

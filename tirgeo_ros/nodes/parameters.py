@@ -56,8 +56,8 @@ def parameter_files(arguments: Sequence[str]) -> list[str]:
 def check_arguments(name: str, arguments: Sequence[str]) -> None:
     """Read and check each parameter file before rcl does.
 
-    Raise ConfigError naming file and key. A node that was given a name without a configuration is
-    not checked here: rcl checks it.
+    Raise ConfigError naming file and key. A node by a name without a configuration is left
+    to rcl.
     """
     # Of several rules for one name the first applies.
     rules = [a for a in reversed(arguments) if a.startswith(("__node:=", "__ns:="))]
@@ -79,8 +79,8 @@ def explained(arguments: Sequence[str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        known = isinstance(error, ParameterException | NameValidationException)
-        if not known and type(error).__name__ not in _RCL_ERRORS:
+        is_ros = isinstance(error, ParameterException | NameValidationException)
+        if not is_ros and type(error).__name__ not in _RCL_ERRORS:
             raise
         files = ", ".join(parameter_files(arguments))
         # The position in rcl's C source does not help the user.
@@ -97,7 +97,7 @@ def declare(node: Node, kind: type[T]) -> T:
     file, for an unknown name, a wrong type or a value out of range. A whole number for a double is
     converted.
     """
-    config = config_from(kind, _given(node, kind), ", ".join(parameter_files(sys.argv)))
+    config = config_from(kind, _overrides_of(node, kind), ", ".join(parameter_files(sys.argv)))
     values = values_of(config)
     for parameter in parameters_of(kind):
         value = values[parameter.name]
@@ -106,9 +106,9 @@ def declare(node: Node, kind: type[T]) -> T:
         else:
             if parameter.secret and value != parameter.default:
                 value = HIDDEN
-            given = list(value) if isinstance(value, tuple) else value
+            default = list(value) if isinstance(value, tuple) else value
             node.declare_parameter(
-                parameter.name, given, _descriptor(parameter), ignore_override=True
+                parameter.name, default, _descriptor(parameter), ignore_override=True
             )
     return config
 
@@ -130,10 +130,10 @@ def _declare_empty(node: Node, parameter: Parameter) -> None:
 def given_names(node: Node, kind: type) -> frozenset[str]:
     """Return the names of those parameters of ``kind`` that a file or the command line sets."""
     own = {parameter.name for parameter in parameters_of(kind)}
-    return frozenset(own.intersection(_given(node, kind)))
+    return frozenset(own.intersection(_overrides_of(node, kind)))
 
 
-def _given(node: Node, kind: type) -> dict[str, object]:
+def _overrides_of(node: Node, kind: type) -> dict[str, object]:
     """Return the values from files and command line, without those that belong to other nodes."""
     # rclpy has no public access to overrides that are not declared yet.
     overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
@@ -142,17 +142,20 @@ def _given(node: Node, kind: type) -> dict[str, object]:
     others = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)} | _ROS_OWN
     return {
         # rcl reads an empty list as None.
-        name: () if given.value is None and name in lists else given.value
-        for name, given in overrides.items()
+        name: () if override.value is None and name in lists else override.value
+        for name, override in overrides.items()
         if name in own or not (name in others or overridden_topic(name))
     }
 
 
 def idle_overrides(node: Node) -> list[str]:
     """Return the QoS overrides of topics that neither this node nor tirgeo's contract has."""
-    given = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001
-    known = tuple(f"/{topic.strip('/')}" for topic in TOPIC_TYPES)  # the first stands for no topic
-    return [name for name in given if not (overridden_topic(name) or known[0]).endswith(known)]
+    names = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001
+    # The first stands for no topic.
+    contract = tuple(f"/{topic.strip('/')}" for topic in TOPIC_TYPES)
+    return [
+        name for name in names if not (overridden_topic(name) or contract[0]).endswith(contract)
+    ]
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -198,11 +201,12 @@ class LiveParameters(Generic[T]):
         self._names = {parameter.name for parameter in parameters_of(kind)}
         self._secrets = {parameter.name for parameter in parameters_of(kind) if parameter.secret}
 
-    def set(self, given: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
+    def set(self, parameters: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
         """Set parameters, all or none; ``by_ros`` sets those that change, as rclpy does."""
-        others = [p for p in given if p.name not in self._names and self._has(p.name)]
-        kept = [p for p in given if p.name in self._secrets and p.value == HIDDEN]  # of a dump
-        wanted = {p.name: p.value for p in given if p not in others and p not in kept}
+        others = [p for p in parameters if p.name not in self._names and self._has(p.name)]
+        # What a dump has in place of a secret.
+        kept = [p for p in parameters if p.name in self._secrets and p.value == HIDDEN]
+        wanted = {p.name: p.value for p in parameters if p not in others and p not in kept}
         try:
             new = changed_in_flight(self.config, wanted)
             changed, values = changes(self.config, new), values_of(new)
@@ -215,8 +219,8 @@ class LiveParameters(Generic[T]):
             self._take(self.config)
         elif changed:
             self.config = new
-            told = ", ".join(f"{name}: {old} -> {now}" for name, (old, now) in changed.items())
-            self._node.get_logger().info(f"set in flight: {told}")
+            text = ", ".join(f"{name}: {old} -> {now}" for name, (old, now) in changed.items())
+            self._node.get_logger().info(f"set in flight: {text}")
         return result
 
     def _has(self, name: str) -> bool:

@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import RecorderConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.io.messages.offered_qos import offered_qos
+from tirgeo_ros.io.messages.sensor_messages import offered_qos
 from tirgeo_ros.nodes.graph_node import (
     GraphNode,
     latched,
@@ -41,9 +41,9 @@ class Recorder(GraphNode):
         topics = topic_names(config.topics)
         unknown = [name for name in topics if name not in _CONTRACT]
         if unknown or not topics:
-            known = ", ".join(_CONTRACT)
+            names = ", ".join(_CONTRACT)
             raise ConfigError(
-                f"parameter topics: {', '.join(unknown) or 'nothing'} to record (known: {known})"
+                f"parameter topics: {', '.join(unknown) or 'nothing'} to record (known: {names})"
             )
         for name in topics:
             self._record(_CONTRACT[name])

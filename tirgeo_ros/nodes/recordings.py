@@ -42,7 +42,7 @@ class ChildNode:
     ) -> None:
         self.name = name
         simulated = node.get_parameter("use_sim_time").value
-        words = [word for one in values.items() for word in _assignment(*one)]
+        words = [word for pair in values.items() for word in _assignment(*pair)]
         words += [
             "-p",
             f"use_sim_time:={json.dumps(simulated)}",
@@ -74,7 +74,7 @@ class ChildNode:
         return f"{self.name} ended (exit code {self._process.returncode}): {self._line}"
 
     def end(self) -> str:
-        """End it; return why that did not go well, else an empty text."""
+        """End it; return the fault, or an empty text."""
         for number in (signal.SIGINT, signal.SIGKILL):
             self._process.send_signal(number)
             with suppress(subprocess.TimeoutExpired):
@@ -84,7 +84,10 @@ class ChildNode:
 
 def ground_values(config: GroundConfig) -> dict[str, object]:
     """Return the parameters of the ground, for a child."""
-    return {one.name: getattr(config, one.name) for one in parameters_of(GroundConfig)}
+    return {
+        parameter.name: getattr(config, parameter.name)
+        for parameter in parameters_of(GroundConfig)
+    }
 
 
 def _assignment(name: str, value: object) -> list[str]:
@@ -279,5 +282,5 @@ def _not_begun(made: Recording) -> str:
 
 
 def _ended(made: Recording) -> str:
-    """End all processes; return what did not go well."""
+    """End all processes; return the faults in one text."""
     return "; ".join(filter(None, [child.end() for child in made.children]))

@@ -92,7 +92,7 @@ Work = Callable[[Any, threading.Event], int]
 
 
 class Part(NamedTuple):
-    """Say how a node is made, and what it does beside its callbacks, if anything."""
+    """Hold how a node is built, and the work that it does beside its callbacks, if any."""
 
     build: Callable[[], Node]
     work: Work | None = None

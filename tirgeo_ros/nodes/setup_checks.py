@@ -43,24 +43,24 @@ class OtherPublishers:
     def findings(self) -> list[Finding]:
         """Return a finding for each such topic; call it once a second."""
         self._reports += 1
-        outputs = {one.topic_name for one in self._node.publishers}
-        inputs = {one.topic_name for one in self._node.subscriptions}
+        outputs = {endpoint.topic_name for endpoint in self._node.publishers}
+        inputs = {endpoint.topic_name for endpoint in self._node.subscriptions}
         own = outputs & set(map(self._node.resolve_topic_name, _OUTPUTS))
         read = inputs & set(map(self._node.resolve_topic_name, _SENSORS))
         # Late in this node's life no publisher beside its own can be its killed predecessor's.
-        found = [self._several(t, Severity.STOP, self._reports) for t in sorted(own)]
+        findings = [self._several(t, Severity.STOP, self._reports) for t in sorted(own)]
         for topic in sorted(read):
             several = self._node.count_publishers(topic) > 1
             self._doubled[topic] = self._doubled[topic] + 1 if several else 0
-            found.append(self._several(topic, Severity.CAUTION, self._doubled[topic]))
-        return [finding for finding in found if finding]
+            findings.append(self._several(topic, Severity.CAUTION, self._doubled[topic]))
+        return [finding for finding in findings if finding]
 
     def _several(self, topic: str, severity: Severity, reports: int) -> Finding | None:
         infos = self._node.get_publishers_info_by_topic(topic) if reports > _GHOST_REPORTS else ()
-        infos = [one for one in infos if one.node_name != _NOT_YET]
+        infos = [info for info in infos if info.node_name != _NOT_YET]
         if len(infos) < 2:
             return None
-        names = sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in infos)
+        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
         evidence = f"{topic} has {len(names)} publishers: {', '.join(names)}"
         check = f"publishers_of{topic.replace('/', '_')}"
         return Finding(check, severity, evidence, topic.lstrip("/"), _REMEDY)
@@ -81,15 +81,15 @@ class Restarts:
 
     def findings(self) -> list[Finding]:
         """Return one finding for each node that was started again."""
-        found = []
+        findings = []
         for node, starts in sorted(self.starts.items()):
             recent = time.monotonic() - max(starts.values(), default=0.0) < RECENT_S
             severity = Severity.CAUTION if recent else Severity.NOTE
             evidence = f"{node} ended and was started again; restarts so far: {len(starts) - 1}"
             if len(starts) > 1:
                 mend = "its log says why it ended"
-                found.append(Finding(f"restarts_of_{node}", severity, evidence, node, mend))
-        return found
+                findings.append(Finding(f"restarts_of_{node}", severity, evidence, node, mend))
+        return findings
 
 
 SUBJECT = "set-up"
@@ -105,16 +105,16 @@ class SetupChecks:
     """Run a node's checks once per report; a fault in a check does not stop the node.
 
     Each of ``checks``, those of ``core.checks``, has the findings from all data so far; those
-    that are ``known`` from the start count once any message has come.
+    ``at_start`` count once any message has come.
 
     The item ``NODE: set-up`` has the worst finding's severity as its level, and the verdict as its
     message. Its values are all findings: the check's name -> severity and line. Programs read
     ``findings``, which the node publishes as ``tirgeo/findings``.
     """
 
-    def __init__(self, node: GraphNode, *checks: Any, known: Sequence[Finding] = ()) -> None:
+    def __init__(self, node: GraphNode, *checks: Any, at_start: Sequence[Finding] = ()) -> None:
         self._node = node
-        self._checks, self._known = checks, known
+        self._checks, self._at_start = checks, at_start
         # With the number of reports since it was last found.
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
@@ -124,32 +124,38 @@ class SetupChecks:
         self._renew = node.guarded(SUBJECT, self._ask)
 
     def findings(self) -> list[Finding]:
-        """Return the findings of the last ``item``, the worst first."""
+        """Return the findings of the last ``report``, the worst first."""
         return sorted_findings(finding for finding, _ in self._recent.values())
 
-    def item(self) -> DiagnosticItem:
-        """Ask the checks; return the item for diagnostics, log a change of the verdict."""
+    def report(self) -> DiagnosticItem:
+        """Ask the checks, log a change of the verdict, and return the item for diagnostics."""
         self._renew()
-        found = self.findings()
-        worst = found[0].severity if found else Severity.NOTE
-        verdict = shown(verdict_line(found))
+        findings = self.findings()
+        worst = findings[0].severity if findings else Severity.NOTE
+        verdict = shown(verdict_line(findings))
         self._quiet += bool(self._node.monitor.heard() and worst is Severity.NOTE)
-        known = worst is not Severity.NOTE or self._logged is not None or self._quiet >= _SETTLED
-        if known and worst is not self._logged:
+        decided = worst is not Severity.NOTE or self._logged is not None or self._quiet >= _SETTLED
+        if decided and worst is not self._logged:
             self._logged = worst
             self._node.log(worst, f"{SUBJECT}: {verdict}")
-        values = {one.check: shown(f"{one.severity.name}: {one.line}") for one in found}
+        values = {
+            finding.check: shown(f"{finding.severity.name}: {finding.line}")
+            for finding in findings
+        }
         return self._node.item(SUBJECT, values, verdict, int(worst))
 
     def _ask(self) -> None:
-        found = {one.check: one for one in (self._known if self._node.monitor.heard() else ())}
-        found |= {one.check: one for check in self._checks for one in check.findings()}
+        at_start = self._at_start if self._node.monitor.heard() else ()
+        newest = {finding.check: finding for finding in at_start}
+        newest |= {
+            finding.check: finding for check in self._checks for finding in check.findings()
+        }
         absent = {
             name: (finding, reports + 1)
             for name, (finding, reports) in self._recent.items()
-            if name not in found and reports < _HELD
+            if name not in newest and reports < _HELD
         }
-        self._recent = absent | {name: (finding, 0) for name, finding in found.items()}
+        self._recent = absent | {name: (finding, 0) for name, finding in newest.items()}
 
 
 class InputChecks:
@@ -169,10 +175,10 @@ class InputChecks:
         if not missed:
             return []
         self._waited += any(not topic.startswith("/") for topic in heard)
-        found = needed_findings(self._graph(missed), missed)
+        findings = needed_findings(self._graph(missed), missed)
         if self._waited > _PATIENCE:
-            return found
-        return [one for one in found if one.check.startswith("type_of_")]
+            return findings
+        return [finding for finding in findings if finding.check.startswith("type_of_")]
 
     def _graph(self, missed: Sequence[Sequence[str]]) -> RecordedTopics:
         node = self._node

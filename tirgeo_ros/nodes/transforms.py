@@ -11,7 +11,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.io.messages.offered_qos import TF_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import TF_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output
 from tirgeo_ros.nodes.monitor import OK
 
@@ -44,8 +44,8 @@ class Transforms:
         if self._tf is not None:
             messages = self._node.messages
             self._tf_static = self._node.advertise("/tf_static", latched())
-            found = messages.fixed_transforms(aircraft, self._node.now_ns)
-            self._tf_static.publish(messages.tf(found))
+            transforms = messages.fixed_transforms(aircraft, self._node.now_ns)
+            self._tf_static.publish(messages.tf(transforms))
 
     def body(self, pose: BodyPose) -> None:
         """Publish map -> base_link."""

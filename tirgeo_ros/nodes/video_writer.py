@@ -13,8 +13,8 @@ import numpy as np
 from tirgeo_ros.core.config import VideoWriterConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import ConfigError, VideoError
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.live_stream import LiveStream
 from tirgeo_ros.io.video.video_file import VideoFile
@@ -34,8 +34,8 @@ class VideoWriter(GraphNode):
             raise ConfigError(
                 "parameter output: nothing to write: set it to a file, or set stream"
             )
-        known = ConfidenceConfig(), config.geoid_undulation_m, config.platform
-        self._metadata = FrameMetadata(*known)
+        fixed = ConfidenceConfig(), config.geoid_undulation_m, config.platform
+        self._metadata = FrameMetadata(*fixed)
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
         self._aircraft = AircraftTopics(self, "", terrain_of(config), self._take)

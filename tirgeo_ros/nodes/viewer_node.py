@@ -64,7 +64,7 @@ class PageStreams:
             child.end()
 
     def watch(self) -> None:
-        """Start what does not run; call each second, in a thread that lasts."""
+        """Start each stream that does not run; call it each second, in a thread that lasts."""
         if not self._config.stream or time.monotonic() < self._retry_s:
             return
         for number, (name, namespace) in enumerate(self._namespaces.items()):
@@ -110,7 +110,7 @@ class ViewerNode(GraphNode):
             )
             for name in names
         }
-        namespaces = {name: one.namespace for name, one in self._aircraft.items()}
+        namespaces = {name: view.namespace for name, view in self._aircraft.items()}
         self._recordings = Recordings(self, config, namespaces)
         self._streams = PageStreams(self, config, namespaces)
         self._team = TeamLink(self, config, self._aircraft)
@@ -150,7 +150,7 @@ class ViewerNode(GraphNode):
                     self._targets.switch(what, on=False)
 
     def _go_on(self) -> None:
-        """Go on with what was on when the last run was killed."""
+        """Record and share again what was on when the last run was killed."""
         for what in self._targets.switched_on():
             kind, _, aircraft = what.partition(" ")
             if kind == "share":
@@ -185,7 +185,8 @@ class ViewerNode(GraphNode):
         return [*own, *self._aircraft[aircraft].reports.restarts.findings()]
 
     def _all_findings(self) -> list[Finding]:
-        return sorted_findings(one for name in self._aircraft for one in self._findings_of(name))
+        names = self._aircraft
+        return sorted_findings(finding for name in names for finding in self._findings_of(name))
 
     def _draw_targets(self) -> None:
         """Publish the targets where they have changed, and tell pages and team."""
@@ -193,13 +194,13 @@ class ViewerNode(GraphNode):
         if revision != self._revision:
             self._drawn = self._targets.all()
             message = self.messages.targets(self._drawn)
-            for one in self._aircraft.values():
-                one.targets.publish(message)
+            for view in self._aircraft.values():
+                view.targets.publish(message)
             self._server.targets_changed()
             self._team.targets(self._targets.for_others())
             self._revision = revision
-        for one in self._aircraft.values():
-            one.mark(self._drawn, revision)
+        for view in self._aircraft.values():
+            view.mark(self._drawn, revision)
 
     def _watch(self) -> None:
         self._recordings.watch()
@@ -216,7 +217,7 @@ class ViewerNode(GraphNode):
 
 
 def taken_ns(stamp_ns: int, now_ns: int) -> int:
-    """Return when a picture was taken by this computer's clock: now, if the stamp's is another."""
+    """Return a picture's time by this computer's clock: now if the stamp is of another."""
     return stamp_ns if 0 <= now_ns - stamp_ns < _SAME_CLOCK_NS else now_ns
 
 
@@ -235,11 +236,11 @@ def with_secrets(config: ViewerConfig) -> ViewerConfig:
 
 
 def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
-    """Return the finding that targets, by their numbers, lack clicks in their file, if any do."""
+    """Return a finding if the file has lost clicks of targets, which are named by ``numbers``."""
     evidence = f"their file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
     mend = "look at their places, which are of what is left, and click them again"
-    found = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
-    return [found] if numbers else []
+    finding = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
+    return [finding] if numbers else []
 
 
 def check(config: ViewerConfig) -> None:

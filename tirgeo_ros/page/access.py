@@ -51,14 +51,14 @@ class Shares:
 
     def __init__(self, rate: float, burst: float) -> None:
         self._rate, self._burst = rate, burst
-        self._known: OrderedDict[str, Allowance] = OrderedDict()
+        self._allowances: OrderedDict[str, Allowance] = OrderedDict()
         together = _TOGETHER * rate, _TOGETHER * burst
         self._common = {role: Allowance(*together) for role in (None, VIEWER)}
 
     def take(self, role: str | None, owner: str, now_s: float) -> bool:
         """Return whether the owner may have one more."""
-        allowance = self._known.setdefault(owner, Allowance(self._rate, self._burst))
-        _keep(self._known, owner)
+        allowance = self._allowances.setdefault(owner, Allowance(self._rate, self._burst))
+        _keep(self._allowances, owner)
         common = self._common.get(role)
         return allowance.take(now_s) and (common is None or common.take(now_s))
 
@@ -70,31 +70,31 @@ class WrongTokens:
     """
 
     def __init__(self) -> None:
-        self._known: OrderedDict[str, tuple[int, float]] = OrderedDict()
+        self._waits: OrderedDict[str, tuple[int, float]] = OrderedDict()
         self._all = Allowance(5.0, 50.0)  # of all addresses: one guesser may have many
 
     def wait_s(self, address: str, now_s: float) -> float:
         """Return how long the address must wait before its next token is looked at."""
-        return max(0.0, self._known.get(address, (0, 0.0))[1] - now_s)
+        return max(0.0, self._waits.get(address, (0, 0.0))[1] - now_s)
 
     def add(self, address: str, now_s: float) -> None:
         """Note a wrong token."""
-        count = self._known.get(address, (0, 0.0))[0]
+        count = self._waits.get(address, (0, 0.0))[0]
         wait_s = min(_FIRST_WAIT_S * 2.0 ** min(count, 20), _LONGEST_WAIT_S)
         if not self._all.take(now_s) and count >= _ERRORS:
             wait_s = _LONGEST_WAIT_S
-        self._known[address] = count + 1, now_s + wait_s
-        _keep(self._known, address)
+        self._waits[address] = count + 1, now_s + wait_s
+        _keep(self._waits, address)
 
     def forget(self, address: str) -> None:
         """Note a right token."""
-        self._known.pop(address, None)
+        self._waits.pop(address, None)
 
 
-def _keep(known: OrderedDict[str, Any], address: str) -> None:
-    known.move_to_end(address)
-    while len(known) > _MOST_ADDRESSES:
-        known.popitem(last=False)
+def _keep(table: OrderedDict[str, Any], address: str) -> None:
+    table.move_to_end(address)
+    while len(table) > _MOST_ADDRESSES:
+        table.popitem(last=False)
 
 
 OPERATOR, VIEWER = "operator", "viewer"
@@ -111,7 +111,7 @@ def _made_token(role: str) -> str:
 
 
 class Access:
-    """Know names, tokens and sessions of one server.
+    """Check names, tokens and sessions of one server.
 
     A session is role, end and a random number, signed with the role's token: it outlives a
     restart with the same tokens, takes no memory, and tells nothing of the other role's token.
@@ -150,10 +150,10 @@ class Access:
 
         Another name may be one that an attacker's name server leads here (DNS rebinding).
         """
-        found = _HOST.fullmatch(host)
-        if found is None or int(found[2] or 0) > 65535:
+        match = _HOST.fullmatch(host)
+        if match is None or int(match[2] or 0) > 65535:
             return False
-        name = found[1].strip("[]").lower()
+        name = match[1].strip("[]").lower()
         return name in self._names or _is_address(name)
 
     def role(self, request: web.Request) -> str | None:
@@ -196,8 +196,8 @@ class Access:
     @staticmethod
     def cookie(request: web.Request) -> str:
         """Return the cookie's name: servers on other ports of a computer get the same cookies."""
-        found = _HOST.fullmatch(request.headers.get("Host", ""))
-        return f"tirgeo_{(found and found[2]) or ''}"
+        match = _HOST.fullmatch(request.headers.get("Host", ""))
+        return f"tirgeo_{(match and match[2]) or ''}"
 
     def _signature(self, role: str, signed: str) -> str:
         key = b"tirgeo session " + self.tokens[role].encode()
@@ -230,8 +230,8 @@ def _is_address(host: str) -> bool:
     return True
 
 
-def _same(own: str, given: str) -> bool:
-    return hmac.compare_digest(_bytes(own), _bytes(given))
+def _same(own: str, offered: str) -> bool:
+    return hmac.compare_digest(_bytes(own), _bytes(offered))
 
 
 def _bytes(text: str) -> bytes:

@@ -30,7 +30,7 @@ _MOST_PIXEL = 1e5
 
 
 class RequestError(ValueError):
-    """Report a request that is not one, in words for whoever wrote the page."""
+    """Report what is wrong with a request, in words for the page's author."""
 
     def __init__(self, words: str, request: str = "") -> None:
         super().__init__(words)
@@ -135,29 +135,29 @@ _request_name = _text(40, 1)
 def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
     """Return a request's own name, its type and its fields; raises RequestError."""
     try:
-        given = json.loads(text, parse_constant=_refuse_constant)
+        fields = json.loads(text, parse_constant=_refuse_constant)
     except (ValueError, RecursionError):
         raise RequestError("a request is JSON") from None
-    if not isinstance(given, dict):
+    if not isinstance(fields, dict):
         raise RequestError("a request is a JSON object")
     try:
-        name = _request_name(given.pop("request", None))
+        name = _request_name(fields.pop("request", None))
     except ValueError as error:
         raise RequestError(f"request must be {error}") from None
-    kind = given.pop("type", None)
+    kind = fields.pop("type", None)
     if not isinstance(kind, str) or kind not in _MUST:
         raise RequestError(f"type must be one of {', '.join(_MUST)}", name)
-    return name, kind, _checked(name, kind, given)
+    return name, kind, _checked(name, kind, fields)
 
 
-def _checked(name: str, kind: str, given: dict[str, Any]) -> dict[str, Any]:
+def _checked(name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
     must, may = _MUST[kind], _MAY.get(kind, {})
-    absent = [field for field in must if field not in given]
-    unknown = [field for field in given if field not in must and field not in may]
+    absent = [field for field in must if field not in fields]
+    unknown = [field for field in fields if field not in must and field not in may]
     if absent or unknown:
         fault = f"lacks {absent[0]}" if absent else f"has no field {shown(unknown[0], 40)}"
         raise RequestError(f"{kind} {fault}", name)
-    return {field: _value(name, kind, field, value) for field, value in given.items()}
+    return {field: _value(name, kind, field, value) for field, value in fields.items()}
 
 
 def _value(name: str, kind: str, field: str, value: Any) -> Any:
@@ -203,7 +203,7 @@ class Actions:
         self._in_turn = asyncio.Lock()  # changes of the store happen in the order of requests
 
     async def answer(self, name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to a request; to one that was sent again, the same one."""
+        """Return the answer to a request; one that was sent again gets the same answer."""
         if len(name) < _UNIQUE_NAME or kind in FOR_VIEWERS:  # these change nothing
             return await self._done(kind, fields)
         if name not in self._answers:
@@ -215,13 +215,13 @@ class Actions:
     async def _done(self, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
         arguments = {"from_" if name == "from" else name: v for name, v in fields.items()}
         try:
-            found = await getattr(self, f"_{kind}")(**arguments)
+            answer = await getattr(self, f"_{kind}")(**arguments)
         except (RequestError, TirgeoError) as error:
             return {"ok": False, "reason": str(error)}
         except Exception:  # noqa: BLE001 whoever asked waits for an answer
             _LOG.exception("%s: a fault in this program", kind)
             return {"ok": False, "reason": "a fault in this program: its log says where"}
-        return {"ok": True, **found}
+        return {"ok": True, **answer}
 
     async def _click(
         self, aircraft: str, stamp_ns: int, u: float, v: float, kind: str, refine: str | None
@@ -237,17 +237,23 @@ class Actions:
             raise RequestError(place)
         store, now_ns = self._backend.targets, time.time_ns()
         if refine:
-            return await self._stored(lambda: self._told(store.refine(refine, place, now_ns)))
+            return await self._stored(
+                lambda: self._target_answer(store.refine(refine, place, now_ns))
+            )
         add = functools.partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
-        return await self._stored(lambda: self._told(add(picture=cut_out())))
+        return await self._stored(lambda: self._target_answer(add(picture=cut_out())))
 
     async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002
         edit = self._backend.targets.edit
-        return await self._stored(lambda: self._told(edit(id, time.time_ns(), was, **words)))
+        return await self._stored(
+            lambda: self._target_answer(edit(id, time.time_ns(), was, **words))
+        )
 
     async def _leave_out(self, id: str, field: str, text: str) -> dict[str, Any]:  # noqa: A002
         leave_out = self._backend.targets.leave_out
-        return await self._stored(lambda: self._told(leave_out(id, field, text, time.time_ns())))
+        return await self._stored(
+            lambda: self._target_answer(leave_out(id, field, text, time.time_ns()))
+        )
 
     async def _delete(self, id: str, was: _Was) -> dict[str, Any]:  # noqa: A002 as sent
         await self._stored(lambda: self._backend.targets.delete(id, time.time_ns(), was))
@@ -272,10 +278,10 @@ class Actions:
         self, aircraft: str, latitude_deg: float, longitude_deg: float
     ) -> dict[str, Any]:
         self._feed(aircraft)
-        found = await self._backend.where(aircraft, latitude_deg, longitude_deg)
-        if not isinstance(found, Pixel):
-            raise RequestError(found)
-        return {"stamp_ns": str(found.stamp_ns), "u": found.u, "v": found.v}
+        pixel = await self._backend.where(aircraft, latitude_deg, longitude_deg)
+        if not isinstance(pixel, Pixel):
+            raise RequestError(pixel)
+        return {"stamp_ns": str(pixel.stamp_ns), "u": pixel.u, "v": pixel.v}
 
     async def _measure(
         self, from_: tuple[float, float], to: tuple[float, float]
@@ -288,36 +294,36 @@ class Actions:
             raise RequestError("there is no such aircraft")
         return self._feeds[aircraft]
 
-    def _told(self, target: Target) -> dict[str, Any]:
+    def _target_answer(self, target: Target) -> dict[str, Any]:
         open_ = self._backend.targets.alternatives()[target.id]
         return {"target": target_fields(target, self._undulation_m) | {"alternatives": open_}}
 
     async def _stored(self, call: Callable[[], _T]) -> _T:
         """Change the store, and tell all pages."""
         async with self._in_turn:
-            found = await asyncio.to_thread(call)
+            result = await asyncio.to_thread(call)
         self._changed()
-        return found
+        return result
 
 
 #: A target and its alternatives, by id.
-Told = dict[str, tuple[Target, list[list[str]]]]
+Sent = dict[str, tuple[Target, list[list[str]]]]
 
 
-def changed_targets(store: TargetStore, undulation_m: float, told: Told) -> dict[str, str]:
-    """Return the JSON, by id, of each target that is not as ``told``; "" of one that is gone.
+def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict[str, str]:
+    """Return the JSON, by id, of each target that differs from ``sent``; "" of one that is gone.
 
-    Then ``told`` is what the store holds.
+    Then ``sent`` is what the store holds.
     """
     open_ = store.alternatives()
     now = {one.id: (one, open_.get(one.id, [])) for one in store.all()}
-    changed = [one for id_, one in now.items() if told.get(id_) != one]
-    texts = dict.fromkeys(told.keys() - now.keys(), "")
+    changed = [one for id_, one in now.items() if sent.get(id_) != one]
+    texts = dict.fromkeys(sent.keys() - now.keys(), "")
     for target, others in changed:
         fields = target_fields(target, undulation_m) | {"alternatives": others}
         texts[target.id] = json.dumps(fields)
-    told.clear()
-    told.update(now)
+    sent.clear()
+    sent.update(now)
     return texts
 
 

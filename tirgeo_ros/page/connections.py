@@ -33,7 +33,7 @@ _LOG = logging.getLogger("tirgeo.page.http")
 
 
 def http_runner(app: web.Application) -> web.AppRunner:
-    """Return what runs an application, with limits on its requests and on lines of the log."""
+    """Return the runner of an application, with limits on requests and lines of the log."""
     _LOG.filters[:] = [FaultsOfOurs()]
     return web.AppRunner(
         app,
@@ -109,7 +109,7 @@ class Connection(asyncio.Protocol):
         self._http.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        """Take bytes, if there are not too many: no buffer further on can then grow."""
+        """Pass bytes on, unless they are too many: then no later buffer can grow."""
         few = self._bytes.take(self._loop.time(), len(data))
         if few and (self._frames is None or self._frames.take(data)):
             self._http.data_received(data)
@@ -198,7 +198,7 @@ class Door:
     async def open(
         self, listening: socket.socket, http: web.Server, tls: ssl.SSLContext | None
     ) -> asyncio.Server:
-        """Accept from now on; return what ends that."""
+        """Begin to accept; closing what is returned ends it."""
         loop = asyncio.get_running_loop()
         accepting = await loop.create_server(
             lambda: Connection(self, http(), tls), sock=listening, backlog=_ACCEPTED_AT_ONCE
@@ -238,8 +238,8 @@ class Door:
     def _seat(self, connection: Connection, role: str | None, owner: str) -> None:
         """Count a connection as its owner's; where there are too many, end one.
 
-        That is one of who has too many, or in a full house of whoever has most: the oldest that
-        has asked nothing, else the oldest.
+        It is one of the owner that has too many or, where the role has too many, of the owner that
+        has most: the oldest that has asked nothing, else the oldest.
         """
         own = role, owner
         if self._seated.get(connection) == own:
@@ -250,8 +250,8 @@ class Door:
         held = Counter(seat for seat in self._seated.values() if seat[0] == role)
         crowd = own if held[own] > most_of_one else max(held, key=held.__getitem__)
         if held.total() > most or held[crowd] > most_of_one:
-            theirs = [one for one, seat in self._seated.items() if seat == crowd]
-            ended = next((one for one in theirs[:-1] if one in self._idle), theirs[0])
+            theirs = [other for other, seat in self._seated.items() if seat == crowd]
+            ended = next((other for other in theirs[:-1] if other in self._idle), theirs[0])
             ended.abort()
             self._seated.pop(ended, None)
             self._idle.discard(ended)

@@ -23,7 +23,7 @@ _DEEPEST = 24
 _MOST_BYTES = 1 << 22  # of a tile
 #: A table may be a view without an end: SQLite looks at the clock after so many of its steps.
 _OPENED_S, _FOUND_S, _STEPS = 10.0, 0.5, 10_000
-_TOLD = "select name, value from metadata where name in ('format', 'attribution') limit 9"
+_METADATA = "select name, value from metadata where name in ('format', 'attribution') limit 9"
 _ZOOM = "select {}(zoom_level) from tiles where zoom_level between 0 and 24"  # each by the index
 _TILE = "select tile_data from tiles where zoom_level=? and tile_column=? and tile_row=? limit 1"
 _ENDLESS = "its tables take too long to read"
@@ -41,16 +41,16 @@ class Tiles:
         self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
         if sys.version_info >= (3, 11):
             self._file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_BYTES)
-        told = dict(self._read(_OPENED_S, _TOLD))
+        metadata = dict(self._read(_OPENED_S, _METADATA))
         least, most = (self._read(_OPENED_S, _ZOOM.format(end))[0][0] for end in ("min", "max"))
-        form = str(told.get("format", "png"))[:20]
+        form = str(metadata.get("format", "png"))[:20]
         if form not in _TILE_TYPES:
             raise PageError(f"tiles: {path}: holds {form}: give one of {', '.join(_TILE_TYPES)}")
         self.content_type = _TILE_TYPES[form]
         self.about: dict[str, Any] = {
             "min": least or 0,
             "max": most or 0,
-            "attribution": str(told.get("attribution", ""))[:500],
+            "attribution": str(metadata.get("attribution", ""))[:500],
         }
 
     def tile(self, zoom: int, x: int, y: int) -> bytes | None:
@@ -59,16 +59,16 @@ class Tiles:
         if not (0 <= x < side and 0 <= y < side):
             return None
         with self._one_at_a_time:
-            found = self._found(zoom, x, side - 1 - y)  # MBTiles counts from the south
-        return found if isinstance(found, bytes) and len(found) <= _MOST_BYTES else None
+            data = self._data_at(zoom, x, side - 1 - y)  # MBTiles counts from the south
+        return data if isinstance(data, bytes) and len(data) <= _MOST_BYTES else None
 
     def close(self) -> None:
         """Close the file."""
         with self._one_at_a_time:
             self._file.close()
 
-    def _found(self, *place: int) -> Any:
-        """Return what is at a place; a fault is said once, and an endless table not read again."""
+    def _data_at(self, *place: int) -> Any:
+        """Return a tile's data; log a fault once, and read a table without an end no more."""
         if _ENDLESS in self._fault:
             return None
         try:
@@ -144,11 +144,11 @@ def read_static(folder: Path) -> dict[str, Content]:
 
     Raises PageError where the page itself, index.html, is absent.
     """
-    found = {
+    files = {
         path.relative_to(folder).as_posix(): Content.of(path.read_bytes(), _TYPES[path.suffix])
         for path in sorted(folder.rglob("*"))
         if path.suffix in _TYPES and path.is_file()
     }
-    if "index.html" not in found:
+    if "index.html" not in files:
         raise PageError(f"{folder}: index.html is absent: install tirgeo again")
-    return found
+    return files

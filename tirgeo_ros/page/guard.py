@@ -155,8 +155,8 @@ async def _token(request: web.Request) -> str | None:
     if len(body) > _TOKEN_BYTES:
         return None
     try:
-        given = json.loads(body)
+        document = json.loads(body)
     except ValueError:
-        given = None
-    token = given.get("token") if isinstance(given, dict) else None
+        document = None
+    token = document.get("token") if isinstance(document, dict) else None
     return token if isinstance(token, str) else ""

@@ -33,7 +33,7 @@ _QUIET = 2  # modules of light around a code; terminals add their own
 
 
 class Routes:
-    """Know what the pages are made from."""
+    """Answer the page's requests with what the server holds."""
 
     def __init__(
         self,
@@ -55,7 +55,7 @@ class Routes:
         self.hub = StateHub(self._latency_ms)
 
     def table(self, guard: Guard, actions: Actions) -> list[web.RouteDef]:
-        """Return which handler answers what."""
+        """Return the paths with their handlers."""
 
         async def state(request: web.Request) -> web.StreamResponse:
             return await self._state(request, actions)
@@ -76,14 +76,16 @@ class Routes:
 
     async def close(self, _: web.Application) -> None:
         """Tell every page that the server ends."""
-        closing = (one.close(code=1001, message=b"the server ends") for one in [*self._sockets])
+        closing = (
+            socket.close(code=1001, message=b"the server ends") for socket in [*self._sockets]
+        )
         await asyncio.gather(*closing, return_exceptions=True)
 
     async def _page(self, request: web.Request) -> web.Response:
         return self._static["index.html"].response(request)
 
     async def _static_file(self, request: web.Request) -> web.Response:
-        return _found(self._static.get(request.match_info["name"])).response(request)
+        return _or_404(self._static.get(request.match_info["name"])).response(request)
 
     async def _state(self, request: web.Request, actions: Actions) -> web.StreamResponse:
         role, owner = self._user(request)
@@ -107,7 +109,7 @@ class Routes:
 
     async def _video(self, request: web.Request) -> web.StreamResponse:
         aircraft = request.match_info["aircraft"]
-        feed = _found(self._feeds.get(aircraft))
+        feed = _or_404(self._feeds.get(aircraft))
         socket = await self._opened(request, compress=False)
         bound_kernel_buffer(request)
         viewer = aircraft, VideoViewer(feed, socket, _who(request))
@@ -133,24 +135,24 @@ class Routes:
     def _latency_ms(self, aircraft: str, who: str) -> float | None:
         """Return the slowest of somebody's screens."""
         screens = (v for of, v in self._viewers if of == aircraft and v.who == who)
-        known = [one.latency_ms for one in screens if one.latency_ms is not None]
-        return round(max(known), 1) if known else None
+        latencies_ms = [viewer.latency_ms for viewer in screens if viewer.latency_ms is not None]
+        return round(max(latencies_ms), 1) if latencies_ms else None
 
     async def _map(self, request: web.Request) -> web.Response:
         aircraft = request.match_info["aircraft"]
-        _found(self._feeds.get(aircraft))
+        _or_404(self._feeds.get(aircraft))
 
         def content() -> Content:
-            body, known = self._backend.vector_map(aircraft), self._maps.get(aircraft)
-            if known is None or known.body != body:
+            body, before = self._backend.vector_map(aircraft), self._maps.get(aircraft)
+            if before is None or before.body != body:
                 self._maps[aircraft] = Content.of(body, "application/geo+json")
             return self._maps[aircraft]
 
-        found = await self._made(request, content)
-        return found.response(request) if found.body else web.Response(status=204)
+        content_made = await self._made(request, content)
+        return content_made.response(request) if content_made.body else web.Response(status=204)
 
     async def _tile(self, request: web.Request) -> web.Response:
-        tiles = _found(self._tiles)
+        tiles = _or_404(self._tiles)
         place = (int(request.match_info[name]) for name in "zxy")
         body = await self._made(request, lambda: tiles.tile(*place))
         if body is None:
@@ -161,7 +163,7 @@ class Routes:
 
     async def _export(self, request: web.Request) -> web.Response:
         form = request.match_info["format"]
-        _found(FORMATS.get(form))
+        _or_404(FORMATS.get(form))
         targets = self._backend.targets
         body = await self._made(
             request, lambda: exported(targets.for_others(), form, targets.picture)
@@ -172,7 +174,7 @@ class Routes:
     async def _picture(self, request: web.Request) -> web.Response:
         picture, id_ = self._backend.targets.picture, request.match_info["id"]
         body = await self._made(request, lambda: picture(id_))
-        return web.Response(body=_found(body), content_type="image/jpeg")
+        return web.Response(body=_or_404(body), content_type="image/jpeg")
 
     async def _code(self, request: web.Request) -> web.Response:
         try:
@@ -190,16 +192,16 @@ class Routes:
             return await asyncio.to_thread(call)
 
 
-def _found(value: _T | None) -> _T:
+def _or_404(value: _T | None) -> _T:
     if value is None:
         raise web.HTTPNotFound
     return value
 
 
 def _who(request: web.Request) -> str:
-    """Return what the sockets of one screen have in common."""
-    told = (request.headers.get(name, "") for name in ("Cookie", "User-Agent"))
-    return " ".join((request.remote or "", *told))
+    """Return address, cookie and browser, which the sockets of one screen share."""
+    headers = (request.headers.get(name, "") for name in ("Cookie", "User-Agent"))
+    return " ".join((request.remote or "", *headers))
 
 
 def invitation(url: str) -> str:

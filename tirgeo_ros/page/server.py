@@ -18,7 +18,7 @@ from aiohttp import web
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
-from tirgeo_ros.page.actions import Actions, Told, changed_targets
+from tirgeo_ros.page.actions import Actions, Sent, changed_targets
 from tirgeo_ros.page.backend import Backend
 from tirgeo_ros.page.connections import Door, http_runner, listening_socket
 from tirgeo_ros.page.content import Tiles, read_static
@@ -79,7 +79,7 @@ class PageServer:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return what diagnostics say of the page."""
+        """Return counts of the page, for diagnostics."""
         return {
             "connections": self._door.connections,
             "connections refused": self._door.refused,
@@ -98,8 +98,8 @@ class PageServer:
 
     def report(self, aircraft: str, state: Mapping[str, Any]) -> None:
         """Show a state; numbers that are not finite become null; ``track``: new points alone."""
-        given = {str(key): plain(value) for key, value in state.items()}
-        self._call(lambda: self._routes.hub.report(aircraft, given))
+        fields = {str(key): plain(value) for key, value in state.items()}
+        self._call(lambda: self._routes.hub.report(aircraft, fields))
 
     def targets_changed(self) -> None:
         """Show the targets as they are now in the store."""
@@ -174,19 +174,19 @@ class PageServer:
 
     async def _keep_targets(self) -> None:
         """Send the targets that have changed; changes meanwhile go together."""
-        given, told = (self._backend.targets, self._config.geoid_undulation_m), Told()
+        source, sent = (self._backend.targets, self._config.geoid_undulation_m), Sent()
         while True:
             await self._stale.wait()
             self._stale.clear()
             try:
-                changed = await asyncio.to_thread(changed_targets, *given, told)
+                changed = await asyncio.to_thread(changed_targets, *source, sent)
                 self._routes.hub.change_targets(changed)
             except TargetError as error:
                 _LOG.warning("the pages do not get the targets: %s", error)
 
 
 def tls_context(config: ViewerConfig) -> ssl.SSLContext | None:
-    """Return what https needs; None without a certificate. Raises PageError."""
+    """Return the TLS context of https; None without a certificate. Raises PageError."""
     if not config.certificate:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

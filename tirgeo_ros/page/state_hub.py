@@ -25,7 +25,7 @@ _UNREAD = 100  # answers that a page has not taken: it does not read
 
 
 class StatePage:
-    """Be one page's WebSocket."""
+    """Serve one page's WebSocket: states and targets out, requests in."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class StatePage:
         self._allowance = Allowance(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
 
     async def run(self, hello: dict[str, Any], who: str) -> None:
-        """Talk until the peer leaves."""
+        """Send and answer until the peer leaves."""
         self._outbox.answer(hello)
         self._hub.join(self._outbox, who)
         sending = asyncio.create_task(self._send())
@@ -85,8 +85,8 @@ class StatePage:
 
     async def _answer(self, name: str, kind: str, fields: dict[str, Any]) -> None:
         """Answer; a confirmed change is then on the disk."""
-        found = await self._actions.answer(name, kind, fields)
-        self._outbox.answer({"type": "answer", "request": name, **found})
+        fields = await self._actions.answer(name, kind, fields)
+        self._outbox.answer({"type": "answer", "request": name, **fields})
 
 
 _PERIOD_S = 0.2  # states go out at most at 5 Hz
@@ -95,7 +95,7 @@ _POINTS_AT_ONCE, _TARGETS_AT_ONCE = 500, 50  # so that a slow link's state isn't
 
 
 class Track:
-    """Hold the aircraft's way; a point's index stays when the oldest ones go."""
+    """Hold the aircraft's track; a point keeps its index when the oldest are dropped."""
 
     def __init__(self) -> None:
         self.first = 0  # index of the oldest point kept
@@ -250,7 +250,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, (int, float)):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(key): plain(one) for key, one in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no JSON")

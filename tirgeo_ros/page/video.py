@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from aiohttp import WSMsgType, web
 
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, size_of
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, size_of
 from tirgeo_ros.page.access import Allowance
 
 
@@ -59,7 +59,7 @@ _PROBE_S, _RAREST_PROBE_S, _SOON_S = 1.0, 32.0, 3.0
 
 
 class Pace:
-    """Know what is on the way to one viewer, and how it fared."""
+    """Choose the size of pictures for one viewer, by the time until each is on the screen."""
 
     def __init__(self) -> None:
         self.level = _FIRST
@@ -95,7 +95,7 @@ class Pace:
         return True
 
     def _of_bytes_s(self) -> float:
-        """Return the part of the last trip that bytes took, as trips of smaller pictures tell."""
+        """Return the part of the last trip that bytes took (s), by trips of smaller pictures."""
         smaller = [n for n in self._least_s if n > self.level]
         if not smaller or self.level not in self._least_s:
             return self._trip_s
@@ -179,7 +179,7 @@ class VideoFeed:
         self._waking: set[Callable[[], None]] = set()
 
     def show(self, stamp_ns: int, begun_ns: int, jpeg: bytes) -> None:
-        """Take the newest picture; one that is no JPEG of a video is counted, the first said."""
+        """Take the newest picture; count what is no JPEG of a video, and log the first."""
         width, height = size_of(jpeg, ("JPEG",))
         if not 0 < width * height <= MOST_OF_VIDEO:
             if not self.damaged:
@@ -195,11 +195,11 @@ class VideoFeed:
             wake()
 
     def wake(self, call: Callable[[], None]) -> None:
-        """Call at each picture."""
+        """Call it at each picture."""
         self._waking.add(call)
 
     def forget(self, call: Callable[[], None]) -> None:
-        """Call no more."""
+        """Call it no more."""
         self._waking.discard(call)
 
     def hold(self, pictures: Iterable[Picture]) -> None:
@@ -218,10 +218,10 @@ class VideoFeed:
         return await asyncio.shield(self._smaller[level])
 
     def cut_out(self, stamp_ns: int, u: float, v: float) -> Callable[[], bytes | None]:
-        """Return what a thread calls for a JPEG around a pixel; None of a picture not kept."""
+        """Return a function that makes a JPEG around a pixel, None if the picture is dropped."""
         every = (*self._kept, *self._held)
-        found = next((one for one in every if one.stamp_ns == stamp_ns), None)
-        return lambda: _cut_out(found, u, v) if found else None
+        picture = next((picture for picture in every if picture.stamp_ns == stamp_ns), None)
+        return lambda: _cut_out(picture, u, v) if picture else None
 
     def _keep(self, picture: Picture) -> None:
         if len(self._kept) == _KEPT:
@@ -262,7 +262,7 @@ _SENT = 3  # pictures of which one may be on the screen: two unanswered, and the
 
 
 class VideoViewer:
-    """Be one WebSocket's video; ``who`` is the session or address behind it."""
+    """Send the video to one WebSocket; ``who`` is the session or address behind it."""
 
     def __init__(self, feed: VideoFeed, socket_: web.WebSocketResponse, who: str) -> None:
         self.who = who

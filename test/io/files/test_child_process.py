@@ -6,11 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from project import wait_until
 
 from dev.real_flights import judge_all
 from tirgeo_ros.core.config import OverlayConfig
@@ -193,10 +193,8 @@ def test_a_node_ends_with_the_process_that_started_it(tmp_path):
         "os.kill(os.getpid(), 9)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=False)
-    told, end_s = tmp_path / "told", time.monotonic() + 30
-    while not (told.exists() and told.read_text()):
-        assert time.monotonic() < end_s, list(tmp_path.iterdir())
-        time.sleep(0.05)
+    told = tmp_path / "told"
+    wait_until(lambda: told.exists() and told.read_text(), 30)
     assert told.read_text() == "SIGTERM"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import message_samples as given
 import numpy as np
 import pytest
-from message_round_trips import cdr, made, through_cdr
+from message_samples import cdr, made, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from transform_chains import Chains, rigid

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given as drawn
 from hypothesis import strategies as st
-from message_round_trips import EXACT, assert_same_rotation, cdr, made, through_cdr
+from message_samples import EXACT, assert_same_rotation, cdr, made, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tirgeo_ros.core.frames import axes as frames

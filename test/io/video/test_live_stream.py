@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from free_addresses import free_udp_address
 from klv_reader import Demuxed, demuxed, values_in
+from project import wait_until
 
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import VideoError
@@ -22,13 +23,6 @@ START_NS = 1_634_731_264_000_000_000
 STEP_NS = 40_000_000
 PIXELS = np.zeros((48, 64, 3), np.uint8)
 LIMIT_S = 60.0  # a wait that ends long before, on any machine
-
-
-def until(condition):
-    end_s = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.002)
 
 
 @pytest.fixture
@@ -75,7 +69,7 @@ def codec(monkeypatch):
 
 
 def sent(stream, count):
-    until(lambda: stream.counts["sent"] == count)
+    wait_until(lambda: stream.counts["sent"] == count)
 
 
 @pytest.mark.parametrize("form", ["pixels", "jpeg"])
@@ -118,12 +112,12 @@ def test_it_goes_on_when_the_network_is_back(opened, codec, monkeypatch):
     codec.errors.append(OSError(101, "Network is unreachable"))
     stream = opened()
     stream.add(START_NS, PIXELS, None)
-    until(lambda: stream.counts["failed"] == 1)
+    wait_until(lambda: stream.counts["failed"] == 1)
     assert stream.error == "udp://127.0.0.1:9: cannot be sent: Network is unreachable"
-    until(lambda: codec.closed == 1)
+    wait_until(lambda: codec.closed == 1)
     stream.add(START_NS + STEP_NS, PIXELS, None)
     sent(stream, 1)
-    until(lambda: not stream.error)
+    wait_until(lambda: not stream.error)
     assert len(codec.sizes) == 2
 
 
@@ -132,7 +126,7 @@ def test_a_failure_is_not_tried_again_at_once(opened, codec):
     stream = opened()
     for k in range(3):
         stream.add(START_NS + k * STEP_NS, PIXELS, None)
-        until(lambda k=k: stream.counts["failed"] == k + 1)
+        wait_until(lambda k=k: stream.counts["failed"] == k + 1)
     assert len(codec.sizes) == 1
 
 
@@ -148,7 +142,7 @@ def test_another_size_opens_another_video(opened, codec):
 def test_what_is_no_picture_is_counted(opened, codec, bad):
     stream = opened()
     stream.add(START_NS, bad, None)
-    until(lambda: stream.counts["invalid"] == 1)
+    wait_until(lambda: stream.counts["invalid"] == 1)
     stream.add(START_NS, PIXELS, None)
     sent(stream, 1)
 
@@ -156,7 +150,7 @@ def test_what_is_no_picture_is_counted(opened, codec, bad):
 def test_an_unknown_host_is_said(opened):
     stream = opened("udp://no-such-host.invalid:5004")
     stream.add(START_NS, PIXELS, None)
-    until(lambda: stream.counts["failed"] == 1)
+    wait_until(lambda: stream.counts["failed"] == 1)
     assert stream.error == (
         "udp://no-such-host.invalid:5004: cannot be sent: no computer of this name is known here; "
         "write its IP address"

@@ -9,7 +9,8 @@ import time
 import pytest
 from cot_objects import flying, sharing, target
 from free_addresses import free_port
-from tak_server import Member, wait_until
+from project import wait_until
+from tak_server import Member
 
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.page.cot import link as link_module

@@ -6,7 +6,8 @@ import math
 
 import pytest
 from cot_objects import flying, sharing, target
-from tak_server import Member, TakServer, wait_until
+from project import wait_until
+from tak_server import Member, TakServer
 
 from tirgeo_ros.page.cot import link as link_module
 from tirgeo_ros.page.cot.link import aircraft_uid

@@ -11,34 +11,32 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scenario.deliveries import ALL, GPS, RTK, Fault
-from scenario.time_faults import (
+from scenario.faults import (
     between,
     both,
     clock,
+    covariance_not_a_number,
     drop,
     duplicated,
-    late,
-    lossy,
-    misstamped,
-    nothing,
-    polled,
-    shuffled,
-    swapped,
-)
-from scenario.value_faults import (
-    covariance_not_a_number,
     faster,
     fix,
     frozen,
+    late,
+    lossy,
+    misstamped,
     moved,
     not_a_number,
+    nothing,
+    polled,
     rtk_without_fix,
     saturated,
+    shuffled,
+    swapped,
     turned,
     values,
     wandering,
 )
+from scenario.runs import ALL, GPS, RTK, Fault
 
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.core.types.verdicts import FilterState

@@ -15,8 +15,8 @@ from aircraft_flights import (
     DELAYS_S,
     aircraft_samples,
     truth,
-    write_samples,
 )
+from process_bags import write_samples
 
 from tirgeo_ros.core.calibration.aircraft_parameters import PARAMETERS
 from tirgeo_ros.core.types.errors import BagError, CalibrationError

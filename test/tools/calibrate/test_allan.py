@@ -8,19 +8,15 @@ import re
 
 import numpy as np
 import pytest
-from imu_noise import gauss_markov, white
+from imu_noise import gauss_markov, imu_bag, white
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
-from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.calibrate.allan import calibrate_allan
-from tirgeo_ros.tools.simulate.static_imu import write_imu
 
 RATE_HZ = 50
-STEP_NS = 1_000_000_000 // RATE_HZ
 SIZE = 30_000  # 10 min
-START_NS = 1_700_000_000_000_000_000
 WALKS = np.array([1.7e-4, 1.9e-4, 1.6e-4, 1.3e-2, 1.4e-2, 1.2e-2])
 BIAS, BIAS_TIME_S = 3e-4, 20.0
 
@@ -33,23 +29,9 @@ def record(seed=1, size=SIZE):
     return values
 
 
-def even(size=SIZE):
-    return START_NS + np.arange(size) * STEP_NS
-
-
-def bag_of(path, stamps_ns=None, values=None):
-    with BagWriter(path) as bag:
-        write_imu(
-            bag,
-            even() if stamps_ns is None else stamps_ns,
-            record() if values is None else values,
-        )
-    return path
-
-
 @pytest.fixture(scope="module")
 def still(tmp_path_factory):
-    return bag_of(tmp_path_factory.mktemp("allan") / "still.mcap")
+    return imu_bag(tmp_path_factory.mktemp("allan") / "still.mcap", record(), RATE_HZ)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +77,7 @@ def lifted(tmp_path_factory):
     values = record(3)
     values[25_000:25_200, :3] += 0.5
     values[25_000:, 3] += 0.8
-    return bag_of(tmp_path_factory.mktemp("allan") / "lifted.mcap", values=values)
+    return imu_bag(tmp_path_factory.mktemp("allan") / "lifted.mcap", values, RATE_HZ)
 
 
 @pytest.mark.slow
@@ -122,7 +104,7 @@ def test_motors_run_and_the_imu_warms_up(tmp_path):
     values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * numbers)
     values[:, 0] += 2e-6 / RATE_HZ * numbers
     values[:, 1] += 2e-3 * (1 - np.exp(-numbers / (0.25 * SIZE)))
-    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
+    result = calibrate_allan(imu_bag(tmp_path / "a.mcap", values, RATE_HZ), tmp_path / "imu.yaml")
     assert "vibration: accel z 13.0 Hz (0.5 m/s2)" in result["warning"]
     assert re.search(r"gyro x by 0\.0012 rad/s: drifts steadily", result["warning"])
     assert re.search(r"gyro y by 0\.00(19|2) rad/s: settles", result["warning"])

@@ -8,13 +8,12 @@ import json
 import cv2
 import numpy as np
 import pytest
+from picture_bags import picture_bag
 from recorded_bags import segments_of
 
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import Taken, thinned
 from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal
@@ -48,25 +47,13 @@ def video():
     return stamps, images, angles
 
 
-def bag_of(path, stamps, images, *, info=True):
-    messages = Messages(Cdr().types)
-    with BagWriter(path) as writer:
-        for stamp, image in zip(stamps, images, strict=True):
-            made = messages.image(stamp, image)
-            writer.write("/thermal/image_raw", "sensor_msgs/msg/Image", made, stamp)
-            if info:
-                made = messages.camera_info(XT2, stamp)
-                writer.write("/thermal/camera_info", "sensor_msgs/msg/CameraInfo", made, stamp)
-    return path
-
-
 @pytest.fixture(scope="module")
 def run(video, tmp_path_factory):
     folder = tmp_path_factory.mktemp("gimbal")
     stamps, images, _ = video
     images = list(images)
     images[7] = np.full_like(images[7], 100)  # the board is lost for a moment
-    bag = bag_of(folder / "wall.mcap", stamps, images)
+    bag = picture_bag(folder / "wall.mcap", stamps, images)
     table, plot = folder / "attitude.csv", folder / "attitude.png"
     return calibrate_gimbal([bag], BOARD, output=table, plot=plot), table, plot
 
@@ -125,13 +112,13 @@ def test_what_is_missing_is_told(video, tmp_path):
     picture.write_bytes(b"")
     with pytest.raises(CalibrationError, match="give --camera"):
         calibrate_gimbal([picture], BOARD)
-    few = bag_of(tmp_path / "few.mcap", stamps[:3], images[:3])
+    few = picture_bag(tmp_path / "few.mcap", stamps[:3], images[:3])
     with pytest.raises(CalibrationError, match="3 pictures of 3 show the board, 10 are needed"):
         calibrate_gimbal([few], BOARD)
-    bare = bag_of(tmp_path / "bare.mcap", stamps[:3], images[:3], info=False)
+    bare = picture_bag(tmp_path / "bare.mcap", stamps[:3], images[:3], info=False)
     with pytest.raises(BagError, match=r"topic absent: /thermal/camera_info; give --camera"):
         calibrate_gimbal([bare], BOARD)
-    small = bag_of(tmp_path / "small.mcap", stamps[:1], [images[0][:256, :320].copy()])
+    small = picture_bag(tmp_path / "small.mcap", stamps[:1], [images[0][:256, :320].copy()])
     with pytest.raises(CalibrationError, match="320x256 pixels, the camera's calibration 640x512"):
         calibrate_gimbal([small], BOARD)
 
@@ -139,7 +126,7 @@ def test_what_is_missing_is_told(video, tmp_path):
 @pytest.mark.slow
 def test_a_damaged_bag_is_used_as_far_as_it_can_be_read(video, tmp_path, capsys):
     stamps, images, _ = video
-    bag = bag_of(tmp_path / "wall.mcap", stamps, images)
+    bag = picture_bag(tmp_path / "wall.mcap", stamps, images)
     words = ["calibrate", "gimbal", str(bag), "--board", "9x6", "--square", "0.1"]
     segments = segments_of(bag)
     damage(bag, segments[3:4])

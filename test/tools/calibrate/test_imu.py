@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 from imu_noise import FLIGHT_DENSITY as DENSITY
 from imu_noise import FLIGHT_HZ as RATE_HZ
-from imu_noise import flown, white
+from imu_noise import START_NS, flown, imu_bag, white
 
 from dev.real_flights import cuts_of, fly, samples_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, ConfigError
-from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.calibrate.imu import calibrate_imu
 from tirgeo_ros.tools.cli import main as command
-from tirgeo_ros.tools.simulate.static_imu import write_imu
 
-START_NS = 1_700_000_000_000_000_000
 DEFAULTS = np.array([*EkfConfig().imu.angle_random_walk, *EkfConfig().imu.velocity_random_walk])
 SHARES = np.repeat(
     [EkfConfig().imu.gyro_vibration_share, EkfConfig().imu.accel_vibration_share], 3
@@ -38,13 +35,6 @@ def at_rest(seed, duration_s):
     return values
 
 
-def bag_of(path, values, stamps_ns=None):
-    with BagWriter(path) as bag:
-        steps = np.arange(len(values), dtype=np.int64) * (1_000_000_000 // RATE_HZ)
-        write_imu(bag, START_NS + steps if stamps_ns is None else stamps_ns, values)
-    return path
-
-
 def column(result, name):
     return [axis[name] for axis in result["axes"]]
 
@@ -53,7 +43,7 @@ def column(result, name):
 def flight(tmp_path_factory):
     values = flown()
     values[:, 3] += 2.0 * np.sin(2 * np.pi * 61.3 * np.arange(len(values)) / RATE_HZ)
-    return bag_of(tmp_path_factory.mktemp("imu") / "flight.mcap", values)
+    return imu_bag(tmp_path_factory.mktemp("imu") / "flight.mcap", values)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +85,7 @@ def test_ekf_node_takes_what_it_writes_as_a_floor(found):
 
 
 def test_never_less_than_configured(tmp_path):
-    quiet = bag_of(tmp_path / "a.mcap", flown(2, 30, 0.1 * DEFAULTS))
+    quiet = imu_bag(tmp_path / "a.mcap", flown(2, 30, 0.1 * DEFAULTS))
     assert column(calibrate_imu(quiet), "written") == DEFAULTS.tolist()
     params = tmp_path / "given.yaml"
     params.write_text(
@@ -104,7 +94,7 @@ def test_never_less_than_configured(tmp_path):
         "      velocity_random_walk: [0.5, 0.5, 0.5]\n"
         "      gyro_vibration_share: 0.0\n"
     )
-    result = calibrate_imu(bag_of(tmp_path / "b.mcap", flown(3, 30)), params=params)
+    result = calibrate_imu(imu_bag(tmp_path / "b.mcap", flown(3, 30)), params=params)
     assert column(result, "written")[3:] == [0.5] * 3
     # Where the filter follows nothing by itself it is the low density as it is.
     assert column(result, "written")[:3] == column(result, "density_low")[:3]
@@ -116,7 +106,7 @@ def test_never_less_than_configured(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["imu", "allan"])
 def test_the_commands_print_a_table_or_json(what, tmp_path, capsys):
-    bag = bag_of(tmp_path / "a.mcap", flown() if what == "imu" else at_rest(3, 90))
+    bag = imu_bag(tmp_path / "a.mcap", flown() if what == "imu" else at_rest(3, 90))
     words = ["calibrate", what, str(bag), "-o", str(tmp_path / "i.yaml")]
     assert command.main(words) == 0
     assert "18000 samples of /imu/data" in capsys.readouterr().out
@@ -124,8 +114,6 @@ def test_the_commands_print_a_table_or_json(what, tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert result["output"] == [str(tmp_path / "i.yaml"), str(tmp_path / "i.png")]
     assert result["axes"][4]["axis"] == "accel y"
-    with pytest.raises(SystemExit, match="2"):
-        command.main([*words, "--from", "10", "--to", "5"])
 
 
 def test_clipped_and_lost_samples_are_warned_of(tmp_path):
@@ -134,7 +122,7 @@ def test_clipped_and_lost_samples_are_warned_of(tmp_path):
     values = np.clip(values, -39.2, 39.2)
     keep = np.random.default_rng(6).random(len(values)) > 0.015
     stamps = START_NS + np.arange(len(values), dtype=np.int64) * (1_000_000_000 // RATE_HZ)
-    result = calibrate_imu(bag_of(tmp_path / "a.mcap", values[keep], stamps[keep]))
+    result = calibrate_imu(imu_bag(tmp_path / "a.mcap", values[keep], stamps_ns=stamps[keep]))
     assert result["axes"][5]["clipped"] > 20
     assert "accelerometer z" in result["warning"]
     assert "clipped" in result["warning"]
@@ -144,7 +132,7 @@ def test_clipped_and_lost_samples_are_warned_of(tmp_path):
 def test_a_sensor_with_a_filter_of_its_own_is_warned_of(tmp_path):
     values = flown(6, 30)
     smooth = np.apply_along_axis(np.convolve, 0, values, [0.25, 0.5, 0.25], "same")
-    result = calibrate_imu(bag_of(tmp_path / "a.mcap", smooth))
+    result = calibrate_imu(imu_bag(tmp_path / "a.mcap", smooth))
     assert "less noise above 54 Hz than below: perhaps the sensor's own" in result["warning"]
 
 
@@ -157,7 +145,7 @@ def test_a_sensor_with_a_filter_of_its_own_is_warned_of(tmp_path):
     ],
 )
 def test_refusals(values, reason, tmp_path):
-    bag = bag_of(tmp_path / "a.mcap", values)
+    bag = imu_bag(tmp_path / "a.mcap", values)
     with pytest.raises(CalibrationError, match=rf"a\.mcap: /imu/data: .*{reason}") as refused:
         calibrate_imu(bag, tmp_path / "imu.yaml")
     assert "\n" not in str(refused.value)
@@ -177,10 +165,15 @@ def test_stamps_beyond_use_are_refused(tmp_path):
         (lossy, "missing or not finite"),
         (slow, "25 samples a second are too few above 8 Hz"),
     ):
-        bag = bag_of(tmp_path / "a.mcap", values, START_NS + stamps)
+        bag = imu_bag(tmp_path / "a.mcap", values, stamps_ns=START_NS + stamps)
         with pytest.raises(CalibrationError, match=reason):
             calibrate_imu(bag)
-    assert calibrate_imu(bag_of(tmp_path / "a.mcap", values, START_NS + shaken))["flying_s"] > 30
+    assert (
+        calibrate_imu(imu_bag(tmp_path / "a.mcap", values, stamps_ns=START_NS + shaken))[
+            "flying_s"
+        ]
+        > 30
+    )
     with pytest.raises(BagError, match="is not there"):
         calibrate_imu(tmp_path / "a.mcap", namespace="uav1")
 
@@ -237,7 +230,7 @@ def test_the_noise_at_rest_is_not_gone_below(tmp_path):
     """A sensor that is noisier than configured says so where it lies still."""
     rest = at_rest(9, 30) + 5 * (at_rest(10, 30) - [0, 0, 0, 0, 0, 9.8])
     rest[:, 3:] = at_rest(11, 30)[:, 3:]
-    result = calibrate_imu(bag_of(tmp_path / "a.mcap", np.concatenate([rest, flown(9, 30)])))
+    result = calibrate_imu(imu_bag(tmp_path / "a.mcap", np.concatenate([rest, flown(9, 30)])))
     # 10 pieces of 4 %: 4 sigma.
     gyro = 1.7e-4 * math.sqrt(1 + 5**2)
     assert column(result, "written")[2] == pytest.approx(gyro, rel=4 * 0.04 * 1.25 / 10**0.5)

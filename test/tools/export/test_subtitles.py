@@ -6,12 +6,13 @@ import dataclasses
 import math
 import re
 from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
 
 import av
 import numpy as np
 import pytest
 from exported_flight import GROUND_M, UNDULATION_M, exported
-from srt_reader import cues_of
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.errors import ExportError
@@ -20,6 +21,46 @@ from tirgeo_ros.io.logs.dji_srt import read_srt
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.tools.export.subtitles import Subtitles
 from tirgeo_ros.tools.replay.process import process
+
+_DATE = re.compile(r"^(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d)[.,](\d{3})", re.MULTILINE)
+_BRACKET = re.compile(r"\[([^\[\]]*)\]")
+_FIELD = re.compile(r"(\w+) ?: ?([^\s\],]+)")
+
+
+class Cue(NamedTuple):
+    """Begin and end, s; the fields by name; the whole text."""
+
+    begin_s: float
+    end_s: float
+    fields: dict[str, str]
+    text: str
+
+    def numbers(self, *names: str) -> list[float]:
+        return [float(self.fields[name]) for name in names]
+
+
+def cues_of(path: Path) -> list[Cue]:
+    """The cues as FFmpeg's reader of SubRip finds them."""
+    found = []
+    with av.open(str(path)) as container:
+        for packet in container.demux(subtitles=0):
+            if packet.pts is None:
+                continue
+            text = bytes(packet).decode()
+            begin, length = (x * packet.time_base for x in (packet.pts, packet.duration))
+            found.append(Cue(float(begin), float(begin + length), fields_of(text), text))
+    return found
+
+
+def fields_of(text: str) -> dict[str, str]:
+    """What stands in brackets, and in the two lines before them."""
+    fields = dict(_FIELD.findall(text.partition("[")[0].partition("\n")[0]))
+    for part in _BRACKET.findall(text):
+        fields |= dict(_FIELD.findall(part))
+    if date := _DATE.search(text):
+        fields["date"] = date.group()
+    return fields
+
 
 ABOVE = "20 m above the ground, 40 m above sea level, camera to 200 deg, 30 deg down"
 

@@ -10,17 +10,63 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future
-from contextlib import nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from process_bags import IMAGES, rewritten
+from project import PROJECT, wait_until
 
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.many_flights import dask_workers
-from tirgeo_ros.tools.many_flights.local_workers import Board
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.replay.process import process
+
+_LIMIT_S = 120.0
+
+
+@contextmanager
+def dask_cluster(folder, workers=2):
+    """Run a scheduler and workers of one thread; yield its address and the workers' processes.
+
+    Without a nanny: a worker that is killed is gone.
+    """
+    told = folder / "scheduler.json"
+    with ExitStack() as stack:
+        words = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told)]
+        stack.enter_context(_process(folder / "scheduler.log", "dask_scheduler", *words))
+        address = _address(told)
+        yield (
+            address,
+            [
+                stack.enter_context(_worker(folder / f"worker_{number}.log", address))
+                for number in range(workers)
+            ],
+        )
+
+
+def _worker(log, address):
+    return _process(log, "dask_worker", address, "--nthreads", "1", "--no-nanny")
+
+
+@contextmanager
+def _process(log, program, *words):
+    command = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
+    with log.open("wb") as out:
+        # The project's folder is where a worker finds tirgeo.
+        process = subprocess.Popen(command, cwd=PROJECT, stdout=out, stderr=out)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _address(path):
+    wait_until(lambda: path.exists() and path.read_text().endswith("}"), _LIMIT_S)
+    return json.loads(path.read_text())["address"]
+
 
 LIMIT_S = 240.0
 
@@ -28,7 +74,7 @@ LIMIT_S = 240.0
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
     pytest.importorskip("distributed")
-    from dask_cluster import dask_cluster  # noqa: PLC0415 for these alone
+    from test_dask_workers import dask_cluster  # noqa: PLC0415 for these alone
 
     with dask_cluster(tmp_path_factory.mktemp("cluster")) as found:
         yield found
@@ -105,13 +151,15 @@ def test_a_worker_that_does_not_see_the_folder_is_refused(tmp_path):
             assert on_error == "return"
             return {"tcp://10.0.0.9:1": function(folder)}
 
-    with pytest.raises(dask_workers.SeasonError, match=r"10.0.0.9:1 does not see .*all workers"):
+    with pytest.raises(
+        dask_workers.ManyFlightsError, match=r"10.0.0.9:1 does not see .*all workers"
+    ):
         dask_workers._check(Elsewhere(), str(tmp_path))
 
 
 def test_a_worker_of_another_version_that_came_later_begins_nothing(tmp_path):
     task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {"version": "99.0"})
-    with pytest.raises(dask_workers.SeasonError, match="another version"):
+    with pytest.raises(dask_workers.ManyFlightsError, match="another version"):
         dask_workers.run_on_worker(task)
 
 
@@ -135,9 +183,9 @@ def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch, not
     monkeypatch.setattr(dask_workers, "_client", lambda _: nullcontext(client))
     monkeypatch.setattr(dask_workers, "_SHOW_S", 0.0)
     task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {})
-    running = dask_workers.run_on_cluster([task], "tcp://10.0.0.9:8786", Board(1))
+    running = dask_workers.run_on_cluster([task], "tcp://10.0.0.9:8786", FlightProgress(1))
     told = "--scheduler tcp://10.0.0.9:8786: the connection to it is lost; .* run the same command"
-    with pytest.raises(dask_workers.SeasonError, match=told):
+    with pytest.raises(dask_workers.ManyFlightsError, match=told):
         next(running)
     assert not list(tmp_path.iterdir())  # no flight has failed
 

@@ -73,6 +73,11 @@ def test_the_page_is_whole_in_itself():
     links = [one for one in page.sources if not one.startswith("data:")]
     assert links == ["#flight-a", "a.mcap", "a.mp4", "a.json", "b.json"]
     assert not re.findall(r"url[(]|@import|<link|https?:", text)
+    # The head, the choice of an order and a row's cells have the same columns.
+    heads = re.findall(r"<button>(.*?)</button>", text)
+    assert re.findall(r'data-title="(.*?)"', text) == 2 * heads
+    orders = [f"{head} {arrow}" for head in heads for arrow in "\u25b2\u25bc"]
+    assert re.findall(r"<option[^>]*>(.*?)</option>", text) == orders
 
 
 def test_a_flight_is_told_as_its_record_has_it():

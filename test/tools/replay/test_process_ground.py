@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 from flights import flight
-from hover_bags import write_hover
-from process_bags import messages_of
+from process_bags import messages_of, write_hover
 
 from tirgeo_ros.core.config import EkfConfig, OverlayConfig
 from tirgeo_ros.core.frames.rotations import heading_of, wrapped
@@ -138,8 +137,8 @@ def test_a_set_heading_in_a_bag_begins_the_filter(tmp_path):
     begin_ns, true_rad = flown.truth.stamp_ns[0], heading_of(flown.truth.q_nb[0])
     told = SetHeading(begin_ns + 3_000_000_000, true_rad + SIGMA, SIGMA**2)
     poses = []
-    for name, given in (("without", None), ("with", told)):
-        bag = write_hover(tmp_path / f"{name}.mcap", flown, given)
+    for name, given in (("without", ()), ("with", (told,))):
+        bag = write_hover(tmp_path / f"{name}.mcap", flown, *given)
         out = tmp_path / f"{name}_out.mcap"
         process(bag, out, method="ekf", images=False)
         poses.append([body_pose(one) for _, one in messages_of(out, "/tirgeo/odometry")])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from process_bags import messages_of
 
 from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.graph_outputs import differences
@@ -31,13 +31,10 @@ def flown(tmp_path_factory):
 
 def processed(folder):
     """The camera's poses less the true ones."""
-    out, cdr = folder / "out.mcap", Cdr()
+    out = folder / "out.mcap"
     process(folder / "flight.mcap", out, params=folder / "params.yaml", images=False)
     found, true = (
-        [
-            convert.camera_pose(cdr.deserialize(m.data, m.typename))
-            for m in BagReader(path).messages(["/tirgeo/camera_pose"])
-        ]
+        [convert.camera_pose(message) for _, message in messages_of(path, "/tirgeo/camera_pose")]
         for path in (out, folder / "truth.mcap")
     )
     return differences(found, true)

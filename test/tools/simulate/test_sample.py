@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from process_bags import messages_of
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate.files import parameters_text
 from tirgeo_ros.tools.simulate.flight import fly
@@ -26,10 +26,7 @@ def flight():
 
 
 def read(path, topic, convert_one):
-    cdr = Cdr()
-    return [
-        convert_one(cdr.deserialize(m.data, m.typename)) for m in BagReader(path).messages([topic])
-    ]
+    return [convert_one(message) for _, message in messages_of(path, topic)]
 
 
 def test_its_inertial_data_and_truth_are_the_scenarios(flight, sample):

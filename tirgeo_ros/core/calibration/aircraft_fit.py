@@ -175,14 +175,14 @@ def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None
     determined = [k for k in free if k not in why_not]
     undetermined |= {k: _with_advice(k, why) for k, why in why_not.items()}
     return AircraftFit(
-        np.where(np.isin(np.arange(len(first)), determined), run.values, first),
-        sigma,
-        left_out,
-        tuple(PARAMETERS[k] for k in determined),
-        {PARAMETERS[k]: reason for k, reason in sorted(undetermined.items())},
-        first,
-        search.run(first, Floors()),
-        run,
+        values=np.where(np.isin(np.arange(len(first)), determined), run.values, first),
+        sigma=sigma,
+        left_out=left_out,
+        determined=tuple(PARAMETERS[k] for k in determined),
+        undetermined={PARAMETERS[k]: reason for k, reason in sorted(undetermined.items())},
+        first=first,
+        before=search.run(first, Floors()),
+        after=run,
     )
 
 

@@ -150,12 +150,12 @@ class WhiteningFusion(Fusion):
         whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
         self.white.append(
             White(
-                reading.number,
-                aid.source,
-                aid.stamp_ns,
-                innovation,
-                whitened[:, 0],
-                whitened[:, 1:],
+                number=reading.number,
+                source=aid.source,
+                stamp_ns=aid.stamp_ns,
+                innovation=innovation,
+                error=whitened[:, 0],
+                slope=whitened[:, 1:],
             )
         )
         track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
@@ -339,15 +339,17 @@ def _run(
         raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' says why")
     stamps = np.repeat([w.stamp_ns for w in white], [len(w.error) for w in white])
     return FilterRun(
-        values,
-        white,
-        np.concatenate([w.error for w in white]),
-        np.concatenate([w.slope for w in white]).reshape(-1, len(PARAMETERS)),
-        (stamps - stamps.min()).astype(float),
-        [stamp_ns for stamp_ns, _ in estimates],
-        np.array([estimate.state.q_nb for _, estimate in estimates]).reshape(-1, 4),
-        np.array([estimate.state.velocity_n for _, estimate in estimates]).reshape(-1, 3),
-        min(math.sqrt(estimate.covariance[0, 0]) for _, estimate in estimates),
+        values=values,
+        white=white,
+        error=np.concatenate([w.error for w in white]),
+        slope=np.concatenate([w.slope for w in white]).reshape(-1, len(PARAMETERS)),
+        row_ns=(stamps - stamps.min()).astype(float),
+        attitude_ns=[stamp_ns for stamp_ns, _ in estimates],
+        attitude_q_nb=np.array([estimate.state.q_nb for _, estimate in estimates]).reshape(-1, 4),
+        velocity_n=np.array([estimate.state.velocity_n for _, estimate in estimates]).reshape(
+            -1, 3
+        ),
+        tilt_sigma_rad=min(math.sqrt(estimate.covariance[0, 0]) for _, estimate in estimates),
     )
 
 

@@ -75,11 +75,11 @@ def allan_curve(runs: Sequence[Array], step_s: float, ramps: Array | None = None
     degrees = np.maximum(1.25 * spans**2 / (m * (spans + 3 * m)), 1.0)
     means = sums[there] / pairs[:, None, None]
     return AllanCurve(
-        (m * step_s)[used],
-        degrees[used],
-        means[used, 0, 1] / step_s,
-        means[used, :, 2] / 2,
-        float(spans.max(initial=0.0)) * step_s,
+        tau_s=(m * step_s)[used],
+        degrees=degrees[used],
+        white=means[used, 0, 1] / step_s,
+        variances=means[used, :, 2] / 2,
+        span_s=float(spans.max(initial=0.0)) * step_s,
     )
 
 

@@ -74,12 +74,12 @@ def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> C
         return out
 
     return CornerFit(
-        placed(fits.middles + fits.p[:, :2]),
-        placed(fits.covariance),
-        placed(fits.p[:, 9]),
-        placed(fits.p[:, 7:9]),
-        placed(np.sqrt(fits.variance)),
-        placed(_SIGMA_OF_WIDTH * np.exp(fits.p[:, 4:6])),
+        uv=placed(fits.middles + fits.p[:, :2]),
+        covariance=placed(fits.covariance),
+        contrast=placed(fits.p[:, 9]),
+        steps=placed(fits.p[:, 7:9]),
+        left=placed(np.sqrt(fits.variance)),
+        blur_px=placed(_SIGMA_OF_WIDTH * np.exp(fits.p[:, 4:6])),
     )
 
 

@@ -109,14 +109,14 @@ def fit(
     stamps_s = np.array([sighting.stamp_ns for sighting in sightings]) * 1e-9
     covariance = _covariance(sight, normal, stamps_s) * max(1.0, factor) ** 2
     return BoresightFit(
-        correction,
-        covariance * np.outer(LIMITS[chosen], LIMITS[chosen]),
-        names,
-        used,
-        start.residual,
-        sight.residual,
-        factor,
-        _without_each(sightings, correction, normal, chosen),
+        correction=correction,
+        covariance=covariance * np.outer(LIMITS[chosen], LIMITS[chosen]),
+        estimated=names,
+        used=used,
+        before=start.residual,
+        after=sight.residual,
+        noise_factor=factor,
+        by_point=_without_each(sightings, correction, normal, chosen),
     )
 
 

@@ -88,12 +88,12 @@ def record_of(stamps_ns: IntArray, values: Array) -> ImuRecord:
         )
     irregular |= {"missing": missing, "gaps": gaps, "splits": len(runs) - 1}
     return ImuRecord(
-        runs,
-        [float(times_ns[begin]) * 1e-9 for begin in edges[:-1]],
-        step_ns * 1e-9,
-        float(np.std(np.concatenate(off))) * step_ns * 1e-9 / math.sqrt(2),
-        len(kept),
-        irregular,
+        runs=runs,
+        starts_s=[float(times_ns[begin]) * 1e-9 for begin in edges[:-1]],
+        step_s=step_ns * 1e-9,
+        jitter_s=float(np.std(np.concatenate(off))) * step_ns * 1e-9 / math.sqrt(2),
+        samples=len(kept),
+        irregular=irregular,
     )
 
 

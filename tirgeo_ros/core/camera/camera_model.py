@@ -194,9 +194,9 @@ class Camera:
             got = _distort(self._k, x, y)
         except ZeroDivisionError:
             return np.full((1, 3), np.nan)
-        found = math.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
-        found &= x * x + y * y <= self.max_radius**2
-        return np.array([[x, y, 1.0]]) if found else np.full((1, 3), np.nan)
+        converged = math.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+        converged &= x * x + y * y <= self.max_radius**2
+        return np.array([[x, y, 1.0]]) if converged else np.full((1, 3), np.nan)
 
     def _undistort(self, xd: Array, yd: Array) -> tuple[Array, Array]:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -209,9 +209,9 @@ class Camera:
                 if np.abs(dx).max(initial=0.0) + np.abs(dy).max(initial=0.0) < _SETTLED:
                     break
             got = _distort(self._k, x, y)
-            found = np.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
-            found &= x * x + y * y <= self.max_radius**2
-        return np.where(found, x, np.nan), np.where(found, y, np.nan)
+            converged = np.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+            converged &= x * x + y * y <= self.max_radius**2
+        return np.where(converged, x, np.nan), np.where(converged, y, np.nan)
 
 
 def _fold_radius(k: tuple[float, ...]) -> float:

@@ -166,9 +166,9 @@ def rays_to(camera: Camera, pose: CameraPose, points_n: Array) -> Array:
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         nearness = 1 / points_c[:, 2]
         x, y = points_c[:, 0] * nearness, points_c[:, 1] * nearness
-        seen = (points_c[:, 2] > NEAR_M) & (x * x + y * y <= camera.max_radius**2)
+        valid = (points_c[:, 2] > NEAR_M) & (x * x + y * y <= camera.max_radius**2)
     rays = np.stack([x, y, nearness])
-    rays[:, ~seen] = np.nan
+    rays[:, ~valid] = np.nan
     return rays
 
 
@@ -232,8 +232,8 @@ class FrameConfidence:
             )
             for part in parts
         ]
-        found = np.concatenate(done, axis=1)
-        return found[:3], found[3, :closely] > 0
+        spread = np.concatenate(done, axis=1)
+        return spread[:3], spread[3, :closely] > 0
 
     def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
         """Return (4, N): the covariances as in ``spread``, then 1 where first order is enough."""
@@ -252,14 +252,14 @@ class FrameConfidence:
         plane = on_plane(rays, moves)
         slopes = self.camera.slopes(rays[0], rays[1])
         uu, uv, vv = on_lens(plane, slopes)
-        found = np.zeros((4, rays.shape[1]))
-        found[0], found[1], found[2] = uu + self._lens_variance, uv, vv + self._lens_variance
+        spread = np.zeros((4, rays.shape[1]))
+        spread[0], spread[1], spread[2] = uu + self._lens_variance, uv, vv + self._lens_variance
         if closely:
             first = slice(closely)
             near = tuple(each[first] for each in slopes)
-            seen = tuple(each[first] for each in plane)
-            found[3, first] = self._linear(rays[:, first], moves[5, first], seen, near)
-        return found
+            on_axis_plane = tuple(each[first] for each in plane)
+            spread[3, first] = self._linear(rays[:, first], moves[5, first], on_axis_plane, near)
+        return spread
 
     def _linear(self, rays: Array, depth: Array, spread: Spread, slopes: Slopes) -> BoolArray:
         """Return (N,) whether first order is enough; ``depth`` is var(depth) / depth^2, (N,)."""

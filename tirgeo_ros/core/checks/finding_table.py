@@ -90,22 +90,21 @@ _MENDED = (
     "{words}: {before} deg beside the reported attitude (yaw, roll, pitch), "
     "{after} deg when mended"
 )
-_PAIRS = " ({pairs} pairs of pictures)"
 _WRONG = {"far": STOP, "": CAUTION}  # beyond three ellipses of the map
 _OF_PAPER = {"paper": NOTE, "": STOP}  # the paper's composition does not use the joints
 _MAP, _DEM = "overlay_node map", "overlay_node dem"
 
+# Rows are set by hand: the evidence, the parameter, the remedy.
+# fmt: off
 FINDINGS: Mapping[str, Row] = {
     # The IMU.
     "force_unit": _stop(
-        "the specific force is {size:.3g} m/s2 on average, not 9.8",
-        _FORCE,
+        "the specific force is {size:.3g} m/s2 on average, not 9.8", _FORCE,
         {
             "g": "it is in g: multiply it by 9.80665",
             "no_gravity": "gravity was removed: send the accelerometers' own readings",
             "": "divide it by {factor:.4g}: the unit is m/s2",
-        },
-    ),
+        }),
     "force_axes": _stop(
         "the mean specific force is ({force}) m/s2 forward, left, up, not (0, 0, +9.8)",
         {"reversed": _FORCE, "": f"{_FORCE}, {_RPY}"},
@@ -113,453 +112,295 @@ FINDINGS: Mapping[str, Row] = {
             "reversed": "the sign is wrong: at rest z is +9.8 (axes forward, left, up)",
             "no_yaw": _SET_RPY + _NO_YAW,
             "": _SET_RPY,
-        },
-    ),
+        }),
     "force_scale": _caution(
-        "the specific force is {size:.2f} m/s2 in {seconds} s without turns",
-        _FORCE,
-        "it should be 9.81: calibrate the accelerometers (scale, bias)",
-    ),
+        "the specific force is {size:.2f} m/s2 in {seconds} s without turns", _FORCE,
+        "it should be 9.81: calibrate the accelerometers (scale, bias)"),
     "gyro_unit": _stop(
-        "the gyroscopes turn {ratio:.1f} times as fast as the orientation in imu/data",
-        _RATE,
-        "they are in deg/s: multiply them by 0.0174533",
-    ),
+        "the gyroscopes turn {ratio:.1f} times as fast as the orientation in imu/data", _RATE,
+        "they are in deg/s: multiply them by 0.0174533"),
     "gyro_axes": _stop(
         {
             "sign": f"the gyroscope {{axis}} has the wrong sign {_CORRELATION}",
             "": f"turns about {{axis}} are on the gyroscope {{other}} {_CORRELATION}",
-        },
-        {"turned": f"{_RATE}, {_RPY}", "": _RATE},
+        }, {"turned": f"{_RATE}, {_RPY}", "": _RATE},
         {
             "no_yaw": _SET_RPY + _NO_YAW,
             "turned": _SET_RPY,
             "sign": "axes are forward, left, up, positive counter-clockwise seen from their tips",
             "": _TURN,
-        },
-    ),
+        }),
     "vibration": _note(
         "vibration is {gyroscopes:.0f} times the gyroscopes' configured noise and "
         "{accelerometers:.0f} times the accelerometers'",
         "ekf_node imu.angle_random_walk, imu.velocity_random_walk",
-        "damp the IMU's mount; measure the noise with tirgeo calibrate allan",
-    ),
+        "damp the IMU's mount; measure the noise with tirgeo calibrate allan"),
     "imu_clipping": _caution(
-        "imu/data reaches the end of its range: {counts} of {samples} samples",
-        "imu/data",
-        "damp the IMU's mount or choose a larger range; balance the rotors",
-    ),
+        "imu/data reaches the end of its range: {counts} of {samples} samples", "imu/data",
+        "damp the IMU's mount or choose a larger range; balance the rotors"),
     "imu_tilt": _stop(
-        "the IMU is tilted by {tilt_deg:.1f} deg in its mount, "
-        "against the autopilot's attitude in imu/data",
-        _RPY,
-        "set it to {angles}; or if the IMU is level, calibrate its accelerometers",
-    ),
+        "the IMU is tilted by {tilt_deg:.1f} deg in its mount, against the autopilot's attitude "
+        "in imu/data", _RPY,
+        "set it to {angles}; or if the IMU is level, calibrate its accelerometers"),
     "imu_tilt:unknown": _note(
-        "imu/data has no orientation: whether the IMU is tilted in its mount is not known",
-        _RPY,
-        "level it within 1 deg, or send the autopilot's attitude in imu/data",
-    ),
+        "imu/data has no orientation: whether the IMU is tilted in its mount is not known", _RPY,
+        "level it within 1 deg, or send the autopilot's attitude in imu/data"),
     # Antennas, headings, delays.
     "heading_offset": Row(
-        {"compass": CAUTION, "": STOP},
-        "rtk/heading is {off_deg:+.0f} deg from {reference}",
+        {"compass": CAUTION, "": STOP}, "rtk/heading is {off_deg:+.0f} deg from {reference}",
         f"ekf_node {_SECOND}",
         {
             "compass": "measure both antennas; or is it the compass, or its declination?",
             "swapped": "the antennas are swapped: exchange rtk_antenna_m and second_antenna_m",
-            "across": "the baseline lies across: "
-            "measure both antennas, or remove a constant of 90",
+            "across": "the baseline lies across: measure both antennas, or remove a constant of "
+                "90",
             "": "measure both antennas; or is its yaw not ENU (90 deg less the azimuth)?",
-        },
-    ),
+        }),
     "heading_offset:motion": _stop(
         "rtk/heading is {off_deg:+.1f} deg (sigma {sigma_deg:.1f}) from the heading that the "
-        "motion of IMU and receiver gives",
-        f"ekf_node {_SECOND}",
-        "measure both antennas; or is the IMU turned about its vertical?",
-    ),
+        "motion of IMU and receiver gives", f"ekf_node {_SECOND}",
+        "measure both antennas; or is the IMU turned about its vertical?"),
     "heading_turns": _stop(
-        "while the gyroscopes turned by {turned_deg:.0f} deg, rtk/heading turned by {slope:+.2f} "
-        "of that, and jumped by {jumps_deg:.0f} deg",
-        f"rtk/heading, {_RATE}",
+        "while the gyroscopes turned by {turned_deg:.0f} deg, rtk/heading turned by "
+        "{slope:+.2f} of that, and jumped by {jumps_deg:.0f} deg", f"rtk/heading, {_RATE}",
         {
             "sign": "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth",
             "": "degrees for radians, a value that is repeated, or a receiver without a solution?",
-        },
-    ),
+        }),
     "antenna_place": Row(
         {"set": CAUTION, "": NOTE},
         "by this flight the RTK antenna is at {place}, not at ({configured})",
         f"ekf_node {_LEVER}",
-        {"sign": "is the sign of {axes} wrong?", "": "measure it from the IMU, with a tape"},
-    ),
+        {"sign": "is the sign of {axes} wrong?", "": "measure it from the IMU, with a tape"}),
     "antenna_place:unset": Row(
         {"unread": NOTE, "": CAUTION},
         "rtk/heading is received, but the antennas' positions are still zero{suggestion}",
-        f"{_LEVER}, {_SECOND}",
-        "measure both from the IMU with a tape (forward, left, up)",
-    ),
+        f"{_LEVER}, {_SECOND}", "measure both from the IMU with a tape (forward, left, up)"),
     #: At 3 m/s 0.15 s are 45 cm, and 0.4 s are beyond three ellipses.
     "rtk_fix_delay": Row(
-        AtLeast("size_s", {0.0: NOTE, 0.15: CAUTION, 0.4: STOP}),
-        _DELAY,
-        "ekf_node rtk.delay_s",
-        _FIND_DELAY,
-    ),
+        AtLeast("size_s", {0.0: NOTE, 0.15: CAUTION, 0.4: STOP}), _DELAY, "ekf_node rtk.delay_s",
+        _FIND_DELAY),
     "rtk_vel_delay": Row(
-        AtLeast("size_s", {0.0: NOTE, 0.15: CAUTION}),
-        _DELAY,
-        "ekf_node rtk.velocity_delay_s",
-        _FIND_DELAY,
-    ),
+        AtLeast("size_s", {0.0: NOTE, 0.15: CAUTION}), _DELAY, "ekf_node rtk.velocity_delay_s",
+        _FIND_DELAY),
     # The receivers' positions and velocities.
     "height_datum": _caution(
-        _DATUM,
-        "rtk/fix, gps/fix altitude; dji_node geoid_undulation_m",
+        _DATUM, "rtk/fix, gps/fix altitude; dji_node geoid_undulation_m",
         {
-            "geoid": "one is above sea level: all heights are ellipsoidal; "
-            "switch the receiver, or set the undulation of the place",
+            "geoid": "one is above sea level: all heights are ellipsoidal; switch the receiver, "
+                "or set the undulation of the place",
             "": "one height has a different unit or datum",
-        },
-    ),
+        }),
     "position_datum": _caution(
-        _DATUM,
-        "rtk/fix, gps/fix",
-        "check the coordinates of the RTK base, and that both are in WGS84",
-    ),
+        _DATUM, "rtk/fix, gps/fix",
+        "check the coordinates of the RTK base, and that both are in WGS84"),
     "position_elsewhere": _stop(
-        "rtk/fix and gps/fix are {apart_km:.0f} km apart",
-        "rtk/fix, gps/fix latitude, longitude",
+        "rtk/fix and gps/fix are {apart_km:.0f} km apart", "rtk/fix, gps/fix latitude, longitude",
         {
             "swapped": "latitude and longitude of one are swapped",
             "": "one is of another place: check its driver (degrees, signs) and its base",
-        },
-    ),
+        }),
     "{topic}_zero": _stop(
-        "{topic} is always 0, {positions} moves at {speed:.1f} m/s",
-        "{topic}",
-        "send this receiver's velocity, or no such topic",
-    ),
+        "{topic} is always 0, {positions} moves at {speed:.1f} m/s", "{topic}",
+        "send this receiver's velocity, or no such topic"),
     "{topic}_axes:exchanged": _stop(
         "{topic} agrees with the changes of {positions} if its north, east are {north}, {east} "
-        "(correlation {best:.2f}, else {present:+.2f})",
-        "{topic}",
-        "NED for ENU? Send x east, y north, z up",
-    ),
+        "(correlation {best:.2f}, else {present:+.2f})", "{topic}",
+        "NED for ENU? Send x east, y north, z up"),
     "{topic}_axes:body": _stop(
-        "{topic} has the speeds of {positions} in other directions",
-        "{topic}",
-        "send the velocity of this receiver, in ENU, not in axes of the body",
-    ),
+        "{topic} has the speeds of {positions} in other directions", "{topic}",
+        "send the velocity of this receiver, in ENU, not in axes of the body"),
     "{topic}_up": _stop(
-        "{topic} climbs where {positions} sinks", "{topic}", "z is up: reverse its sign"
-    ),
+        "{topic} climbs where {positions} sinks", "{topic}", "z is up: reverse its sign"),
     "{topic}_unit": _stop(
-        "{topic} says {own:.1f} m/s, {positions} moves at {speed:.1f}",
-        "{topic}",
-        "send m/s: {factor:.3g} times as much, or as little, is {unit}",
-    ),
+        "{topic} says {own:.1f} m/s, {positions} moves at {speed:.1f}", "{topic}",
+        "send m/s: {factor:.3g} times as much, or as little, is {unit}"),
     # Arrival, rates, stamps and covariances.
     "no_imu_data": _stop("imu/data: nothing in {waited_s:.0f} s", "imu/data", _REMAP),
     "no_gps_fix": _stop(
-        "gps/fix: nothing in {waited_s:.0f} s: method raw has no position",
-        "gps/fix",
-        _REMAP,
-    ),
+        "gps/fix: nothing in {waited_s:.0f} s: method raw has no position", "gps/fix", _REMAP),
     "no_rtk_fix": Row(
         {"gps": NOTE, "": STOP},
         {
             "gps": "rtk/fix: nothing in {waited_s:.0f} s: the position is the ordinary GPS's",
             "": "rtk/fix: nothing in {waited_s:.0f} s: nothing gives a position",
-        },
-        "rtk/fix",
-        _REMAP,
-    ),
+        }, "rtk/fix", _REMAP),
     "no_rtk_heading": _caution(
         "rtk/heading: nothing in {waited_s:.0f} s: the heading comes from turns or the autopilot",
-        "rtk/heading",
-        f"{_REMAP}; with one antenna set ekf_node method to ekf",
-    ),
+        "rtk/heading", f"{_REMAP}; with one antenna set ekf_node method to ekf"),
     "no_rtk_vel": _note(
-        "rtk/vel: nothing in {waited_s:.0f} s: attitude and heading are less certain",
-        "rtk/vel",
-        _REMAP,
-    ),
+        "rtk/vel: nothing in {waited_s:.0f} s: attitude and heading are less certain", "rtk/vel",
+        _REMAP),
     "imu_rate": _caution(
-        "imu/data comes at {rate_hz:.0f} Hz, not 50 to 400",
-        "imu/data",
-        "set the driver's rate",
-    ),
+        "imu/data comes at {rate_hz:.0f} Hz, not 50 to 400", "imu/data", "set the driver's rate"),
     "rtk_rate": _caution(
-        "too few: {rates}, not 2 or more", "{topic}", "set the receiver's rate to 5 Hz"
-    ),
+        "too few: {rates}, not 2 or more", "{topic}", "set the receiver's rate to 5 Hz"),
     "imu_gaps": Row(
-        {"past": NOTE, "": CAUTION},
-        "imu/data has {gaps}",
-        "imu/data",
-        "the filter starts again after each: look at link and recorder",
-    ),
+        {"past": NOTE, "": CAUTION}, "imu/data has {gaps}", "imu/data",
+        "the filter starts again after each: look at link and recorder"),
     "rtk_gaps": _note(
-        "rtk/fix has {gaps}",
-        "rtk/fix",
-        "check the receiver's view of the sky, its corrections and its link",
-    ),
+        "rtk/fix has {gaps}", "rtk/fix",
+        "check the receiver's view of the sky, its corrections and its link"),
     "stamp_alone": Row(
-        {"past": NOTE, "": CAUTION},
-        "stamps jump and return with the next sample: {counts}",
+        {"past": NOTE, "": CAUTION}, "stamps jump and return with the next sample: {counts}",
         "{topic}",
-        "the filter leaves such samples out: look at the clock of the driver, and at the file",
-    ),
+        "the filter leaves such samples out: look at the clock of the driver, and at the file"),
     "stamp_order": _caution(
-        "stamps are not later than the previous ones: {counts}",
-        "{topic}",
-        "is there more than one publisher, or a clock with coarse steps?",
-    ),
+        "stamps are not later than the previous ones: {counts}", "{topic}",
+        "is there more than one publisher, or a clock with coarse steps?"),
     "stamp_zero": Row(
-        {"delayed": NOTE, "": CAUTION},  # such a driver needs a delay
-        "stamps are 0: {counts}; the time of arrival is used",
+        {"delayed": NOTE, "": CAUTION}, "stamps are 0: {counts}; the time of arrival is used",
         "ekf_node {delays}",
-        "let the driver stamp with the time of measurement, or set the delay to arrival",
-    ),
+        "let the driver stamp with the time of measurement, or set the delay to arrival"),
     "stamp_ahead": _stop(
-        "{topic} is stamped {off_s:.2f} s ahead of {others}",
-        _STAMPS,
-        f"{_ONE_CLOCK}, or set it to the delay of the stamps",
-    ),
+        "{topic} is stamped {off_s:.2f} s ahead of {others}", _STAMPS,
+        f"{_ONE_CLOCK}, or set it to the delay of the stamps"),
     "stamp_late": _stop(
         "{topic} is stamped {off_s:.2f} s behind {others}; what is later than max_delay_s, "
-        "{limit_s:g} s, is refused",
-        _STAMPS,
-        f"{_ONE_CLOCK}; where the delay is true, set max_delay_s",
-    ),
+        "{limit_s:g} s, is refused", _STAMPS,
+        f"{_ONE_CLOCK}; where the delay is true, set max_delay_s"),
     "stamp_jump": _caution(
-        "stamps of {topic} jumped by {off_s:+.2f} s against {others}",
-        _STAMPS,
-        f"{_ONE_CLOCK}, and set no clock in flight",
-    ),
+        "stamps of {topic} jumped by {off_s:+.2f} s against {others}", _STAMPS,
+        f"{_ONE_CLOCK}, and set no clock in flight"),
     "covariance_zero": Row(
-        {"gps": NOTE, "": CAUTION},
-        "covariances are zero: {counts}; {floors} is taken",
+        {"gps": NOTE, "": CAUTION}, "covariances are zero: {counts}; {floors} is taken",
         "{topic} covariance",
-        "let the driver fill it with the receiver's own accuracy (m2, (m/s)2, rad2)",
-    ),
+        "let the driver fill it with the receiver's own accuracy (m2, (m/s)2, rad2)"),
     # A recording or a graph, before its messages are read.
     "namespace": _stop(
         "no input topic under {name}; there are {others} in other namespaces, most of them in "
-        "/{space}",
-        "--namespace",
-        "did you mean --namespace {option}?",
-    ),
+        "/{space}", "--namespace", "did you mean --namespace {option}?"),
     "no_pictures": Row(
-        {"near": STOP, "": NOTE},
-        "no picture: neither {names}{hint}",
-        _PICTURE,
-        {
-            "near": "give --namespace or a remapping",
-            "": "to draw, record the camera's topic",
-        },
-    ),
+        {"near": STOP, "": NOTE}, "no picture: neither {names}{hint}", _PICTURE,
+        {"near": "give --namespace or a remapping", "": "to draw, record the camera's topic"}),
     "type_of_{topic}": Row(
-        {"needed": STOP, "": CAUTION},
-        "{name} is a {kind}, and should be a {wanted}",
-        "{topic}",
-        "convert or remap the driver's topic",
-    ),
+        {"needed": STOP, "": CAUTION}, "{name} is a {kind}, and should be a {wanted}", "{topic}",
+        "convert or remap the driver's topic"),
     "no_{topic}": _stop(
-        {"graph": "the graph has {names}{hint}", "": "the bag has {names}{hint}"},
-        "{topics}",
-        {"graph": "publish it{remap}{calibration}", "": "record it{remap}{calibration}"},
-    ),
+        {"graph": "the graph has {names}{hint}", "": "the bag has {names}{hint}"}, "{topics}",
+        {"graph": "publish it{remap}{calibration}", "": "record it{remap}{calibration}"}),
     "damaged_bag": _caution(
-        "{damage}",
-        "IN.mcap",
-        "record again, or use what is readable: gaps restart the filter",
-    ),
+        "{damage}", "IN.mcap", "record again, or use what is readable: gaps restart the filter"),
     "unreadable_{topic}": Row(
         {"some": CAUTION, "": STOP},
-        "{refused} of {messages} messages of {topic} cannot be used: {reason}",
-        "{topic}",
-        "mend what publishes it",
-    ),
+        "{refused} of {messages} messages of {topic} cannot be used: {reason}", "{topic}",
+        "mend what publishes it"),
     "no_pose": _stop(
-        "the filter made no pose: {state}",
-        "ekf_node method {method}",
-        "fly with RTK fixes and some motion, or see the other findings",
-    ),
+        "the filter made no pose: {state}", "ekf_node method {method}",
+        "fly with RTK fixes and some motion, or see the other findings"),
     # Parameters and calibration files.
     "parameters_elsewhere": _caution(
-        "sections of parameters for no node of this flight ({where}): {sections}",
-        "{option}",
-        "give the --namespace of that aircraft, or begin the section with /**/",
-    ),
+        "sections of parameters for no node of this flight ({where}): {sections}", "{option}",
+        "give the --namespace of that aircraft, or begin the section with /**/"),
     "no_parameters": _caution(
         "no place on the aircraft is given: all lever arms and the boresight are 0{ground}",
-        "{option}",
-        "measure them and write them into a copy of your aircraft's file in config",
-    ),
+        "{option}", "measure them and write them into a copy of your aircraft's file in config"),
     "picture_size": _stop(
-        "pictures are {size}, the lens {lens_size}",
-        "{lens}",
-        "calibrate the lens in the pictures' size; nothing is drawn until then",
-    ),
+        "pictures are {size}, the lens {lens_size}", "{lens}",
+        "calibrate the lens in the pictures' size; nothing is drawn until then"),
     #: A fifth of the width off is a K of pictures of another size: 5/8, 3/2 or more of these.
     "principal_point": Row(
         AtLeast("share", {0.0: CAUTION, 0.2: STOP}),
-        "principal point {cx:.0f}, {cy:.0f} lies {aside_px:.0f} px from the middle of {lens_size}",
-        "{lens}",
-        _FROM_LENS,
-    ),
+        "principal point {cx:.0f}, {cy:.0f} lies {aside_px:.0f} px from the middle of "
+        "{lens_size}", "{lens}", _FROM_LENS),
     "field_of_view": _stop(
-        "field of view {view_deg:.1f} deg, by a focal length of {focal_px:.0f} px",
-        "{lens}",
-        _FROM_LENS,
-    ),
+        "field of view {view_deg:.1f} deg, by a focal length of {focal_px:.0f} px", "{lens}",
+        _FROM_LENS),
     # The gimbal.
     "boresight_default": _caution(
-        "the boresight was never calibrated: the ellipses do not include its error",
-        _BORESIGHT,
-        "run tirgeo calibrate boresight, or set it to zeros if the camera is known to be aligned",
-    ),
+        "the boresight was never calibrated: the ellipses do not include its error", _BORESIGHT,
+        "run tirgeo calibrate boresight, or set it to zeros if the camera is known to be aligned"),
     "joints_late": Row(
-        _OF_PAPER,
-        "the joints are stamped {size_s:.2f} s {way} than the attitude that they level",
+        _OF_PAPER, "the joints are stamped {size_s:.2f} s {way} than the attitude that they level",
         f"{_JOINTS} header.stamp",
-        "stamp them when they are measured, with the clock of imu/data",
-    ),
+        "stamp them when they are measured, with the clock of imu/data"),
     "joint_order": Row(
-        _OF_PAPER,
-        _MENDED,
-        "gimbal_node joint_order",
-        "set it to {other}, or send the angles of a gimbal {order}",
-    ),
+        _OF_PAPER, _MENDED, "gimbal_node joint_order",
+        "set it to {other}, or send the angles of a gimbal {order}"),
     "joint_angles": Row(
-        _OF_PAPER,
-        _MENDED,
-        _JOINTS,
+        _OF_PAPER, _MENDED, _JOINTS,
         "send radians by these names: yaw about up and from the nose, roll about forward, then "
-        "pitch about left",
-    ),
+        "pitch about left"),
     "joints_unlike": Row(
         {"paper": CAUTION, **_WRONG},
-        "the joints are ({mean}) deg off the reported attitude (yaw, roll, pitch), "
-        "with a standard deviation of ({spread})",
-        f"{_JOINTS}, gimbal_node yaw_zero_deg, north.bias_deg",
-        "correct the joints' zeros, or their stamps; the boresight is not the cause",
-    ),
+        "the joints are ({mean}) deg off the reported attitude (yaw, roll, pitch), with a "
+        "standard deviation of ({spread})", f"{_JOINTS}, gimbal_node yaw_zero_deg, north.bias_deg",
+        "correct the joints' zeros, or their stamps; the boresight is not the cause"),
     # Pictures, and their motion.
     "picture_stamps_zero": _caution(
-        "{count} of {frames} pictures have no stamp",
-        _PICTURE,
-        "let the driver stamp them; until then video_latency_s must include the time to arrival",
-    ),
+        "{count} of {frames} pictures have no stamp", _PICTURE,
+        "let the driver stamp them; until then video_latency_s must include the time to arrival"),
     "picture_stamps_ahead": _caution(
-        "stamps of pictures are {mean_s:.2f} s ahead of their arrival",
-        _PICTURE,
-        f"{_CAMERA_CLOCK}, and stamp at the exposure",
-    ),
+        "stamps of pictures are {mean_s:.2f} s ahead of their arrival", _PICTURE,
+        f"{_CAMERA_CLOCK}, and stamp at the exposure"),
     "picture_stamps_late": _caution(
-        "stamps of pictures are {mean_s:.2f} s behind their arrival",
-        _PICTURE,
-        f"{_CAMERA_CLOCK}, and stamp at the exposure",
-    ),
+        "stamps of pictures are {mean_s:.2f} s behind their arrival", _PICTURE,
+        f"{_CAMERA_CLOCK}, and stamp at the exposure"),
     "picture_clock": _stop(
         "pictures are stamped {mean_s:.2f} s ahead of the camera's poses (negative: behind)",
-        _PICTURE,
-        f"{_CAMERA_CLOCK}; no map is drawn on such pictures",
-    ),
+        _PICTURE, f"{_CAMERA_CLOCK}; no map is drawn on such pictures"),
     "picture_stamps_back": _caution(
-        "{count} of {frames} stamps of pictures do not grow",
-        _PICTURE,
-        "check that only one driver sends pictures, each once and in order",
-    ),
+        "{count} of {frames} stamps of pictures do not grow", _PICTURE,
+        "check that only one driver sends pictures, each once and in order"),
     "picture_motion": _stop(
-        "the pictures move differently from the camera's poses: by {moved_px:.1f} px from one to "
-        "the next, {off_px:.1f} px beside what the poses say",
-        f"{_JOINTS}, {_PICTURE}",
-        "check that the pictures are stamped by the aircraft's clock, that the video is live, and "
-        "that the gimbal's angles have the right axes and signs",
-    ),
+        "the pictures move differently from the camera's poses: by {moved_px:.1f} px from one "
+        "to the next, {off_px:.1f} px beside what the poses say", f"{_JOINTS}, {_PICTURE}",
+        "check that the pictures are stamped by the aircraft's clock, that the video is live, "
+        "and that the gimbal's angles have the right axes and signs"),
     "picture_turned": _stop(
-        "the pictures are {turned}: turned back they move as the camera's poses",
-        _PICTURE,
-        "turn them in the camera or its driver, before the lens is calibrated",
-    ),
+        "the pictures are {turned}: turned back they move as the camera's poses", _PICTURE,
+        "turn them in the camera or its driver, before the lens is calibrated"),
     "latency_default": _note(
-        "latency of the video at its default, {latency_s:g} s",
-        _LATENCY,
-        "measure it with tirgeo calibrate boresight, and set it",
-    ),
+        "latency of the video at its default, {latency_s:g} s", _LATENCY,
+        "measure it with tirgeo calibrate boresight, and set it"),
     "video_latency_untold": _note(
-        "the flight does not tell the latency of the video: the camera hardly turns",
-        _LATENCY,
-        "turn a few times, or measure it with tirgeo calibrate boresight",
-    ),
+        "the flight does not tell the latency of the video: the camera hardly turns", _LATENCY,
+        "turn a few times, or measure it with tirgeo calibrate boresight"),
     "video_latency": Row(
         _WRONG,
         "the pictures lag the camera's poses by {true_s:.3f} s (sigma {sigma_s:.3f}), not by "
-        "{latency_s:.3f}" + _PAIRS,
-        _LATENCY,
-        "set it to {true_s:.3f}, or run tirgeo calibrate boresight",
-    ),
+        "{latency_s:.3f} ({pairs} pairs of pictures)", _LATENCY,
+        "set it to {true_s:.3f}, or run tirgeo calibrate boresight"),
     "focal_length": Row(
         _WRONG,
         "the pictures turn as if the focal length were {true_px:.0f} px (sigma {sigma_px:.0f}), "
-        "not {focal_px:.0f}" + _PAIRS,
-        "{lens}",
-        "run tirgeo calibrate lens, with the pictures' size and zoom",
-    ),
+        "not {focal_px:.0f} ({pairs} pairs of pictures)", "{lens}",
+        "run tirgeo calibrate lens, with the pictures' size and zoom"),
     "ground_by_motion": Row(
         _WRONG,
         "the ground moves as if seen from {true_m:.0f} m (sigma {sigma_m:.1f}), not from "
-        "{above_m:.0f} m above it" + _PAIRS,
-        "{ground}",
-        "{move} the ground by {off_m:.0f} m: heights are ellipsoidal, not above sea level, as in "
-        "rtk/fix",
-    ),
+        "{above_m:.0f} m above it ({pairs} pairs of pictures)", "{ground}",
+        "{move} the ground by {off_m:.0f} m: heights are ellipsoidal, not above sea level, as "
+        "in rtk/fix"),
     "boresight_by_motion": Row(
         _WRONG,
-        "the camera looks {off_deg:.1f} deg away from its poses (roll, pitch, yaw {angles}; sigma "
-        "{sigma_deg:.1f})" + _PAIRS,
-        _BORESIGHT,
-        "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong",
-    ),
+        "the camera looks {off_deg:.1f} deg away from its poses (roll, pitch, yaw {angles}; "
+        "sigma {sigma_deg:.1f}) ({pairs} pairs of pictures)", _BORESIGHT,
+        "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong"),
     # Ground and map.
     "below_ground": _stop("{off_m:.1f} m below the ground", "{where}", _GROUND),
     "height_at_rest": Row(
         {"above": CAUTION, "": STOP},
-        "at rest, at the flight's lowest place, {off_m:.1f} m above ground",
-        "{where}",
-        _GROUND,
-    ),
+        "at rest, at the flight's lowest place, {off_m:.1f} m above ground", "{where}", _GROUND),
     "map_unreadable": Row(
-        {"older": CAUTION, "": STOP},
-        "{why}",
-        _MAP,
-        "correct the file: it is read again when it changes",
-    ),
+        {"older": CAUTION, "": STOP}, "{why}", _MAP,
+        "correct the file: it is read again when it changes"),
     "map_elsewhere": Row(
-        _WRONG,
-        "map is {way}{question}",
-        _MAP,
-        "give a map of this place, in its own coordinate system (crs in the style sheet)",
-    ),
+        _WRONG, "map is {way}{question}", _MAP,
+        "give a map of this place, in its own coordinate system (crs in the style sheet)"),
     "map_system_unknown": _note(
-        "{remark}",
-        _MAP,
-        "save it in WGS84 (EPSG:4326), or name its coordinate system under crs in the style sheet",
-    ),
+        "{remark}", _MAP,
+        "save it in WGS84 (EPSG:4326), or name its coordinate system under crs in the style "
+        "sheet"),
     "map_empty": _stop(
         {"dem": "none of the map lies on the elevation model", "": "the map has no features"},
         {"dem": _DEM, "": _MAP},
         "check that its file has lines, outlines or points, and that the style sheet names its "
-        "layers",
-    ),
+        "layers"),
     "dem_elsewhere": Row(
         {"near": CAUTION, "": STOP},
         "the elevation model has no height at the place of take-off ({latitude:.5f}, "
-        "{longitude:.5f})",
-        _DEM,
-        "give a model of this place; are its latitude and longitude, or its UTM zone, right?",
-    ),
+        "{longitude:.5f})", _DEM,
+        "give a model of this place; are its latitude and longitude, or its UTM zone, right?"),
 }
+# fmt: on

@@ -27,7 +27,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
 )
 from tirgeo_ros.core.navigation.ins.vibration_noise import mean_powers
-from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
@@ -131,10 +131,10 @@ class ImuChecks:
         q_nb = np.array([np.full(4, math.nan) if q is None else q for q in attitudes])
         steps_s = np.array([b.step_s if b.joined else math.nan for b in blocks])
         own, turned = _turns(rate_b, q_nb, steps_s)
-        known = q_nb[np.isfinite(q_nb[:, 0])]
-        up_b = -matrix_from_quat(known if len(known) else _LEVEL)[:, 2].mean(axis=0)
+        attitudes_nb = q_nb[np.isfinite(q_nb[:, 0])]
+        up_b = -matrix_from_quat(attitudes_nb if len(attitudes_nb) else _LEVEL)[:, 2].mean(axis=0)
         turn = _turn(force_b.mean(axis=0), up_b, own, turned)
-        case = "turned" if len(known) else "turned no_yaw"
+        case = "turned" if len(attitudes_nb) else "turned no_yaw"
         angles = rpy_text(turn, self._rotation_bi)
         of_rates = _gyro_findings(own, turned)
         if of_rates and not _gyro_findings(own @ turn.T, turned):
@@ -209,8 +209,8 @@ def _turns(rate_b: Array, q_nb: Array, steps_s: Array) -> tuple[Array, Array]:
     own = (rate_b * steps_s[:, None]).reshape(-1, _QUARTER, 3).sum(axis=1)[1:] / seconds
     ends = q_nb[_QUARTER - 1 :: _QUARTER]
     turned = rotvec_from_quat(quat_multiply(quat_conjugate(ends[:-1]), ends[1:])) / seconds
-    known = np.isfinite(own + turned).all(axis=1)
-    return own[known], turned[known]
+    both = np.isfinite(own + turned).all(axis=1)
+    return own[both], turned[both]
 
 
 def _gyro_findings(own: Array, turned: Array, case: str = "", angles: str = "") -> list[Finding]:

@@ -162,23 +162,23 @@ def config_from(kind: type[T], values: Mapping[str, object], where: str = "") ->
     a node) begins the message. For an old name it says what to write instead: ``kind.renamed``, or
     RENAMED.
     """
-    known = {parameter.name: parameter for parameter in parameters_of(cast("type", kind))}
+    by_name = {parameter.name: parameter for parameter in parameters_of(cast("type", kind))}
     renamed: Mapping[str, str] = getattr(kind, "renamed", RENAMED)
     checked: dict[str, Value] = {}
     try:
         for name, value in values.items():
-            checked[name] = _known(name, known, renamed).checked(value)
+            checked[name] = _named(name, by_name, renamed).checked(value)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}" if where else str(error)) from None
     return _build(kind, checked, "")
 
 
-def _known(name: str, known: Mapping[str, Parameter], renamed: Mapping[str, str]) -> Parameter:
-    if name in known:
-        return known[name]
+def _named(name: str, by_name: Mapping[str, Parameter], renamed: Mapping[str, str]) -> Parameter:
+    if name in by_name:
+        return by_name[name]
     if name in renamed:
         raise ConfigError(f"parameter {name} {renamed[name]}")
-    raise ConfigError(f"unknown parameter {name}{nearest(name, known)}")
+    raise ConfigError(f"unknown parameter {name}{nearest(name, by_name)}")
 
 
 def _build(kind: type[T], values: Mapping[str, Value], prefix: str) -> T:
@@ -195,14 +195,14 @@ def _build(kind: type[T], values: Mapping[str, Value], prefix: str) -> T:
 
 def values_of(config: object, prefix: str = "") -> dict[str, Value]:
     """Return the dotted values of a tree of dataclasses: what ``config_from`` takes."""
-    found: dict[str, Value] = {}
+    values: dict[str, Value] = {}
     for item in dataclasses.fields(config):  # type: ignore[arg-type]
         value = getattr(config, item.name)
         if "parameter" in item.metadata:
-            found[prefix + item.name] = value
+            values[prefix + item.name] = value
         else:
-            found |= values_of(value, f"{prefix}{item.name}.")
-    return found
+            values |= values_of(value, f"{prefix}{item.name}.")
+    return values
 
 
 def changed_in_flight(config: T, values: Mapping[str, object]) -> T:

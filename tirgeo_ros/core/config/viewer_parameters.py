@@ -37,9 +37,9 @@ def split_namespaces(text: str) -> list[str]:
 
 
 def _address_fault(text: str) -> str:
-    found = _ADDRESS.fullmatch(text)
-    right = found is not None and int(found[2]) <= 65535
-    return "" if right else "is not HOST:PORT, as 127.0.0.1:8080 or 0.0.0.0:8080"
+    match = _ADDRESS.fullmatch(text)
+    is_address = match is not None and int(match[2]) <= 65535
+    return "" if is_address else "is not HOST:PORT, as 127.0.0.1:8080 or 0.0.0.0:8080"
 
 
 def _token_fault(text: str) -> str:

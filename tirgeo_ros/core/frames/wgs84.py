@@ -103,8 +103,8 @@ def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
     position_e = np.asarray(position_e, float)
     if 0 < position_e.size <= _FEW and math.isfinite(position_e.sum()):
         rows = position_e.reshape(-1, 3).tolist()
-        found = np.array([_geodetic(x, y, z, _OF_FLOATS) for x, y, z in rows]).T
-        lat, lon, height = found.reshape(3, *position_e.shape[:-1])
+        columns = np.array([_geodetic(x, y, z, _OF_FLOATS) for x, y, z in rows]).T
+        lat, lon, height = columns.reshape(3, *position_e.shape[:-1])
         return lat, lon, height
     return _geodetic(position_e[..., 0], position_e[..., 1], position_e[..., 2], _OF_ARRAYS)
 

@@ -107,7 +107,7 @@ class GimbalComposer:
         ``joints_steady`` and ``joints_silent``, how often ``auto`` changed to joints and back;
         ``north_used``, ``north_refused`` and ``north_reset`` for the measurements of the north.
         """
-        found = dict(self._counts) | {
+        counts = dict(self._counts) | {
             "north_used": self._north.updates,
             "north_refused": self._north.refused,
             "north_reset": self._north.resets,
@@ -115,7 +115,7 @@ class GimbalComposer:
             "body_went_back": self._bodies.went_back,
             "autopilot_went_back": self._autopilot.went_back,
         }
-        return {name: number for name, number in sorted(found.items()) if number}
+        return {name: number for name, number in sorted(counts.items()) if number}
 
     @property
     def north(self) -> YawBias:
@@ -136,15 +136,15 @@ class GimbalComposer:
         ``joints`` is present if the joints are computed; ``body_invalid_because`` is the fault of
         the newest refused body pose.
         """
-        found = {name: str(number) for name, number in self.counts.items()}
+        values = {name: str(number) for name, number in self.counts.items()}
         if self._bodies.fault:
-            found["body_invalid_because"] = self._bodies.fault
+            values["body_invalid_because"] = self._bodies.fault
         if self._computed:
-            found["joints"] = "computed from the reported attitude"
+            values["joints"] = "computed from the reported attitude"
         if self._choice != "encoders" or self._computed:
-            found["north_bias_deg"] = f"{math.degrees(self.north.bias_rad):.3f}"
-            found["north_sigma_deg"] = f"{math.degrees(math.sqrt(self.north.variance)):.3f}"
-        return found
+            values["north_bias_deg"] = f"{math.degrees(self.north.bias_rad):.3f}"
+            values["north_sigma_deg"] = f"{math.degrees(math.sqrt(self.north.variance)):.3f}"
+        return values
 
     def add_body(self, pose: BodyPose) -> list[CameraPose]:
         """Add a body pose and return the camera poses that became possible."""

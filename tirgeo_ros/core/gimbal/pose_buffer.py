@@ -124,10 +124,10 @@ class PoseBuffer(StampedBuffer[P]):
 
     def at(self, stamp_ns: int) -> P | Miss:
         """Return the pose at an instant, or the reason why there is none."""
-        found = self.around(stamp_ns)
-        if isinstance(found, Miss):
-            return found
-        start, end, fraction = found
+        around = self.around(stamp_ns)
+        if isinstance(around, Miss):
+            return around
+        start, end, fraction = around
         if fraction == 0.0:
             return start
         return type(start)(  # a weighted mean of two covariances is a covariance

@@ -188,8 +188,8 @@ class YawBiasMeasurements:
         if q_bg is not None:
             self._read_joints(north, stamp_ns, nose, q_ng, quat_multiply(q_nb, q_bg))
         if self._centred is not None:
-            seen = heading_of_right(q_ng)
-            mean = None if seen is None else self._centred.add(stamp_ns, nose, seen - nose)
+            heading = heading_of_right(q_ng)
+            mean = None if heading is None else self._centred.add(stamp_ns, nose, heading - nose)
             if mean is not None:
                 north.take(stamp_ns, mean, self._noise_rad2, centred=True)
 

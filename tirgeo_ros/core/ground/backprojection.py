@@ -100,11 +100,11 @@ def first_hit(
         piece = _piece(terrain, plane, position_n, ray_n, start_m)
         if piece.is_over(0.0, terrain.highest_m):
             return Reason.ABOVE_HORIZON
-        found = _within(terrain, piece)
-        if isinstance(found, float):
-            return start_m + found * piece.length_m
-        if found is not None:
-            return found
+        hit = _within(terrain, piece)
+        if isinstance(hit, float):
+            return start_m + hit * piece.length_m
+        if hit is not None:
+            return hit
         start_m += piece.length_m
 
 
@@ -235,9 +235,9 @@ def locate(
     rays_n = camera.rays(uv) @ matrix_from_quat(pose.q_nc).T
     rays_n /= np.linalg.norm(rays_n, axis=1, keepdims=True)
     if isinstance(ground, Terrain):
-        found = [first_hit(ground, plane, pose.position_n, ray) for ray in rays_n]
-        ways = np.array([np.nan if isinstance(way, Reason) else way for way in found])
-        stops = [way if isinstance(way, Reason) else None for way in found]
+        hits = [first_hit(ground, plane, pose.position_n, ray) for ray in rays_n]
+        ways = np.array([np.nan if isinstance(way, Reason) else way for way in hits])
+        stops = [way if isinstance(way, Reason) else None for way in hits]
     else:
         ways, stops = level_hits(ground, plane, pose.position_n, rays_n)
     reasons = [
@@ -274,6 +274,6 @@ def level_hits(
             if not (np.abs(off_m) > _SETTLED_M).any():
                 break
             ways = ways - off_m / slopes
-        met = (np.abs(off_m) < _CLOSE_M) & (slopes < -_LEVEL_RAD) & (ways > 0)
-    reasons = [None if one else Reason.ABOVE_HORIZON for one in met.tolist()]
-    return np.where(met, ways, np.nan), reasons
+        hit = (np.abs(off_m) < _CLOSE_M) & (slopes < -_LEVEL_RAD) & (ways > 0)
+    reasons = [None if is_hit else Reason.ABOVE_HORIZON for is_hit in hit.tolist()]
+    return np.where(hit, ways, np.nan), reasons

@@ -128,8 +128,8 @@ def _between(first: Array, last: Array) -> float:
 def _centre(sight: Sight, config: ConfidenceConfig) -> Located | None:
     u, v = _crosshair(sight.camera)[0].tolist()
     surface = sight.plane, sight.ground
-    found = place(sight.camera, sight.pose, (u, v), *surface, config, sight.rates)
-    return found if isinstance(found, Located) else None
+    answer = place(sight.camera, sight.pose, (u, v), *surface, config, sight.rates)
+    return answer if isinstance(answer, Located) else None
 
 
 def _rim(sight: Sight) -> tuple[float, Array]:
@@ -153,13 +153,13 @@ def footprint(
     are joined by a straight line. Empty, (0, 3), if no edge of the picture sees ground.
     """
 
-    def seen(uv: Array) -> tuple[Array, BoolArray]:
+    def on_ground(uv: Array) -> tuple[Array, BoolArray]:
         points_n, _ = locate(camera, pose, uv, plane, ground)
         ahead_m = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)[:, 2]
         return points_n, ahead_m <= far_m  # nan compares false
 
     uv = _border(camera)
-    points_n, inside = seen(uv)
+    points_n, inside = on_ground(uv)
     after, inside_after = np.roll(uv, -1, axis=0), np.roll(inside, -1)
     cut = np.flatnonzero(inside != inside_after)
     if not len(cut):
@@ -168,9 +168,9 @@ def footprint(
     near, far = np.where(leaves, uv[cut], after[cut]), np.where(leaves, after[cut], uv[cut])
     for _ in range(_HALVINGS):
         middle = 0.5 * (near + far)
-        met = seen(middle)[1][:, None]
-        near, far = np.where(met, middle, near), np.where(met, far, middle)
-    with_ends = np.insert(points_n, cut + 1, seen(near)[0], axis=0)
+        is_inside = on_ground(middle)[1][:, None]
+        near, far = np.where(is_inside, middle, near), np.where(is_inside, far, middle)
+    with_ends = np.insert(points_n, cut + 1, on_ground(near)[0], axis=0)
     return np.asarray(with_ends[np.insert(inside, cut + 1, values=True)])
 
 

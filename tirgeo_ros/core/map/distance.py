@@ -42,12 +42,12 @@ def nearest_feature(
         first = details.first[0, piece]
         vertices = details.points[:, first : first + details.count[0, piece]]
         points.append(_on_segments(vertices, position_n))
-    found = np.concatenate(points, axis=1)
-    if not found.size:
+    candidates = np.concatenate(points, axis=1)
+    if not candidates.size:
         if first_n is None:
             return None
-        found = first_n[:, None]
-    away = found - position_n[:, None]
+        candidates = first_n[:, None]
+    away = candidates - position_n[:, None]
     away_n = away[:, np.argmin((away[:2] ** 2).sum(axis=0))]
     return Nearest(_over_ground(away_n), azimuth(away_n), position_n + away_n)
 
@@ -116,12 +116,12 @@ def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
     return "are its coordinates metres of a local system?" if local else ""
 
 
-def _apart_m(one: tuple[float, float], other: tuple[float, float]) -> float:
+def _apart_m(first: tuple[float, float], second: tuple[float, float]) -> float:
     """Return the chord (m) between two places, latitude and longitude (rad).
 
-    Infinite if the latitude of ``other`` is impossible.
+    Infinite if the latitude of ``second`` is impossible.
     """
-    if abs(other[0]) > math.pi / 2:
+    if abs(second[0]) > math.pi / 2:
         return math.inf
-    apart = ecef_from_geodetic(*one, 0.0) - ecef_from_geodetic(*other, 0.0)
+    apart = ecef_from_geodetic(*first, 0.0) - ecef_from_geodetic(*second, 0.0)
     return float(np.linalg.norm(apart))

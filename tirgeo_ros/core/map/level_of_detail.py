@@ -72,7 +72,7 @@ class Boxes:
         nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.bounds
         return np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
 
-    def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
+    def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
         """Return the indices of ``within``, and for each whether the box is wholly inside."""
         reach = np.abs(normals)
         sides = np.hstack([np.vstack([normals, normals]), np.vstack([reach, -reach])])
@@ -123,12 +123,12 @@ class Details:
         place = np.argsort(order)
         return cls(points, first, count, pieces.owner, boxes, blocks, place, piece_starts)
 
-    def seen(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
+    def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
         """Return rising indices of the pieces that may be inside planes, and which wholly are."""
         block = self.blocks.within(normals, offsets)
         near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
         near = near[: np.searchsorted(near, len(self.owner))]
-        number, whole = self.boxes.take(near).seen(normals, offsets)
+        number, whole = self.boxes.take(near).in_view(normals, offsets)
         return near[number], whole
 
     def vertices(self, piece: IntArray, level: IntArray) -> IntArray:

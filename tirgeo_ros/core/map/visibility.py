@@ -220,7 +220,7 @@ class View:
         A line may be returned in several parts that meet; each has the line's owner.
         """
         details, eye = vector_map.details, self._eye(pose, far_m)
-        piece, whole = details.seen(eye.normals, eye.offsets)
+        piece, whole = details.in_view(eye.normals, eye.offsets)
         boxes = details.boxes.take(piece)
         level, detail_px = self._levels(details, piece, boxes.distance(eye.position_n))
         row = self._in_a_row(boxes, whole, eye, detail_px)
@@ -269,12 +269,12 @@ class View:
         if not len(rings):
             return _NOTHING
         eye = self._eye(pose, FAR_M)
-        seen, whole = rings.boxes.seen(eye.normals, eye.offsets)
-        if not len(seen):
+        ring, whole = rings.boxes.in_view(eye.normals, eye.offsets)
+        if not len(ring):
             return _NOTHING
         whole &= not self._reaches_past_lens
-        seen = np.concatenate([seen[whole], seen[~whole]])
-        number, starts = runs(rings.starts[seen], np.diff(rings.starts)[seen])
+        ring = np.concatenate([ring[whole], ring[~whole]])
+        number, starts = runs(rings.starts[ring], np.diff(rings.starts)[ring])
         piece = rings.pieces[number]
         boxes = details.boxes.take(piece)
         level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
@@ -283,7 +283,7 @@ class View:
         out[boxes.within(eye.normals, eye.offsets)] = False
         level[out] = len(details.count) - 1
         lines = details.lines(piece, level)
-        lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[seen]))
+        lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[ring]))
         # Rings wholly in view are not clipped, and already end where they begin.
         inner, outer = lines.parted(int(whole.sum()))
         outer = cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets)

@@ -112,15 +112,15 @@ class FrameView:
         """Return the power of two by which the picture's middle is finer than the lattice."""
         plane, grazing_rad = self._tiles.plane, math.asin(self._least_sine)
         gsd_m = level_gsd_m(self._camera, self._pose, plane, self._seeds_n, grazing_rad)
-        known = gsd_m[np.isfinite(gsd_m)]
-        times = self._tiles.pixel_m / float(np.median(known)) if known.size else 1.0
+        finite = gsd_m[np.isfinite(gsd_m)]
+        times = self._tiles.pixel_m / float(np.median(finite)) if finite.size else 1.0
         most = max(min(self._camera.width, self._camera.height) // _LEAST_PX, 1)
         return int(2 ** math.floor(math.log2(min(max(times, 1.0), most))))
 
     def patches(self) -> Iterator[tuple[TileKey, Patch]]:
         """Yield what the picture shows, tile by tile: from the middle to the neighbours."""
-        known = np.isfinite(self._seeds_n[:, 0])
-        waiting = sorted(self._tiles.keys(self._seeds_n[known]))
+        on_ground = np.isfinite(self._seeds_n[:, 0])
+        waiting = sorted(self._tiles.keys(self._seeds_n[on_ground]))
         begun = set(waiting)
         while waiting:
             key = waiting.pop()
@@ -160,16 +160,16 @@ class FrameView:
         """Return which nodes the terrain hides, found at every fourth one."""
         some = points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
         place = self._tiles.plane, self._pose.position_n
-        found = hidden(terrain, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
-        whole = found.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
+        hides = hidden(terrain, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
+        whole = hides.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
         return np.asarray(whole[:NODES, :NODES])
 
     def _patch(self, view: _NodeView) -> Patch | None:
         """Return the picture's part in a tile, in the box of the nodes near it; None without."""
         box = _span(view.near, 1), _span(view.near, 0)
         u, v, score = (
-            _cropped(at_pixels(one[box]), box)
-            for one in (view.uv[..., 0], view.uv[..., 1], view.score)
+            _cropped(at_pixels(values[box]), box)
+            for values in (view.uv[..., 0], view.uv[..., 1], view.score)
         )
         right, bottom = self._camera.width - 0.5, self._camera.height - 0.5
         inside_px = np.minimum(np.minimum(u + 0.5, right - u), np.minimum(v + 0.5, bottom - v))
@@ -181,8 +181,8 @@ class FrameView:
         scores = np.full(seen.shape, np.inf, np.float32)
         scores[seen] = score[seen] * np.float32(_AT_EDGE) ** outside
         columns, rows = (
-            np.where(seen, (one + 0.5) / self._factor - 0.5, -1.0).astype(np.float32)
-            for one in (u, v)
+            np.where(seen, (places + 0.5) / self._factor - 0.5, -1.0).astype(np.float32)
+            for places in (u, v)
         )
         values = cv2.remap(self._pixels, columns, rows, self._way, borderMode=cv2.BORDER_REPLICATE)
         return Patch(_pixels_of(box[0]), _pixels_of(box[1]), np.asarray(values), seen, scores)
@@ -225,7 +225,7 @@ def _neighbours(key: TileKey, near: BoolArray) -> list[TileKey]:
         (column - 1, row): near[:, 0],
         (column + 1, row): near[:, -1],
     }
-    return [one for one, edge in reaches.items() if edge.any()]
+    return [neighbour for neighbour, edge in reaches.items() if edge.any()]
 
 
 def _span(near: BoolArray, across: int) -> slice:

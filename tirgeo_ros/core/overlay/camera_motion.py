@@ -69,8 +69,8 @@ def predicted(poses: Sequence[CameraPose], stamp_ns: int, max_gap_s: float) -> C
     step = rates[-1] * ahead_s
     turned = quat_multiply(quat_from_rotvec(step[3:]), last.q_nc)
     tried = np.flatnonzero((times_s <= -ahead_s) & is_fitted)
-    met = [np.interp(times_s[tried] + ahead_s, times_s, column) for column in places.T]
-    missed = np.stack(met, axis=-1) - places[tried] - rates[tried] * ahead_s
+    reached = [np.interp(times_s[tried] + ahead_s, times_s, column) for column in places.T]
+    missed = np.stack(reached, axis=-1) - places[tried] - rates[tried] * ahead_s
     covariance = last.covariance + _spread(missed, ahead_s, last.covariance)
     return CameraPose(stamp_ns, last.position_n + step[:3], turned, covariance)
 

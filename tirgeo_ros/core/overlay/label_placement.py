@@ -98,9 +98,9 @@ class AnchorFinder:
         return np.asarray(ordered[first[ordered] == place][:most])
 
 
-def _columns(seen: VisibleLines, vertex: IntArray) -> Array:
+def _columns(lines: VisibleLines, vertex: IntArray) -> Array:
     """Return pixels and rays (5, N) of the given vertices."""
-    return np.concatenate([seen.points.take(vertex, axis=1), seen.rays.take(vertex, axis=1)])
+    return np.concatenate([lines.points.take(vertex, axis=1), lines.rays.take(vertex, axis=1)])
 
 
 def _anchors(parts: VisibleLines, number: IntArray, outline: BoolArray) -> tuple[Array, Array]:
@@ -225,11 +225,11 @@ class Labels:
                 wish = wish_beside(u, v, size, room.mark_px)
             else:
                 wish = _wish_on((u, v), half, size, last, inside=inside)
-            found = room.find(wish, last)
-            if found is None:
+            placed = room.find(wish, last)
+            if placed is None:
                 continue
-            self._places[number] = LabelPlace(wish.places, found[0])
-            labels.append(Label(number, found[1]))
+            self._places[number] = LabelPlace(wish.places, placed[0])
+            labels.append(Label(number, placed[1]))
             rows.append(row)
             if len(labels) == MOST:
                 break
@@ -299,18 +299,18 @@ class FreeSpace:
         """Return a place (``last`` if free) and its box, and take the box; None without room."""
         if wish.width > self._width or wish.height > self._height:
             return None
-        found = None
+        placed = None
         if last is not None and last.places is wish.places:
             box = self._box(wish, last.number)
-            found = (last.number, box) if self._is_free(box, wish, 0) else None
-        if found is None:
+            placed = (last.number, box) if self._is_free(box, wish, 0) else None
+        if placed is None:
             boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
             free = [each for each in boxes if self._is_free(each[1], wish, _ROOM_PX)]
             bare = (each for each in free if not self._covers_mark(each[1]))
-            found = next(bare, free[0] if free else None)
-        if found is not None:
-            self._taken.append(found[1])
-        return found
+            placed = next(bare, free[0] if free else None)
+        if placed is not None:
+            self._taken.append(placed[1])
+        return placed
 
     def _box(self, wish: PlacementRequest, place: int) -> Box:
         """Return the box of a place, shifted into the picture."""

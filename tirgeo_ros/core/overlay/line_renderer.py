@@ -97,8 +97,8 @@ class LineRenderer:
             if style.fill_bgr is None or style.fill_opacity <= 0:
                 continue
             mask = self._clean_mask(image)
-            for one in _by_owner(areas.owner, np.flatnonzero(layer == number)):
-                cv2.fillPoly(mask, [rings[i] for i in one], (_FULL,), cv2.LINE_8, _SHIFT)
+            for of_owner in _by_owner(areas.owner, np.flatnonzero(layer == number)):
+                cv2.fillPoly(mask, [rings[i] for i in of_owner], (_FULL,), cv2.LINE_8, _SHIFT)
             if within is not None:
                 cv2.bitwise_and(mask, within, dst=mask)
             self._tint(image, style.fill_bgr, style.fill_opacity)

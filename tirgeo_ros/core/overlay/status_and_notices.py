@@ -221,13 +221,13 @@ def status_line(
     frames, ``above_m`` the camera's height above the ground, nan if unknown, and ``verdict`` that
     of the checks.
     """
-    found = [Field(_VERDICTS[verdict], VERDICT_BGR[verdict])] if verdict else []
+    lead = [Field(_VERDICTS[verdict], VERDICT_BGR[verdict])] if verdict else []
     mark = [Field(f"predicted {predicted_s * 1e3:.0f} ms", _ORANGE_BGR)] if predicted_s else []
     rate = "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"
     video = [Field(_age(age_s), spare=True), Field(rate, spare=True)]
     if dropped:
         video.append(Field(f"dropped {dropped}", spare=True))
-    return [*found, *mark, *_filter_fields(status, _height_fields(above_m)), *video]
+    return [*lead, *mark, *_filter_fields(status, _height_fields(above_m)), *video]
 
 
 def _filter_fields(status: NavigationStatus | None, height: list[Field]) -> list[Field]:

@@ -195,7 +195,7 @@ def _has(name: str, letter: str) -> bool:
     shaped = is_mark or unicodedata.bidirectional(letter) in {"R", "AL"}
     if shaped and (name == _OPENCV or not can_shape()):
         return False
-    drawn, absent = (_drawn(one, _SMALLEST_PX, name) for one in (letter, _NO_LETTER))
+    drawn, absent = (_drawn(character, _SMALLEST_PX, name) for character in (letter, _NO_LETTER))
     return not np.array_equal(drawn, absent)
 
 

@@ -35,8 +35,10 @@ def fault_of(sample: NavigationInput) -> str:
     if isinstance(sample, ImuSample):
         return _imu_fault(sample)
     if isinstance(sample, HeadingSample):
-        known = math.isfinite(sample.heading_rad) and abs(sample.variance_rad2) < _LARGEST_VARIANCE
-        return "" if known else "heading is not finite"
+        usable = (
+            math.isfinite(sample.heading_rad) and abs(sample.variance_rad2) < _LARGEST_VARIANCE
+        )
+        return "" if usable else "heading is not finite"
     if isinstance(sample, PositionSample):
         return _position_fault(sample) or _covariance_fault(sample.covariance_n)
     if not isinstance(sample, VelocitySample):

@@ -31,9 +31,9 @@ def shown(text: object, most: int = MOST) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in short)
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, candidates: Iterable[str]) -> str:
     """Return the end of a message: the nearest of the known names, else all if they are few."""
-    names = [*map(str, known)]
+    names = [*map(str, candidates)]
     near = difflib.get_close_matches(name, names, n=1)
     if near:
         return f" (did you mean {near[0]}?)"
@@ -115,7 +115,7 @@ class LogError(TirgeoError):
     """Report a log of another maker that cannot be read, or that leaves a needed thing open."""
 
 
-class SeasonError(TirgeoError):
+class ManyFlightsError(TirgeoError):
     """Report flights that cannot be processed together, or a cluster that cannot do it."""
 
 

@@ -55,7 +55,7 @@ def sorted_findings(findings: Iterable[Finding]) -> list[Finding]:
 
 def stop_line(findings: Sequence[Finding]) -> str | None:
     """Return ``NO GO: ...`` if one is a STOP, else None: commands then end with exit code 1."""
-    stopped = any(one.severity is Severity.STOP for one in findings)
+    stopped = any(finding.severity is Severity.STOP for finding in findings)
     return verdict_line(findings) if stopped else None
 
 

@@ -90,22 +90,18 @@ def _unpack(path: Path, file: IO[bytes], out: IO[bytes]) -> None:
     """Write what a file holds. Of a cut or damaged one, the part before: its reader finds that."""
     free = shutil.disk_usage(Path(out.name).parent).free - _RESERVE
     most = path.stat().st_size * _MOST_TIMES + _ANYWAY
-    for piece in _pieces(file):
-        written = out.tell() + len(piece)
-        if written > most:
-            raise BagError(f"{path}: unpacks to more than {_MOST_TIMES} times its size: not read")
-        if written > free:
-            raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
-        out.write(piece)
-    if not out.tell():
-        raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
-
-
-def _pieces(file: IO[bytes]) -> Iterator[bytes]:
     stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
     with suppress(zstandard.ZstdError):
         while piece := stream.read(_PIECE):
-            yield piece
+            written = out.tell() + len(piece)
+            if written > most:
+                times = f"{_MOST_TIMES} times its size"
+                raise BagError(f"{path}: unpacks to more than {times}: not read")
+            if written > free:
+                raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
+            out.write(piece)
+    if not out.tell():
+        raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
 
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]

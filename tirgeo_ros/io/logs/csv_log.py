@@ -15,8 +15,15 @@ from typing import NamedTuple
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import LAST_NS, ImuSample
 from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of, first_bytes, reading
-from tirgeo_ros.io.logs.columns_keys import Cell, Keys
-from tirgeo_ros.io.logs.columns_quantities import QUANTITIES, Log, Quantity, Row, matching
+from tirgeo_ros.io.logs.columns import (
+    QUANTITIES,
+    Cell,
+    Keys,
+    Log,
+    Quantity,
+    Row,
+    matching,
+)
 from tirgeo_ros.io.logs.log_contents import (
     GPS_EPOCH_NS,
     SECOND_NS,

@@ -63,7 +63,7 @@ def position_sample(msg: Any, source: Source) -> PositionSample:
 
     A status number that the contract does not define counts as no fix.
     """
-    known = msg.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN
+    has_covariance = msg.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN
     return PositionSample(
         stamp_ns(msg),
         source,
@@ -71,7 +71,7 @@ def position_sample(msg: Any, source: Source) -> PositionSample:
         math.radians(msg.latitude),
         math.radians(msg.longitude),
         float(msg.altitude),
-        _covariance(msg.position_covariance) if known else np.zeros((3, 3)),
+        _covariance(msg.position_covariance) if has_covariance else np.zeros((3, 3)),
     )
 
 

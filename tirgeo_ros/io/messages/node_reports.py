@@ -73,7 +73,7 @@ def state_text(state: NodeState) -> str:
         "node": state.node,
         "stamp_ns": str(state.stamp_ns),
         "started_ns": str(state.started_ns),
-        "topics": {topic: asdict(one) for topic, one in state.topics.items()},
+        "topics": {topic: asdict(topic_state) for topic, topic_state in state.topics.items()},
         "counts": dict(state.counts),
     }
     if state.navigation is not None:
@@ -116,7 +116,7 @@ def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
     """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
     row = document_of(msg, FINDINGS_TOPIC, _FINDINGS, _LONGEST)
     try:
-        findings = [_finding(one) for one in row["findings"]]
+        findings = [_finding(part) for part in row["findings"]]
         return cut(str(row["node"])), int(row["stamp_ns"]), findings
     except WRONG_FORM as error:
         raise MessageError(f"{FINDINGS_TOPIC}: no findings: {shown(error, 100)}") from None
@@ -202,7 +202,7 @@ def _finding(row: dict[str, str]) -> Finding:
 
 
 def _table(row: dict[str, Any], value: Callable[[Any], T]) -> dict[str, T]:
-    return {cut(key): value(one) for key, one in row.items()}
+    return {cut(key): value(entry) for key, entry in row.items()}
 
 
 def _number(value: Any) -> float:

@@ -204,13 +204,13 @@ def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
 def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
     """Return covariances (N, 2, 2), m2, by factor."""
     parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
-    given, none = setting.confidence, np.zeros((6, 6))
+    confidence, none = setting.confidence, np.zeros((6, 6))
     rates = np.array([setting.speed_m_s, 0, 0, 0, 0, 0])
-    time_s = given.latency_sigma_s
+    time_s = confidence.latency_sigma_s
     others = {
         "latency": view.covariance(none, latency_sigma_s=time_s, rates=rates),
-        "lens": view.covariance(none, lens_sigma_px=given.lens_sigma_px),
-        "ground": view.covariance(none, ground_sigma_m=given.ground_sigma_m),
+        "lens": view.covariance(none, lens_sigma_px=confidence.lens_sigma_px),
+        "ground": view.covariance(none, ground_sigma_m=confidence.ground_sigma_m),
     }
     return parts | others | {"all": parts["pose"] + sum(others.values())}
 
@@ -246,15 +246,15 @@ def make_budget(
         outputs = [Path(output) / name for name in _NAMES]
         check_outputs((bag, *paths_of(params), *configs.files), outputs, CalibrationError)
     values: dict[str, Any] = {"confidence": overlay.confidence}
-    known, flight = given_camera(overlay), None
+    camera_given, flight = given_camera(overlay), None
     if bag is not None:
-        flight = measured_flight(bag, ekf, gimbal, namespace, progress, camera=known)
+        flight = measured_flight(bag, ekf, gimbal, namespace, progress, camera=camera_given)
         if math.isnan(overlay.ground_height_m) and "height_m" not in given:
             why = "height of the ground not known: give --height, or ground_height_m in --params"
             raise CalibrationError(f"{os.fspath(bag)}: {why}")
         values |= _of_flight(flight, overlay.ground_height_m)
-    if known is not None:
-        values["camera"] = known
+    if camera_given is not None:
+        values["camera"] = camera_given
     made = budget(Setting(**values | given))
     result = _summary(made, flight)
     if output is not None:
@@ -285,8 +285,8 @@ def _of_flight(flight: MeasuredFlight, ground_m: float) -> dict[str, Any]:
     view = {"depression_deg": flight.track.depression_deg, "speed_m_s": flight.track.speed_m_s}
     if math.isfinite(ground_m):
         view["height_m"] = flight.track.height_m - ground_m
-    known = {name: value for name, value in errors.items() if math.isfinite(value)}
-    return {"camera": flight.camera} | view | known
+    finite = {name: value for name, value in errors.items() if math.isfinite(value)}
+    return {"camera": flight.camera} | view | finite
 
 
 def _written(folder: Path, made: Budget) -> list[str]:

@@ -85,7 +85,7 @@ def measured_flight(
     positions = [s for s in samples if isinstance(s, PositionSample)]
     apart_n = gps_less_rtk_n(positions, imu, plane, ekf)
     settled_ns = bodies[0].stamp_ns + round(_SETTLED_S * 1e9)
-    headings = _heading_errors([one for one in bodies if one.stamp_ns >= settled_ns], imu)
+    headings = _heading_errors([body for body in bodies if body.stamp_ns >= settled_ns], imu)
     north, east, height = rms(apart_n).tolist() if len(apart_n) else [math.nan] * 3
     errors = {
         "east_error_m": east,
@@ -100,7 +100,7 @@ def measured_flight(
     lost = [f"{flight.refused} messages could not be used"] if flight.refused else []
     lost += [str(reader.damage)] if reader.damage is not None else []
     warning = f"{bag}: {'; '.join(lost)}" if lost else None
-    return MeasuredFlight(flight.camera, errors, track, warning)
+    return MeasuredFlight(camera=flight.camera, errors=errors, track=track, warning=warning)
 
 
 def _poses(
@@ -111,9 +111,9 @@ def _poses(
     bodies: list[BodyPose] = []
     cameras: list[CameraPose] = []
     for sample in samples:
-        found = registration.take(sample)
-        bodies += [] if found.body is None else [found.body]
-        cameras += found.cameras
+        registered = registration.take(sample)
+        bodies += [] if registered.body is None else [registered.body]
+        cameras += registered.cameras
     return bodies, cameras, registration.navigation.plane
 
 
@@ -128,9 +128,9 @@ def gps_less_rtk_n(
     RTK, fixed alone, is interpolated to the instants of the GPS.
     """
     of: dict[Source, list[PositionSample]] = {Source.RTK_POSITION: [], Source.GPS_POSITION: []}
-    for one in positions:
-        if one.source is Source.GPS_POSITION or one.status is FixStatus.FIXED:
-            of[one.source].append(one)
+    for position in positions:
+        if position.source is Source.GPS_POSITION or position.status is FixStatus.FIXED:
+            of[position.source].append(position)
     rtk, gps = of.values()
     if len(rtk) < 2 or not gps or not imu:
         return np.empty((0, 3))
@@ -183,8 +183,8 @@ def camera_track(cameras: Sequence[CameraPose], plane: TangentPlane) -> Track:
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation_z(-azimuths(axes_n))
     covariance_n = np.array([pose.covariance for pose in cameras])
     return Track(
-        float(np.median(plane.geodetic_from_ned(places_n)[2])),
-        math.degrees(math.asin(np.clip(np.median(axes_n[:, 2]), -1, 1))),
-        float(np.median(speeds)),
-        np.asarray(np.mean(turn @ covariance_n @ turn.transpose(0, 2, 1), axis=0)),
+        height_m=float(np.median(plane.geodetic_from_ned(places_n)[2])),
+        depression_deg=math.degrees(math.asin(np.clip(np.median(axes_n[:, 2]), -1, 1))),
+        speed_m_s=float(np.median(speeds)),
+        covariance_a=np.asarray(np.mean(turn @ covariance_n @ turn.transpose(0, 2, 1), axis=0)),
     )

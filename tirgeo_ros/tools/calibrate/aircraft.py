@@ -32,7 +32,7 @@ from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
-from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
@@ -331,8 +331,8 @@ def _notes(aircraft: AircraftConfig, fitted: AircraftFit) -> list[str]:
 def aircraft_lines(result: Mapping[str, Any]) -> list[str]:
     """Return the estimates as a table, what was not determined, and the innovations' size."""
     nis = [
-        f"{source} {one['before']:.3g} before, {one['after']:.2f} after"
-        for source, one in result["nis"].items()
+        f"{source} {row['before']:.3g} before, {row['after']:.2f} after"
+        for source, row in result["nis"].items()
     ]
     return [
         *estimates_table(result["parameters"]),

@@ -32,7 +32,7 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
-from tirgeo_ros.tools.calibrate.imu_record import (
+from tirgeo_ros.tools.calibrate.imu_bag import (
     CHANNELS,
     DENSITIES,
     UNITS,
@@ -142,15 +142,15 @@ def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
 
     A term that the record does not show is written with its upper bound.
     """
-    found: dict[str, Value] = {}
+    parameters: dict[str, Value] = {}
     for walk, sensor, three in (
         ("angle_random_walk", "gyro", fits[:3]),
         ("velocity_random_walk", "accel", fits[3:]),
     ):
-        found[f"imu.{walk}"] = [fit.white.value or fit.white.upper for fit in three]
-        found[f"imu.{sensor}_bias_instability"] = [fit.bias.sigma for fit in three]
-        found[f"imu.{sensor}_bias_time_s"] = [fit.bias.time_s for fit in three]
-    return found
+        parameters[f"imu.{walk}"] = [fit.white.value or fit.white.upper for fit in three]
+        parameters[f"imu.{sensor}_bias_instability"] = [fit.bias.sigma for fit in three]
+        parameters[f"imu.{sensor}_bias_time_s"] = [fit.bias.time_s for fit in three]
+    return parameters
 
 
 def rest_axes(fits: Sequence[NoiseFit]) -> list[dict[str, Any]]:
@@ -227,10 +227,12 @@ def movement(seconds: Seconds, from_s: float) -> str:
 
     Times are since the first message, as for ``--from`` and ``--to``.
     """
-    moved = [Interval(*(from_s + edge for edge in one)) for one in movements(seconds)]
+    moved = [Interval(*(from_s + edge for edge in interval)) for interval in movements(seconds)]
     if not moved:
         return ""
-    named = ", ".join(f"{max(one.from_s, 0.0):.0f}-{one.to_s:.0f} s" for one in moved[:_NAMED])
+    named = ", ".join(
+        f"{max(interval.from_s, 0.0):.0f}-{interval.to_s:.0f} s" for interval in moved[:_NAMED]
+    )
     more = f" and {len(moved) - _NAMED} times more" if len(moved) > _NAMED else ""
     rest = longest_stillness(moved, from_s, from_s + float(seconds.starts_s[-1]) + 1)
     begin_s, finish_s = math.ceil(rest.from_s), math.floor(rest.to_s)

@@ -18,8 +18,8 @@ from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr, by_numbers, is_bag
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_FILE, unpacked
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.pictures import MOST_OF_FILE, unpacked
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 
@@ -54,18 +54,18 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
 
     Raise CalibrationError for a path that does not exist, or a folder without pictures.
     """
-    found: list[Path] = []
+    files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            inside = [one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES]
+            inside = [file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES]
             if not inside:
                 raise CalibrationError(f"{path}: no pictures in it ({' '.join(_SUFFIXES)})")
-            found += sorted(inside, key=by_numbers)
+            files += sorted(inside, key=by_numbers)
         elif path.is_file():
-            found.append(path)
+            files.append(path)
         else:
             raise CalibrationError(f"{path}: there is no such file or folder")
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(files))
 
 
 def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken]:
@@ -99,11 +99,11 @@ class BoardVideo:
         self.reader = BagReader(bag)
         present = self.reader.topics()
         names = {resolved(topic, namespace): topic for topic in PICTURES}
-        found = [name for name in names if present.get(name) == TOPIC_TYPES[names[name]]]
-        if not found:
+        present_names = [name for name in names if present.get(name) == TOPIC_TYPES[names[name]]]
+        if not present_names:
             hint = "" if namespace else "; is there a --namespace?"
             raise BagError(f"{bag}: needed topic absent: {' or '.join(names)}{hint}")
-        self._pictures, self._contract = found[0], names[found[0]]
+        self._pictures, self._contract = present_names[0], names[present_names[0]]
         self._info = resolved(_CAMERA_INFO, namespace)
         self._cdr = Cdr()
 

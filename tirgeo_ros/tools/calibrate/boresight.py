@@ -270,13 +270,13 @@ def _nodes(
     for key in [key for key in values if key in keys]:
         node, _, name = key.rpartition(" ")
         nodes.setdefault(node, {})[name] = values[key]
-    given: dict[str, EkfConfig | GimbalConfig | OverlayConfig] = {
+    node_config: dict[str, EkfConfig | GimbalConfig | OverlayConfig] = {
         "": configs.ekf,
         "gimbal_node": configs.gimbal,
         "overlay_node": configs.overlay,
     }
     for node, own in nodes.items():
-        config = given[node]
+        config = node_config[node]
         config_from(type(config), {**values_of(config), **own}, "what was found")
     return nodes
 

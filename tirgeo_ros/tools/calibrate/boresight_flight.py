@@ -60,7 +60,7 @@ def read_flight(
     namespace: str,
     configs: NodeConfigs,
     wanted: Sequence[str],
-    seen: Sequence[Observation],
+    observed: Sequence[Observation],
     survey: Sequence[SurveyPoint],
     click_sigma_px: float,
     progress: Report,
@@ -69,7 +69,7 @@ def read_flight(
 ) -> ReadFlight:
     """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
     recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
-    passes = _passes(recorded, configs, wanted, seen, smooth=smooth)
+    passes = _passes(recorded, configs, wanted, observed, smooth=smooth)
     recorded.read_all(progress)
     usual = passes.pop("")
     if usual.plane is None:
@@ -82,19 +82,25 @@ def read_flight(
     north = 0.0 if shown else math.radians(configs.gimbal.north.sigma_deg) ** 2
     flight = _sighted(recorded.camera, usual, passes, configs, click_sigma_px, north)
     points = {point.id: point for point in survey}
-    known = [one for one in seen if one.id in points]
+    surveyed = [observation for observation in observed if observation.id in points]
     present = np.zeros(len(PARAMETERS))
-    posed = [one for one in known if corrected_pose(flight, one.stamp_ns, present) is not None]
-    heights = [points[name].height_m for name in {one.id for one in posed}]
+    posed = [
+        observation
+        for observation in surveyed
+        if corrected_pose(flight, observation.stamp_ns, present) is not None
+    ]
+    heights = [points[name].height_m for name in {observation.id for observation in posed}]
     return ReadFlight(
-        flight,
-        usual.plane,
-        [_sighting(one, points[one.id], usual.plane) for one in posed],
-        len(seen) - len(known),
-        len(known) - len(posed),
-        float(np.median(heights)) if heights else math.nan,
-        composer.sees_joints,
-        follows_north,
+        flight=flight,
+        plane=usual.plane,
+        sightings=[
+            _sighting(observation, points[observation.id], usual.plane) for observation in posed
+        ],
+        unknown=len(observed) - len(surveyed),
+        lost=len(surveyed) - len(posed),
+        ground_m=float(np.median(heights)) if heights else math.nan,
+        by_encoders=composer.sees_joints,
+        follows_north=follows_north,
     )
 
 
@@ -107,33 +113,40 @@ def _sighted(
     north_variance: float,
 ) -> SightedFlight:
     return SightedFlight(
-        camera,
-        usual.at,
-        np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
-        configs.overlay.video_latency_s,
-        configs.gimbal.aircraft.camera_from_pivot_g,
-        click_sigma_px,
-        {name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()},
-        north_variance,
+        camera=camera,
+        poses=usual.at,
+        boresight_rpy_rad=np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
+        latency_s=configs.overlay.video_latency_s,
+        camera_offset_g=configs.gimbal.aircraft.camera_from_pivot_g,
+        click_sigma_px=click_sigma_px,
+        stepped={
+            name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()
+        },
+        north_variance=north_variance,
     )
 
 
-def _sighting(one: Observation, point: SurveyPoint, plane: TangentPlane) -> PointSighting:
+def _sighting(observation: Observation, point: SurveyPoint, plane: TangentPlane) -> PointSighting:
     place_n = plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
-    return PointSighting(one.id, one.stamp_ns, np.array([one.u, one.v]), place_n)
+    return PointSighting(
+        observation.id, observation.stamp_ns, np.array([observation.u, observation.v]), place_n
+    )
 
 
 def _passes(
     recorded: RecordedFlight,
     configs: NodeConfigs,
     wanted: Sequence[str],
-    seen: Sequence[Observation],
+    observed: Sequence[Observation],
     *,
     smooth: bool,
 ) -> dict[str, FlightPoses]:
     """Return a run as it is (key ""), and one with a step of each wanted parameter."""
     ekf, gimbal = configs.ekf, configs.gimbal
-    instants_ns = [one.stamp_ns - round(configs.overlay.video_latency_s * 1e9) for one in seen]
+    instants_ns = [
+        observation.stamp_ns - round(configs.overlay.video_latency_s * 1e9)
+        for observation in observed
+    ]
     passes = {"": recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)}
     if "gimbal_north" in wanted:
         # Only one of the two has an effect: that of the composition in use.

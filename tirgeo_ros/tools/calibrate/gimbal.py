@@ -124,15 +124,15 @@ def _attitudes(
                 f"{name}: the picture has {pixels.shape[1]}x{pixels.shape[0]} pixels, the "
                 f"camera's calibration {camera.width}x{camera.height}"
             )
-        seen = find_board(pixels, board)
-        if isinstance(seen, BoardSighting):
-            pose = tracker.pose(seen)
+        detected = find_board(pixels, board)
+        if isinstance(detected, BoardSighting):
+            pose = tracker.pose(detected)
             if pose is not None and pose.rms_px <= _MOST_RMS_PX:
                 rows.append((name, stamp_ns, *camera_angles(pose), pose.rms_px))
                 continue
             error = "none" if pose is None else f"error {pose.rms_px:.1f} px"
-            seen = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
-        lost[name] = seen
+            detected = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
+        lost[name] = detected
     if len(rows) < _FEWEST:
         raise CalibrationError(
             f"gimbal: {len(rows)} pictures of {len(lost) + len(rows)} show the board, {_FEWEST} "

@@ -105,11 +105,11 @@ def _sightings(
             refused[name] = UNREADABLE
             continue
         sizes[name] = pixels.shape[1], pixels.shape[0]
-        found = find_board(pixels, board)
-        if isinstance(found, BoardSighting):
-            views[name] = found
+        detected = find_board(pixels, board)
+        if isinstance(detected, BoardSighting):
+            views[name] = detected
         else:
-            refused[name] = found
+            refused[name] = detected
     usual = Counter(sizes[name] for name in views).most_common(1)
     size = usual[0][0] if usual else (0, 0)
     for name in [name for name in views if sizes[name] != size]:

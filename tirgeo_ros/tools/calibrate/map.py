@@ -145,31 +145,34 @@ def calibrate_map(
     control = load_control_points(points, survey, points_crs)
     plane = Plane(crs, control.degrees)
     try:
-        found, residuals = fit_polynomial(control.pixels, plane.metres(control.degrees), order)
+        transform, residuals = fit_polynomial(control.pixels, plane.metres(control.degrees), order)
     except CalibrationError as error:
         raise CalibrationError(f"{points}: {error}") from None
-    features = _features(vectors, found)
-    degrees, outside = plane.degrees(found(features.pixels)), ~found.inside(features.pixels)
+    features = _features(vectors, transform)
+    degrees, outside = (
+        plane.degrees(transform(features.pixels)),
+        ~transform.inside(features.pixels),
+    )
     if image is not None and geotiff is not None:
-        write_warped(image, geotiff, found, plane, _pixel_size(found, control))
+        write_warped(image, geotiff, transform, plane, _pixel_size(transform, control))
     files: dict[PathLike, str | bytes] = {output: features.geojson(degrees)}
     if residuals_csv is not None:
         files[residuals_csv] = _csv(_rows(control, residuals))
     if plot is not None:
-        files[plot] = orthophoto_png(control, found, residuals, features.pixels, outside)
+        files[plot] = orthophoto_png(control, transform, residuals, features.pixels, outside)
     write_files(files, MapError)
     return {
         "output": [os.fspath(path) for path in named],
         "order": order,
         "crs": plane.name,
-        **_summary(control, found, residuals, features, outside),
+        **_summary(control, transform, residuals, features, outside),
     }
 
 
-def _features(path: PathLike, found: PolynomialTransform) -> PixelFeatures:
+def _features(path: PathLike, transform: PolynomialTransform) -> PixelFeatures:
     """Return the features of a file; raise CalibrationError where the polynomial turns over."""
     features = PixelFeatures(path)
-    folded = found.folded(features.pixels)
+    folded = transform.folded(features.pixels)
     if folded.any():
         raise CalibrationError(
             f"{path}: the polynomial turns over at {features.features_with(folded)} of "
@@ -181,13 +184,13 @@ def _features(path: PathLike, found: PolynomialTransform) -> PixelFeatures:
 
 def _summary(
     control: ControlPoints,
-    found: PolynomialTransform,
+    transform: PolynomialTransform,
     residuals: Residuals,
     features: PixelFeatures,
     outside: BoolArray,
 ) -> dict[str, object]:
     """Return numbers of points, residuals and features, and the warnings."""
-    warnings = list(_warnings(control, found, residuals, features, outside))
+    warnings = list(_warnings(control, transform, residuals, features, outside))
     return {
         "points": len(control.names),
         "mean_residual_px": float(residuals.lengths_px.mean()),
@@ -196,7 +199,7 @@ def _summary(
         "rms_residual_m": float(rms(residuals.lengths_m)),
         "rms_left_out_m": float(rms(residuals.left_out_m)),
         "sigma_m": residuals.sigma_m,
-        "pixel_m": _pixel_size(found, control),
+        "pixel_m": _pixel_size(transform, control),
         "features": features.count,
         "features_outside": features.features_with(outside),
         "residuals": _rows(control, residuals),
@@ -205,21 +208,21 @@ def _summary(
     }
 
 
-def _pixel_size(found: PolynomialTransform, control: ControlPoints) -> float:
+def _pixel_size(transform: PolynomialTransform, control: ControlPoints) -> float:
     """Return the pixel size (m) in the middle of the control points."""
-    jacobian = found.jacobian(control.pixels.mean(axis=0)[None])[0]
+    jacobian = transform.jacobian(control.pixels.mean(axis=0)[None])[0]
     return math.sqrt(abs(float(np.linalg.det(jacobian))))
 
 
 def _warnings(
     control: ControlPoints,
-    found: PolynomialTransform,
+    transform: PolynomialTransform,
     residuals: Residuals,
     features: PixelFeatures,
     outside: BoolArray,
 ) -> Iterator[str]:
     if outside.any():
-        times = math.sqrt(float(found.leverage(features.pixels[outside]).max()))
+        times = math.sqrt(float(transform.leverage(features.pixels[outside]).max()))
         sigma = f": up to {residuals.sigma_m * times:.2g} m (one sigma) by the points' own errors"
         worst = "" if math.isnan(residuals.sigma_m) else f"{sigma} alone"
         yield (
@@ -228,7 +231,7 @@ def _warnings(
         )
     if math.isnan(residuals.sigma_m):
         yield (
-            f"{len(control.names)} points leave no redundancy at order {found.order}: "
+            f"{len(control.names)} points leave no redundancy at order {transform.order}: "
             "residuals of zero mean nothing; measure more"
         )
     gross = _gross(control, residuals)
@@ -269,14 +272,14 @@ def _csv(rows: Sequence[dict[str, Any]]) -> str:
 
 def orthophoto_png(
     control: ControlPoints,
-    found: PolynomialTransform,
+    transform: PolynomialTransform,
     residuals: Residuals,
     vertices: Array,
     outside: BoolArray,
 ) -> bytes:
     """Return a PNG: control points, residuals enlarged, hull, features' vertices (n, 2)."""
     made, axis = figure(8.0, 6.5)
-    rim = np.vstack([found.hull_px, found.hull_px[:1]])
+    rim = np.vstack([transform.hull_px, transform.hull_px[:1]])
     axis.plot(*rim.T, color="#777777", lw=1.0, label="hull of the control points")
     for chosen, colour, name in (
         (~outside, COLOURS[5], "inside"),

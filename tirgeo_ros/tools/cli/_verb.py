@@ -28,10 +28,10 @@ METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 
 def number(text: str) -> float:
     """Return a number; nan and infinity are none. A type of option."""
-    found = float(text)
-    if not math.isfinite(found):
+    value = float(text)
+    if not math.isfinite(value):
         raise ValueError(text)
-    return found
+    return value
 
 
 NUMBER, WORD, NEEDED = {"type": number}, {"type": str}, {"required": True}
@@ -144,7 +144,7 @@ def check_page(args: argparse.Namespace) -> None:
 
 def verbs_of(package: ModuleType) -> list[ModuleType]:
     """Return the modules of a package's verbs, sorted by name."""
-    names = sorted(found.name for found in pkgutil.iter_modules(package.__path__))
+    names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
     return [
         importlib.import_module(f"{package.__name__}.{name}")
         for name in names
@@ -165,8 +165,8 @@ def add_verb(subparsers: Subparsers, module: ModuleType) -> Parser:
     )
     if not hasattr(module, "run"):
         inner = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
-        for one in verbs_of(module):
-            add_verb(inner, one)
+        for inner_module in verbs_of(module):
+            add_verb(inner, inner_module)
         return parser
     for option in module.OPTIONS:
         add_option(parser, *option)
@@ -217,14 +217,14 @@ def call(
         return tool(*(given[name] for name in first.split()), **named, **more, progress=bar)
 
 
-def names_of(known: tuple[str, ...]) -> Callable[[str], list[str]]:
-    """Return a type of option: names with commas, each one of ``known``."""
+def names_of(permitted: tuple[str, ...]) -> Callable[[str], list[str]]:
+    """Return a type of option: names with commas, each of them ``permitted``."""
 
     def names(text: str) -> list[str]:
-        found = [name.strip() for name in text.split(",") if name.strip()]
-        for name in found:
-            if name not in known:
-                raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(known)}")
-        return found
+        chosen = [name.strip() for name in text.split(",") if name.strip()]
+        for name in chosen:
+            if name not in permitted:
+                raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(permitted)}")
+        return chosen
 
     return names

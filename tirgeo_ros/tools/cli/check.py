@@ -60,9 +60,11 @@ def _report(result: Mapping[str, Any], checked: Iterator[str] | list[str]) -> st
 def _checked(checked: Mapping[str, Any]) -> Iterator[str]:
     """Yield a line for each thing that was checked."""
     yield f"checked over {checked['duration_s']:.1f} s:"
-    for topic, one in checked["topics"].items():
-        rate = f"{one['rate_hz']:.1f} Hz" if one["rate_hz"] else f"{one['messages']} message"
-        yield f"  {topic:<30} {rate}, longest gap {one['longest_gap_s']:.2f} s"
+    for topic, stream in checked["topics"].items():
+        rate = (
+            f"{stream['rate_hz']:.1f} Hz" if stream["rate_hz"] else f"{stream['messages']} message"
+        )
+        yield f"  {topic:<30} {rate}, longest gap {stream['longest_gap_s']:.2f} s"
     sigma = f", heading to {checked['heading_sigma_deg']:.2f} deg"
     has_sigma = checked["heading_sigma_deg"] == checked["heading_sigma_deg"]  # not nan
     yield f"  {'filter':<30} {checked['method']}: {checked['state']}{sigma if has_sigma else ''}"

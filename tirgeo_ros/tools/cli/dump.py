@@ -58,11 +58,11 @@ def _line(record: dict[str, object]) -> str:
 def _summary(counts: dict[str, int], kinds: dict[str, int]) -> str:
     parts = [f"{number} {kind}" for kind, number in sorted(kinds.items())]
     plural = "" if counts["frames"] == 1 else "s"
-    found = f"{counts['frames']} frame{plural} ({', '.join(parts)})"
+    frames = f"{counts['frames']} frame{plural} ({', '.join(parts)})"
     rest = {
         "bytes skipped": counts["skipped_bytes"],
         "damaged or cut": counts["bad_crc32"] + counts["truncated"],
         "unreadable": counts["unreadable"],
         "not decrypted": kinds.get("encrypted", 0),
     }
-    return "; ".join([found, *[f"{number} {name}" for name, number in rest.items() if number]])
+    return "; ".join([frames, *[f"{number} {name}" for name, number in rest.items() if number]])

@@ -40,8 +40,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     names = "output params boresight camera dem ground_height namespace projection truth smooth"
     inputs, more = "bag survey observations", {"map_path": args.map}
-    found = call(evaluate, args, "evaluating, s", inputs, names, **more)
-    return summary(found) | {"output": write_evaluation(found, args.output)}
+    evaluation = call(evaluate, args, "evaluating, s", inputs, names, **more)
+    return summary(evaluation) | {"output": write_evaluation(evaluation, args.output)}
 
 
 def describe(result: dict[str, object]) -> str:

@@ -240,8 +240,10 @@ def _log(log: dict[str, Any]) -> str:
 
 def _went_out(written: dict[str, Any]) -> str:
     rows = [("topic out", "messages", "from (UTC)", "seconds")]
-    for topic, seen in written.items():
-        begun = datetime.fromtimestamp(seen["first_ns"] // 10**9, timezone.utc)
-        lasts_s = (seen["last_ns"] - seen["first_ns"]) * 1e-9
-        rows.append((topic, str(seen["messages"]), f"{begun:%Y-%m-%d %H:%M:%S}", f"{lasts_s:.1f}"))
+    for topic, topic_part in written.items():
+        begun = datetime.fromtimestamp(topic_part["first_ns"] // 10**9, timezone.utc)
+        lasts_s = (topic_part["last_ns"] - topic_part["first_ns"]) * 1e-9
+        rows.append(
+            (topic, str(topic_part["messages"]), f"{begun:%Y-%m-%d %H:%M:%S}", f"{lasts_s:.1f}")
+        )
     return table(rows)

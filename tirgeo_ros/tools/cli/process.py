@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images excludes --video and --raw-images")
     if len(args.bag) > 1 or args.output.endswith("/") or Path(args.output).is_dir():
-        return _season(args)
+        return _many_flights(args)
     from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
 
     if args.workers is not None or args.scheduler is not None:
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     return call(process, args, "processing, s", "bag output", _NAMES, **more)
 
 
-def _season(args: argparse.Namespace) -> dict[str, object]:
+def _many_flights(args: argparse.Namespace) -> dict[str, object]:
     """Process flights into a folder."""
     from tirgeo_ros.tools.many_flights.many_flights import process_flights  # noqa: PLC0415 heavy
 

@@ -87,8 +87,8 @@ def show_page(setup: GraphSetup, listen: str, cot: str, out: TextIO) -> dict[str
     """
     folder = setup.folder / "page"
     folder.mkdir(parents=True, exist_ok=True)
-    given = {"listen": listen, "cot": cot}
-    page: dict[str, object] = {name: one for name, one in given.items() if one}
+    values = {"listen": listen, "cot": cot}
+    page: dict[str, object] = {name: value for name, value in values.items() if value}
     page |= {"targets": folder / "targets.gpkg", "record_to": folder / "recordings"}
 
     def shown(viewer: NodeProcess) -> None:
@@ -129,8 +129,8 @@ def demo_setup(
     outputs = [folder / name for name in _NAMES]
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
-    given = (params, map_file, method, rate, serial)
-    return GraphSetup(bag.absolute(), folder.absolute(), *given, environment=domain)
+    options = (params, map_file, method, rate, serial)
+    return GraphSetup(bag.absolute(), folder.absolute(), *options, environment=domain)
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:
@@ -157,7 +157,7 @@ def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
     first_ns = outputs.cameras[0].stamp_ns if outputs.cameras else math.inf
     mapped = [stamp for stamp in outputs.frame_stamps_ns if stamp >= first_ns]
     pictures = outputs.topic("overlay_node", "tirgeo/overlay/image")
-    frame_ms = [one.latency_ms for one in pictures if one.latency_ms is not None]
+    frame_ms = [topic.latency_ms for topic in pictures if topic.latency_ms is not None]
     navigation = outputs.navigation
     sigmas = [math.degrees(status.heading_sigma_rad) for status in navigation]
     sigmas = [sigma for sigma in sigmas if math.isfinite(sigma)]
@@ -200,4 +200,4 @@ def against_targets(outputs: Outputs, targets: Path) -> list[dict[str, object]]:
     """Return each click's located point with the nearest target; empty without a targets file."""
     if not targets.is_file():
         return []
-    return [dataclasses.asdict(one) for one in found_targets(outputs, load_survey(targets))]
+    return [dataclasses.asdict(target) for target in found_targets(outputs, load_survey(targets))]

@@ -34,23 +34,23 @@ _WIDER = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
 
 
-def video_environment(given: Mapping[str, str], config: Path) -> dict[str, str]:
-    """Return ``given`` with shared memory that holds whole frames, unless a profile is set."""
-    if any(name in given for name in PROFILES):
-        return dict(given)
-    return {**given, PROFILES[0]: str(config / "fastdds.xml")}
+def video_environment(environment: Mapping[str, str], config: Path) -> dict[str, str]:
+    """Return an environment with shared memory for whole frames, unless a profile is set."""
+    if any(name in environment for name in PROFILES):
+        return dict(environment)
+    return {**environment, PROFILES[0]: str(config / "fastdds.xml")}
 
 
-def localhost_environment(given: Mapping[str, str], config: Path | None) -> dict[str, str]:
-    """Return ``given``, changed so that only this machine reaches the nodes started with it.
+def localhost_environment(environment: Mapping[str, str], config: Path | None) -> dict[str, str]:
+    """Return an environment in which only this machine reaches the nodes.
 
     ``config`` is the folder of the profiles, None if they are not installed. A user's own profile
     stays; ROS then limits discovery to this machine, but with sockets on every interface.
     """
-    kept = {name: value for name, value in given.items() if name not in _WIDER}
+    kept = {name: value for name, value in environment.items() if name not in _WIDER}
     profile = str(config / "fastdds_localhost.xml") if config else ""
-    others = {given[name] for name in PROFILES if name in given} - {profile}
-    if not profile or others or given.get("RMW_IMPLEMENTATION", "") not in _FAST_DDS:
+    others = {environment[name] for name in PROFILES if name in environment} - {profile}
+    if not profile or others or environment.get("RMW_IMPLEMENTATION", "") not in _FAST_DDS:
         return {**kept, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     return {
         **kept,
@@ -287,8 +287,8 @@ def _keep_running(processes: Sequence[NodeProcess], say: Callable[[str], object]
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
     """Return the environment of the nodes: their own DDS domain, on this machine only."""
-    given = {**os.environ, **setup.environment}
-    environment = localhost_environment(given, find_resource("config"))
+    wider = {**os.environ, **setup.environment}
+    environment = localhost_environment(wider, find_resource("config"))
     environment.setdefault(TOKEN_SEED, secrets.token_urlsafe())
     environment.setdefault("ROS_LOG_DIR", str(setup.folder / "ros"))
     if "ROS_DOMAIN_ID" not in setup.environment:

@@ -82,8 +82,10 @@ class WholeGraph:
         usual = find_resource(_USUAL_PARAMS)
         files = self.params or ([usual] if usual else [])
         bag = {"bag": self.bag, "use_sim_time": True} if self.bag else {}
-        given = {"map": self.map, "listen": self.page, "cot": self.cot}
-        words = parameter_words(bag | {name: one for name, one in given.items() if one}, files)
+        values = {"map": self.map, "listen": self.page, "cot": self.cot}
+        words = parameter_words(
+            bag | {name: value for name, value in values.items() if value}, files
+        )
         if self.namespace:
             words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
         if self.bag:  # the bag's clock goes into the namespace, as its topics do

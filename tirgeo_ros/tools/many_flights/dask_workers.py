@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros import __version__
-from tirgeo_ros.core.types.errors import SeasonError, shown
+from tirgeo_ros.core.types.errors import ManyFlightsError, shown
 from tirgeo_ros.tools.many_flights.flight_process import run_flight
 from tirgeo_ros.tools.many_flights.flight_record import (
     FlightTask,
@@ -25,7 +25,7 @@ from tirgeo_ros.tools.many_flights.flight_record import (
     running_mark,
     written_record,
 )
-from tirgeo_ros.tools.many_flights.local_workers import Board
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.presentation.progress import silent
 
 _SHOW_S = 0.2
@@ -35,13 +35,13 @@ _WORKERS_S = 30.0  # for the first worker to come
 
 
 def run_on_cluster(
-    tasks: Sequence[FlightTask], scheduler: str, board: Board
+    tasks: Sequence[FlightTask], scheduler: str, progress: FlightProgress
 ) -> Generator[tuple[FlightTask, Record], None, None]:
     """Yield each task with its record, in the order in which they end.
 
     When the generator is closed, the tasks are cancelled, and their processes end. Raises
-    SeasonError for a scheduler without workers or one that is lost, and for workers of another
-    version or without the folder.
+    ManyFlightsError for a scheduler without workers or one that is lost, and for workers of
+    another version or without the folder.
     """
     with _client(scheduler) as client:
         _check(client, tasks[0].folder)
@@ -52,18 +52,18 @@ def run_on_cluster(
         }
         try:
             while pending:
-                board.in_work(_names(client, run))
-                board.show()
+                progress.in_work(_names(client, run))
+                progress.show()
                 time.sleep(_SHOW_S)
                 done = [future for future in pending if future.done()]
                 if client.status != "running":  # it has cancelled all of them by itself
                     raise ConnectionError
                 for future in done:
                     task = pending.pop(future)
-                    board.done(task.name)
+                    progress.done(task.name)
                     yield task, _record(task, future)
         except OSError:  # Dask's own are of this kind
-            raise SeasonError(
+            raise ManyFlightsError(
                 f"--scheduler {scheduler}: the connection to it is lost; what is done is kept: "
                 "run the same command again when it is back"
             ) from None
@@ -75,7 +75,7 @@ def run_on_cluster(
 def run_on_worker(task: FlightTask) -> Record:
     """Process a flight on a worker, as long as the command runs."""
     if task.made_from["version"] != __version__:
-        raise SeasonError(_other_version(__version__))
+        raise ManyFlightsError(_other_version(__version__))
     mark = running_mark(Path(task.folder))
     return run_flight(task, lambda: not mark.exists(), silent)
 
@@ -92,9 +92,9 @@ def _dask() -> Any:
 
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
-    """Connect to a scheduler; raise SeasonError if there is none."""
+    """Connect to a scheduler; raise ManyFlightsError if there is none."""
     if not _ADDRESS.fullmatch(scheduler):
-        raise SeasonError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
+        raise ManyFlightsError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
     dask = _dask()
     for name in ("distributed", "distributed.client"):  # the package gives each its own level
         logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here
@@ -102,26 +102,30 @@ def _client(scheduler: str) -> Iterator[Any]:
         client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False, name="tirgeo")
     except (OSError, ValueError, TypeError) as error:
         why = shown(str(error).partition("\n")[0], 200)
-        raise SeasonError(f"--scheduler {scheduler}: no Dask scheduler answers: {why}") from None
+        raise ManyFlightsError(
+            f"--scheduler {scheduler}: no Dask scheduler answers: {why}"
+        ) from None
     with client:
         yield client
 
 
 def _check(client: Any, folder: str) -> None:
-    """Raise SeasonError unless there are workers, of this version, that see the folder."""
+    """Raise ManyFlightsError unless there are workers, of this version, that see the folder."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except _dask().TimeoutError:
-        raise SeasonError("the scheduler has no worker: start some with dask worker") from None
+        raise ManyFlightsError(
+            "the scheduler has no worker: start some with dask worker"
+        ) from None
     for worker, answer in client.run(worker_sees, folder, on_error="return").items():
         if isinstance(answer, BaseException):
             why = shown(answer, 200)
-            raise SeasonError(f"worker {worker}: cannot run tirgeo {__version__}: {why}")
+            raise ManyFlightsError(f"worker {worker}: cannot run tirgeo {__version__}: {why}")
         version, sees = answer
         if version != __version__:
-            raise SeasonError(f"worker {worker}: {_other_version(version)}")
+            raise ManyFlightsError(f"worker {worker}: {_other_version(version)}")
         if not sees:
-            raise SeasonError(
+            raise ManyFlightsError(
                 f"worker {worker} does not see {folder}: flights, files and outputs must be on a "
                 "file system that all workers share, under the same names"
             )

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tirgeo_ros.core.types.errors import PictureError, SeasonError, TirgeoError, shown
+from tirgeo_ros.core.types.errors import ManyFlightsError, PictureError, TirgeoError, shown
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import write_files
@@ -170,7 +170,7 @@ def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
     )
     facts, jpeg = flight_facts(bag_out, task.options["namespace"], summary["duration_s"])
     if jpeg:
-        write_files({picture: jpeg}, SeasonError)
+        write_files({picture: jpeg}, ManyFlightsError)
     else:
         picture.unlink(missing_ok=True)
     sizes = {path.name: path.stat().st_size for path in (bag_out, video) if path and path.exists()}

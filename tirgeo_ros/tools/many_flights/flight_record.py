@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros import __version__
-from tirgeo_ros.core.types.errors import BagError, SeasonError
+from tirgeo_ros.core.types.errors import BagError, ManyFlightsError
 from tirgeo_ros.io.bags.bag import bag_files
 from tirgeo_ros.io.files.whole_files import PathLike, read_text, write_files
 from tirgeo_ros.tools.presentation.results import plain
@@ -117,8 +117,8 @@ def read_records(folder: Path) -> dict[str, Record]:
     """Return a folder's records by the names of their flights; other files are passed over."""
     records: dict[str, Record] = {}
     for path in filter(Path.is_file, sorted(folder.glob("*.json"))):  # a pipe never ends
-        with suppress(SeasonError, ValueError, RecursionError):
-            record = json.loads(read_text(path, SeasonError))
+        with suppress(ManyFlightsError, ValueError, RecursionError):
+            record = json.loads(read_text(path, ManyFlightsError))
             if _is_record(record):
                 records[path.stem] = record
     return records
@@ -132,8 +132,8 @@ def written_record(task: FlightTask, summary: Mapping[str, Any], attempts: int) 
     record = record_of(task, summary, attempts)
     text = json.dumps(plain(record), allow_nan=False, ensure_ascii=False, indent=1)
     try:
-        write_files({task.path(".json"): text + "\n"}, SeasonError)
-    except SeasonError as error:
+        write_files({task.path(".json"): text + "\n"}, ManyFlightsError)
+    except ManyFlightsError as error:
         record["error"] = record["error"] or str(error)
     return record
 

@@ -20,7 +20,7 @@ import numpy as np
 from tirgeo_ros import __version__
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import SeasonError
+from tirgeo_ros.core.types.errors import ManyFlightsError
 from tirgeo_ros.core.types.finding import NO_GO, Severity
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.files.whole_files import write_files
@@ -59,11 +59,11 @@ class Cell(NamedTuple):
 
 
 def write_page(folder: Path) -> None:
-    """Write ``index.html`` from the records in a folder. Raises SeasonError."""
+    """Write ``index.html`` from the records in a folder. Raises ManyFlightsError."""
     records = read_records(folder)
     pictures = {name: _picture(folder / f"{name}.jpg") for name in records}
     text = flights_html(folder.resolve().name, records, pictures)
-    write_files({folder / PAGE: text}, SeasonError)
+    write_files({folder / PAGE: text}, ManyFlightsError)
 
 
 def _picture(path: Path) -> bytes:
@@ -79,24 +79,11 @@ def flights_html(title: str, records: Mapping[str, Record], pictures: Mapping[st
         records.values(), key=lambda record: (_begin(record).key or "9", _name(record))
     )
     tracks = {_name(record): _facts(record).get("track_deg") for record in flights}
-    titles = ("flight", *_COLUMNS)
-    choices = (
-        f'<option value="{place} {int(down)}"{" selected" * (place == 1 and not down)}>'
-        f"{escape(name)} {arrow}</option>"
-        for place, name in enumerate(titles)
-        for down, arrow in ((False, "\u25b2"), (True, "\u25bc"))
-    )
-    heads = (
-        f"<th{' aria-sort=ascending' * (place == 1)}><button>{escape(name)}</button></th>"
-        for place, name in enumerate(titles)
-    )
     rows = (_row(record, pictures.get(_name(record), b"")) for record in flights)
     return Template(_FRAME.read_text(encoding="utf-8")).substitute(
         title=escape(title),
         totals="".join(_totals(flights)),
         maps=track_maps({name: track for name, track in tracks.items() if track}),
-        choices="".join(choices),
-        heads="".join(heads),
         rows="".join(rows),
         version=__version__,
     )
@@ -299,7 +286,7 @@ def _result(record: Record) -> Cell:
     return Cell(f'<b class="stop">{word}</b> {escape(error)}', 1.0 if record["output"] else 2.0)
 
 
-#: Titles of the columns after the flight's own, in their order.
+#: Titles of the columns after the flight's own, in the order of the page's head.
 _COLUMNS: Mapping[str, Callable[[Record], Cell]] = {
     "begin, UTC": _begin,
     "place": _place,

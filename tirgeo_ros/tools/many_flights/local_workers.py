@@ -19,7 +19,7 @@ _NAMED = 3  # flights; of more the number is told
 
 
 def run_here(
-    tasks: Sequence[FlightTask], workers: int | None, board: Board
+    tasks: Sequence[FlightTask], workers: int | None, progress: FlightProgress
 ) -> Generator[tuple[FlightTask, Record], None, None]:
     """Yield each task with its record, in the order in which they end.
 
@@ -34,7 +34,7 @@ def run_here(
     def work(task: FlightTask) -> Record:
         cores = shares.get()
         try:
-            return run_flight(task, stopped.is_set, partial(board.part, task.name), cores)
+            return run_flight(task, stopped.is_set, partial(progress.part, task.name), cores)
         finally:
             shares.put(cores)
 
@@ -42,10 +42,10 @@ def run_here(
         try:
             pending = {pool.submit(work, task): task for task in tasks}
             while pending:
-                board.show()
+                progress.show()
                 for future in wait(pending, _SHOW_S, FIRST_COMPLETED).done:
                     task = pending.pop(future)
-                    board.done(task.name)
+                    progress.done(task.name)
                     yield task, future.result()
         finally:
             stopped.set()
@@ -63,7 +63,7 @@ def core_shares(workers: int | None, flights: int) -> list[list[int]]:
 
 
 @final
-class Board:
+class FlightProgress:
     """Collect from all threads what is done, and report it from one; flights count as 1.
 
     A progress bar has the names of the flights in work in front.

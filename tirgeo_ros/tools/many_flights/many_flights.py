@@ -16,7 +16,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.core.types.errors import BagError, SeasonError
+from tirgeo_ros.core.types.errors import BagError, ManyFlightsError
 from tirgeo_ros.core.types.finding import NO_GO
 from tirgeo_ros.io.bags.bag import METADATA
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
@@ -38,7 +38,7 @@ from tirgeo_ros.tools.many_flights.flight_record import (
     same_place,
 )
 from tirgeo_ros.tools.many_flights.flights_page import PAGE, write_page
-from tirgeo_ros.tools.many_flights.local_workers import Board, run_here
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress, run_here
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
@@ -69,10 +69,10 @@ def process_flights(
     the videos, with its dot. ``workers`` is the number of processes on this computer (None: one a
     core), ``scheduler`` the address of a Dask scheduler to use instead. A ``progress`` bar names
     the flights in work. The folder's page is made anew, also if the run is interrupted. Raises
-    ConfigError, BagError and SeasonError for what concerns all flights.
+    ConfigError, BagError and ManyFlightsError for what concerns all flights.
     """
     begun_s = time.perf_counter()
-    place = made_folder(folder, SeasonError)
+    place = made_folder(folder, ManyFlightsError)
     with only_run(place):
         records = read_records(place)
         tasks = flight_tasks(flights, place, records, video, options)
@@ -81,7 +81,7 @@ def process_flights(
         for task in wanted:
             remove_parts(task)
         try:
-            _run(wanted, records, workers, scheduler, Board(len(wanted), progress))
+            _run(wanted, records, workers, scheduler, FlightProgress(len(wanted), progress))
         finally:
             write_page(place)
     return {
@@ -95,14 +95,14 @@ def process_flights(
 def only_run(folder: Path) -> Iterator[None]:
     """Mark the folder as in use, and remove the mark at the end.
 
-    Raises SeasonError while another run does the same. A run that was killed leaves a mark that
-    stops nobody.
+    Raises ManyFlightsError while another run does the same. A run that was killed leaves a mark
+    that stops nobody.
     """
     mark = running_mark(folder)
     try:
         file = mark.open("w")
     except OSError as error:
-        raise SeasonError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise ManyFlightsError(f"{folder}: cannot be written: {error.strerror}") from None
     with file:
         _lock(file.fileno(), folder)
         try:
@@ -116,7 +116,7 @@ def _lock(number: int, folder: Path) -> None:
         try:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise SeasonError(
+            raise ManyFlightsError(
                 f"{folder}: another tirgeo process works in this folder; "
                 "wait for it, or give another folder"
             ) from None
@@ -171,17 +171,17 @@ def _run(
     records: dict[str, Record],
     workers: int | None,
     scheduler: str | None,
-    board: Board,
+    progress: FlightProgress,
 ) -> None:
     """Run the tasks, and put their records among the others."""
     if not tasks:
         return
     if scheduler is None:
-        running = run_here(tasks, workers, board)
+        running = run_here(tasks, workers, progress)
     else:
         from tirgeo_ros.tools.many_flights.dask_workers import run_on_cluster  # noqa: PLC0415  an extra
 
-        running = run_on_cluster(tasks, scheduler, board)
+        running = run_on_cluster(tasks, scheduler, progress)
     with closing(running):
         for task, record in running:
             records[task.name] = record

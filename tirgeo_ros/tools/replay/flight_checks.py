@@ -48,20 +48,21 @@ F = TypeVar("F", bound=Callable[..., None])
 T = TypeVar("T")
 
 
-#: Calls that are run together: work of one kind in a row uses the processor's caches better.
-_BLOCK = 128
 #: A longer step of the gimbal's stamps, back or on, is a jump.
 _GIMBAL_GAP_S = 1.0
 
 
-def _later(method: F) -> F:
-    """Return a method whose calls are queued and run in order, before any finding is read."""
+def _guarded(method: F) -> F:
+    """Return a method that counts an exception as a fault of the check instead of raising."""
 
     @functools.wraps(method)
     def call(self: FlightChecks, *arguments: Any) -> None:
-        self.waiting.append((method, arguments))
-        if len(self.waiting) >= _BLOCK:
-            self.catch_up()
+        try:
+            method(self, *arguments)
+        except Exception as error:  # noqa: BLE001  no flight is lost by a check
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}:{place.lineno}"
+            self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
 
     return cast("F", call)
 
@@ -111,7 +112,6 @@ class FlightChecks:
         pictures: bool = False,
     ) -> None:
         ekf, gimbal, overlay, given = configs
-        self.waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         self._navigation = NavigationChecks(ekf, given)
         self._gimbal = GimbalChecks(gimbal, given)
         self._pictures = PictureChecks(overlay, ground, given)
@@ -143,21 +143,10 @@ class FlightChecks:
             *parameter_findings(given, unused, namespace, pictures=bool(seen)),
         ]
 
-    def catch_up(self) -> None:
-        """Run all queued calls; count an exception as a fault of the check instead of raising."""
-        waiting, self.waiting = self.waiting, []
-        for method, arguments in waiting:
-            try:
-                method(self, *arguments)
-            except Exception as error:  # noqa: BLE001, PERF203 no flight is lost by a check
-                place = traceback.extract_tb(error.__traceback__)[-1]
-                where = f"{Path(place.filename).name}:{place.lineno}"
-                self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
-
     def _count(self, topic: str, arrival_ns: int) -> None:
         self.arrivals_ns.setdefault(topic, []).append(arrival_ns)
 
-    @_later
+    @_guarded
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self._count(topic, arrival_ns)
@@ -173,7 +162,7 @@ class FlightChecks:
             stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
             self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
 
-    @_later
+    @_guarded
     def registered(self, found: Registered, plane: TangentPlane | None) -> None:
         """Take what filter and gimbal computed from a sample, and the poses' tangent plane."""
         if plane is not None and plane is not self._plane:
@@ -196,12 +185,12 @@ class FlightChecks:
             name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
             self.found.append(Finding("no_ground", Severity.STOP, str(error), name, mend))
 
-    @_later
+    @_guarded
     def map(self, laid: DrapedMap) -> None:
         """Take the map as placed in the plane that was given before."""
         self._map.map(laid)
 
-    @_later
+    @_guarded
     def camera(self, camera: Camera, arrival_ns: int) -> None:
         """Take a calibration of the bag."""
         self._count(CAMERA_INFO, arrival_ns)
@@ -230,18 +219,14 @@ class FlightChecks:
         else:
             self._passed(topic, stamp_ns, arrival_ns)
 
-    @_later
+    @_guarded
     def _passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
         self._count(topic, arrival_ns)
         self._pictures.passed(stamp_ns, arrival_ns)
 
+    @_guarded
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         """Take a picture with the stamp of its message; check it before it is drawn on."""
-        self._frame(topic, stamp_ns, pixels, arrival_ns)
-        self.catch_up()
-
-    @_later
-    def _frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         self._count(topic, arrival_ns)
         self.picture_size = (pixels.shape[1], pixels.shape[0])
         self._pictures.frame(stamp_ns, pixels, arrival_ns)
@@ -253,14 +238,12 @@ class FlightChecks:
 
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
-        self.catch_up()
         found = list(self.found)
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
         found += lone_findings(self._streams)
         found += unreadable_findings(counts, self._refused, self._reasons)
         for group in (self._navigation, self._gimbal, self._pictures, self._map):
             self._ask(group.findings, found)
-        self.catch_up()
         if self.failed:
             kind, number = self.failed.most_common(1)[0]
             evidence = f"a check failed {number} times: {kind}"
@@ -269,6 +252,6 @@ class FlightChecks:
             found.append(Finding("check_failed", Severity.CAUTION, evidence, where, mend))
         return sorted_findings(nearest_causes(found))
 
-    @_later
+    @_guarded
     def _ask(self, findings: Callable[[], list[Finding]], found: list[Finding]) -> None:
         found += findings()

@@ -14,7 +14,7 @@ from typing import Any
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
+from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import MessageError, TirgeoError

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import SmoothedNavigation
-from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     ImuSample,

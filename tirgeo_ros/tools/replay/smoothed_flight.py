@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import RecordingNavigation
-from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.tools.presentation.progress import Report

@@ -121,12 +121,12 @@ class BoardRenderer:
             blurred = _smeared(blurred, np.array(look.motion_px) * parts)
         height, width = self._falloff.shape
         mean = np.asarray(blurred).reshape(height, parts, width, parts).mean((1, 3))
-        seen = mean * (1 - look.vignetting * self._falloff)
-        seen = seen + rng.normal(0, look.noise, seen.shape)
+        levels = mean * (1 - look.vignetting * self._falloff)
+        levels = levels + rng.normal(0, look.noise, levels.shape)
         if look.bits == 16:
-            raw = np.clip(np.rint(seen * look.gain + look.offset), 0, 65535)
+            raw = np.clip(np.rint(levels * look.gain + look.offset), 0, 65535)
             return np.asarray(raw, np.uint16)
-        return np.asarray(np.clip(np.rint(seen), 0, 255), np.uint8)
+        return np.asarray(np.clip(np.rint(levels), 0, 255), np.uint8)
 
 
 def _looked_up(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> Floats:
@@ -197,16 +197,16 @@ def calibration_poses(
 
     Raise ValueError if the board does not fit into the picture.
     """
-    found, high = 0, np.array([camera.width, camera.height]) - _EDGE_PX
+    made, high = 0, np.array([camera.width, camera.height]) - _EDGE_PX
     for _ in range(_TRIES * count):
-        if found == count:
+        if made == count:
             return
-        pose = _pose(camera, board, rng, math.radians(most_tilt_deg), found % 4 == 3)
+        pose = _pose(camera, board, rng, math.radians(most_tilt_deg), made % 4 == 3)
         corners, valid = camera.project(board.points_m @ pose[0].T + pose[1])
         if valid.all() and ((corners > _EDGE_PX) & (corners < high)).all():
-            found += 1
+            made += 1
             yield pose
-    if found < count:
+    if made < count:
         raise ValueError("the board does not fit into the picture")
 
 
@@ -324,10 +324,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command."""
     try:
-        found = run(parser().parse_args(argv))
+        result = run(parser().parse_args(argv))
     except (TirgeoError, OSError) as error:
         sys.exit(f"boards: {error}")
-    sys.stdout.write("\n".join([*found["output"], ""]))  # type: ignore[misc]
+    sys.stdout.write("\n".join([*result["output"], ""]))  # type: ignore[misc]
 
 
 if __name__ == "__main__":

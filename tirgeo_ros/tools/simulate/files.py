@@ -6,15 +6,13 @@ import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 import yaml
 
-from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config.schema import values_of
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
 from tirgeo_ros.core.types.measurements import ImuSample
@@ -22,7 +20,7 @@ from tirgeo_ros.core.types.poses import CameraPose, NavSolution
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
-from tirgeo_ros.io.surveys.survey import Observation, save_observations, save_survey
+from tirgeo_ros.io.surveys.survey import save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.park import (
@@ -45,26 +43,26 @@ _CLICK_AFTER_NS = 1_000_000_000
 Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
 
 
-def write_flight(
+def _write_flight(
     path: Path,
     flight: SimulatedFlight,
     window: range,
-    camera: Camera,
     renderer: Renderer | None,
-    clicks: Sequence[Observation],
+    targets: Sequence[Target],
     progress: Report,
 ) -> dict[str, int]:
-    """Write what the aircraft recorded, and an operator's clicks on its pictures.
+    """Write what the aircraft recorded, and an operator's clicks on targets in its pictures.
 
-    Without a renderer no pictures are written. Only messages whose log time (ns) is in ``window``
-    are. Return the number of messages by topic.
+    Without a renderer there are no pictures and no clicks. Only messages whose log time (ns) is in
+    ``window`` are written. Return the number of messages by topic.
     """
-    messages = Messages(Cdr().types)
+    messages, camera = Messages(Cdr().types), flight.scenario.video.camera
     infos = (
         (stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns))
         for _, stamp_ns, _ in _frames(flight)
     )
     pictures = _pictures(messages, flight, window, renderer) if renderer else ()
+    clicks = sightings(flight, camera, targets) if renderer else ()
     clicked = (
         (
             click.stamp_ns + _CLICK_AFTER_NS,
@@ -78,7 +76,7 @@ def write_flight(
     return _write(path, streams, window, progress)
 
 
-def write_truth(path: Path, flight: SimulatedFlight, window: range) -> dict[str, int]:
+def _write_truth(path: Path, flight: SimulatedFlight, window: range) -> dict[str, int]:
     """Write the true poses: the body's at the IMU's rate, the camera's at the gimbal's."""
     messages = Messages(Cdr().types)
     streams = (_true_body(messages, flight, window), _true_camera(messages, flight))
@@ -90,7 +88,7 @@ def _write(path: Path, streams: Sequence[Any], window: range, progress: Report) 
     counts: dict[str, int] = {}
     with BagWriter(path) as bag:
         # Messages of equal times keep the order of the streams.
-        for log_time_ns, topic, message in heapq.merge(*streams, key=lambda one: one[0]):
+        for log_time_ns, topic, message in heapq.merge(*streams, key=lambda outgoing: outgoing[0]):
             if log_time_ns in window:
                 bag.write(f"/{topic}", TOPIC_TYPES[topic], message, log_time_ns)
                 counts[topic] = counts.get(topic, 0) + 1
@@ -175,37 +173,6 @@ _HEAD = """\
 _PRIORS = {"gyro_turn_on_bias", "accel_turn_on_bias"}
 
 
-class _Scene(NamedTuple):
-    """Hold what stands on the ground."""
-
-    scenario: Scenario
-    park: Park
-    targets: list[Target]
-    relief: Relief
-
-    def write(self, folder: Path, plane: TangentPlane) -> None:
-        """Write map, targets, parameters and, if the ground is not level, elevation model."""
-        texts = {
-            "map.geojson": map_text(self.park, plane, self.relief),
-            "targets.geojson": targets_text(self.targets, plane, self.relief),
-            "params.yaml": parameters_text(self.scenario),
-        }
-        if not self.relief.is_level:
-            texts |= {"dem.asc": elevation_text(self.relief, plane), "dem.prj": WGS84_TEXT}
-        write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
-
-    def drawn(
-        self, flight: SimulatedFlight, *, images: bool
-    ) -> tuple[Renderer | None, Sequence[Observation]]:
-        """Return what renders the pictures, if any, and the clicks on their targets."""
-        if not images:
-            return None, []
-        video = self.scenario.video
-        ground = paint(self.park, self.scenario.park, flight.seed)
-        renderer = Renderer(video.camera, ground, video, self.targets, self.relief)
-        return renderer, sightings(flight, video.camera, self.targets)
-
-
 def simulate(
     scenario_path: PathLike,
     out_dir: PathLike,
@@ -233,15 +200,21 @@ def simulate(
     points, clicks = surveyed(flight, scenario.video.camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets, relief = targets_of(scenario, flight.seed), Relief(scenario.park)
-    scene = _Scene(scenario, park, targets, relief)
     _check_clear(flight, relief)
     folder = made_folder(out_dir, ScenarioError)
-    scene.write(folder, flight.plane)
+    texts = {
+        "map.geojson": map_text(park, flight.plane, relief),
+        "targets.geojson": targets_text(targets, flight.plane, relief),
+        "params.yaml": parameters_text(scenario),
+    }
+    if not relief.is_level:
+        texts |= {"dem.asc": elevation_text(relief, flight.plane), "dem.prj": WGS84_TEXT}
+    write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
-    write_truth(folder / "truth.mcap", flight, window)
-    drawn = (scenario.video.camera, *scene.drawn(flight, images=images))
-    counts = write_flight(folder / "flight.mcap", flight, window, *drawn, progress)
+    _write_truth(folder / "truth.mcap", flight, window)
+    renderer = _renderer(flight, park, targets, relief) if images else None
+    counts = _write_flight(folder / "flight.mcap", flight, window, renderer, targets, progress)
     return {
         "folder": str(folder),
         "scenario": scenario.name,
@@ -253,6 +226,14 @@ def simulate(
         "messages": counts,
         "bytes": {name: (folder / name).stat().st_size for name in NAMES},
     }
+
+
+def _renderer(
+    flight: SimulatedFlight, park: Park, targets: list[Target], relief: Relief
+) -> Renderer:
+    scenario = flight.scenario
+    ground, video = paint(park, scenario.park, flight.seed), scenario.video
+    return Renderer(video.camera, ground, video, targets, relief)
 
 
 def _scenario(path: PathLike, joint_order: str | None, barometer_hz: float | None) -> Scenario:

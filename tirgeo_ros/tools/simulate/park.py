@@ -146,12 +146,12 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
     columns = max(1, int((scenario.east_m[1] - scenario.east_m[0]) / scenario.cell_m))
     beds = [_bed(rng, scenario, row, column) for row in range(rows) for column in range(columns)]
     return Park(
-        beds,
-        _paths(scenario, rows, columns),
-        _hydrants(scenario, rows, columns),
-        [plant for bed in beds for plant in _plants(rng, bed)],
-        _shrubs(rng, scenario),
-        _spots(rng, scenario, 45, (0.2, 0.45), (0.6, 1.0)),
+        beds=beds,
+        paths=_paths(scenario, rows, columns),
+        hydrants=_hydrants(scenario, rows, columns),
+        plants=[plant for bed in beds for plant in _plants(rng, bed)],
+        shrubs=_shrubs(rng, scenario),
+        hot=_spots(rng, scenario, 45, (0.2, 0.45), (0.6, 1.0)),
     )
 
 
@@ -215,25 +215,25 @@ def _crowns(rng: np.random.Generator, clump: Spot) -> list[Spot]:
 def _paths(scenario: ParkScenario, rows: int, columns: int) -> list[ParkPath]:
     south, west, cell = scenario.north_m[0], scenario.east_m[0], scenario.cell_m
     north, east = south + rows * cell, west + columns * cell
-    found: list[ParkPath] = []
+    paths: list[ParkPath] = []
     for k in range(columns + 1):
         line = np.array([[south, west + k * cell], [north, west + k * cell]])
-        found.append(ParkPath(f"Path N{k + 1}", line, _NARROW_M if k % 3 else _WIDE_M))
+        paths.append(ParkPath(f"Path N{k + 1}", line, _NARROW_M if k % 3 else _WIDE_M))
     for k in range(rows + 1):
         line = np.array([[south + k * cell, west], [south + k * cell, east]])
-        found.append(ParkPath(f"Allée {k + 1}", line, _NARROW_M if k % 4 else _WIDE_M))
-    return found
+        paths.append(ParkPath(f"Allée {k + 1}", line, _NARROW_M if k % 4 else _WIDE_M))
+    return paths
 
 
 def _hydrants(scenario: ParkScenario, rows: int, columns: int) -> list[Hydrant]:
     """Return a hydrant beside every other crossing of a wide path."""
-    found: list[Hydrant] = []
+    hydrants: list[Hydrant] = []
     for row in range(0, rows + 1, 2):
         for column in range(row % 4 // 2, columns + 1, 3):
             north = scenario.north_m[0] + row * scenario.cell_m + 2.6
             east = scenario.east_m[0] + column * scenario.cell_m + 2.4
-            found.append(Hydrant(f"Hydrant {len(found) + 1}", np.array([north, east])))
-    return found
+            hydrants.append(Hydrant(f"Hydrant {len(hydrants) + 1}", np.array([north, east])))
+    return hydrants
 
 
 def _spots(
@@ -244,7 +244,7 @@ def _spots(
     warmth: tuple[float, float],
 ) -> list[Spot]:
     """Return round objects along the paths that run north."""
-    found: list[Spot] = []
+    spots: list[Spot] = []
     (south, north_end), (west, east_end) = scenario.north_m, scenario.east_m
     cell = scenario.cell_m
     for _ in range(count):
@@ -252,8 +252,8 @@ def _spots(
         column = round((rng.uniform(west, east_end) - west) / cell)
         east = west + cell * column + rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.9)
         spot = Spot(np.array([north, east]), float(rng.uniform(*radii_m)), rng.uniform(*warmth))
-        found.append(spot)
-    return found
+        spots.append(spot)
+    return spots
 
 
 def _shape(rng: np.random.Generator) -> tuple[Array, list[Array]]:
@@ -304,9 +304,9 @@ def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
     for path in park.paths:
         line = _positions(path.line, plane, relief)
         features.append(_feature({"name": path.name, "kind": "path"}, "LineString", line))
-    for one in park.hydrants:
-        properties = {"name": one.name, "kind": "hydrant"}
-        features.append(point_feature(properties, one.center, plane, relief))
+    for hydrant in park.hydrants:
+        properties = {"name": hydrant.name, "kind": "hydrant"}
+        features.append(point_feature(properties, hydrant.center, plane, relief))
     return collection(features)
 
 

@@ -185,12 +185,12 @@ def targets_of(scenario: Scenario, seed: int) -> list[Target]:
     scene, park = scenario.scene, scenario.park
     low, high = np.transpose([park.north_m, park.east_m])
     targets = []
-    for kind, given, count in (
+    for kind, placed, count in (
         ("person", scene.people_at, scene.people),
         ("fire", scene.fires_at, scene.fires),
         ("vehicle", scene.vehicles_at, scene.vehicles),
     ):
-        rows = list(np.reshape(given, (-1, 4)))
+        rows = list(np.reshape(placed, (-1, 4)))
         for number in range(len(rows) + count):
             # Each target has its own generator, so that one more does not move the others.
             rng = generator(seed, f"{kind} {number + 1}")
@@ -206,14 +206,14 @@ def targets_of(scenario: Scenario, seed: int) -> list[Target]:
 def targets_text(targets: list[Target], plane: TangentPlane, relief: Relief = LEVEL) -> str:
     """Return the targets as GeoJSON points with ``id``, ``kind``, contrast (K) and size (m)."""
     features = []
-    for one in targets:
+    for target in targets:
         about: dict[str, object] = {
-            "id": one.id,
-            "kind": one.kind,
-            "warmer_k": round(one.warmer_k, 3),
-            "size_m": round(one.size_m, 3),
+            "id": target.id,
+            "kind": target.kind,
+            "warmer_k": round(target.warmer_k, 3),
+            "size_m": round(target.size_m, 3),
         }
-        features.append(point_feature(about, one.center, plane, relief))
+        features.append(point_feature(about, target.center, plane, relief))
     return collection(features)
 
 
@@ -233,9 +233,9 @@ def draw_targets(picture: Floats, targets: Sequence[Target], north: Floats, east
         near &= pixel_m < _COARSEST_M
         if near.any():
             rows, columns = (_around(near.any(axis=axis)) for axis in (1, 0))
-            seen = picture[rows, columns]
+            part = picture[rows, columns]
             share = _share(target, north[rows, columns], east[rows, columns])
-            seen += share * (GRASS + GREY_PER_K * target.warmer_k - seen)
+            part += share * (GRASS + GREY_PER_K * target.warmer_k - part)
 
 
 def _pixel_m(north: Floats, east: Floats) -> Floats:
@@ -246,8 +246,8 @@ def _pixel_m(north: Floats, east: Floats) -> Floats:
 
 def _around(marked: npt.NDArray[np.bool_]) -> slice:
     """Return the range of the marked items, with one more on either side."""
-    found = np.flatnonzero(marked)
-    return slice(max(int(found[0]) - 1, 0), int(found[-1]) + 2)
+    places = np.flatnonzero(marked)
+    return slice(max(int(places[0]) - 1, 0), int(places[-1]) + 2)
 
 
 def _share(target: Target, north: Floats, east: Floats) -> Floats:
@@ -304,13 +304,13 @@ class Renderer:
         # Single precision is enough: 1e-5 m at some 100 m.
         place = position_p.astype(np.float32)
         height, loss = self._relief.met(place, rays_p)
-        seen = loss > height / _FAR_M
-        depth = np.asarray(height / np.where(seen, loss, np.float32(1)), np.float32)
+        on_ground = loss > height / _FAR_M
+        depth = np.asarray(height / np.where(on_ground, loss, np.float32(1)), np.float32)
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
         picture = self._sampled(north, east, self._footprints(depth, rays_p))
         draw_targets(picture, self._targets, north, east)
-        picture[~seen.reshape(self._shape)] = _SKY
+        picture[~on_ground.reshape(self._shape)] = _SKY
         return self._sensed(picture, rng)
 
     def _footprints(self, depth: Floats, rays_p: Floats) -> Floats:

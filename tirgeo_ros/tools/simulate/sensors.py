@@ -131,7 +131,9 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     headings = _headings(scenario, seed, trajectory.rotation_nb(motion), epochs)
     delay_ns = round(rtk.arrival_delay_s * 1e9)
     both = zip(fixes, headings, strict=True)
-    return [(one.stamp_ns + delay_ns, one) for fix, heading in both for one in (*fix, heading)]
+    return [
+        (sample.stamp_ns + delay_ns, sample) for fix, heading in both for sample in (*fix, heading)
+    ]
 
 
 def _headings(
@@ -174,7 +176,7 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.gps_lever_b)
     fixes = _fixes(epochs, at_antenna, errors, sigmas, sources, FixStatus.SINGLE)
     delay_ns = round(gps.arrival_delay_s * 1e9)
-    return [(one.stamp_ns + delay_ns, one) for fix in fixes for one in fix]
+    return [(sample.stamp_ns + delay_ns, sample) for fix in fixes for sample in fix]
 
 
 def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:

@@ -108,10 +108,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command."""
     try:
-        found = run(parser().parse_args(argv))
+        result = run(parser().parse_args(argv))
     except TirgeoError as error:
         sys.exit(f"static_imu: {error}")
-    sys.stdout.write(f"{found['messages']} messages: {found['output']}\n")
+    sys.stdout.write(f"{result['messages']} messages: {result['output']}\n")
 
 
 if __name__ == "__main__":

@@ -59,12 +59,12 @@ def surveyed(
     measured_p = views.corners_p[chosen] + noise * np.array(config.sigma_m)
     geodetic = np.transpose(flight.plane.geodetic_from_ned(measured_p)).tolist()
     points = [SurveyPoint(f"P{k:02d}", *place) for k, place in enumerate(geodetic, 1)]
-    rng, found = generator(flight.seed, "clicks"), []
+    rng, clicks = generator(flight.seed, "clicks"), []
     for point, corner in zip(points, chosen, strict=True):
         for frame in rng.choice(clicked[corner], config.views, replace=False).tolist():
             u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
-            found.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
-    return points, _sorted(found)
+            clicks.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
+    return points, _sorted(clicks)
 
 
 def exposures(flight: SimulatedFlight) -> Epochs:
@@ -85,15 +85,15 @@ def sightings(
         return []
     views = _views(flight, camera, np.array([target.center for target in targets]))
     off_middle = np.hypot(*np.moveaxis(views.uv - [camera.width / 2, camera.height / 2], -1, 0))
-    found = []
+    clicks = []
     for k, target in enumerate(targets):
         frames = np.flatnonzero(views.good[:, k])
         passes = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
         for frames in filter(len, passes):
             best = frames[int(np.argmin(off_middle[frames, k]))]
             u, v = views.uv[best, k].tolist()
-            found.append(Observation(target.id, views.stamp_ns[best], u, v))
-    return _sorted(found)
+            clicks.append(Observation(target.id, views.stamp_ns[best], u, v))
+    return _sorted(clicks)
 
 
 def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
@@ -111,20 +111,22 @@ def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     good &= (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
     good &= (epochs.t_s >= config.after_s)[:, None]
     latency_ns = round(flight.scenario.video.latency_s * 1e9)
-    return Views(corners_p, epochs.t_s, [one + latency_ns for one in epochs.stamp_ns], uv, good)
+    return Views(
+        corners_p, epochs.t_s, [stamp + latency_ns for stamp in epochs.stamp_ns], uv, good
+    )
 
 
 def _sorted(clicks: list[Observation]) -> list[Observation]:
-    return sorted(clicks, key=lambda one: (one.stamp_ns, one.id))
+    return sorted(clicks, key=lambda click: (click.stamp_ns, click.id))
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
     """Return pictures in which a corner is well seen, each ``apart_s`` after the one before."""
-    found: list[int] = []
+    frames: list[int] = []
     for frame in np.flatnonzero(views.good[:, corner]).tolist():
-        if not found or views.t_s[frame] - views.t_s[found[-1]] >= config.apart_s:
-            found.append(frame)
-    return found
+        if not frames or views.t_s[frame] - views.t_s[frames[-1]] >= config.apart_s:
+            frames.append(frame)
+    return frames
 
 
 def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from flights import filtered, flight
 
-from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock
-from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.tools.calibrate.imu_record import imu_block
+from tirgeo_ros.tools.calibrate.imu_bag import imu_block
 
 SECOND_NS = 1_000_000_000
 RNG = np.random.default_rng(3)

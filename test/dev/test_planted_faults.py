@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 from overlays import PLANE, pose_at
 
-from dev.planted_faults.faults import Fault
-from dev.planted_faults.live import Eye, Outcome, Picture, Report, seen, times_of_ellipse
+from dev.planted_faults.faults import FAULTS, Fault
+from dev.planted_faults.live import (
+    CLEAN,
+    Eye,
+    Live,
+    Outcome,
+    Picture,
+    Report,
+    seen,
+    times_of_ellipse,
+)
+from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
@@ -23,6 +33,7 @@ from tirgeo_ros.core.overlay.status_and_notices import (
 )
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.tools.presentation.progress import silent
 
 STAMP_NS = 1_700_000_000 * 10**9
 FAULT = Fault("late", ("rtk.delay_s",), lambda good, _: good)
@@ -88,3 +99,44 @@ def test_an_error_is_told_in_ellipses():
     middle = times_of_ellipse(wrong, true, at_ns)
     assert middle >= 4.0 * (1 - 1e-3)  # others may have smaller ellipses that way
     assert math.isnan(times_of_ellipse(wrong, true, at_ns + 10**12))  # no pose, nothing said
+
+
+#: Each takes a flight of half a minute. The others are ``--live``'s, and ``check``'s in
+#: ``test_planted_faults``: of each node, and of each kind of evidence, one is enough here.
+PLAYED = (
+    "gimbal of another type",
+    "fixes above sea level",
+    "wrong K",
+    "UTM zone",
+    "no params",
+    "lever arm sign",
+    "RTK 0.6 s late",
+)
+
+
+def outcome(fault, sample, folder):
+    pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+    return Live(FlightFiles.in_folder(sample), folder).outcome(fault, silent)
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+@pytest.mark.long
+def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(sample, tmp_path):
+    found = outcome(CLEAN, sample, tmp_path)
+    assert found.is_quiet, found
+    assert found.green > 150  # of 20 s at 9 Hz
+    assert found.times < 3
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "fault", [f for f in FAULTS if f.name in PLAYED], ids=lambda fault: fault.name
+)
+def test_a_fault_is_named_in_time_and_no_green_picture_is_wrong(fault, sample, tmp_path):
+    found = outcome(fault, sample, tmp_path)
+    assert found.named is not None, found
+    assert found.named.at_s <= found.notice_s <= found.named.at_s + 1.5  # a report and a picture
+    assert found.is_good, found

@@ -15,7 +15,7 @@ from process_bags import rewritten
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask
-from tirgeo_ros.tools.many_flights.local_workers import Board
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.many_flights.many_flights import flights_summary, only_run, summary_lines
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
@@ -102,37 +102,6 @@ def test_wrong_parameters_are_said_once(flights, tmp_path, capsys):
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert "unknown parameter metod" in told
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["-o", "out.mcap"], "several flights need a folder, not out.mcap"),
-        (["-o", "out", "--workers", "0"], "--workers must be 1 or more"),
-        (["-o", "out", "--workers", "2", "--scheduler", "a:1"], "is not for --scheduler"),
-        (["-o", "out", "--video", "out.mp4"], "--video of several flights is one of .mp4, .webm"),
-    ],
-)
-def test_wrong_use_of_many(flights, more, message, capsys):
-    with pytest.raises(SystemExit) as left:
-        command.main(["process", *map(str, flights), *more])
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["--workers", "2"], "--workers and --scheduler are for several flights"),
-        (["--scheduler", "a:1"], "--workers and --scheduler are for several flights"),
-        (["--video"], "--video needs a name, as OUT.mp4"),
-    ],
-)
-def test_wrong_use_of_one(flights, more, message, capsys):
-    with pytest.raises(SystemExit) as left:
-        command.main(["process", str(flights[0]), "-o", "out.mcap", *more])
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -245,7 +214,7 @@ def test_the_bar_has_all_flights_and_names_those_in_work():
     times = iter([0.0, 10.0, 20.0])
     terminal = Terminal()
     bar = Progress("processing", "flights", stream=terminal, clock=lambda: next(times))
-    board = Board(8, bar)
+    board = FlightProgress(8, bar)
     for name in ("one", "two"):
         board.done(name)
     for name in ("four", "three"):
@@ -260,7 +229,7 @@ def test_the_bar_has_all_flights_and_names_those_in_work():
 
 def test_a_board_without_a_bar_reports_numbers():
     told = []
-    board = Board(2, lambda *amounts: told.append(amounts))
+    board = FlightProgress(2, lambda *amounts: told.append(amounts))
     board.part("a", 0.25)
     board.show()
     board.done("a")

@@ -1,4 +1,4 @@
-"""Which stamps are due at a rate, and when a stream counts as there."""
+"""Which stamps are due at a rate or an interval apart, and when a stream counts as there."""
 
 from __future__ import annotations
 

@@ -65,11 +65,11 @@ def imu_block(messages: Sequence[bytes]) -> ImuBlock:
 
 def _layouts(messages: Sequence[bytes]) -> dict[tuple[bytes, int, int], list[int]]:
     """Return the message indices for each byte order, length of the frame, and length."""
-    found: dict[tuple[bytes, bytes, int], list[int]] = defaultdict(list)
+    by_layout: dict[tuple[bytes, bytes, int], list[int]] = defaultdict(list)
     for place, data in enumerate(messages):
-        found[data[:2], data[_FRAME_AT : _FRAME_AT + 4], len(data)].append(place)
+        by_layout[data[:2], data[_FRAME_AT : _FRAME_AT + 4], len(data)].append(place)
     sound = {}
-    for (mark, length, size), places in found.items():
+    for (mark, length, size), places in by_layout.items():
         if mark in _MARKS and len(length) == 4:
             (frame,) = struct.unpack(_MARKS[mark] + "I", length)
             if _numbers_at(frame) + 8 * _BEHIND_HEADER <= size:
@@ -180,7 +180,7 @@ def read_imu(
             f"{where}: {1 / record.step_s:.3g} samples a second are too few; record at 50 Hz or "
             "more"
         )
-    return ReadImu(where, topic, record, number, unreadable)
+    return ReadImu(where=where, topic=topic, record=record, messages=number, unreadable=unreadable)
 
 
 def _check_topic(reader: BagReader, name: str) -> None:
