@@ -17,7 +17,7 @@ from pathlib import Path
 from dev.flights import LoopedFlight
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, sensed
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 

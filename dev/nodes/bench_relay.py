@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.io.messages import image_pixels, stamp_ns
-from tirgeo_ros.io.messages.offered_qos import IMAGE_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 

@@ -22,7 +22,7 @@ from rclpy.publisher import Publisher
 from dev.flights import stamped
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.nodes.bag_player import PlayClock, await_readers
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output
 from tirgeo_ros.nodes.runner import run

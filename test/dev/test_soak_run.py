@@ -17,7 +17,7 @@ from dev.nodes.soak_witness import line_pixels
 from dev.soak.__main__ import soak
 from dev.soak.run import RATE, Event, Kind, schedule
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

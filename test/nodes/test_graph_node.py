@@ -21,7 +21,7 @@ from std_msgs.msg import String
 
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.messages import TopicState
-from tirgeo_ros.io.messages.offered_qos import offered_qos
+from tirgeo_ros.io.messages.sensor_messages import offered_qos
 from tirgeo_ros.nodes import monitor as monitor_module
 from tirgeo_ros.nodes.dji_node import DjiNode
 from tirgeo_ros.nodes.ekf_node import EkfNode
@@ -177,7 +177,7 @@ def test_rates_are_of_the_last_window(clock):
     monitor.received("imu/data")
     assert monitor.topics() == {
         "imu/data": TopicState(100.0, age_s=0.0),
-        "tirgeo/odometry": TopicState(0.5, latency_ms=20.0),
+        "tirgeo/odometry": TopicState(0.5, latency_ms=20.0, latency_p95_ms=20.0),
     }
     clock[0] += 0.5
     item = monitor.report("x")

@@ -16,7 +16,7 @@ from graph_helpers import await_words
 
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import message_class, output
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario

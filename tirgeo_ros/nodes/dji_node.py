@@ -26,7 +26,7 @@ from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed, stamp_ns
-from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN

@@ -11,7 +11,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.io.messages.offered_qos import TF_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import TF_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output
 from tirgeo_ros.nodes.monitor import OK
 

@@ -13,8 +13,8 @@ import numpy as np
 from tirgeo_ros.core.config import VideoWriterConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import ConfigError, VideoError
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.live_stream import LiveStream
 from tirgeo_ros.io.video.video_file import VideoFile

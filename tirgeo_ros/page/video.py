@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from aiohttp import WSMsgType, web
 
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, size_of
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, size_of
 from tirgeo_ros.page.access import Allowance
 
 

@@ -14,7 +14,7 @@ from project import PROJECT
 from tirgeo_ros.core.map.map_layers import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.maps.layers import read_layers as load_layers
-from tirgeo_ros.io.maps.style_sheet import Condition, LabelRule, load_style_sheet
+from tirgeo_ros.io.maps.style_sheet import Condition, LabelRule, load_style_sheet, own_names
 
 SHEET = """
 layers:
@@ -133,9 +133,14 @@ ROW = {
 }
 
 
+def by_wanted(rule, row):
+    """The properties of a table by the names that a rule has for them."""
+    return {name: row[own] for name, own in own_names(rule.fields, list(row)).items()}
+
+
 def holds(text, row=ROW):
     condition = Condition.parsed(text, "s.yaml: layer 1: where")
-    return condition.holds(condition.columns(row), row)
+    return condition.holds(by_wanted(condition, row))
 
 
 HOLDS = [
@@ -207,7 +212,7 @@ def test_any_text_is_a_condition_or_an_error(text):
 
 
 def text(rule, properties):
-    return rule.text(rule.columns(list(properties), "a.map"), properties)
+    return rule.text(by_wanted(rule, properties))
 
 
 @pytest.mark.parametrize(
@@ -249,6 +254,6 @@ def test_an_unknown_field_of_a_sheet():
     rule = LabelRule.parsed("{nmae}", "s.yaml: layer 1: label")
     message = r"^s.yaml: layer 1: label: a.map has no field 'nmae' \(did you mean name\?\)"
     with pytest.raises(ConfigError, match=message):
-        rule.columns(["name", "ref"], "a.map")
+        rule.check(["name", "ref"], "a.map")
     with pytest.raises(ConfigError, match="has no field 'nmae': it has none"):
-        rule.columns([], "a.map")
+        rule.check([], "a.map")

@@ -20,6 +20,7 @@ from ros1_bags import (
     parameters_file,
     wrapper_bag,
 )
+from scipy.spatial.transform import Rotation
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io import messages as convert
@@ -37,25 +38,11 @@ ROUNDING = 1e-9
 
 def rotation(q):
     """Matrix of a message's quaternion."""
-    w, x, y, z = q.w, q.x, q.y, q.z
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
 
 
 def about(axis, degrees):
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.array(
-        {
-            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
-            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
-            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
-        }[axis]
-    )
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
 
 
 #: East, north, up from north, east, down.

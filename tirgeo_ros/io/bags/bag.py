@@ -69,7 +69,7 @@ def _begins(path: Path, magic: bytes) -> bool:
 
 
 def _copied(path: Path, beside: list[Path], folder: Path, *, packed: bool) -> Path:
-    """Return the copy of a file in a folder: unpacked, or as it is with what is beside it."""
+    """Return the copy of a file in a folder: unpacked, or with the files beside it."""
     copy = folder / path.name.removesuffix(".zstd")
     try:
         if packed:
@@ -90,22 +90,18 @@ def _unpack(path: Path, file: IO[bytes], out: IO[bytes]) -> None:
     """Write what a file holds. Of a cut or damaged one, the part before: its reader finds that."""
     free = shutil.disk_usage(Path(out.name).parent).free - _RESERVE
     most = path.stat().st_size * _MOST_TIMES + _ANYWAY
-    for piece in _pieces(file):
-        written = out.tell() + len(piece)
-        if written > most:
-            raise BagError(f"{path}: unpacks to more than {_MOST_TIMES} times its size: not read")
-        if written > free:
-            raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
-        out.write(piece)
-    if not out.tell():
-        raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
-
-
-def _pieces(file: IO[bytes]) -> Iterator[bytes]:
     stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
     with suppress(zstandard.ZstdError):
         while piece := stream.read(_PIECE):
-            yield piece
+            written = out.tell() + len(piece)
+            if written > most:
+                times = f"{_MOST_TIMES} times its size"
+                raise BagError(f"{path}: unpacks to more than {times}: not read")
+            if written > free:
+                raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
+            out.write(piece)
+    if not out.tell():
+        raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
 
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
@@ -242,7 +238,7 @@ _MOST_BYTES = 4 << 20  # of metadata: some hundred bytes a topic and a file
 
 
 def bag_files(path: Path) -> tuple[list[Path], list[str]]:
-    """Return a bag's files in order, and what is lost: files that its metadata names in vain.
+    """Return a bag's files in order, and a line for each file that only its metadata has.
 
     ``path`` is a file, a folder, or the ``metadata.yaml`` in it. The metadata only names the
     files: what it says of times and counts is not always right. Without metadata (the recorder
@@ -286,7 +282,7 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
 
 
 def _information(metadata: Path) -> dict[str, Any]:
-    """Return what metadata say; the names of version 3 and before have the folder's in front."""
+    """Return the contents; before version 4 the files' names have the folder's in front."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where there is C
     tree = yaml.load(read_text(metadata, BagError, _MOST_BYTES), loader)  # noqa: S506  safe
     recorded: dict[str, Any] = tree["rosbag2_bagfile_information"]

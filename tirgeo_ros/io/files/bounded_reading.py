@@ -19,11 +19,9 @@ import resource
 import struct
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, TypeVar
-
-from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
 
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 
@@ -40,15 +38,28 @@ def bounded_memory(most_bytes: int = MOST_BYTES) -> Iterator[None]:
     The kernel (Linux) enforces the limit, so it holds in libraries too, and while it is open for
     every thread.
     """
-    before, hard = resource.getrlimit(resource.RLIMIT_DATA)
     used = _used_bytes()
-    most = [used + most_bytes, *(each for each in (before, hard) if each >= 0)]
-    if used:
-        resource.setrlimit(resource.RLIMIT_DATA, (min(most), hard))
+    with _limit(resource.RLIMIT_DATA, used + most_bytes) if used else nullcontext():
+        yield
+
+
+@contextmanager
+def bounded_time(most_s: int = MOST_S) -> Iterator[None]:
+    """Limit the process's additional seconds of computing; SIGXCPU ends it beyond them."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    with _limit(resource.RLIMIT_CPU, math.ceil(used.ru_utime + used.ru_stime) + most_s):
+        yield
+
+
+@contextmanager
+def _limit(kind: int, most: int) -> Iterator[None]:
+    """Lower a limit of the process meanwhile; what it has already stays if that is less."""
+    before, hard = resource.getrlimit(kind)
+    resource.setrlimit(kind, (min([most, *(each for each in (before, hard) if each >= 0)]), hard))
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
+        resource.setrlimit(kind, (before, hard))
 
 
 def _used_bytes() -> int:
@@ -61,20 +72,6 @@ def _used_bytes() -> int:
         size = next(line for line in lines if line.startswith("VmData:"))
         return int(size.split()[1]) << 10
     return 0
-
-
-@contextmanager
-def bounded_time(most_s: int = MOST_S) -> Iterator[None]:
-    """Limit the process's additional seconds of computing; SIGXCPU ends it beyond them."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    before, hard = resource.getrlimit(resource.RLIMIT_CPU)
-    most = [math.ceil(used.ru_utime + used.ru_stime) + most_s]
-    limit = min(most + [each for each in (before, hard) if each >= 0])
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_CPU, (before, hard))
 
 
 T = TypeVar("T")
@@ -96,7 +93,9 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
     Without ``network`` it runs in a thread that has no network. Raises ConfigError where a thread
     cannot be cut off from it.
     """
-    set_network_enabled(active=network)
+    from pyproj import network as proj  # noqa: PLC0415  what only bounds its memory needs none
+
+    proj.set_network_enabled(active=network)  # type: ignore[attr-defined]
     if network:
         return work()
     results: list[T] = []

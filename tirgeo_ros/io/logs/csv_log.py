@@ -15,8 +15,15 @@ from typing import NamedTuple
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import LAST_NS, ImuSample
 from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of, first_bytes, reading
-from tirgeo_ros.io.logs.columns_keys import Cell, Keys
-from tirgeo_ros.io.logs.columns_quantities import QUANTITIES, Log, Quantity, Row, matching
+from tirgeo_ros.io.logs.columns import (
+    QUANTITIES,
+    Cell,
+    Keys,
+    Log,
+    Quantity,
+    Row,
+    matching,
+)
 from tirgeo_ros.io.logs.log_contents import (
     GPS_EPOCH_NS,
     SECOND_NS,
@@ -281,7 +288,7 @@ class NamedQuantity(NamedTuple):
 
 
 class Columns:
-    """Hold what a columns file says. Raise LogError or ConfigError naming file and key."""
+    """Hold the contents of a columns file. Raise LogError or ConfigError naming file and key."""
 
     def __init__(self, path: Path, log: Log) -> None:
         self.path, self._log = path, log

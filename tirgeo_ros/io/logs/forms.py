@@ -5,16 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.whole_files import UTF16, first_bytes
-from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
+from tirgeo_ros.io.logs import csv_log, dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
-
-Reader = Callable[[Path, LogOptions], LogContents]
 
 #: A log says what it is within this many bytes.
 _HEAD_BYTES = 1 << 16
@@ -24,28 +21,22 @@ _NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
 class Form(NamedTuple):
     """Hold a form of logs: its name, how a file's first bytes show it, and its reader.
 
-    The reader is named by module and function: some import packages that not everybody has.
+    A reader imports what not everybody has when it is called.
     """
 
     name: str
     is_form: Callable[[bytes], bool]
-    module: str
-    function: str
-
-    def read(self, path: Path, options: LogOptions) -> LogContents:
-        """Return the contents of a log; raise LogError naming it."""
-        reader: Reader = getattr(import_module(f"{__package__}.{self.module}"), self.function)
-        return reader(path, options)
+    read: Callable[[Path, LogOptions], LogContents]  # raises LogError naming the log
 
 
-UBX = Form("u-blox UBX", ubx.is_ubx, "ubx", "read_ubx")
+UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx)
 #: The first that fits is taken.
 FORMS = (
-    Form("PX4 ULog", px4_ulog.is_px4_ulog, "px4_ulog", "read_px4_ulog"),
-    Form("ArduPilot DataFlash", dataflash.is_dataflash, "dataflash", "read_dataflash"),
+    Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog),
+    Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash),
     UBX,
-    Form("RTKLIB .pos", rtklib_pos.is_pos, "rtklib_pos", "read_pos"),
-    Form("DJI subtitles (SRT)", dji_srt.is_srt, "dji_srt", "read_srt"),
+    Form("RTKLIB .pos", rtklib_pos.is_pos, rtklib_pos.read_pos),
+    Form("DJI subtitles (SRT)", dji_srt.is_srt, dji_srt.read_srt),
 )
 
 
@@ -58,7 +49,7 @@ def _is_text(head: bytes) -> bool:
 
 
 #: Any text, where a columns file says what is in it.
-CSV = Form("CSV", _is_text, "csv_log", "read_csv")
+CSV = Form("CSV", _is_text, csv_log.read_csv)
 
 
 def form_of(path: Path, *, columns: bool = False) -> Form | None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.files.bounded_reading import bounded_time, elsewhere
-from tirgeo_ros.io.maps.style_sheet import Wanted, table_names
+from tirgeo_ros.io.maps.style_sheet import Wanted, own_names
 
 #: Limit for a layer: beyond it, reading takes more than some seconds and more memory than a map
 #: may use.
@@ -85,7 +85,7 @@ class Table:
     name: str
     crs: str | None  # WKT or a code
     shapes: Shapes
-    rows: Sequence[Mapping[str, Any]]  # the properties that are wanted, of each feature
+    rows: Sequence[Mapping[str, Any]]  # the wanted properties of each feature, by wanted names
     fields: Sequence[str]  # names of all properties
     faults: dict[int, str]  # features that are left out, wholly or in part, and why
     notes: list[str] = field(default_factory=list)
@@ -215,12 +215,14 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
             f"{where}: more than {MOST_FEATURES} features; cut out the area of the flight"
         )
     fields = list(map(str, info["fields"]))
-    columns = {*wanted.columns(fields, where), *filter(None, table_names(NAMES, fields))}
+    wanted.label.check(fields, where)
+    columns = own_names((*wanted.fields, *NAMES), fields)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        meta, blobs, values = _read(pyogrio, place, name, sorted(columns))
+        meta, blobs, values = _read(pyogrio, place, name, sorted({*columns.values()}))
     names = list(map(str, meta["fields"]))
-    rows = [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]
+    places = {key: names.index(column) for key, column in columns.items()}
+    rows = [{key: row[at] for key, at in places.items()} for row in zip(*values, strict=True)]
     shapes, faults = _shapes(blobs)
     remarks = dict.fromkeys(
         f"{where}: {each.message}" for each in caught if _LOST.search(str(each.message))

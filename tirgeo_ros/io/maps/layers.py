@@ -23,7 +23,6 @@ from tirgeo_ros.io.maps.style_sheet import (
     Wanted,
     load_style_sheet,
     shown_value,
-    table_names,
 )
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
@@ -43,17 +42,13 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
     """Convert the features of a table to WGS84.
 
     ``crs`` takes precedence over the table's own system. A feature with a vertex that is not
-    finite or not on the Earth is left out. Raises MapError for a system that is unknown,
-    ConfigError for a label of an unknown field.
+    finite or not on the Earth is left out. Raises MapError for a system that is unknown.
     """
-    columns = wanted.label.columns(table.fields, table.where)
     with_shape = set(table.shapes.feature.tolist()) | table.faults.keys()
     shapes, remarks = _on_earth(table, crs)
     shapes = _without_repeats(shapes, table.faults)
-    texts = {
-        i: wanted.label.text(columns, table.rows[i])
-        for i in dict.fromkeys(shapes.feature.tolist())
-    }
+    drawn = dict.fromkeys(shapes.feature.tolist())
+    texts = {number: wanted.label.text(table.rows[number]) for number in drawn}
     features = [
         GeoFeature(texts[owner], closed, shapes.points[a:b], owner)
         for owner, closed, (a, b) in zip(
@@ -172,8 +167,7 @@ def _refusal(table: Table) -> str:
 
 def _fault(table: Table, number: int) -> str:
     """Return a feature's number, name or id, and fault."""
-    names = filter(None, table_names(NAMES, table.fields))
-    texts = (shown_value(table.rows[number].get(name)) for name in names)
+    texts = (shown_value(table.rows[number].get(name)) for name in NAMES)
     name = next(filter(None, texts), "")[:_LONGEST_NAME]
     return f"feature {number + 1}{f' ({name})' if name else ''}: {table.faults[number]}"
 
@@ -188,11 +182,10 @@ def _chosen(
     condition = wanted.condition
     if condition is None or not features:
         return features, ()
-    columns = condition.columns(table.fields)
-    chosen = [f for f in features if condition.holds(columns, table.rows[f.group])]
+    chosen = [f for f in features if condition.holds(table.rows[f.group])]
     remarks = tuple(condition.unknown(table.fields, table.where))
     if not chosen and not remarks:
-        remarks = (condition.unmet(table.fields, table.rows, table.where),)
+        remarks = (condition.unmet(table.rows, table.where),)
     return chosen, remarks
 
 

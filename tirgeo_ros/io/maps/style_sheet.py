@@ -16,7 +16,7 @@ import math
 import operator
 import re
 import string
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -85,21 +85,15 @@ class LabelRule:
             raise ConfigError(f"{source}: {text!r} is not a label: {error}") from None
         return cls(tuple(fields), tuple(texts), source)
 
-    def columns(self, fields: Collection[str], where: str) -> tuple[str | None, ...]:
-        """Return the table's own name of each field, None where it has none.
+    def check(self, own: Collection[str], where: str) -> None:
+        """Raise ConfigError for a field that a style sheet names and a table does not have."""
+        for name in _absent(self.fields, own) if self.source else ():
+            hint = nearest(name, own) or ": it has none"
+            raise ConfigError(f"{self.source}: {where} has no field {name!r}{hint}")
 
-        Raises ConfigError for an unknown field that a style sheet names.
-        """
-        columns = table_names(self.fields, fields)
-        for name, column in zip(self.fields, columns, strict=True):
-            if column is None and self.source:
-                hint = nearest(name, fields) or ": it has none"
-                raise ConfigError(f"{self.source}: {where} has no field {name!r}{hint}")
-        return columns
-
-    def text(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> str:
+    def text(self, properties: Mapping[str, Any]) -> str:
         """Return one feature's label; "" if all of its values are empty."""
-        values = [shown_value(properties.get(name)) if name else "" for name in columns]
+        values = [shown_value(properties.get(name)) for name in self.fields]
         if not any(values):
             return ""
         ends = zip(values, self.texts[1:], strict=True)
@@ -153,29 +147,21 @@ class Condition:
         """Return the property of each comparison."""
         return tuple(each.field for each in self.comparisons)
 
-    def columns(self, fields: Collection[str]) -> tuple[str | None, ...]:
-        """Return the table's own name of each field, None where it has none."""
-        return table_names(self.fields, fields)
-
-    def holds(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> bool:
+    def holds(self, properties: Mapping[str, Any]) -> bool:
         """Return whether a feature with these properties meets the condition."""
-        return all(
-            each.holds(properties.get(name) if name else None)
-            for each, name in zip(self.comparisons, columns, strict=True)
-        )
+        return all(each.holds(properties.get(each.field)) for each in self.comparisons)
 
-    def unknown(self, fields: Collection[str], where: str) -> Iterator[str]:
+    def unknown(self, own: Collection[str], where: str) -> Iterator[str]:
         """Yield a message for each field that a table does not have."""
-        for name, column in zip(self.fields, self.columns(fields), strict=True):
-            if column is None:
-                hint = nearest(name, fields) or ": it has none"
-                yield f"{self.source}: {where} has no property {name!r}{hint}"
+        for name in _absent(self.fields, own):
+            hint = nearest(name, own) or ": it has none"
+            yield f"{self.source}: {where} has no property {name!r}{hint}"
 
-    def unmet(self, fields: Collection[str], rows: Sequence[Mapping[str, Any]], where: str) -> str:
+    def unmet(self, rows: Sequence[Mapping[str, Any]], where: str) -> str:
         """Return a message for the case that no row matches: the values that there are."""
         values = [
             f"{name} is {', '.join(sorted({shown_value(row.get(name)) for row in rows} - {''}))}"
-            for name in dict.fromkeys(filter(None, self.columns(fields)))
+            for name in dict.fromkeys(self.fields)
         ]
         return f"{self.source}: no feature of {where} matches: {'; '.join(values)}"[:_LONGEST]
 
@@ -187,15 +173,10 @@ class Wanted:
     label: LabelRule = LabelRule()
     condition: Condition | None = None  # None: all are drawn
 
-    def columns(self, fields: Collection[str], where: str) -> list[str]:
-        """Return the table's own names of the properties to read, each once.
-
-        Raises ConfigError for an unknown one that a style sheet wants as a label.
-        """
-        names = self.label.columns(fields, where)
-        if self.condition:
-            names += self.condition.columns(fields)
-        return [name for name in dict.fromkeys(names) if name is not None]
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Return the properties to read."""
+        return self.label.fields + (self.condition.fields if self.condition else ())
 
 
 def _comparisons(text: str) -> Iterator[_Comparison | None]:
@@ -238,10 +219,16 @@ def _number(value: Any) -> float | None:
     return None if math.isnan(number) else number
 
 
-def table_names(fields: Sequence[str], own: Collection[str]) -> tuple[str | None, ...]:
-    """Return a table's own name of each field, in another case if necessary, else None."""
+def own_names(fields: Iterable[str], own: Collection[str]) -> dict[str, str]:
+    """Return a table's own name of each field that it has, in another case if necessary."""
     lower = {name.lower(): name for name in reversed(list(own))}
-    return tuple(name if name in own else lower.get(name.lower()) for name in fields)
+    names = {name: name if name in own else lower.get(name.lower()) for name in fields}
+    return {field: name for field, name in names.items() if name is not None}
+
+
+def _absent(fields: Sequence[str], own: Collection[str]) -> list[str]:
+    there = own_names(fields, own)
+    return [name for name in fields if name not in there]
 
 
 def shown_value(value: Any) -> str:

@@ -48,6 +48,7 @@ from tirgeo_ros.io.messages.message_parts import (
     quat_turned_world,
 )
 from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
+from tirgeo_ros.io.messages.pictures import calibration_of
 
 
 class FrameMessages(MessageParts):
@@ -309,9 +310,7 @@ class Messages(FrameMessages):
 
     def camera_info(self, camera: Camera, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
-        k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], float)
-        size = 5 if len(camera.distortion) <= 5 else 8
-        padded = [*map(float, camera.distortion), *[0.0] * (size - len(camera.distortion))]
+        k, distortion, model = calibration_of(camera)
         zero = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
         return self.stamped(
             "sensor_msgs/msg/CameraInfo",
@@ -319,8 +318,8 @@ class Messages(FrameMessages):
             self.frames.camera,
             height=camera.height,
             width=camera.width,
-            distortion_model="plumb_bob" if size == 5 else "rational_polynomial",
-            d=self._doubles(padded),
+            distortion_model=model,
+            d=self._doubles(distortion),
             k=k.ravel(),
             r=np.eye(3).ravel(),
             p=np.pad(k, ((0, 0), (0, 1))).ravel(),

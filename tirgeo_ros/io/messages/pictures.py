@@ -1,18 +1,66 @@
-"""Convert image and camera messages to arrays and cameras."""
+"""Convert image and camera messages to arrays and cameras; decode pictures of files.
+
+A PNG of one colour is a thousandth of its pixels' size: the true size, in its header, is checked
+before a picture (PNG, JPEG, TIFF ...) is unpacked.
+"""
 
 from __future__ import annotations
 
+import io
+import math
+import warnings
 from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.types.arrays import RawPixels
+from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.errors import CameraError, MessageError
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
+
+#: Formats that OpenCV reads too; no other reader of Pillow's is used.
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "PPM", "WEBP")
+#: Most pixels of a picture of a video (4K): the frames of a second may wait for their poses.
+MOST_OF_VIDEO = 1 << 23
+#: Most pixels of a single picture: more than the cameras of aircraft have.
+MOST_OF_FILE = 50_000_000
+#: More than any of them.
+BEYOND = 1 << 16, 1 << 16
+
+
+def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | None:
+    """Return the pixels as ``cv2.imdecode`` with ``flags`` does; None if it is no picture.
+
+    Raises ValueError for one of more than ``most_pixels``.
+    """
+    pixels = math.prod(size_of(data))
+    if pixels > most_pixels:
+        raise ValueError(
+            f"more than {most_pixels * 1e-6:.1f} million pixels; send or give a smaller picture"
+        )
+    if not pixels:
+        return None
+    try:
+        return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), flags))
+    except cv2.error:
+        return None
+
+
+def size_of(data: bytes, formats: tuple[str, ...] = FORMATS) -> tuple[int, int]:
+    """Return width and height by the header: zeros without one, ``BEYOND`` past Pillow's limit."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=formats) as picture:
+                return picture.size
+    except Image.DecompressionBombError:
+        return BEYOND
+    except (OSError, ValueError, SyntaxError, ArithmeticError, LookupError, TypeError):
+        return 0, 0
+
 
 #: Encoding to bytes per pixel; the aliases are other names for the same encodings.
 _BYTES = {"mono8": 1, "mono16": 2, "bgr8": 3, "rgb8": 3, "yuv422": 2, "yuv422_yuy2": 2}
@@ -111,6 +159,15 @@ def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
         return _camera(int(msg.width), int(msg.height), fx, fy, cx, cy, distortion)
     except CameraError as error:
         raise CameraError(f"{topic}: {error}") from None
+
+
+def calibration_of(camera: Camera) -> tuple[Array, list[float], str]:
+    """Return K (3, 3), D and the name of its model: plumb_bob has five numbers, rational eight."""
+    k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], float)
+    size = 5 if len(camera.distortion) <= 5 else 8
+    padding = [0.0] * (size - len(camera.distortion))
+    model = "plumb_bob" if size == 5 else "rational_polynomial"
+    return k, [*map(float, camera.distortion), *padding], model
 
 
 # Cached: every picture of a flight has the same camera, and to find its lens limits takes time.

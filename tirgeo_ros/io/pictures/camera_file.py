@@ -5,20 +5,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import yaml
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.messages.pictures import calibration_of
 from tirgeo_ros.io.messages.pictures import camera as camera_of
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
-
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def camera_yaml(camera: Camera, name: str = "thermal") -> str:
@@ -27,27 +28,24 @@ def camera_yaml(camera: Camera, name: str = "thermal") -> str:
     plumb_bob has five coefficients, the rational model eight. The rectified image has the camera's
     own matrix: P is K with a column of zeros.
     """
-    k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
-    p = [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
-    size = 5 if len(camera.distortion) <= 5 else 8
-    distortion = [*camera.distortion, *[0.0] * (size - len(camera.distortion))]
+    k, distortion, model = calibration_of(camera)
     tree = {
         "image_width": camera.width,
         "image_height": camera.height,
         "camera_name": name,
-        "camera_matrix": _matrix(3, k),
-        "distortion_model": "plumb_bob" if size == 5 else "rational_polynomial",
-        "distortion_coefficients": _matrix(1, distortion),
-        "rectification_matrix": _matrix(3, _IDENTITY),
-        "projection_matrix": _matrix(3, p),
+        "camera_matrix": _matrix(k),
+        "distortion_model": model,
+        "distortion_coefficients": _matrix(np.array([distortion])),
+        "rectification_matrix": _matrix(np.eye(3)),
+        "projection_matrix": _matrix(np.pad(k, ((0, 0), (0, 1)))),
     }
     text: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=999)
     return text
 
 
-def _matrix(rows: int, data: Sequence[float]) -> dict[str, object]:
-    numbers = [float(f"{number:.10g}") for number in data]
-    return {"rows": rows, "cols": len(data) // rows, "data": numbers}
+def _matrix(values: Array) -> dict[str, object]:
+    numbers = [float(f"{number:.10g}") for number in values.ravel().tolist()]
+    return {"rows": values.shape[0], "cols": values.shape[1], "data": numbers}
 
 
 def load_camera(path: PathLike) -> Camera:

@@ -18,7 +18,7 @@ import numpy as np
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError, shown
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes, require_av
 

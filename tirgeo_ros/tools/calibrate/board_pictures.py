@@ -18,8 +18,8 @@ from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr, by_numbers, is_bag
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_FILE, unpacked
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.pictures import MOST_OF_FILE, unpacked
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 
