@@ -23,7 +23,7 @@ from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.overlay.status_and_notices import VERDICT_BGR, status_box
 from tirgeo_ros.core.overlay.text_rendering import line_px, text_px
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity
