@@ -168,7 +168,7 @@ class _Count:
 
     came_s: float
     place: int
-    heard: int
+    received: int
     fates: Counter[str]
     waiting: int
 
@@ -202,25 +202,25 @@ def balance(
 def _counts(reports: Iterable[Report], ledger: Ledger, frames: Balance) -> list[_Count]:
     counts = []
     for report in reports:
-        said = report.items.get(OVERLAY)
-        if said is None or "newest_frame" not in said:
+        values = report.items.get(OVERLAY)
+        if values is None or "newest_frame" not in values:
             continue
-        whole, _, part = said["newest_frame"].partition(".")
+        whole, _, part = values["newest_frame"].partition(".")
         place = ledger.place(int(whole) * 1_000_000_000 + int(part))
         if place is None:
-            frames.contradictions.append(f"newest_frame {said['newest_frame']} was never sent")
+            frames.contradictions.append(f"newest_frame {values['newest_frame']} was never sent")
             continue
-        fates = Counter({key: int(said[key]) for key in FATES})
+        fates = Counter({key: int(values[key]) for key in FATES})
         topics = report.items.get(TOPICS, {})
         refused = [int(v) for k, v in topics.items() if _is_refusal(k)]
         fates["invalid"] += sum(refused)
         counts.append(
-            _Count(report.came_s, place, int(said["frames_sent"]), fates, int(said["waiting"]))
+            _Count(report.came_s, place, int(values["frames_sent"]), fates, int(values["waiting"]))
         )
-        off = counts[-1].heard - fates.total() - counts[-1].waiting
+        off = counts[-1].received - fates.total() - counts[-1].waiting
         if off:
             frames.contradictions.append(
-                f"{off} of {counts[-1].heard} frames have no fate: {said}"
+                f"{off} of {counts[-1].received} frames have no fate: {values}"
             )
     return counts
 
@@ -232,11 +232,11 @@ def _is_refusal(key: str) -> bool:
 def _add_life(frames: Balance, own: Sequence[_Count], ledger: Ledger, done: int) -> int:
     """Account for one life by its reports; return the place behind their last frame."""
     first, last = own[0], own[-1]
-    began = first.place + 1 - first.heard
+    began = first.place + 1 - first.received
     frames.down += max(0, began - done)
     frames.unaccounted += max(0, done - began)  # more than were sent
     for before, after in pairwise(own):
-        lacking = (after.place - before.place) - (after.heard - before.heard)
+        lacking = (after.place - before.place) - (after.received - before.received)
         if lacking > 0 and ledger.player(before.place) != ledger.player(after.place):
             frames.changed += lacking
         else:
@@ -298,8 +298,8 @@ def witnessed(
     left_out: set[int] = set()
     for began_s in gimbals_s:
         first = int(np.searchsorted(poses.came_s, began_s))
-        known = first < len(poses.stamps_ns)
-        came_s, stamp_ns = (poses.came_s[first], poses.stamps_ns[first]) if known else (np.inf, 0)
+        exists = first < len(poses.stamps_ns)
+        came_s, stamp_ns = (poses.came_s[first], poses.stamps_ns[first]) if exists else (np.inf, 0)
         for number, picture in enumerate(pictures):
             early = epoch_of(picture.stamp_ns) == epoch_of(stamp_ns) and (
                 picture.stamp_ns - latency_ns < stamp_ns
