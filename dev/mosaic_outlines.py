@@ -33,13 +33,17 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.whole_files import made_folder
-from tirgeo_ros.tools.export.export import frames
-from tirgeo_ros.tools.export.flight_pictures import FlightPictures, Window
+from tirgeo_ros.tools.export.frames import (
+    FlightPictures,
+    RegisteredFlight,
+    Window,
+    frames,
+    register,
+)
 from tirgeo_ros.tools.export.orthophotos import Mosaic
-from tirgeo_ros.tools.export.raster_options import RasterOptions, raster_setup
-from tirgeo_ros.tools.export.registered_flight import RegisteredFlight, register
+from tirgeo_ros.tools.export.rasters import RasterOptions, raster_setup
 from tirgeo_ros.tools.presentation.progress import silent
-from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S
+from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 SAMPLE = Path(__file__).resolve().parents[1] / "bags" / "sample"

@@ -25,10 +25,12 @@ from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import csv_text
 from tirgeo_ros.io.parameters.parameter_file import load_config
-from tirgeo_ros.tools.replay.recorded_flight import load_recording
-from tirgeo_ros.tools.replay.registration import navigated
+from tirgeo_ros.tools.presentation.progress import silent
+from tirgeo_ros.tools.replay.flight import Flight
+from tirgeo_ros.tools.replay.registration import SAMPLES, Sample, navigated
 
 RATE_HZ = 10.0
 
@@ -71,8 +73,11 @@ def states_text(bag: Path, params: Path) -> str:
 
 def _rows(bag: Path, params: Path) -> Iterator[list[str]]:
     navigation = Navigation(load_config(params, "ekf_node", EkfConfig))
-    rate = RateLimit(RATE_HZ)
-    for sample in load_recording(bag).samples:
+    rate, samples = RateLimit(RATE_HZ), list[Sample]()
+    flight = Flight(BagReader(bag), needs_camera=False)
+    flight.add(SAMPLES, samples.append)
+    flight.read_all(silent)
+    for sample in samples:
         solution = navigated(navigation, sample)
         if solution is not None and rate.due(solution.stamp_ns):
             written = (f"{v:.{c.decimals}f}" for v, c in zip(_values(solution), COLUMNS))  # noqa: B905 as long as each other

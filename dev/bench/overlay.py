@@ -39,6 +39,7 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.streams.arrivals import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -181,8 +182,8 @@ def _whole_frame(
     def frame() -> object:
         nonlocal stamp_ns
         stamp_ns += _FRAME_NS
-        exposure_ns = stamp_ns - round(OverlayConfig().video_latency_s * 1e9)
-        overlay.add_pose(CameraPose(exposure_ns, pose.position_n, pose.q_nc, pose.covariance))
+        exposed_ns = exposure_ns(stamp_ns, OverlayConfig().video_latency_s)
+        overlay.add_pose(CameraPose(exposed_ns, pose.position_n, pose.q_nc, pose.covariance))
         overlay.add_frame(stamp_ns, picture, stamp_ns)
         result = overlay.take(stamp_ns)
         assert result is not None

@@ -23,6 +23,7 @@ from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.overlay.status_and_notices import VERDICT_BGR, status_box
 from tirgeo_ros.core.overlay.text_rendering import line_px, text_px
+from tirgeo_ros.core.streams.arrivals import exposure_ns
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -55,7 +56,7 @@ class Eye:
 
     def locate(self, stamp_ns: int, uv: tuple[float, float]) -> Located | None:
         """Return the place at a pixel of a picture; None where there is none."""
-        exposed_ns = stamp_ns - round(self.config.video_latency_s * 1e9)
+        exposed_ns = exposure_ns(stamp_ns, self.config.video_latency_s)
         pose, before = self.poses.at(exposed_ns), self.poses.at(exposed_ns - _RATES_NS)
         if isinstance(pose, Miss):
             return None

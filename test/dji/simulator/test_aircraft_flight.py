@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from serial_flight import heard
 
+from tirgeo_ros import read_camera
 from tirgeo_ros.core.config import (
     BagPlayerConfig,
     DjiConfig,
@@ -27,13 +28,9 @@ from tirgeo_ros.dji.simulator import Aircraft
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
-from tirgeo_ros.tools.evaluate.ground import load_experiment, locate_observations
-from tirgeo_ros.tools.evaluate.result import ground_errors
-from tirgeo_ros.tools.replay.recorded_flight import (
-    body_errors,
-    load_recording,
-    load_truth,
-)
+from tirgeo_ros.tools.evaluate.experiment import load_experiment
+from tirgeo_ros.tools.evaluate.result import ground_errors, locate_observations
+from tirgeo_ros.tools.evaluate.series import body_errors, load_truth
 from tirgeo_ros.tools.replay.registration import Registration
 
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
@@ -63,7 +60,7 @@ class Flight:
         self._truth = load_truth(folder / "truth.mcap")
         points = (folder / "survey.geojson", folder / "observations.csv")
         self._given = load_experiment(*points, "gauss-krueger")
-        self._camera = load_recording(folder / "flight.mcap").camera
+        self._camera = read_camera(folder / "flight.mcap")
         cdr, bag = Cdr(), BagReader(folder / "flight.mcap")
         self.samples = [
             (

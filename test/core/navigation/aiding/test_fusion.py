@@ -173,7 +173,7 @@ def test_position_comes_back_in_equal_steps():
 def test_position_that_was_used_lately_is_not_eased():
     estimate = drifted()
     aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(11.5)))
-    aids = aids.heard(FixStatus.FIXED, ns(11.5), ns(12) - ns(0))
+    aids = aids.with_status(FixStatus.FIXED, ns(11.5), ns(12) - ns(0))
     found = Fusion(MEASURED).fuse(fix(12.0, (0.8, 0, 0)), estimate._replace(aids=aids), ZERO)
     assert found.estimate.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
 
@@ -239,7 +239,7 @@ def control_of(rtk_s=None, gps_s=None, status=FixStatus.FIXED):
     times[Source.GPS_POSITION] = gps_s
     aids = used_at({source: ns(t_s) for source, t_s in times.items() if t_s is not None})
     if rtk_s is not None:
-        aids = aids.heard(status, ns(rtk_s), ns(1) - ns(0))
+        aids = aids.with_status(status, ns(rtk_s), ns(1) - ns(0))
     return aids._replace(receivers=Receivers(ns(0)))
 
 

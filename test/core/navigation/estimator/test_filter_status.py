@@ -33,7 +33,7 @@ def health(**values):
 def control_of(*sources, status=FixStatus.FIXED, age_ns=0):
     """These were used just now, or ``age_ns`` ago."""
     aids = used_at(dict.fromkeys(sources, NOW_NS - age_ns))
-    return aids.heard(status, NOW_NS - age_ns, TIMEOUT_NS)
+    return aids.with_status(status, NOW_NS - age_ns, TIMEOUT_NS)
 
 
 @pytest.mark.parametrize(

@@ -192,6 +192,11 @@ class AidStatus(NamedTuple):
         """Return the record of a source."""
         return self.tracks[PLACE[source]]
 
+    @property
+    def pending_step(self) -> tuple[float, ...]:
+        """Return the step of RTK's position (m, NED) that is not accepted yet, or ()."""
+        return self.track(Source.RTK_POSITION).step
+
     def with_track(
         self, source: Source, track: AidTrack, receivers: Receivers | None = None
     ) -> AidStatus:
@@ -208,7 +213,7 @@ class AidStatus(NamedTuple):
             self.last_reset,
         )
 
-    def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
+    def with_status(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
         """Return a copy after a status of the RTK receiver.
 
         The change from float to fixed makes the next RTK positions correct the state in steps.

@@ -25,9 +25,8 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     not_fixed,
 )
 from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, POSITION, has_antenna
-from tirgeo_ros.core.navigation.ins.kalman import Measurement, Update, update
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, Update, cut, update
 from tirgeo_ros.core.navigation.ins.strapdown import Vector, matrix, rotate
-from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -60,7 +59,7 @@ class RtkPositionAid(Aid):
     ) -> Modelled:
         """Return the measurement; the estimate has its status, and its offset for the median."""
         state = estimate.state
-        aids = estimate.aids.heard(sample.status, sample.stamp_ns, self._timeout_ns)
+        aids = estimate.aids.with_status(sample.status, sample.stamp_ns, self._timeout_ns)
         estimate = estimate._replace(aids=aids)
         if sample.status < FixStatus.FLOAT:
             return not_fixed(self.source, sample.status), estimate

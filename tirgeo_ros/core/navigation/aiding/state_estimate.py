@@ -14,9 +14,8 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     has_antenna,
     heading_error,
 )
-from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, chi_square_limit
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
-from tirgeo_ros.core.navigation.ins.trail import Change
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
