@@ -211,9 +211,8 @@ def _counts(reports: Iterable[Report], ledger: Ledger, frames: Balance) -> list[
             continue
         fates = Counter({key: values[key] for key in FATES})
         fates["invalid"] += report.refused
-        counts.append(
-            _Count(report.came_s, place, values["frames_sent"], fates, values["waiting"])
-        )
+        received, waiting = values["frames_sent"], values["waiting"]
+        counts.append(_Count(report.came_s, place, received, fates, waiting))
         off = received - fates.total() - waiting
         if off:
             frames.contradictions.append(f"{off} of {received} frames have no fate: {values}")
