@@ -15,7 +15,7 @@ from scenario.table import DEGRADED, GOOD, RUNNING, TABLE, Row
 
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
-from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.poses import NavSolution

@@ -57,8 +57,8 @@ def state_of(roll: float, pitch: float, yaw: float) -> NavState:
 
 def estimate_of(state: NavState, states: int = 18, covariance=None) -> StateEstimate:
     """RTK fixed and its position, velocity and heading used just now, for long."""
-    aids = AidStatus(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0, NOW_NS)
-    aids = aids.heard(FixStatus.FIXED, NOW_NS, NOW_NS)
+    aids = AidStatus(Receivers(NOW_NS)).with_status(FixStatus.FIXED, 0, NOW_NS)
+    aids = aids.with_status(FixStatus.FIXED, NOW_NS, NOW_NS)
     for source in RTK:
         aids = aids.with_track(source, AidTrack(NOW_NS, NOW_NS))
     return StateEstimate(state, np.eye(states) if covariance is None else covariance, aids)
@@ -69,14 +69,14 @@ def used_at(uses: dict[Source, int], status: FixStatus | None = None) -> AidStat
     newest_ns = max(uses.values(), default=NOW_NS)
     aids = AidStatus(Receivers(newest_ns))
     if status is not None:
-        aids = aids.heard(status, newest_ns, TIMEOUT_NS)
+        aids = aids.with_status(status, newest_ns, TIMEOUT_NS)
     for source, stamp_ns in uses.items():
         aids = aids.with_track(source, AidTrack(stamp_ns))
     return aids
 
 
 def heard(aids: AidStatus, t_s: float, status=FixStatus.FIXED) -> AidStatus:
-    return aids.heard(status, ns(t_s), TIMEOUT_NS)
+    return aids.with_status(status, ns(t_s), TIMEOUT_NS)
 
 
 def fix(t_s, shift_n=ZERO, source=Source.RTK_POSITION, status=FixStatus.FIXED, noise=None):

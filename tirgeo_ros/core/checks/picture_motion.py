@@ -22,7 +22,7 @@ from tirgeo_ros.core.checks.motion_fit import (
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.streams.arrivals import exposure_ns
 from tirgeo_ros.core.streams.stamps import Spacing
@@ -172,8 +172,7 @@ class PictureMotion:
         self._plane: TangentPlane | None = None
         self._camera: Camera | None = None
         self._latency_s = latency_s
-        unknown = isinstance(ground, float) and math.isnan(ground)
-        self._ground = None if unknown else ground
+        self._ground = ground if is_given(ground) else None
         self._poses: deque[tuple[float, ...]] = deque()
         self._newest_ns: int | None = None
         self._variances = np.zeros(6)  # of the newest pose

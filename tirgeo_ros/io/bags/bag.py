@@ -69,7 +69,7 @@ def _begins(path: Path, magic: bytes) -> bool:
 
 
 def _copied(path: Path, beside: list[Path], folder: Path, *, packed: bool) -> Path:
-    """Return the copy of a file in a folder: unpacked, or as it is with what is beside it."""
+    """Return the copy of a file in a folder: unpacked, or with the files beside it."""
     copy = folder / path.name.removesuffix(".zstd")
     try:
         if packed:
@@ -238,7 +238,7 @@ _MOST_BYTES = 4 << 20  # of metadata: some hundred bytes a topic and a file
 
 
 def bag_files(path: Path) -> tuple[list[Path], list[str]]:
-    """Return a bag's files in order, and what is lost: files that its metadata names in vain.
+    """Return a bag's files in order, and a line for each file that only its metadata has.
 
     ``path`` is a file, a folder, or the ``metadata.yaml`` in it. The metadata only names the
     files: what it says of times and counts is not always right. Without metadata (the recorder
@@ -282,7 +282,7 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
 
 
 def _information(metadata: Path) -> dict[str, Any]:
-    """Return what metadata say; the names of version 3 and before have the folder's in front."""
+    """Return the contents; before version 4 the files' names have the folder's in front."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where there is C
     tree = yaml.load(read_text(metadata, BagError, _MOST_BYTES), loader)  # noqa: S506  safe
     recorded: dict[str, Any] = tree["rosbag2_bagfile_information"]

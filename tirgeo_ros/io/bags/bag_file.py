@@ -71,7 +71,7 @@ class BagFile(ABC):
     where = ""
 
     def __init__(self, path: Path, name: Path) -> None:
-        """Take the file, and the one of which it may be an unpacked copy, for messages."""
+        """Take the file to read, and the name for messages: the file may be an unpacked copy."""
         self.name, self.path, self.read = name, path, 0
         self.losses: dict[int, str] = {}
 

@@ -102,7 +102,7 @@ class BagWriter:
             raise self._error(error) from None
 
     def flush(self) -> None:
-        """Give the system what is written, but for the messages of the newest chunk."""
+        """Pass all messages to the system but those of the newest chunk."""
         with self._errors():
             self._file.flush()
 

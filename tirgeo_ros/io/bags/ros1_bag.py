@@ -239,7 +239,7 @@ class Ros1Bag:
                 )
 
     def cdr(self, message: Any) -> bytes:
-        """Return a message as one of ROS 2. Raises MessageError if it is no such message."""
+        """Convert a message to CDR of ROS 2. Raises MessageError for bytes of another type."""
         return self._cdr.from_ros1(message.data, message.typename, message.topic)
 
     def decoded(self, message: Ros1Message) -> Any:

@@ -120,7 +120,7 @@ def _shift_remarks(
 
 
 def _of_a_plate(system: pyproj.CRS) -> bool:
-    """Return whether the datum is a known one of WGS84's size, so made to agree with it."""
+    """Return whether the datum has a name and WGS84's size: such datums agree with WGS84."""
     datum = system.datum
     if datum is None or _NO_DATUM.search(datum.name) or not _as_large(system):
         return False

@@ -127,7 +127,7 @@ class ChildEndedError(Exception):
 
     @property
     def last(self) -> str:
-        """Return the last line that it said after a colon, or nothing."""
+        """Return the last line of its stderr, after a colon; an empty text without one."""
         return f": {self.said.splitlines()[-1]}" if self.said else ""
 
 

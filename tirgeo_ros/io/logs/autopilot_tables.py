@@ -157,7 +157,7 @@ def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents
 
 
 def _dated(gnss: GnssTable) -> BoolArray:
-    """Return which records (N,) tell UTC: of those with a fix, if any has one.
+    """Return which records (N,) have UTC; if any has a fix, only those with a fix count.
 
     Before it, a receiver tells what its own clock counted since it was last switched on.
     """
@@ -233,7 +233,7 @@ def _known(sigma: float) -> float:
 
 
 def antenna_note(parameter: str, place_frd_m: Sequence[float]) -> Iterator[str]:
-    """Yield where the log says that the antenna is, unless that is at the IMU."""
+    """Yield the antenna's place by the log's parameters, unless it is the IMU's."""
     if any(place_frd_m):
         forward, left, up = (flu_from_frd(np.array(place_frd_m)) + 0.0).tolist()  # no -0
         yield (

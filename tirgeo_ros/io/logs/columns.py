@@ -199,7 +199,7 @@ _AXES = {"flu": ("front", "left", "up"), "frd": ("front", "right", "down")}
 
 
 class Log(NamedTuple):
-    """Hold a table's file, and what it does not say itself."""
+    """Hold a table's file, and the options for what the table leaves open."""
 
     path: Path
     options: LogOptions
@@ -325,7 +325,7 @@ QUANTITIES: dict[str, tuple[Callable[[Keys, Source | None, Log], Quantity], Sour
 
 
 def matching(cell: Cell, values: Sequence[object]) -> Callable[[Row], bool]:
-    """Return whether a cell is one of the values: as numbers where both are, else as text."""
+    """Return a function: whether a row's cell has one of the values, as numbers if both are."""
     wanted = {_normal(str(value)) for value in values}
     return lambda row: _normal(cell.text(row)) in wanted
 
@@ -337,7 +337,7 @@ def _normal(text: str) -> float | str:
 
 
 def _attitude(keys: Keys) -> Callable[[Row], Array]:
-    """Return what gives the unit quaternion (4,) wxyz, FRD to NED, of a row, or raises Refused.
+    """Return a function: row to unit quaternion (4,) wxyz, FRD to NED. It raises Refused.
 
     The file has roll, pitch and yaw, or a quaternion; of FRD in NED, or of FLU in ENU.
     """
@@ -358,7 +358,7 @@ def _attitude(keys: Keys) -> Callable[[Row], Array]:
 
 
 def _status(keys: Keys) -> Callable[[Row], FixStatus]:
-    """Return what gives the quality of a row's fix, or raises Refused.
+    """Return a function: row to the quality of its fix. It raises Refused.
 
     It is the same for all rows, or by a column's values.
     """

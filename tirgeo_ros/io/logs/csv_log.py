@@ -288,7 +288,7 @@ class NamedQuantity(NamedTuple):
 
 
 class Columns:
-    """Hold what a columns file says. Raise LogError or ConfigError naming file and key."""
+    """Hold the contents of a columns file. Raise LogError or ConfigError naming file and key."""
 
     def __init__(self, path: Path, log: Log) -> None:
         self.path, self._log = path, log

@@ -62,7 +62,7 @@ def is_dataflash(head: bytes) -> bool:
 
 @dataclass
 class _Log:
-    """Hold what is taken of a log: fields by message, parameters, whether all could be read.
+    """Hold the data of a log: fields by message, parameters, whether all could be read.
 
     A log that ends within a record is not ``damaged``: so ends every one whose power was cut.
     """
@@ -257,7 +257,7 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
 
 
 def _logged_undulation(accuracy: Records) -> str:
-    """Return what the log says of the undulation, for a person: its sign differs by receiver."""
+    """Return words on the undulation in the log, whose sign differs by receiver."""
     logged_m = accuracy.column("Und")
     undulations_m = logged_m[np.isfinite(logged_m) & (logged_m != 0)]
     if not len(undulations_m):
@@ -287,7 +287,7 @@ def _utc_us(fixes: Records) -> IntArray:
 
 
 def _notes(log: _Log, used: float | None) -> Iterator[str]:
-    """Yield what the parameters say of the receiver, and what the log lacks."""
+    """Yield notes on the receiver by the log's parameters, and on what is left out."""
     number = int(used or 0) + 1
     if number > 1:
         yield f"GPS: receiver {number} is taken"

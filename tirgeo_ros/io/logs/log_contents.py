@@ -130,7 +130,7 @@ class Refused(Exception):  # noqa: N818  no error: the record is counted
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Hold what a log does not say itself; None or empty: not given."""
+    """Hold what a log leaves open; None or empty: not given."""
 
     geoid_undulation_m: float | None = None  # for heights above mean sea level
     baseline_m: float | None = None  # between the two antennas: other lengths are refused
@@ -145,7 +145,7 @@ class LogOptions:
     columns: Path | None = None  # what the columns of a CSV file mean
 
     def to_ellipsoid_m(self, datum: str, path: Path) -> float:
-        """Return what is added to heights above ``datum``, one of DATUMS.
+        """Return the offset from heights above ``datum`` (of DATUMS) to ellipsoidal ones.
 
         Raise LogError, naming the option, where that is not known.
         """

@@ -197,7 +197,7 @@ def _height_m(path: Path, table: Records, options: LogOptions, *, scaled: bool) 
 
 
 def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator[str]:
-    """Yield what the log's parameters say of the receiver, for the parameters of the flight."""
+    """Yield notes on the receiver by the log's parameters, for those of the flight."""
     place = [float(parameters.get(f"EKF2_GPS_POS_{axis}", 0.0)) for axis in "XYZ"]
     yield from antenna_note("EKF2_GPS_POS", place)
     yield from delay_note("EKF2_GPS_DELAY", float(parameters.get("EKF2_GPS_DELAY", 0.0)))
@@ -213,7 +213,7 @@ def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator
 
 
 def _left_out(log: Any, tables: dict[str, Records]) -> Iterator[str]:
-    """Yield what the log lacks, and what is not taken from it."""
+    """Yield notes on lost data, and on topics that are left out."""
     for name in _GIMBALS:
         if name in tables:
             yield f"{name} is left out: what its angles refer to differs by flags and version"

@@ -69,7 +69,7 @@ _SAMPLE = "solution"
 
 @dataclass(frozen=True)
 class _Header:
-    """Hold what the lines with % tell; empty where they do not."""
+    """Hold the contents of the lines with %; empty where they have none."""
 
     scale: str = ""  # GPST, UTC or JST
     coordinates: str = ""

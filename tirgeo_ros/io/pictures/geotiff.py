@@ -68,7 +68,7 @@ class RasterForm:
 
     @property
     def is_float(self) -> bool:
-        """Return whether nan marks what is not known, in place of an alpha band."""
+        """Return whether nan marks unknown pixels, in place of an alpha band."""
         return self.dtype.startswith("float")
 
 

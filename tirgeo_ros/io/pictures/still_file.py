@@ -54,7 +54,7 @@ _FIRST = (b"\xff\xe0", b"\xff\xe1")  # the segments of JFIF and EXIF
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """Hold what is known of a still; nan and None are what is not known."""
+    """Hold the metadata of a still; nan and None are unknown values."""
 
     exposure_ns: int  # since 1970, UTC
     camera: Camera
@@ -218,7 +218,7 @@ def _rational(value: float, denominator: int) -> IFDRational:
 
 
 def still_xmp(still: Still) -> bytes:
-    """Return the packet, UTF-8; what is not known has no attribute."""
+    """Return the packet, UTF-8; unknown values have no attribute."""
     dji = _description("drone-dji", _DJI, _as_dji(still))
     pix4d = _description("Camera", _PIX4D, _as_pix4d(still))
     return _PACKET.format(descriptions=dji + pix4d).encode()

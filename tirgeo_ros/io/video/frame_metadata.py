@@ -43,7 +43,7 @@ class Item(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Return the difference between neighbouring values; nan for what is no mapped number."""
+        """Return the difference between neighbouring values; nan for texts and integers."""
         return (self.high - self.low) / ((1 << 8 * self.length) - (2 if self._signed else 1))
 
     @property
@@ -187,7 +187,7 @@ class FrameMetadata:
 
 
 def items_of(geometry: FrameGeometry, undulation_m: float) -> dict[int, Value]:
-    """Return a picture's values by tag, in the items' units; nan for what is not known."""
+    """Return a picture's values by tag, in the items' units; nan for unknown values."""
     tilt, pitch, heading = geometry.platform_rpy
     roll, elevation, azimuth = geometry.sensor_rpy
     values: dict[int, Value] = {

@@ -16,8 +16,8 @@ from tirgeo_ros.core.calibration.imu_record import (
 )
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.filter_parameters import ImuConfig
-from tirgeo_ros.core.navigation.timeline.imu_clipping import CHANNELS as CLIPPED
-from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_checks import CHANNELS as CLIPPED
+from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import ImuSample

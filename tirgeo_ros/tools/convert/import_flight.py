@@ -117,7 +117,7 @@ def _is_ros1(path: Path, namespace: str) -> bool:
 
 
 def _of_ros2(path: Path, namespace: str) -> str:
-    """Return what to say of a ROS 2 bag without named topics."""
+    """Return the message for a ROS 2 bag without --map-topic."""
     try:
         return f"a ROS 2 bag; {what_can_be_mapped(path, namespace)}"
     except BagError as error:

@@ -10,6 +10,8 @@ from datetime import datetime, timezone
 from itertools import compress
 from pathlib import Path
 
+import numpy as np
+
 from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
@@ -139,7 +141,7 @@ def import_logs(
 
 
 def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
-    """Return the options with what the parameters tell: undulation and baseline."""
+    """Return the options with undulation and baseline of the parameters."""
     if options.geoid_undulation_m is None and not math.isnan(config.geoid_undulation_m):
         options = replace(options, geoid_undulation_m=config.geoid_undulation_m)
     baseline_b, degrees = config.aircraft.baseline_b, config.aircraft.baseline_deg
@@ -152,19 +154,38 @@ def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
 def _read(path: Path, form: Form, options: LogOptions) -> Log:
     """Read a log; refuse its impossible samples, and those of another time; sort the others."""
     contents = form.read(path, options)
-    good: list[SensedSample] = []
+    by_topic: defaultdict[str, list[SensedSample]] = defaultdict(list)
     for sample in contents.samples:
-        fault = _fault(sample)
+        fault, topic = _fault(sample), topic_of(sample)
         if fault:
-            contents.refused[topic_of(sample), fault] += 1
+            contents.refused[topic, fault] += 1
         else:
-            good.append(sample)
-    alone = _alone(good)
-    contents.refused.update((topic, "its time jumps alone") for topic in alone.values())
-    good = [sample for sample in good if id(sample) not in alone]
-    contents.notes += _disorder(good)
-    contents.samples = sorted(good, key=lambda sample: sample.stamp_ns)
-    return Log(path, form.name, contents, _spans(contents.samples))
+            by_topic[topic].append(sample)
+    contents.samples, spans = [], {}
+    for topic, samples in by_topic.items():
+        spans[topic] = _take_topic(topic, samples, contents)
+    contents.samples.sort(key=lambda sample: sample.stamp_ns)
+    return Log(path, form.name, contents, spans)
+
+
+def _take_topic(
+    topic: str, samples: Sequence[SensedSample], contents: LogContents
+) -> tuple[int, int]:
+    """Add a topic's samples but those whose stamps jump alone; return first and last stamp.
+
+    Those would mislead where they are sorted in.
+    """
+    stamps_ns = np.array([sample.stamp_ns for sample in samples])
+    alone = lone_stamps(stamps_ns)
+    if alone.any():
+        contents.refused[topic, "its time jumps alone"] += int(alone.sum())
+    stamps_ns = stamps_ns[~alone]
+    back = int((np.diff(stamps_ns) < 0).sum())
+    if back:
+        words = f"its time goes back {back} times; it is sorted by time"
+        contents.notes.append(f"{topic}: {words}")
+    contents.samples += compress(samples, ~alone)
+    return int(stamps_ns.min()), int(stamps_ns.max())
 
 
 def _fault(sample: SensedSample) -> str:
@@ -175,39 +196,6 @@ def _fault(sample: SensedSample) -> str:
     if isinstance(sample, CameraAttitudeSample):
         return "" if usable_attitude(sample.q_ng) else "attitude is not a unit quaternion"
     return fault_of(sample)
-
-
-def _alone(samples: Sequence[SensedSample]) -> dict[int, str]:
-    """Return the topics, by id, of samples whose stamps jump alone: sorted, they would mislead."""
-    by_topic: defaultdict[str, list[SensedSample]] = defaultdict(list)
-    for sample in samples:
-        by_topic[topic_of(sample)].append(sample)
-    return {
-        id(sample): topic
-        for topic, same in by_topic.items()
-        for sample in compress(same, lone_stamps([each.stamp_ns for each in same]))
-    }
-
-
-def _disorder(samples: Sequence[SensedSample]) -> Iterator[str]:
-    """Yield a line for each topic whose stamps go back."""
-    newest_ns: dict[str, int] = {}
-    back: Counter[str] = Counter()
-    for sample in samples:
-        topic = topic_of(sample)
-        back[topic] += sample.stamp_ns < newest_ns.get(topic, 0)
-        newest_ns[topic] = sample.stamp_ns
-    for topic, number in (+back).items():
-        yield f"{topic}: its time goes back {number} times; it is sorted by time"
-
-
-def _spans(samples: Sequence[SensedSample]) -> dict[str, tuple[int, int]]:
-    """Return each topic's first and last stamp, of sorted samples."""
-    spans: dict[str, tuple[int, int]] = {}
-    for sample in samples:
-        topic = topic_of(sample)
-        spans[topic] = spans.get(topic, (sample.stamp_ns, 0))[0], sample.stamp_ns
-    return spans
 
 
 def _meet(span: tuple[int, int], other: tuple[int, int]) -> bool:
@@ -271,7 +259,7 @@ def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
 def _of_imu(
     logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
 ) -> Iterator[str]:
-    """Yield what gravity and the orientation say against units and axes of the IMU."""
+    """Yield findings on the IMU's units and axes, by gravity and the orientation."""
     is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
     for finding in imu_findings(samples, aircraft.rotation_bi):
         keys = _KEYS.get(finding.check, "")

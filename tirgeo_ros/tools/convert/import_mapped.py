@@ -236,7 +236,7 @@ _MOST_NAMED = 5
 
 
 class MappedTopics(NamedTuple):
-    """Hold what a person says of a bag."""
+    """Hold the options of ``--map-topic`` for a bag."""
 
     pairs: tuple[tuple[str, str], ...] = ()  # (its topic, topic of the contract)
     imu_rpy_deg: tuple[float, ...] = (0.0, 0.0, 0.0)  # of the IMU's axes against base_link
@@ -245,7 +245,7 @@ class MappedTopics(NamedTuple):
 
 @dataclass
 class _Stream(TopicCount):
-    """Count the messages of a topic that become those of one of the contract."""
+    """Count a topic's messages, with their lags and fixes."""
 
     without_stamp: int = 0
     lags_ns: array[int] = field(default_factory=partial(array, "q"))  # stamp to log time
@@ -293,7 +293,7 @@ class _Stream(TopicCount):
             yield f"{self.topic}: {counts}; {height}"
 
     def warnings(self) -> Iterator[str]:
-        """Yield what is wrong."""
+        """Yield a line for each fault of the topic."""
         if self.complaint:
             yield self.complaint
         if not self.messages:

@@ -99,7 +99,7 @@ def _facts(record: Record) -> dict[str, Any]:
 
 
 def _totals(flights: Sequence[Record]) -> Iterator[str]:
-    """Yield what the flights come to, all together."""
+    """Yield the totals over all flights."""
     times: Counter[str] = Counter()
     findings: Counter[str] = Counter()
     for record in flights:
@@ -155,7 +155,7 @@ def _anchor(name: str) -> str:
 
 
 def _in_url(name: str, safe: str = "/") -> str:
-    """Return a file's name for a URL; a byte that is no UTF-8 stays the one that it is."""
+    """Return a file's name for a URL; bytes that are not UTF-8 are kept."""
     return quote(name, safe, errors="surrogateescape")
 
 
@@ -310,7 +310,7 @@ def track_maps(tracks: Mapping[str, Track]) -> str:
 
 
 def _sites(tracks: Mapping[str, Track]) -> list[dict[str, Track]]:
-    """Return the tracks by site: each begins near to another one of its site."""
+    """Return the tracks by site: each track begins near another of its site."""
     begins = np.radians([track[0] for track in tracks.values()]).reshape(-1, 2)
     places_e = ecef_from_geodetic(begins[:, 0], begins[:, 1], np.zeros(len(begins)))
     numbers = np.arange(len(begins))  # of each track's site: that of its last track

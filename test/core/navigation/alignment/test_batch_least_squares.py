@@ -14,8 +14,8 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     AlignmentObservation,
     ObservationKind,
     _Terms,
+    integrate,
 )
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import integrate
 from tirgeo_ros.core.navigation.alignment.window_estimate import heading_observations
 from tirgeo_ros.core.navigation.ins.vibration_noise import STILL
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample

@@ -7,7 +7,7 @@ import pytest
 from alignments import aligned, duration_s, error, samples_from, spoilt
 from flights import config_for, errors, flight
 
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.alignment.turn_on_bias import surprise
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import ImuSample, Source

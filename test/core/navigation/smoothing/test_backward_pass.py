@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.navigation.ins.kalman import Measurement, update
-from tirgeo_ros.core.navigation.ins.trail import Change, cut
-from tirgeo_ros.core.navigation.smoothing import smoothed_run
-from tirgeo_ros.core.navigation.smoothing.smoothed_run import smooth
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut, update
+from tirgeo_ros.core.navigation.smoothing import backward_pass
+from tirgeo_ros.core.navigation.smoothing.backward_pass import smooth
 from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
 
 STATES = 5
@@ -120,7 +119,7 @@ def square(record, lower):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("block", [4096, 7])
 def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
-    monkeypatch.setattr(smoothed_run, "_BLOCK", block)
+    monkeypatch.setattr(backward_pass, "_BLOCK", block)
     found = flown(seed)
     mean, covariance = found.conditioned()
     errors = smooth(found.record)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from flights import filtered, flight
 
-from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock
-from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.bags.bag import BagReader

@@ -18,9 +18,8 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     StateEstimate,
 )
 from tirgeo_ros.core.navigation.ins.ins_error_model import feedback, states_of
-from tirgeo_ros.core.navigation.ins.kalman import Measurement, Update
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, Update, cut
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
-from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import Verdict

@@ -40,6 +40,11 @@ METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
     "ekf": tuple(source for source in _EKF if source is not Source.RTK_HEADING),
     "ekf_heading": _EKF,
 }
+#: The aids without which a filter is degraded, by method.
+EXPECTED: Mapping[str, tuple[Source, ...]] = {
+    "ekf": (Source.RTK_POSITION, Source.RTK_VELOCITY),
+    "ekf_heading": (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING),
+}
 #: Measurements may be ahead of the IMU by at least this, however small ``max_delay_s`` is.
 _LEAST_HOLD_S = 0.2
 

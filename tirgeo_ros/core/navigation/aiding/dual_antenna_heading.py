@@ -33,9 +33,8 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     feedback,
     heading_error,
 )
-from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector, rotate
-from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
@@ -87,8 +86,10 @@ def interval_measurement(
     at_low, at_high = (math.exp(-0.5 * x * x) / math.sqrt(math.tau) for x in (low, high))
     mean = (at_low - at_high) / share
     # Share of the variance that the interval removes; next to none where its ends are far.
-    told = max(mean * mean - (low * at_low - high * at_high) / share, _LEAST_LIKELY)
-    return math.copysign(spread * mean / told, innovation), spread * spread / told - predicted
+    removed = max(mean * mean - (low * at_low - high * at_high) / share, _LEAST_LIKELY)
+    return math.copysign(
+        spread * mean / removed, innovation
+    ), spread * spread / removed - predicted
 
 
 class HeadingAid(Aid):
@@ -170,11 +171,13 @@ class HeadingAid(Aid):
         innovation, variance = float(plain.innovation[0]), float(plain.noise[0, 0])
         predicted = float((plain.design @ covariance @ plain.design.T)[0, 0])
         noise = variance - self._resolution_rad**2 / 12
-        told = interval_measurement(innovation, predicted, noise, self._resolution_rad)
-        for off, spread in ((innovation, variance), told):
+        interval = interval_measurement(innovation, predicted, noise, self._resolution_rad)
+        for off, spread in ((innovation, variance), interval):
             if off * off > plain.gate_sigma**2 * (predicted + spread):
                 return plain
-        return plain._replace(innovation=np.array((told[0],)), noise=np.array(((told[1],),)))
+        return plain._replace(
+            innovation=np.array((interval[0],)), noise=np.array(((interval[1],),))
+        )
 
     def averaged(
         self, track: AidTrack, measurement: Measurement, predicted: Array, reason: str

@@ -22,9 +22,8 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     not_fixed,
 )
 from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION
-from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut
 from tirgeo_ros.core.navigation.ins.strapdown import Vector, rotate
-from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
 #: While RTK is there the GPS error is learned at this interval: a second less stamp jitter.

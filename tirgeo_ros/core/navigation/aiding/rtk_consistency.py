@@ -98,12 +98,12 @@ class Lag(NamedTuple):
             return self
         change = _subtract(last.velocity_n, first.velocity_n)
         off_n, variances = _subtract(last.drift_n, first.drift_n), _variances(first, last)
-        told = sum(c * c / v for c, v in zip(change, variances, strict=True))
-        asks = sum(
+        weight = sum(c * c / v for c, v in zip(change, variances, strict=True))
+        pull = sum(
             c * (o - self.mean_s * c) / v for c, o, v in zip(change, off_n, variances, strict=True)
         )
-        variance = 1 / (1 / self.variance_s2 + told)
-        mean_s = self.mean_s + variance * asks
+        variance = 1 / (1 / self.variance_s2 + weight)
+        mean_s = self.mean_s + variance * pull
         return Lag(mean_s, max(variance, _LEAST_LAG_S**2), last.stamp_ns)
 
 
@@ -116,7 +116,7 @@ class Consistency(NamedTuple):
     agreed_ns: int = 0  # for how long they have agreed lately
     since_ns: int = 0  # the first pair that contradicts; 0: they agree
     against: Source | None = None
-    told: tuple[float, ...] = ()  # shares of blame (see ``_blame``), by contradicting pair
+    shares: tuple[float, ...] = ()  # shares of blame (see ``_blame``), by contradicting pair
     off_m_s: float = 0.0  # the newest contradiction over its time
 
     def reason(self, source: Source) -> str:
@@ -178,19 +178,19 @@ class Consistency(NamedTuple):
         change_ns = step_ns if well else -_FORGET * step_ns
         agreed_ns = min(max(self.agreed_ns + change_ns, 0), _LONGEST_AGREED_NS)
         lag = self.lag.learned(window[0], window[-1]) if well else self.lag
-        return self._replace(lag=lag, agreed_ns=agreed_ns, since_ns=0, against=None, told=())
+        return self._replace(lag=lag, agreed_ns=agreed_ns, since_ns=0, against=None, shares=())
 
     def blaming(self, left: float | None, step_ns: int, *, clearly: bool) -> Consistency:
         """Return a copy that blames a source by its share ``left``, fixes only if ``clearly``."""
         agreed_ns = max(self.agreed_ns - _FORGET * step_ns, 0)
-        told, against = self.told, None
+        shares, against = self.shares, None
         if left is not None and -_LEAST_LEFT < left < 1 + _LEAST_LEFT:
-            told = (*told, left)
-        if len(told) >= _VELOCITY_PAIRS and sum(told) > _LEAST_LEFT * len(told):
+            shares = (*shares, left)
+        if len(shares) >= _VELOCITY_PAIRS and sum(shares) > _LEAST_LEFT * len(shares):
             against = Source.RTK_VELOCITY
-        elif len(told) >= _FIX_PAIRS and clearly and sum(told) < _MOST_STAYED * len(told):
+        elif len(shares) >= _FIX_PAIRS and clearly and sum(shares) < _MOST_STAYED * len(shares):
             against = Source.RTK_POSITION
-        return self._replace(agreed_ns=agreed_ns, told=told, against=against)
+        return self._replace(agreed_ns=agreed_ns, shares=shares, against=against)
 
 
 def _first_index(pairs: tuple[FixPair, ...], begin_ns: int) -> int:
@@ -234,12 +234,12 @@ def distance(first: FixPair, last: FixPair, lag: Lag) -> tuple[float, Vector]:
     """
     change = _subtract(last.velocity_n, first.velocity_n)
     off_n = _subtract(_subtract(last.drift_n, first.drift_n), [lag.mean_s * c for c in change])
-    squared = along = told = 0.0
+    squared = along = weight = 0.0
     for off, late, variance in zip(off_n, change, _variances(first, last), strict=True):
         squared += off * off / variance
         along += off * late / variance
-        told += late * late / variance
-    return squared - along * along / (1 / lag.variance_s2 + told), off_n
+        weight += late * late / variance
+    return squared - along * along / (1 / lag.variance_s2 + weight), off_n
 
 
 def _variances(first: FixPair, last: FixPair) -> list[float]:

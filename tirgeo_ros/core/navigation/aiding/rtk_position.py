@@ -25,9 +25,8 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     not_fixed,
 )
 from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, POSITION, has_antenna
-from tirgeo_ros.core.navigation.ins.kalman import Measurement, Update, update
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, Update, cut, update
 from tirgeo_ros.core.navigation.ins.strapdown import Vector, matrix, rotate
-from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -60,10 +59,9 @@ class RtkPositionAid(Aid):
     ) -> Modelled:
         """Return the measurement; the estimate has its status, and its offset for the median."""
         state = estimate.state
-        aids = estimate.aids.heard(sample.status, sample.stamp_ns, self._timeout_ns)
-        estimate = estimate._replace(aids=aids)
+        aids = estimate.aids.with_status(sample.status, sample.stamp_ns, self._timeout_ns)
         if sample.status < FixStatus.FLOAT:
-            return not_fixed(self.source, sample.status), estimate
+            return not_fixed(self.source, sample.status), estimate._replace(aids=aids)
         rotation = rotation_of(state.q_nb)
         lever_n = rotate(rotation, added(self._lever_b, aids.receivers.antenna_b))
         innovation = innovation_n(state, sample, lever_n)
@@ -72,8 +70,8 @@ class RtkPositionAid(Aid):
             innovation, aids = self._median(offset, state.correction_n, aids)
         noise, sigma_m = self._noise(sample, aids)
         consistency = aids.rtk.consistency.with_fix(sample, noise)
-        aids = aids._replace(rtk=aids.rtk._replace(consistency=consistency))
-        estimate = estimate._replace(aids=aids)
+        aids = aids.changed(rtk=aids.rtk.compared(consistency))
+        estimate = StateEstimate(state, estimate.covariance, aids)
         reason = consistency.reason(self.source)
         if reason:
             return Verdict(self.source, Outcome.GATED, reason), estimate

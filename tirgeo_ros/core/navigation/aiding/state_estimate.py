@@ -14,9 +14,8 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     has_antenna,
     heading_error,
 )
-from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, chi_square_limit
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
-from tirgeo_ros.core.navigation.ins.trail import Change
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
@@ -52,7 +51,7 @@ class StateEstimate(NamedTuple):
         turned = 0.0 if at is None else float(error[at])
         moved = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
         receivers = self.aids.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
-        aids = self.aids._replace(receivers=receivers)
+        aids = self.aids.changed(receivers)
         return StateEstimate(feedback(self.state, error), changes[-1].covariance, aids, changes)
 
 

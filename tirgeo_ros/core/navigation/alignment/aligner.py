@@ -18,18 +18,19 @@ from typing import NamedTuple, TypeVar
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix
-from tirgeo_ros.core.navigation.alignment.consistency_checks import (
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
+from tirgeo_ros.core.navigation.alignment.turn_on_bias import TurnOnBiases
+from tirgeo_ros.core.navigation.alignment.window_estimate import (
     CONTRADICTION,
     HEADING_STAGES,
     MOTION_STAGE,
+    FittedWindow,
+    Measured,
     NotAlignedError,
     Recurrence,
     differences,
     furthest,
 )
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
-from tirgeo_ros.core.navigation.alignment.turn_on_bias import TurnOnBiases
-from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, Powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
@@ -110,16 +111,16 @@ class AlignmentSamples:
     def positions(self, source: Source) -> list[PositionSample]:
         """Return a source's positions with a good fix, by stamp; none if its newest has none."""
         least = FixStatus.FLOAT if source is Source.RTK_POSITION else FixStatus.SINGLE
-        found = self._reached(PositionSample, source)
-        if not found or found[-1].status < least:
+        positions = self._reached(PositionSample, source)
+        if not positions or positions[-1].status < least:
             return []
-        return [s for s in found if s.status >= least]
+        return [s for s in positions if s.status >= least]
 
     def rtk_status(self, stamp_ns: int) -> FixStatus | None:
         """Return the fix status of the newest RTK position up to a stamp."""
-        found = self._reached(PositionSample, Source.RTK_POSITION)
-        told = [s.status for s in found if s.stamp_ns <= stamp_ns]
-        return told[-1] if told else None
+        positions = self._reached(PositionSample, Source.RTK_POSITION)
+        before = [s.status for s in positions if s.stamp_ns <= stamp_ns]
+        return before[-1] if before else None
 
     def velocities(self, source: Source) -> list[VelocitySample]:
         """Return the velocities of a source, by stamp."""
@@ -162,8 +163,8 @@ class AlignmentSamples:
     def _reached(self, kind: type[_T], source: Source) -> list[_T]:
         """Return the measurements of a source within the IMU record, by stamp."""
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
-        found = [s for s in self._aiding if isinstance(s, kind) and s.source is source]
-        single = {s.stamp_ns: s for s in found if oldest <= s.stamp_ns <= newest}
+        measured = [s for s in self._aiding if isinstance(s, kind) and s.source is source]
+        single = {s.stamp_ns: s for s in measured if oldest <= s.stamp_ns <= newest}
         return [single[stamp_ns] for stamp_ns in sorted(single)]
 
 
@@ -232,10 +233,10 @@ _SOURCES = (
 
 
 class Aligner:
-    """Collect samples until a state can be found; ``reason`` says what is missing.
+    """Collect samples until they give a state; ``reason`` says what is missing.
 
     Samples must arrive in the order of their stamps (``start_up``); those older than
-    ``keep_s`` are dropped. ``prior`` is what an earlier run of the filter knew of the IMU's
+    ``keep_s`` are dropped. ``prior`` is what an earlier run of the filter estimated of the IMU's
     biases.
     """
 
@@ -356,12 +357,12 @@ class Aligner:
         imu = self._samples.imu_over(first, last)
         readings = self._headings(plan, first, last, imu)
         measured = Measured(imu, positions, velocities, readings, self._needs_heading)
-        found = self._turn_on.fitted(measured, self._samples.newest_ns)
+        fitted = self._turn_on.fit(measured, self._samples.newest_ns)
         doubted = self._lately_doubted()
-        if found.hint_nb is not None:
+        if fitted.hint_nb is not None:
             # A small difference is accepted once it has lasted: the autopilot may err.
             autopilot = self._config.autopilot
-            for what, doubt in differences(found.fit, found.hint_nb, autopilot).items():
+            for what, doubt in differences(fitted.fit, fitted.hint_nb, autopilot).items():
                 if what == "heading" and plan.heading is Source.SET_HEADING:
                     continue  # a person says it because the autopilot is wrong
                 if doubt.lasting or self._still_doubted(what):
@@ -371,7 +372,7 @@ class Aligner:
         sources = {positions[-1].source, *(s.source for s in velocities)}
         if plan.heading is not Source.AUTOPILOT_HEADING:
             sources.add(plan.heading)
-        return self._start(measured, found, frozenset(sources))
+        return self._start(measured, fitted, frozenset(sources))
 
     def _headings(
         self, plan: _Plan, first: int, last: int, imu: Sequence[ImuSample]
@@ -386,12 +387,14 @@ class Aligner:
             if len(readings) < _LEAST_HEADINGS:
                 raise NotAlignedError("needs rtk/heading with rtk/fix fixed", 2)
             return readings
-        told = self._samples.set_headings() if plan.heading is Source.SET_HEADING else []
-        told = [s for s in told if first <= s.stamp_ns <= last][-1:]
+        headings = self._samples.set_headings() if plan.heading is Source.SET_HEADING else []
+        headings = [s for s in headings if first <= s.stamp_ns <= last][-1:]
         by_autopilot = plan.heading is Source.AUTOPILOT_HEADING
-        if not told and not (by_autopilot and any(usable_attitude(s.autopilot_q_nb) for s in imu)):
+        if not headings and not (
+            by_autopilot and any(usable_attitude(s.autopilot_q_nb) for s in imu)
+        ):
             raise NotAlignedError(self._needs_heading, 3)
-        return told
+        return headings
 
     def _motion(
         self, plan: _Plan, length_s: float
@@ -399,10 +402,10 @@ class Aligner:
         """Return positions and velocities of the window; raises NotAlignedError."""
         positions = self._samples.positions(plan.position)
         velocities = self._samples.velocities(plan.velocity) if plan.velocity else []
-        found = span(velocities if plan.velocity else positions, round(length_s * 1e9))
-        if found is None or found[1] < self._samples.newest_ns - _LARGEST_AGE_NS:
+        reach = span(velocities if plan.velocity else positions, round(length_s * 1e9))
+        if reach is None or reach[1] < self._samples.newest_ns - _LARGEST_AGE_NS:
             raise NotAlignedError(self._needs_velocity(plan.velocity), 0)
-        first, last = found
+        first, last = reach
         positions = [s for s in positions if first <= s.stamp_ns <= last]
         if len(positions) < _LEAST_POSITIONS:
             other = " or gps/fix" if self._waited else ""
@@ -421,18 +424,20 @@ class Aligner:
             "~/set_heading: velocity tells no heading while hovering"
         )
 
-    def _start(self, measured: Measured, fitted: Fitted, sources: frozenset[Source]) -> Alignment:
-        found, stamp_ns = fitted.fit, measured.last_ns
-        lat, lon, height_m = map(float, measured.plane.geodetic_from_ned(found.position_n))
-        q_nb = tuple(quat_from_matrix(found.rotation_nb).tolist())
-        velocity_n, (gyro_b, accel_b) = found.velocity_n.tolist(), found.biases.reshape(2, 3)
+    def _start(
+        self, measured: Measured, fitted: FittedWindow, sources: frozenset[Source]
+    ) -> Alignment:
+        fit, stamp_ns = fitted.fit, measured.last_ns
+        lat, lon, height_m = map(float, measured.plane.geodetic_from_ned(fit.position_n))
+        q_nb = tuple(quat_from_matrix(fit.rotation_nb).tolist())
+        velocity_n, (gyro_b, accel_b) = fit.velocity_n.tolist(), fit.biases.reshape(2, 3)
         biases_b = tuple(gyro_b.tolist()), tuple(accel_b.tolist())
         nothing = (0.0, 0.0, 0.0)
         state = NavState(q_nb, tuple(velocity_n), lat, lon, height_m, *biases_b, nothing)
         return Alignment(
             stamp_ns,
             state,
-            found.covariance,
+            fit.covariance,
             *self._samples.rest(stamp_ns),
             sources,
             self._samples.rtk_status(stamp_ns),

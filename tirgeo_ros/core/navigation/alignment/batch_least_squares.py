@@ -1,8 +1,9 @@
 """Fit the state at the end of a short window to all that was measured in it.
 
-Generalised least squares. Seen from the end, at time T, the gyroscopes carry body vectors at t to
-the body at T (``D``), and the accelerometers give, in the same axes and without gravity,
-``S = integral of D f`` and ``W = integral of S``, both from t to T. With ``u = T - t``::
+Generalised least squares on readings that are integrated backwards from the end, which needs no
+attitude (Groves, 2nd ed., section 5.6.2). Seen from the end, at time T, the gyroscopes carry body
+vectors at t to the body at T (``D``), and the accelerometers give, in the same axes and without
+gravity, ``S = integral of D f`` and ``W = integral of S``, both from t to T. With ``u = T - t``::
 
     v(t) = v - R S - g u                  (Groves, 2nd ed., 5.6.2, extended to motion)
     p(t) = p - v u + R W + g u^2 / 2
@@ -20,14 +21,86 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, PreintegratedImu
 from tirgeo_ros.core.navigation.ins.vibration_noise import Powers
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.measurements import ImuSample
+
+
+class Biases(NamedTuple):
+    """Hold the IMU's biases and their covariance."""
+
+    gyro_b: Vector  # rad/s, subtracted from the reading
+    accel_b: Vector  # m/s2, subtracted from the reading
+    covariance: Array  # (6, 6) gyroscope, then accelerometer
+
+    @property
+    def vector(self) -> Array:
+        """Return the biases as (6,), gyroscope, then accelerometer."""
+        return np.array([*self.gyro_b, *self.accel_b])
+
+    @classmethod
+    def unknown(cls, sigmas: Array) -> Biases:
+        """Return biases of zero with standard deviations (6,)."""
+        return cls((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag(sigmas**2))
+
+
+@dataclass(frozen=True, slots=True)
+class PreintegratedImu:
+    """Hold IMU readings integrated from each of n instants to the last, in the last body frame."""
+
+    stamps_ns: npt.NDArray[np.int64]  # (n,) of the IMU samples and of the observations
+    before_s: Array  # (n,) time to the end
+    to_end: Array  # (n, 3, 3) D
+    velocity: Array  # (n, 3) S, m/s
+    position: Array  # (n, 3) W, m
+    rate_b: Array  # (n, 3) rad/s, in the body frame at the instant
+    taken: Array  # (6,) biases subtracted from the readings, gyroscope, then accelerometer
+
+    def at(self, stamps_ns: Sequence[int]) -> npt.NDArray[np.intp]:
+        """Return the indices of instants that are in the window."""
+        return np.searchsorted(self.stamps_ns, np.array(stamps_ns, np.int64))
+
+
+def integrate(
+    imu: Sequence[ImuSample], stamps_ns: Sequence[int], taken: Array
+) -> PreintegratedImu:
+    """Integrate readings, less biases ``taken`` (6,), over all of the observations' stamps."""
+    imu_ns = np.array([s.stamp_ns for s in imu], np.int64)
+    first, last = min(stamps_ns), max(stamps_ns)
+    inside = imu_ns[(imu_ns > first) & (imu_ns < last)]
+    nodes = np.unique(np.concatenate([inside, np.array(stamps_ns, np.int64)]))
+    readings = [[*s.angular_rate_b, *s.specific_force_b] for s in imu]
+    columns = np.array(readings).T - taken[:, None]
+    # Seconds from the first: a float holds today's nanoseconds to a quarter of a microsecond.
+    imu_s, seconds = (imu_ns - first) * 1e-9, (nodes - first) * 1e-9
+    values = np.stack([np.interp(seconds, imu_s, column) for column in columns], -1)
+    rate_b, force_b = values[:, :3], values[:, 3:]
+    steps = np.diff(seconds)[:, None]
+    turns = 0.5 * (rate_b[1:] + rate_b[:-1]) * steps
+    to_first = [np.eye(3)]
+    for turn in matrix_from_rotvec(turns):
+        to_first.append(to_first[-1] @ turn)
+    to_end = to_first[-1].T @ np.array(to_first)
+    middle = to_end[:-1] @ matrix_from_rotvec(0.5 * turns)
+    pushes = np.einsum("kij,kj->ki", middle, 0.5 * (force_b[1:] + force_b[:-1]) * steps)
+    velocity = _sums_to_end(pushes)
+    position = _sums_to_end((velocity[1:] + 0.5 * pushes) * steps)
+    return PreintegratedImu(
+        nodes, seconds[-1] - seconds, to_end, velocity, position, rate_b, taken
+    )
+
+
+def _sums_to_end(parts: Array) -> Array:
+    """Return the sums (n, 3) of (n - 1, 3) parts from each instant to the last."""
+    sums = np.cumsum(parts[::-1], axis=0)[::-1]
+    return np.concatenate([sums, np.zeros((1, 3))])
+
 
 _NOISE_STEP_NS = 20_000_000
 _NOISE_STEPS = 100
@@ -66,7 +139,7 @@ class WindowFit:
     position_n: Array  # (3,) m, in the axes of the observations
     biases: Array  # (6,) gyroscope rad/s, accelerometer m/s2
     covariance: Array  # (15, 15) attitude, velocity, position, biases
-    tilt_sigma_rad: float  # larger of the two, were the biases known
+    tilt_sigma_rad: float  # larger of the two, for biases without error
     residuals: list[Array]  # (k,) of each observation
     distances: Array  # (m,) squared distance per degree of freedom, of each observation
     settled: bool
@@ -76,17 +149,20 @@ class _Terms:
     """Compute the model's terms by observation: scalars, body vectors, partials by IMU errors."""
 
     def __init__(
-        self, window: PreintegratedImu, seen: Sequence[AlignmentObservation], powers: Powers
+        self,
+        window: PreintegratedImu,
+        observations: Sequence[AlignmentObservation],
+        powers: Powers,
     ) -> None:
-        at = window.at([o.stamp_ns for o in seen])
-        kinds = np.array([o.kind.value for o in seen])
+        at = window.at([o.stamp_ns for o in observations])
+        kinds = np.array([o.kind.value for o in observations])
         self._is_velocity = kinds == ObservationKind.VELOCITY.value
         self._is_position = kinds == ObservationKind.POSITION.value
         before = window.before_s[at]
         self.of_velocity = np.where(self._is_position, -before, 1.0 * self._is_velocity)
         self.of_position = 1.0 * self._is_position
         self.of_gravity = np.where(self._is_position, 0.5 * before**2, -before * self._is_velocity)
-        arms = np.array([o.arm_b for o in seen])
+        arms = np.array([o.arm_b for o in observations])
         swinging = np.cross(window.rate_b[at], arms)
         turned = np.where(self._is_velocity[:, None], swinging, arms)
         self.body = np.einsum("kij,kj->ki", window.to_end[at], turned)
@@ -97,7 +173,7 @@ class _Terms:
         swing = self._is_velocity[:, None, None] * (window.to_end[at] @ skew(arms))
         self.of_biases[:, :, :3] += swing
         flat = (kernels * np.sqrt(np.array(powers) * steps[:, None, None])).swapaxes(1, 2)
-        flat = flat.reshape(3 * len(seen), -1)
+        flat = flat.reshape(3 * len(observations), -1)
         self.imu_noise = flat @ flat.T  # (3 m, 3 m) in the last body frame
 
     def _kernels(self, window: PreintegratedImu, at: npt.NDArray[np.intp]) -> tuple[Array, Array]:
@@ -132,7 +208,7 @@ def _coarse(window: PreintegratedImu, at: npt.NDArray[np.intp]) -> npt.NDArray[n
 
 def fit(
     window: PreintegratedImu,
-    seen: Sequence[AlignmentObservation],
+    observations: Sequence[AlignmentObservation],
     start_nb: Array,
     gravity_m_s2: float,
     biases: Biases,
@@ -144,17 +220,19 @@ def fit(
     ``powers`` the densities of the IMU's white noise. The observations must hold azimuths,
     velocities or positions at three instants, and a position.
     """
-    terms = _Terms(window, seen, powers)
-    measured = _measured_noise(seen)
+    terms = _Terms(window, observations, powers)
+    measured = _measured_noise(observations)
     prior = np.zeros((15, 15))
     prior[9:, 9:] = np.linalg.inv(biases.covariance)
     beside = window.taken - biases.vector
     rotation, rest = start_nb, np.zeros(12)
     for _ in range(_ITERATIONS):
-        projection = _projections(seen, terms.body @ rotation.T)
-        residual = _residual(seen, terms, rotation, rest, gravity_m_s2)
+        projection = _projections(observations, terms.body @ rotation.T)
+        residual = _residual(observations, terms, rotation, rest, gravity_m_s2)
         design = _design(terms, rotation, projection)
-        turned = (projection.reshape(-1, len(seen), 3) @ rotation).reshape(projection.shape)
+        turned = (projection.reshape(-1, len(observations), 3) @ rotation).reshape(
+            projection.shape
+        )
         noise = measured + turned @ terms.imu_noise @ turned.T
         root = np.linalg.cholesky(noise)
         whitened = np.linalg.solve(root, np.column_stack([design, residual]))
@@ -169,11 +247,13 @@ def fit(
         if settled:
             break
     left = residual - design @ step
-    return _result(rotation, rest, window.taken, information, settled, (seen, left, design, noise))
+    return _result(
+        rotation, rest, window.taken, information, settled, (observations, left, design, noise)
+    )
 
 
 def _residual(
-    seen: Sequence[AlignmentObservation],
+    observations: Sequence[AlignmentObservation],
     terms: _Terms,
     rotation: Array,
     rest: Array,
@@ -186,24 +266,24 @@ def _residual(
         wrap_pi(o.value - np.arctan2(turned[k, 1], turned[k, 0]))
         if o.kind is ObservationKind.AZIMUTH
         else o.value - vectors[k]
-        for k, o in enumerate(seen)
+        for k, o in enumerate(observations)
     ]
     return np.concatenate(parts)
 
 
-def _rows(seen: Sequence[AlignmentObservation]) -> list[slice]:
+def _rows(observations: Sequence[AlignmentObservation]) -> list[slice]:
     """Return the rows of each observation among those of all."""
-    ends = itertools.accumulate(len(o.value) for o in seen)
-    return [slice(end - len(o.value), end) for o, end in zip(seen, ends, strict=True)]
+    ends = itertools.accumulate(len(o.value) for o in observations)
+    return [slice(end - len(o.value), end) for o, end in zip(observations, ends, strict=True)]
 
 
-def _projections(seen: Sequence[AlignmentObservation], turned: Array) -> Array:
+def _projections(observations: Sequence[AlignmentObservation], turned: Array) -> Array:
     """Return the matrix (rows, 3 m) from vectors in n to the observed components."""
-    places = _rows(seen)
-    out = np.zeros((places[-1].stop, 3 * len(seen)))
+    places = _rows(observations)
+    out = np.zeros((places[-1].stop, 3 * len(observations)))
     for k, (rows, (north, east, _)) in enumerate(zip(places, turned, strict=True)):
         block = np.eye(3)
-        if seen[k].kind is ObservationKind.AZIMUTH:
+        if observations[k].kind is ObservationKind.AZIMUTH:
             block = np.array([[-east, north, 0.0]]) / (north**2 + east**2)
         out[rows, 3 * k : 3 * k + 3] = block
     return out
@@ -219,18 +299,20 @@ def _design(terms: _Terms, rotation: Array, projection: Array) -> Array:
     return np.asarray(projection @ blocks.reshape(-1, 15))
 
 
-def _measured_noise(seen: Sequence[AlignmentObservation]) -> Array:
+def _measured_noise(observations: Sequence[AlignmentObservation]) -> Array:
     """Return the covariance (rows, rows) of white errors and of slow ones that a source shares."""
-    owner = np.repeat(np.arange(len(seen)), [len(o.value) for o in seen])
-    axis = np.concatenate([np.arange(len(o.value)) for o in seen])
-    names = np.unique([o.name for o in seen], return_inverse=True)[1].reshape(-1)[owner]
-    since_s = np.array([(o.stamp_ns - seen[0].stamp_ns) * 1e-9 for o in seen])[owner]
-    rate_1_s = np.array([1 / o.slow_time_s for o in seen])[owner]
-    slow = np.concatenate([o.slow_sigma for o in seen])
+    owner = np.repeat(np.arange(len(observations)), [len(o.value) for o in observations])
+    axis = np.concatenate([np.arange(len(o.value)) for o in observations])
+    names = np.unique([o.name for o in observations], return_inverse=True)[1].reshape(-1)[owner]
+    since_s = np.array([(o.stamp_ns - observations[0].stamp_ns) * 1e-9 for o in observations])[
+        owner
+    ]
+    rate_1_s = np.array([1 / o.slow_time_s for o in observations])[owner]
+    slow = np.concatenate([o.slow_sigma for o in observations])
     same = (names[:, None] == names) & (axis[:, None] == axis)
     lasting = np.exp(-np.abs(since_s[:, None] - since_s) * rate_1_s)
     out = np.asarray(same * lasting * np.outer(slow, slow))
-    for o, rows in zip(seen, _rows(seen), strict=True):
+    for o, rows in zip(observations, _rows(observations), strict=True):
         out[rows, rows] += o.white
     return out
 
@@ -245,22 +327,22 @@ def _result(
 ) -> WindowFit:
     covariance = np.linalg.inv(information)
     covariance = 0.5 * (covariance + covariance.T)
-    seen, residual, design, noise = left
+    observations, residual, design, noise = left
     # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
     # ratio defined.
     spread = (1 + 1e-6) * noise - design @ covariance @ design.T
-    places = _rows(seen)
+    places = _rows(observations)
     parts = [residual[rows] for rows in places]
     scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
     distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
-    known = np.linalg.inv(information[:9, :9])
+    without_biases = np.linalg.inv(information[:9, :9])
     return WindowFit(
         rotation,
         rest[:3],
         rest[3:6],
         rest[6:] + taken,
         covariance,
-        float(np.sqrt(max(known[0, 0], known[1, 1]))),
+        float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1]))),
         parts,
         np.array(distances),
         settled,

@@ -43,20 +43,20 @@ def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
     for source in alignment.sources:
         aids = aids.with_track(source, AidTrack(alignment.stamp_ns))
     if alignment.rtk_status is not None:
-        aids = aids.heard(alignment.rtk_status, alignment.stamp_ns, 0)
+        aids = aids.with_status(alignment.rtk_status, alignment.stamp_ns, 0)
     if Source.GPS_POSITION in alignment.sources:
         # The position came from the GPS: its error (truth - estimate) is the GPS's error, negated.
-        known = covariance[GPS_ERROR, GPS_ERROR]
-        covariance[POSITION, GPS_ERROR] = covariance[GPS_ERROR, POSITION] = -known
+        gps_m2 = covariance[GPS_ERROR, GPS_ERROR]
+        covariance[POSITION, GPS_ERROR] = covariance[GPS_ERROR, POSITION] = -gps_m2
         noise_m2 = config.gps.position_noise_m**2
-        least = np.diag(known) + noise_m2
+        least = np.diag(gps_m2) + noise_m2
         position = covariance[POSITION, POSITION]
         np.fill_diagonal(position, np.maximum(np.diag(position), least))
     return StateEstimate(alignment.state, covariance, aids)
 
 
 def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
-    """Add the lever arm's error to ``covariance`` in place, and to a position found through it."""
+    """Add the lever arm's error to ``covariance`` in place, and to a position taken through it."""
     effect = np.zeros((len(covariance), 3))
     effect[ANTENNA] = np.eye(3)
     if Source.RTK_POSITION in alignment.sources:
@@ -67,8 +67,8 @@ def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> 
 def _add_heading_error(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
     """Add the slow error of the headings to ``covariance``, in place.
 
-    A heading found from them has that error too, negated. It also turns the lever arm, and so
-    moves the position that was found through it: ``R_true l = R l + phi x R l``.
+    A heading taken from them has that error too, negated. It also turns the lever arm, and so
+    moves the position that was taken through it: ``R_true l = R l + phi x R l``.
     """
     effect = np.zeros(len(covariance))
     effect[-1] = -1.0

@@ -1,6 +1,6 @@
 """Test whether the IMU's biases agree with the parameters, and enlarge their prior where not.
 
-Under a true prior, what a fit finds of the biases has the covariance ``P - P'`` (prior less
+Under a true prior, the biases that a fit gives has the covariance ``P - P'`` (prior less
 posterior), so its normalised square is chi-square over the directions that the window observes.
 Far beyond chance, the IMU is of another class than ``imu.*_turn_on_bias``. The same errors may
 hide in its tilt. So the prior is enlarged, and the alignment waits for a motion that separates
@@ -14,29 +14,30 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotvec_from_quat
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import WindowFit
-from tirgeo_ros.core.navigation.alignment.consistency_checks import (
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases, WindowFit
+from tirgeo_ros.core.navigation.alignment.window_estimate import (
     MOTION_STAGE,
+    FittedWindow,
+    Measured,
     NotAlignedError,
     Recurrence,
     checked,
     differences,
+    fit_window,
     tilt_between,
 )
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
-from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured, fitted
 from tirgeo_ros.core.types.arrays import Array
 
 #: A direction counts where the window removes at least this share of its prior variance.
 _LEAST_SHOWN = 0.1
 #: Beyond the first a longer window must be fitted; beyond the second it is not chance.
 _SUSPECT_SIGMA, _SURPRISE_SIGMA = 3.0, 4.0
-#: Sigma of the gyroscope bias found from the autopilot's attitudes over a second, and its growth
+#: Sigma of the gyroscope bias by the autopilot's attitudes over a second, and its growth
 #: with the rate: the autopilot's axes and the IMU's are some degrees apart.
 _HINT_GYRO_RAD_S, _HINT_GYRO_SHARE = 5e-3, 0.05
 #: Prior sigmas that cover any IMU, 9 deg/s and 0.15 g, to find the size of the biases.
 _ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2 = 0.15, 1.5
-#: The enlarged sigma over the largest bias found: others may be larger.
+#: The enlarged sigma over the largest bias: others may be larger.
 _MARGIN = 2.0
 #: Tilt error of an autopilot, beyond its configured sigma, per m/s2 of acceleration. The mean
 #: over a long turn does not show the acceleration, so the tilt is not compared there.
@@ -65,21 +66,23 @@ def surprise(biases: Array, covariance: Array, prior: Biases) -> float:
     return float((np.cbrt(np.mean(apart[keep] ** 2 / shown[keep])) - 1 + spread) / np.sqrt(spread))
 
 
-def _surprise_of(found: Fitted, prior: Biases) -> float:
+def _surprise_of(fitted: FittedWindow, prior: Biases) -> float:
     """Return the surprise of a fit, after an update with the autopilot's gyroscope bias."""
-    biases, covariance = found.fit.biases, found.fit.covariance[9:, 9:]
-    if found.gyro_bias_b is not None and _apart_rad(found) < _LARGEST_LEAN_RAD:
-        rate_rad_s = np.sqrt(np.mean(np.sum(found.window.rate_b**2, axis=1)))
+    biases, covariance = fitted.fit.biases, fitted.fit.covariance[9:, 9:]
+    if fitted.gyro_bias_b is not None and _apart_rad(fitted) < _LARGEST_LEAN_RAD:
+        rate_rad_s = np.sqrt(np.mean(np.sum(fitted.window.rate_b**2, axis=1)))
         sigma = _HINT_GYRO_RAD_S + _HINT_GYRO_SHARE * rate_rad_s
         gain = covariance[:, :3] @ np.linalg.inv(covariance[:3, :3] + np.eye(3) * sigma**2)
-        biases = biases + gain @ (found.gyro_bias_b - biases[:3])
+        biases = biases + gain @ (fitted.gyro_bias_b - biases[:3])
         covariance = covariance - gain @ covariance[:3]
     return surprise(biases, covariance, prior)
 
 
-def _apart_rad(found: Fitted) -> float:
-    """Return the angle between the vertical found and the autopilot's; pi without the latter."""
-    return np.pi if found.hint_nb is None else tilt_between(found.fit.rotation_nb, found.hint_nb)
+def _apart_rad(fitted: FittedWindow) -> float:
+    """Return the angle between the vertical fitted and the autopilot's; pi without the latter."""
+    return (
+        np.pi if fitted.hint_nb is None else tilt_between(fitted.fit.rotation_nb, fitted.hint_nb)
+    )
 
 
 class TurnOnBiases:
@@ -93,56 +96,56 @@ class TurnOnBiases:
         self._doubt = Recurrence()
         self._suspected_ns = NEVER_NS
 
-    def fitted(self, measured: Measured, now_ns: int) -> Fitted:
+    def fit(self, measured: Measured, now_ns: int) -> FittedWindow:
         """Fit a window with the prior or, if need be, a wider one; raises NotAlignedError."""
         if self.widened:
             return self._fitted_widely(measured)
-        found = fitted(measured, self._config, self._prior, self._taken)
-        beyond = _surprise_of(found, self._prior) > _SURPRISE_SIGMA
-        if self._turned(found) or not (beyond or self._lean_rad(found) > 0):
-            checked(found.fit, found.seen)
-            self._look_longer(found, now_ns)
-            return found
+        fitted = fit_window(measured, self._config, self._prior, self._taken)
+        beyond = _surprise_of(fitted, self._prior) > _SURPRISE_SIGMA
+        if self._turned(fitted) or not (beyond or self._lean_rad(fitted) > 0):
+            checked(fitted.fit, fitted.observations)
+            self._look_longer(fitted, now_ns)
+            return fitted
         any_imu = Biases.unknown(np.repeat([_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2], 3))
         try:
             loose = self._loosely(measured, any_imu)
         except NotAlignedError:  # biases are not the cause, or not the only one
-            checked(found.fit, found.seen)
+            checked(fitted.fit, fitted.observations)
             raise NotAlignedError("imu/data does not fit the motion measured") from None
         if self._doubt.again_s(now_ns) < _SURE_S:  # a wrong measurement may look like biases
-            checked(found.fit, found.seen)
+            checked(fitted.fit, fitted.observations)
             self._suspected_ns = now_ns
-            raise NotAlignedError(self._reason(found, loose))
-        self._widen(found, loose)
+            raise NotAlignedError(self._reason(fitted, loose))
+        self._widen(fitted, loose)
         return self._fitted_widely(measured)
 
-    def _fitted_widely(self, measured: Measured) -> Fitted:
-        found = self._loosely(measured, self._prior)
-        self._taken = found.fit.biases
-        if _tilt_sigma_rad(found.fit) > _LARGEST_TILT_SIGMA_RAD:
+    def _fitted_widely(self, measured: Measured) -> FittedWindow:
+        fitted = self._loosely(measured, self._prior)
+        self._taken = fitted.fit.biases
+        if _tilt_sigma_rad(fitted.fit) > _LARGEST_TILT_SIGMA_RAD:
             raise NotAlignedError(self._motion_reason, MOTION_STAGE)
-        return found
+        return fitted
 
-    def _turned(self, found: Fitted) -> bool:
+    def _turned(self, fitted: FittedWindow) -> bool:
         """Return whether the heading contradicts the autopilot's; then no bias is the cause."""
-        hint_nb, autopilot = found.hint_nb, self._config.autopilot
-        return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
+        hint_nb, autopilot = fitted.hint_nb, self._config.autopilot
+        return hint_nb is not None and "heading" in differences(fitted.fit, hint_nb, autopilot)
 
-    def _look_longer(self, found: Fitted, now_ns: int) -> None:
+    def _look_longer(self, fitted: FittedWindow, now_ns: int) -> None:
         """Raise NotAlignedError on a short window, where one has lately raised a suspicion."""
-        if _surprise_of(found, self._prior) > _SUSPECT_SIGMA:
+        if _surprise_of(fitted, self._prior) > _SUSPECT_SIGMA:
             self._suspected_ns = now_ns
         lately = now_ns - self._suspected_ns < _SURE_S * 1e9
-        if lately and found.window.before_s[0] < _LONG_WINDOW_S:
+        if lately and fitted.window.before_s[0] < _LONG_WINDOW_S:
             raise NotAlignedError("imu/data: alignment takes longer, to find the biases", 4)
 
-    def _loosely(self, measured: Measured, prior: Biases) -> Fitted:
+    def _loosely(self, measured: Measured, prior: Biases) -> FittedWindow:
         """Fit a window, also to the autopilot's turn; raises where biases do not explain it."""
-        found = fitted(measured, self._config, prior, self._taken, gyros_unknown=True)
-        checked(found.fit, found.seen)
-        return found
+        fitted = fit_window(measured, self._config, prior, self._taken, gyros_unknown=True)
+        checked(fitted.fit, fitted.observations)
+        return fitted
 
-    def _widen(self, plain: Fitted, loose: Fitted) -> None:
+    def _widen(self, plain: FittedWindow, loose: FittedWindow) -> None:
         """Enlarge the prior to cover the biases of ``loose``, fitted with a prior for any IMU."""
         gyro, accel = self._sizes(plain, loose)
         sigma = np.sqrt(np.diag(_unknown(self._config).covariance))
@@ -157,7 +160,7 @@ class TurnOnBiases:
         )
         self.widened = True
 
-    def _reason(self, plain: Fitted, loose: Fitted) -> str:
+    def _reason(self, plain: FittedWindow, loose: FittedWindow) -> str:
         """Describe the biases that the parameters do not cover."""
         gyro, accel = self._sizes(plain, loose)
         return (
@@ -165,30 +168,30 @@ class TurnOnBiases:
             "beyond imu.gyro_turn_on_bias, imu.accel_turn_on_bias"
         )
 
-    def _sizes(self, plain: Fitted, loose: Fitted) -> tuple[float, float]:
+    def _sizes(self, plain: FittedWindow, loose: FittedWindow) -> tuple[float, float]:
         """Return the largest bias of the gyroscopes, rad/s, and of the accelerometers, m/s2."""
         gyro, accel = np.abs(loose.fit.biases.reshape(2, 3)).max(axis=1).tolist()
         return gyro, max(accel, _GRAVITY_M_S2 * self._lean_rad(plain))
 
-    def _lean_rad(self, found: Fitted) -> float:
+    def _lean_rad(self, fitted: FittedWindow) -> float:
         """Return by how much the tilt differs from the autopilot's; 0 where that may be chance."""
-        window, fit = found.window, found.fit
+        window, fit = fitted.window, fitted.fit
         turned = rotvec_from_quat(quat_from_matrix(window.to_end[0]))
-        if found.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
+        if fitted.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
             return 0.0
         force_b = window.velocity[0] / window.before_s[0] - (fit.biases - window.taken)[3:]
         # The mean acceleration over the window.
         sped = np.linalg.norm(fit.rotation_nb @ force_b + np.array([0.0, 0.0, _GRAVITY_M_S2]))
         sigma_deg = max(self._config.autopilot.attitude_sigma_deg[:2])
-        told_rad = np.radians(sigma_deg + _HINT_DEG_PER_M_S2 * float(sped))
-        limit = _LEAN_SIGMAS * float(np.hypot(told_rad, _tilt_sigma_rad(fit)))
-        apart = _apart_rad(found)
+        autopilot_rad = np.radians(sigma_deg + _HINT_DEG_PER_M_S2 * float(sped))
+        limit = _LEAN_SIGMAS * float(np.hypot(autopilot_rad, _tilt_sigma_rad(fit)))
+        apart = _apart_rad(fitted)
         return apart if limit < apart < _LARGEST_LEAN_RAD else 0.0
 
 
-def _tilt_sigma_rad(found: WindowFit) -> float:
+def _tilt_sigma_rad(fit: WindowFit) -> float:
     """Return the larger sigma of the two tilt angles, with the uncertainty of the biases in it."""
-    return float(np.sqrt(max(found.covariance[0, 0], found.covariance[1, 1])))
+    return float(np.sqrt(max(fit.covariance[0, 0], fit.covariance[1, 1])))
 
 
 def _unknown(config: EkfConfig) -> Biases:

@@ -22,11 +22,9 @@ from tirgeo_ros.core.navigation.estimator.start_up import StartUp
 from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.ins.vibration_noise import densities
-from tirgeo_ros.core.navigation.timeline.aid_clocks import AidClocks
-from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.aid_stamps import AidClocks, DuplicateDetector, Same
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
-from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock, in_body_axes
-from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock, in_body_axes
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
 from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import ConfigError

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid import lost_heading_rad
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
-from tirgeo_ros.core.navigation.aiding.aids import AIDS
+from tirgeo_ros.core.navigation.aiding.aids import AIDS, EXPECTED
 from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
@@ -51,9 +51,7 @@ class FilterHealth:
         self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2
         self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
         self.configure(config)
-        self._wanted = [Source.RTK_POSITION, Source.RTK_VELOCITY]
-        if config.method == "ekf_heading":
-            self._wanted.append(Source.RTK_HEADING)
+        self._expected = EXPECTED.get(config.method, ())
 
     def configure(self, config: EkfConfig) -> None:
         """Take the parameters, also others in flight."""
@@ -77,7 +75,7 @@ class FilterHealth:
         return status if now_ns - stamp_ns <= _STATUS_AGE_NS else FixStatus.NONE
 
     def forget_rtk(self) -> None:
-        """Have no fix status until the next position."""
+        """Set the fix status to NONE until the next position."""
         self._rtk = FixStatus.NONE, 0
 
     def state(
@@ -87,24 +85,24 @@ class FilterHealth:
 
         ``unused`` holds for each source when a sample was last not used, and why.
         """
-        missing = [s for s in self._wanted if not aids.track(s).recent(now_ns, self._timeout_ns)]
+        missing = [s for s in self._expected if not aids.track(s).recent(now_ns, self._timeout_ns)]
         floating = aids.rtk.at(now_ns, self._timeout_ns) is FixStatus.FLOAT
         if not missing and not floating:
             return FilterState.RUNNING, ""
-        poor, told, absent = "", [], []
+        poor, present, absent = "", [], []
         if Source.RTK_POSITION in missing:
             poor = self.poor_gps()
             if not aids.track(Source.GPS_POSITION).recent(now_ns, self._timeout_ns):
                 missing.append(Source.GPS_POSITION)
         elif floating:
-            told.append("rtk/fix is float")
+            present.append("rtk/fix is float")
         for source in missing:
             stamp_ns, why = (unused or {}).get(source, (NEVER_NS, ""))
             if now_ns - stamp_ns <= self._timeout_ns:
-                told.append(f"{source.topic} {why}")
+                present.append(f"{source.topic} {why}")
             else:
                 absent.append(source.topic)
-        text = ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
+        text = ", ".join([*present, *(["no " + ", ".join(absent)] if absent else [])])
         if Source.GPS_POSITION in missing:
             return FilterState.DEAD_RECKONING, text
         return FilterState.DEGRADED, "; ".join(filter(None, (text, poor)))
@@ -118,9 +116,9 @@ class FilterHealth:
     def poor_gps(self) -> str:
         """Return what is poor about the ordinary GPS, or an empty string."""
         *across, down = map(math.sqrt, self._variances.get(Source.GPS_POSITION, (0.0, 0.0, 0.0)))
-        told = [f"{max(across):.0f} m"] if max(across) > self._bound_m else []
-        told += [f"{down:.0f} m in height"] if down > self._bound_m else []
-        return f"gps/fix has a sigma of {', '.join(told)}" if told else ""
+        sizes = [f"{max(across):.0f} m"] if max(across) > self._bound_m else []
+        sizes += [f"{down:.0f} m in height"] if down > self._bound_m else []
+        return f"gps/fix has a sigma of {', '.join(sizes)}" if sizes else ""
 
     def lost(self, aids: AidStatus, covariance: Array) -> str:
         """Return why a state with this error covariance (n, n) is not to be trusted, or ""."""

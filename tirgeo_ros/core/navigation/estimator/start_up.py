@@ -58,8 +58,8 @@ class StampOrder:
 
     def given_up(self) -> list[Verdict]:
         """Return the verdicts on held samples that were dropped, each once."""
-        found, self._given_up = self._given_up, []
-        return found
+        dropped, self._given_up = self._given_up, []
+        return dropped
 
     def add(self, sample: NavigationInput) -> list[NavigationInput]:
         """Take a sample; return those that are due, oldest first."""
@@ -88,16 +88,16 @@ class StampOrder:
 
     def pop_until(self, end_ns: float = math.inf) -> list[NavigationInput]:
         """Remove and return the samples up to a stamp, oldest first."""
-        found: list[_Entry] = []
+        due_entries: list[_Entry] = []
         for held in self._held.values():
             due = bisect.bisect_right(held, end_ns, key=operator.itemgetter(0))
-            found += held[:due]
+            due_entries += held[:due]
             del held[:due]
-        return [entry[3] for entry in sorted(found)]
+        return [entry[3] for entry in sorted(due_entries)]
 
 
 class StartUp:
-    """Take samples until ``ekf`` is there; ``prior`` is what is known of the IMU's biases."""
+    """Take samples until ``ekf`` is there; ``prior`` is of the IMU's biases."""
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config, self.prior = config, prior
@@ -128,7 +128,7 @@ class StartUp:
         return verdicts
 
     def _started(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> list[Verdict]:
-        """Start the filter; ``rest`` are samples that the alignment has not seen."""
+        """Start the filter; ``rest`` are samples that the alignment has not had."""
         self.ekf = Ekf(self._config, alignment, record=self.record)
         self.first_state = alignment.state
         later = sorted((*alignment.imu[1:], *alignment.later), key=lambda s: s.stamp_ns)

@@ -31,10 +31,10 @@ _CLIPPED = 0.49**2
 class VibrationMeter:
     """Measure the power densities of an IMU, sample by sample."""
 
-    def __init__(self, known: Powers = STILL, known_s: float = 0.0) -> None:
-        """Begin with ``known`` densities, the mean over ``known_s`` seconds."""
-        self._means: Powers = known
-        self._seconds = min(known_s, _MEMORY_S)
+    def __init__(self, initial: Powers = STILL, initial_s: float = 0.0) -> None:
+        """Begin with ``initial`` densities, the mean over ``initial_s`` seconds."""
+        self._means: Powers = initial
+        self._seconds = min(initial_s, _MEMORY_S)
         self._run = 0  # samples since the last gap, up to 2
         self._force: Vector = (0.0, 0.0, 0.0)
         self._rate: Vector = (0.0, 0.0, 0.0)

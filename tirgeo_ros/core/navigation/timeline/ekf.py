@@ -13,15 +13,15 @@ import operator
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
 from tirgeo_ros.core.navigation.alignment.initial_state import initial_estimate
 from tirgeo_ros.core.navigation.ins.ins_error_model import GYRO_BIAS, NoisePowers
+from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
-from tirgeo_ros.core.navigation.ins.trail import Change, Mark
 from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, VibrationMeter, clipped_powers
 from tirgeo_ros.core.navigation.timeline.delayed_measurements import (
     FilterEpoch,
@@ -37,7 +37,6 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "not needed") for source in Source}
 _MOST_HZ = 500  # bound on the measurements held for each second
-_RTK_POSITION = PLACE[Source.RTK_POSITION]
 _stamp_of = operator.attrgetter("stamp_ns")
 
 
@@ -108,7 +107,7 @@ class Ekf:
         ``clipped``: the IMU was at full scale within the last second, so the process noise is
         enlarged. Returns the verdicts on measurements that were held until this sample.
         """
-        epoch = FilterEpoch.of_sample(self._epochs[-1], sample, self._meter)
+        epoch = FilterEpoch.after(self._epochs[-1], sample, self._meter)
         if clipped:
             epoch.vibration = clipped_powers(epoch.vibration)
         while self._held and self._held[0].stamp_ns <= epoch.stamp_ns:
@@ -118,8 +117,8 @@ class Ekf:
         self._catch_up(len(epochs) - 1)
         if len(epochs) > 64 and epochs[64].stamp_ns < epoch.stamp_ns - self._keep_ns:
             self._forget()
-        found, self._resolved = self._resolved, []
-        return found
+        verdicts, self._resolved = self._resolved, []
+        return verdicts
 
     def add_aiding(self, sample: AidSample, *, stale: bool = False) -> Verdict:
         """Insert a measurement in its place; one that the IMU has not reached yet is held.
@@ -179,7 +178,7 @@ class Ekf:
         form, antenna_b = self._form, epoch.aids.receivers.antenna_b
         white_b = self._white_b(epoch)
         made = form.made(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
-        return unsure_by(made, epoch.aids.tracks[_RTK_POSITION].step)
+        return unsure_by(made, epoch.aids.pending_step)
 
     def _white_b(self, epoch: FilterEpoch) -> Vector:
         """Return the variances of the white noise of one angular rate in ``b``, (rad/s)^2."""

@@ -7,17 +7,14 @@ from array import array
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.ins.trail import Change, Correction, Mark
+from tirgeo_ros.core.navigation.ins.kalman import Change, Correction, Mark
 from tirgeo_ros.core.navigation.timeline.delayed_measurements import FilterEpoch
 from tirgeo_ros.core.types.arrays import Array, Vector
-from tirgeo_ros.core.types.measurements import Source
 
 #: How a change's error follows from the one before it.
 SAME, MOVED, CORRECTED = range(3)
 #: Rows of a measurement; what has fewer is filled up with zeros.
 MOST_ROWS = 3
-_RTK_POSITION = PLACE[Source.RTK_POSITION]
 _NO_STEP = (0.0, 0.0, 0.0)
 #: Numbers of an epoch (see ``FlightRecord._noted``).
 EPOCH_NUMBERS = 29
@@ -85,9 +82,9 @@ class FlightRecord:
     @property
     def square(self) -> npt.NDArray[np.intp]:
         """Return the places (n, n) of a symmetric matrix's entries in its lower triangle."""
-        found = np.zeros((self.states, self.states), np.intp)
-        found[self.lower] = found.T[self.lower] = range(len(self.lower[0]))
-        return found
+        places = np.zeros((self.states, self.states), np.intp)
+        places[self.lower] = places.T[self.lower] = range(len(self.lower[0]))
+        return places
 
     @property
     def transitions(self) -> Array:
@@ -114,10 +111,10 @@ def _whitened(correction: Correction) -> Array:
     """Return H and innovation, side by side (3, n + 1), scaled so that the weight is identity."""
     design, weight, innovation = correction
     root = np.linalg.cholesky(weight).T
-    found = np.zeros((MOST_ROWS, design.shape[1] + 1))
-    found[: len(design), :-1] = root @ design
-    found[: len(design), -1] = root @ innovation
-    return found
+    rows = np.zeros((MOST_ROWS, design.shape[1] + 1))
+    rows[: len(design), :-1] = root @ design
+    rows[: len(design), -1] = root @ innovation
+    return rows
 
 
 def _noted(epoch: FilterEpoch, white_b: Vector) -> tuple[float, ...]:
@@ -135,5 +132,5 @@ def _noted(epoch: FilterEpoch, white_b: Vector) -> tuple[float, ...]:
         *epoch.rate_b,
         *white_b,
         *aids.receivers.antenna_b,
-        *(aids.tracks[_RTK_POSITION].step or _NO_STEP),
+        *(aids.pending_step or _NO_STEP),
     )

@@ -49,7 +49,7 @@ class SolutionMaker:
         bias, (x, y, z), item = state.gyro_bias_b, white_b, covariance.item
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
         vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
-        found = (
+        fields = (
             stamp_ns,
             state.latitude_rad,
             state.longitude_rad,
@@ -60,7 +60,7 @@ class SolutionMaker:
             (x + item(9, 9), y + item(10, 10), z + item(11, 11)),
             covariance.take(self._entries),
         )
-        solution: NavSolution = tuple.__new__(NavSolution, found)  # half of NavSolution(...)
+        solution: NavSolution = tuple.__new__(NavSolution, fields)  # half of NavSolution(...)
         return at_antenna(solution, covariance, antenna_b) if self._at_antenna else solution
 
 

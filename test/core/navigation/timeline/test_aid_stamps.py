@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from filter_states import fix, heading, ns, velocity
 
-from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 NEW, AGAIN, VALUE = Same.NOTHING, Same.MEASUREMENT, Same.VALUE

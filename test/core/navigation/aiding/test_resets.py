@@ -50,7 +50,7 @@ def estimate_of(states: int = 18, *, rtk: bool = True, covariance=None) -> State
     """RTK fixed for five seconds, its three measurements just used or never."""
     aids = used_at(dict.fromkeys(RTK, ns(0)) if rtk else {})
     aids = aids._replace(receivers=Receivers(ns(0)))
-    aids = aids.heard(FixStatus.FIXED, ns(-5), SECOND_NS)
+    aids = aids.with_status(FixStatus.FIXED, ns(-5), SECOND_NS)
     return StateEstimate(START, correlated(states) if covariance is None else covariance, aids)
 
 
@@ -125,15 +125,17 @@ def test_velocity_is_set_without_positions(source):
     assert_covariance(after.covariance)
 
 
+def by_gps(t_s):
+    return fix(t_s, (0.0, 0.0, 60.0), Source.GPS_POSITION, FixStatus.SINGLE)
+
+
 def test_gps_reset_changes_its_error_and_says_nothing_of_the_position():
     """Position and GPS error together are measured, neither of them alone."""
-
-    def gps(t_s):
-        return fix(t_s, (0.0, 0.0, 60.0), Source.GPS_POSITION, FixStatus.SINGLE)
-
     covariance = correlated(18)
     covariance[POSITION, POSITION] += 4.0 * np.eye(3)
-    verdicts, before, after = again_and_again(estimate_of(rtk=False, covariance=covariance), gps)
+    verdicts, before, after = again_and_again(
+        estimate_of(rtk=False, covariance=covariance), by_gps
+    )
     assert verdicts[-1].outcome is Outcome.RESET
     assert after.state is START
     assert after.aids.receivers.gps_error_n == pytest.approx((0.0, 0.0, 60.0), abs=1e-4)
@@ -141,7 +143,7 @@ def test_gps_reset_changes_its_error_and_says_nothing_of_the_position():
     position_m2 = np.diag(before.covariance)[POSITION]
     np.testing.assert_array_equal(np.diag(after.covariance)[POSITION], position_m2)
     # A second one measures the same once more: it finds the sum to the noise of both, no more.
-    again = Fusion(CONFIG).fuse(gps(2.2), after, ZERO)
+    again = Fusion(CONFIG).fuse(by_gps(2.2), after, ZERO)
     assert again.verdict.used
     found = again.estimate.covariance
     # Of the fix's noise of 0.05 m a part of 1e-3 of the 4 m2 may go to either.
@@ -215,10 +217,6 @@ def test_heading_reset_with_an_error_state(degrees, error_sigma_deg):
     # A second one halves the noise; what is the receiver's error stays unknown.
     expected = noise_rad2 / 2 + error_rad2
     assert again.estimate.covariance[2, 2] == pytest.approx(expected, rel=0.02)
-
-
-def by_gps(t_s):
-    return fix(t_s, (0.0, 0.0, 60.0), Source.GPS_POSITION, FixStatus.SINGLE)
 
 
 def set_by(make, **estimate):

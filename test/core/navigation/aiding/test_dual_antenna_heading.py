@@ -1,15 +1,23 @@
-"""When headings of the antennas are used or must wait, and headings that a person sets."""
+"""When headings are used or must wait, headings that a person sets, and whole degrees.
+
+Of headings in whole degrees: what the two ways of reading them give, and why one is the default.
+A scalar filter stands for the whole one there: its heading drifts as that of the gyroscopes does
+between readings at 5 Hz, while the aircraft holds a heading, which is where rounding hurts, and
+turns every ten seconds.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from filter_states import (
     LEVEL,
+    NOW_NS,
     SECOND_NS,
     ZERO,
     ekf_config,
@@ -19,24 +27,36 @@ from filter_states import (
     ns,
     state_of,
 )
-from flights import config_for, flight, navigation_samples
+from flights import config_for, filtered, flight, navigation_samples, rms
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import heading_of, quat_from_euler, quat_multiply, wrapped
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, Receivers
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid, interval_measurement
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, SetHeading, Source
+from tirgeo_ros.core.navigation.ins.kalman import update
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    ImuSample,
+    SetHeading,
+    Source,
+)
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 CONFIG = ekf_config(
     heading__start_after_s=1.0, heading__reset_after_s=5.0, trust__aid_timeout_s=1.0
 )
 
 
-def fixed_belief(fixed_s: float, now_s: float) -> StateEstimate:
+def fixed_estimate(fixed_s: float, now_s: float) -> StateEstimate:
     """Level, nose north, fixed for so long, headings not used yet."""
     aids, t_s = heard(AidStatus(Receivers(ns(now_s))), now_s - fixed_s), now_s - fixed_s
     while t_s < now_s:  # the receiver says so five times a second
@@ -55,13 +75,13 @@ def fused(estimate, sample, q_nb=None):
     ("fixed_s", "reason"), [(0.999, "rtk/fix has been fixed for only 1.0 s"), (1.0, "")]
 )
 def test_headings_start_after_a_while_of_fixed_positions(fixed_s, reason):
-    found = fused(fixed_belief(fixed_s, 5.0), heading(5.0)).verdict
+    found = fused(fixed_estimate(fixed_s, 5.0), heading(5.0)).verdict
     assert (found.outcome is Outcome.NOT_FIXED, found.reason) == (bool(reason), reason)
 
 
 def test_headings_go_on_where_they_were_used_lately():
     """One float fix in between stops them for its own time only."""
-    estimate = fused(fixed_belief(3.0, 5.0), heading(5.0)).estimate
+    estimate = fused(fixed_estimate(3.0, 5.0), heading(5.0)).estimate
     estimate = estimate._replace(aids=heard(estimate.aids, 5.1, FixStatus.FLOAT))
     stopped = fused(estimate, heading(5.2))
     assert stopped.verdict.reason == "rtk/fix is not fixed"
@@ -71,7 +91,7 @@ def test_headings_go_on_where_they_were_used_lately():
 
 @pytest.mark.parametrize(("age_s", "reason"), [(1.0, ""), (1.001, "rtk/fix is silent")])
 def test_headings_stop_where_the_status_is_silent(age_s, reason):
-    estimate = fused(fixed_belief(3.0, 5.0), heading(5.0)).estimate
+    estimate = fused(fixed_estimate(3.0, 5.0), heading(5.0)).estimate
     assert fused(estimate, heading(5.0 + age_s)).verdict.reason == reason
     # A fix of now does not count from before the silence.
     late = estimate._replace(aids=heard(estimate.aids, 65.0))
@@ -82,8 +102,8 @@ def test_headings_stop_where_the_status_is_silent(age_s, reason):
 
 
 def agreed(seconds: float) -> StateEstimate:
-    """A estimate that headings of zero have confirmed for so long, five times a second."""
-    estimate = fixed_belief(3.0, 0.0)
+    """An estimate that headings of zero have confirmed for so long, five times a second."""
+    estimate = fixed_estimate(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
         estimate = estimate._replace(aids=heard(estimate.aids, 0.2 * k))
         found = fused(estimate, heading(0.2 * k))
@@ -94,7 +114,7 @@ def agreed(seconds: float) -> StateEstimate:
 
 def with_sigma(estimate: StateEstimate) -> StateEstimate:
     """Its covariance as at first: nothing is learned, nothing drifts."""
-    return estimate._replace(covariance=fixed_belief(3.0, 0.0).covariance)
+    return estimate._replace(covariance=fixed_estimate(3.0, 0.0).covariance)
 
 
 def given_up_after(estimate: StateEstimate, start_s: float, offs_deg, autopilot_deg=None):
@@ -151,8 +171,8 @@ def test_what_has_drifted_away_must_last_as_long_as_the_agreement(agreed_s, pati
 
 def test_headings_that_come_late_and_far_off_do_not_win():
     """A start by the autopilot's heading; the antennas come later, 90 deg off."""
-    assert given_up_after(fixed_belief(3.0, 0.0), 0.2, [90.0] * 400, 2.0) is None
-    assert given_up_after(fixed_belief(3.0, 0.0), 0.2, [12.0] * 400, 2.0) >= 5.0
+    assert given_up_after(fixed_estimate(3.0, 0.0), 0.2, [90.0] * 400, 2.0) is None
+    assert given_up_after(fixed_estimate(3.0, 0.0), 0.2, [12.0] * 400, 2.0) >= 5.0
 
 
 def test_contradictions_that_do_not_agree_prove_nothing():
@@ -198,11 +218,11 @@ def begun(
 
     ``autopilot_rad`` is the error of the autopilot's heading; None: it has no attitude.
     """
-    heard, first, said = [], None, False
-    navigation = Navigation(config_for(flown, method=method), heard.append)
-    begin_ns, told = flown.truth.stamp_ns[0], None
-    for given in navigation_samples(flown):
-        sample = given
+    verdicts, first, said = [], None, False
+    navigation = Navigation(config_for(flown, method=method), verdicts.append)
+    begin_ns, by_hand = flown.truth.stamp_ns[0], None
+    for recorded in navigation_samples(flown):
+        sample = recorded
         if sample.source is Source.RTK_HEADING:
             continue
         if isinstance(sample, ImuSample):
@@ -211,14 +231,14 @@ def begun(
             turned = None if autopilot_rad is None else quat_multiply(turn, q_nb)
             sample = replace(sample, autopilot_q_nb=turned)
         t_s = (sample.stamp_ns - begin_ns) * 1e-9
-        if told is None and t_s >= at_s and sample.stamp_ns in flown.truth.stamp_ns:
-            told = SetHeading(sample.stamp_ns, heading_at(flown, sample) + off_rad, variance)
-        if told is not None and not said and t_s >= at_s + late_s:
-            navigation.process(told)
+        if by_hand is None and t_s >= at_s and sample.stamp_ns in flown.truth.stamp_ns:
+            by_hand = SetHeading(sample.stamp_ns, heading_at(flown, sample) + off_rad, variance)
+        if by_hand is not None and not said and t_s >= at_s + late_s:
+            navigation.process(by_hand)
             said = True
         solution = navigation.process(sample).solution
         first = first or solution
-    return [one for one in heard if one.source is Source.SET_HEADING], first, navigation
+    return [v for v in verdicts if v.source is Source.SET_HEADING], first, navigation
 
 
 def heading_at(flown, sample) -> float:
@@ -313,3 +333,133 @@ def test_it_is_no_stream_that_the_checks_could_miss():
     for stamp_ns in (SECOND_NS, 60 * SECOND_NS, 61 * SECOND_NS):
         checks.take(topic, SetHeading(stamp_ns, 1.0, SIGMA**2), stamp_ns)
     assert not any(topic in one.line for one in checks.findings())
+
+
+STEP_DEG = 1.0
+ROUNDING_DEG2 = STEP_DEG**2 / 12
+FLOOR_DEG = EkfConfig().heading.sigma_floor_deg
+#: Gives the whole filter's 0.08 deg with the default floor: sqrt(P) = sqrt(walk x noise).
+WALK_DEG = 0.08**2 / FLOOR_DEG
+RUNS, READINGS, SETTLED, LEG = 60, 500, 100, 50
+
+
+class Heading(NamedTuple):
+    """Of many scalar filters, settled."""
+
+    rms_deg: float
+    ratio: float  # of error over sigma, rms
+
+
+def _filtered(sigma_deg: float, floor_deg: float, resolution_deg: float) -> Heading:
+    """Scalar filters over the same readings; places between whole degrees are covered evenly."""
+    rng = np.random.default_rng(round(1000 * sigma_deg))
+    squares, ratios = [], []
+    for run in range(RUNS):
+        first = (run + 0.5) / RUNS
+        turns = np.cumsum(rng.uniform(size=READINGS // LEG)) + first
+        true = np.repeat(turns, LEG)
+        readings = np.round(true + sigma_deg * rng.standard_normal(READINGS))
+        walks = WALK_DEG * rng.standard_normal(READINGS)
+        error, variance = 0.5 * rng.standard_normal(), 0.25
+        for number in range(READINGS):
+            error, variance = error + walks[number], variance + WALK_DEG**2
+            off = readings[number] - true[number] - error
+            noise = max(sigma_deg**2 + ROUNDING_DEG2, floor_deg**2)
+            if resolution_deg:
+                told = interval_measurement(off, variance, sigma_deg**2, resolution_deg)
+                if told[0] ** 2 <= 16 * (variance + told[1]):  # the gate of Headings
+                    off, noise = told
+            gain = variance / (variance + noise)
+            error, variance = error + gain * off, variance * (1 - gain)
+            if number >= SETTLED:
+                squares.append(error**2)
+                ratios.append(error**2 / variance)
+    return Heading(math.sqrt(np.mean(squares)), math.sqrt(np.mean(ratios)))
+
+
+def test_at_the_usual_noise_an_interval_says_no_more_than_a_number():
+    """That is why ``resolution_deg`` is 0 by default: noise of 0.4 deg rounds evenly by itself."""
+    assert EkfConfig().heading.resolution_deg == 0
+    plain = _filtered(0.4, FLOOR_DEG, 0.0)
+    interval = _filtered(0.4, 0.0, STEP_DEG)
+    # 60 runs of 80 s hold some 600 independent errors: each rms is known to 3 %, their ratio
+    # better, being of the same data.
+    assert interval.rms_deg == pytest.approx(plain.rms_deg, rel=0.06)
+    assert 0.7 < plain.ratio < 1.3  # what is asked of error over sigma
+    assert 0.7 < interval.ratio < 1.3
+
+
+@pytest.mark.parametrize("sigma_deg", [0.05, 0.1])
+def test_of_a_quiet_receiver_an_interval_beats_any_larger_noise(sigma_deg):
+    """Its rounding stays the same along a leg, so readings may not be averaged at all."""
+    interval = _filtered(sigma_deg, 0.0, STEP_DEG)
+    assert 0.7 < interval.ratio < 1.3  # what is asked of error over sigma
+    assert _filtered(sigma_deg, FLOOR_DEG, 0.0).ratio > 1.5  # a good library asserts 1.5
+    for floor_deg in (0.0, FLOOR_DEG, 1.2, 2.4):
+        # The rounding alone is up to half a degree, 0.29 deg rms; the interval finds its ends.
+        assert interval.rms_deg < 0.8 * _filtered(sigma_deg, floor_deg, 0.0).rms_deg
+
+
+@given(off=st.floats(-1.5, 1.5), predicted=st.floats(1e-2, 4.0), sigma=st.floats(0.1, 2.0))
+def test_interval_leaves_the_moments_of_the_exact_posterior(off, predicted, sigma):
+    """Against the sum over a fine grid of prior times likelihood."""
+    innovation, noise = interval_measurement(off, predicted, sigma**2, STEP_DEG)
+    x = np.linspace(-10, 10, 4001) * math.sqrt(predicted)
+    root = math.sqrt(2) * sigma
+    upper, lower = (off + side * STEP_DEG / 2 for side in (1, -1))
+    erf = np.vectorize(math.erf)
+    weight = np.exp(-0.5 * x * x / predicted) * (erf((upper - x) / root) - erf((lower - x) / root))
+    mean = np.average(x, weights=weight)
+    variance = np.average((x - mean) ** 2, weights=weight)
+    gain = predicted / (predicted + noise)
+    # Smooth and with both ends at zero, the sum is exact but for erf's differences (1e-16 / 1e-8).
+    scale = math.sqrt(predicted)
+    assert gain * innovation == pytest.approx(mean, abs=1e-6 * scale)
+    assert (1 - gain) * predicted == pytest.approx(variance, abs=1e-6 * predicted)
+
+
+def _aided(heading_deg: float, **values: float):
+    config = ekf_config(**{f"heading__{key}": value for key, value in values.items()})
+    covariance = np.eye(18) * math.radians(0.03) ** 2
+    sample = HeadingSample(NOW_NS, math.radians(heading_deg), math.radians(0.05) ** 2)
+    estimate = estimate_of(state_of(0.0, 0.0, 0.0), 18, covariance)
+    aid = HeadingAid(config).measured(sample, estimate, ZERO)[0]
+    return covariance, aid.measurement
+
+
+def test_a_reading_whose_ends_are_far_away_says_nothing():
+    covariance, measurement = _aided(0.1, sigma_floor_deg=0.05, resolution_deg=1.0)
+    updated = update(covariance, measurement).covariance
+    # The near end is 0.4 deg away, 6.9 of sqrt(0.03^2 + 0.05^2): density 2e-11 there.
+    assert updated[2, 2] == pytest.approx(covariance[2, 2], rel=1e-8)
+    covariance, measurement = _aided(0.1, sigma_floor_deg=0.05)
+    updated = update(covariance, measurement).covariance
+    assert updated[2, 2] == pytest.approx(covariance[2, 2] * 25 / 34, rel=1e-9)
+
+
+@pytest.mark.parametrize("heading_deg", [0.95, 5.0])
+def test_a_reading_that_contradicts_the_state_is_taken_as_a_number(heading_deg):
+    """Of 0.95 deg the interval ends 7.7 sigma away, while it is 3.2 as a number; 5 is refused."""
+    covariance, measurement = _aided(heading_deg, sigma_floor_deg=0.05, resolution_deg=1.0)
+    assert math.degrees(measurement.innovation[0]) == pytest.approx(heading_deg)
+    noise_deg2 = math.degrees(math.sqrt(measurement.noise[0, 0])) ** 2
+    assert noise_deg2 == pytest.approx(0.05**2 + ROUNDING_DEG2)
+    assert (update(covariance, measurement).error is None) == (heading_deg > 4 * 0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["lawnmower", "hover"])
+def test_no_heading_of_a_quiet_receiver_is_refused(shape):
+    """In turns the rounding flips by up to a degree; on legs it is 0.4 deg, all the time."""
+    values = {"route.shape": shape, "route.heading_deg": 20.4, "heading.sigma_deg": 0.05}
+    flight = fly(scenario_from({**values, "duration_s": 50.0}), 3)
+    assert flight.scenario.heading.step_deg == STEP_DEG
+    found_deg = []
+    for values in ({}, {"heading__resolution_deg": 1.0, "heading__sigma_floor_deg": 0.05}):
+        found = filtered(flight, **values)
+        counted = found.status.counts.items()
+        counts = {o: n for (source, o), n in counted if source == "rtk_heading"}
+        assert counts["used"] > 200  # 5 Hz, less the start
+        assert not {"gated", "reset"} & set(counts)
+        found_deg.append(math.degrees(rms(found.errors.after(20.0).rpy)[2]))
+    assert found_deg[1] < 0.6 * found_deg[0]

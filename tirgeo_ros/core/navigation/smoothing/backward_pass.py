@@ -60,8 +60,8 @@ class _BackwardPass:
     def _finished(self, begin: int, end: int, vectors: Array, matrices: Array) -> Array:
         """Replace the covariances of some changes; return their smoothed errors."""
         covariance = self._covariances[begin:end][:, self._square]
-        known = covariance @ matrices[: end - begin] @ covariance
-        covariance -= 0.5 * (known + known.swapaxes(1, 2))
+        removed = covariance @ matrices[: end - begin] @ covariance
+        covariance -= 0.5 * (removed + removed.swapaxes(1, 2))
         errors = self._covariances[begin:end][:, self._square] @ vectors[: end - begin, :, None]
         self._covariances[begin:end] = covariance[:, self._lower[0], self._lower[1]]
         return np.asarray(errors[:, :, 0])
