@@ -1,4 +1,4 @@
-"""Judge the stamps of one stream: what is due, steady or silent, what jumps alone; the exposure."""
+"""Judge the stamps of one stream: due, steady, silent, jumping alone; the time of exposure."""
 
 from __future__ import annotations
 
