@@ -25,10 +25,12 @@ from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import csv_text
 from tirgeo_ros.io.parameters.parameter_file import load_config
-from tirgeo_ros.tools.replay.recorded_flight import load_recording
-from tirgeo_ros.tools.replay.registration import navigated
+from tirgeo_ros.tools.presentation.progress import silent
+from tirgeo_ros.tools.replay.flight import Flight
+from tirgeo_ros.tools.replay.registration import SAMPLES, Sample, navigated
 
 RATE_HZ = 10.0
 
@@ -71,8 +73,11 @@ def states_text(bag: Path, params: Path) -> str:
 
 def _rows(bag: Path, params: Path) -> Iterator[list[str]]:
     navigation = Navigation(load_config(params, "ekf_node", EkfConfig))
-    rate = RateLimit(RATE_HZ)
-    for sample in load_recording(bag).samples:
+    rate, samples = RateLimit(RATE_HZ), list[Sample]()
+    flight = Flight(BagReader(bag), needs_camera=False)
+    flight.add(SAMPLES, samples.append)
+    flight.read_all(silent)
+    for sample in samples:
         solution = navigated(navigation, sample)
         if solution is not None and rate.due(solution.stamp_ns):
             written = (f"{v:.{c.decimals}f}" for v, c in zip(_values(solution), COLUMNS))  # noqa: B905 as long as each other
@@ -101,18 +106,20 @@ def changes(old: str, new: str) -> list[str]:
     before, now = _read(old), _read(new)
     if [row[0] for row in before] != [row[0] for row in now]:
         return [f"stamps differ: {_span(before)} before, {_span(now)} now"]
-    found = []
+    differences = []
     for index, column in enumerate(COLUMNS, start=1):
         apart = [float(b[index]) - float(a[index]) for a, b in zip(before, now)]  # noqa: B905 the same stamps
         if column.name == "heading_deg":
             apart = [(x + _TURN_DEG / 2) % _TURN_DEG - _TURN_DEG / 2 for x in apart]
         line = _moved(column, apart, before)
-        found += [line] if line else []
+        differences += [line] if line else []
     other = [(a, b) for a, b in zip(before, now) if a[-1] != b[-1]]  # noqa: B905
     if other:
         (stamp, *_, was), (*_, is_now) = other[0]
-        found.append(f"state: {len(other)} rows, first at {stamp}: {was} before, {is_now} now")
-    return found
+        differences.append(
+            f"state: {len(other)} rows, first at {stamp}: {was} before, {is_now} now"
+        )
+    return differences
 
 
 def _moved(column: Column, apart: list[float], rows: list[list[str]]) -> str:

@@ -1,4 +1,4 @@
-"""What all tests share: seeded hypothesis, the sample flight, the folder of shared material."""
+"""What all tests share: seeded hypothesis, the sample flight and parts of it, shared material."""
 
 from __future__ import annotations
 
@@ -55,6 +55,43 @@ def sample() -> Path:
     if not (folder / "flight.mcap").is_file():
         pytest.skip(f"no sample flight in {folder}: bags/README.md says how to make it")
     return folder
+
+
+def _first_seconds(sample: Path, made, seconds: float) -> Path:
+    from process_bags import rewritten  # noqa: PLC0415 few tests need it
+
+    path = made.mktemp("cut") / "flight.mcap"
+    return rewritten(sample / "flight.mcap", path, seconds=seconds)
+
+
+@pytest.fixture(scope="session")
+def cut(sample: Path, tmp_path_factory) -> Path:
+    """The sample's first four seconds, one of which is alignment."""
+    return _first_seconds(sample, tmp_path_factory, 4)
+
+
+@pytest.fixture(scope="session")
+def short(sample: Path, tmp_path_factory) -> Path:
+    """The sample's first six seconds."""
+    return _first_seconds(sample, tmp_path_factory, 6)
+
+
+@pytest.fixture(scope="session")
+def nine_s(sample: Path, tmp_path_factory) -> Path:
+    """The sample's first nine seconds."""
+    return _first_seconds(sample, tmp_path_factory, 9)
+
+
+@pytest.fixture(scope="session")
+def params(sample: Path) -> Path:
+    """The sample's file of parameters."""
+    return sample / "params.yaml"
+
+
+@pytest.fixture(scope="session")
+def options(sample: Path, params: Path) -> dict[str, Path]:
+    """The sample's parameters and map, as arguments of process."""
+    return {"params": params, "map": sample / "map.geojson"}
 
 
 @pytest.fixture(scope="session")

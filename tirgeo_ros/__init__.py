@@ -39,7 +39,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "filter_flight": "library.filtering",
     "FilteredFlight": "library.filtering",
-    "PicturePose": "library.picture_pose",
+    "PicturePose": "library.projecting",
     "project": "library.projecting",
     "Projected": "library.projecting",
     "locate": "library.projecting",
@@ -53,7 +53,7 @@ _HOMES = {
     "Picture": "library.bags",
     "write_bag": "library.bags",
     "process": "tools.replay.process",
-    "load_config": "library.parameters",
+    "load_config": "tools.replay.node_configs",
     "NodeConfigs": "tools.replay.node_configs",
     "load_camera": "io.pictures.camera_file",
     "load_terrain": "io.elevation.elevation_model",

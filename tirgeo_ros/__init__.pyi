@@ -24,10 +24,8 @@ from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.library.bags import Picture, read_bag, read_camera, read_pictures, write_bag
 from tirgeo_ros.library.filtering import FilteredFlight, filter_flight
-from tirgeo_ros.library.parameters import load_config
-from tirgeo_ros.library.picture_pose import PicturePose
-from tirgeo_ros.library.projecting import Projected, locate, project, save_located
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.library.projecting import PicturePose, Projected, locate, project, save_located
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, load_config
 from tirgeo_ros.tools.replay.process import process
 
 __version__: str

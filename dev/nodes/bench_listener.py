@@ -15,9 +15,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
+from tirgeo_ros.io.messages import (
+    STATE_TOPIC,
+    compressed_pixels,
+    image_pixels,
+    node_state,
+    stamp_ns,
+)
 from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
-from tirgeo_ros.nodes.graph_node import GraphNode, output
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.runner import run
 
 _LARGE = "tirgeo/overlay/image"
@@ -26,7 +32,7 @@ _PIXELS = {
     "tirgeo/overlay/image/compressed": compressed_pixels,
 }
 _LEAST_INK = 1000  # coloured pixels of a picture with lines
-_INSIDE = "latency p95 [ms]"
+_NODES = 10  # whose states may come at once
 
 
 class Listener(GraphNode):
@@ -45,17 +51,17 @@ class Listener(GraphNode):
                 () if topic in _PIXELS and not topic.endswith("compressed") else (STREAM_DEPTH,)
             )
             self.listen(topic, partial(self._note, topic), output(*depth))
-        self.listen("/diagnostics", self._take_diagnostics, output())
+        self.listen(STATE_TOPIC, self._take_state, latched(_NODES))
 
     def _note(self, topic: str, message: Any) -> None:
         self._arrivals[topic].append((stamp_ns(message), time.time_ns()))
         if topic in _PIXELS:
             self._has_lines = lambda: _has_ink(_PIXELS[topic](message))
 
-    def _take_diagnostics(self, message: Any) -> None:
-        for pair in (pair for status in message.status for pair in status.values):
-            if pair.key == _INSIDE:
-                self._inside_ms = float(pair.value)
+    def _take_state(self, message: Any) -> None:
+        topic = node_state(message).topics.get("tirgeo/overlay/image")
+        if topic is not None and topic.latency_p95_ms is not None:
+            self._inside_ms = topic.latency_p95_ms
 
     def found(self) -> dict[str, Any]:
         """Return what is written at the end."""

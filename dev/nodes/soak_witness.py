@@ -2,7 +2,7 @@
 
     ["pose", TIME_S, STAMP_NS, north, east, down, w, x, y, z, six variances]
     ["picture", TIME_S, STAMP_NS, PIXELS_OF_LINES]
-    ["said", TIME_S, {item: {key: value}}]      a message of /diagnostics
+    ["frames", TIME_S, STAMP_NS, REFUSED, {count: number}]    what overlay_node reports
 
 Poses are those of the optical frame in ``map``, NED; variances of position (m2) and rotation
 (rad2) about north, east, down. Nothing is kept in memory.
@@ -19,13 +19,20 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.overlay.status_and_notices import status_box
-from tirgeo_ros.io.messages import camera_pose, image_pixels, stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode, output
+from tirgeo_ros.io.messages import (
+    STATE_TOPIC,
+    camera_pose,
+    image_pixels,
+    node_state,
+    stamp_ns,
+)
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.runner import run
 
 #: A busy machine must lose nothing on this side.
 _DEPTH = 1000
 _PICTURES = 30
+_VIDEO = "thermal/image_raw"  # and below it
 #: Red less blue of a line's pixel: above what the coding of a grey picture makes.
 _COLOUR = 50
 
@@ -42,7 +49,7 @@ def line_pixels(image: Any) -> int:
 
 
 class Witness(GraphNode):
-    """Poses, pictures and diagnostics into a file."""
+    """Poses, pictures and counts of frames into a file."""
 
     def __init__(self) -> None:
         super().__init__("soak_witness")
@@ -50,7 +57,7 @@ class Witness(GraphNode):
         self.resources = path.open("w", buffering=1)
         self.listen("tirgeo/camera_pose", self._pose, output(_DEPTH))
         self.listen("tirgeo/overlay/image", self._picture, output(_PICTURES))
-        self.listen("/diagnostics", self._diagnostics, output(_DEPTH))
+        self.listen(STATE_TOPIC, self._state, latched(_DEPTH))
 
     def _pose(self, message: Any) -> None:
         pose = camera_pose(message)
@@ -60,9 +67,12 @@ class Witness(GraphNode):
     def _picture(self, message: Any) -> None:
         self._write("picture", stamp_ns(message), line_pixels(image_pixels(message)))
 
-    def _diagnostics(self, message: Any) -> None:
-        items = {s.name: {pair.key: pair.value for pair in s.values} for s in message.status}
-        self._write("said", items)
+    def _state(self, message: Any) -> None:
+        state = node_state(message)
+        if state.picture is not None:
+            videos = [one for name, one in state.topics.items() if name.startswith(_VIDEO)]
+            refused = sum(one.unreadable + one.failed for one in videos)
+            self._write("frames", state.picture.newest_frame_ns, refused, dict(state.counts))
 
     def _write(self, kind: str, *values: Any) -> None:
         line = json.dumps([kind, round(time.monotonic(), 6), *values])

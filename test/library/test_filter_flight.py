@@ -11,8 +11,8 @@ from library_flights import filtered
 
 import tirgeo_ros
 from tirgeo_ros import ConfigError, PoseError, TableError
-from tirgeo_ros.tools.replay.pose_outputs import PoseOutputs
 from tirgeo_ros.tools.replay.process import process
+from tirgeo_ros.tools.replay.process_outputs import PoseOutputs
 
 FIELDS = ("stamp_ns", "latitude_rad", "longitude_rad", "height_m", "velocity_n", "q_nb")
 

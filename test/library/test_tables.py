@@ -11,7 +11,7 @@ from project import PROJECT
 
 import tirgeo_ros
 from tirgeo_ros import TableError
-from tirgeo_ros.library.sensor_columns import SENSORS
+from tirgeo_ros.library.sensor_tables import SENSORS
 from tirgeo_ros.library.tables import numbers_of
 
 STAMPS = np.arange(3) * 10_000_000

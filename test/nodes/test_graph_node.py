@@ -177,7 +177,7 @@ def test_rates_are_of_the_last_window(clock):
     monitor.received("imu/data")
     assert monitor.topics() == {
         "imu/data": TopicState(100.0, age_s=0.0),
-        "tirgeo/odometry": TopicState(0.5, latency_ms=20.0),
+        "tirgeo/odometry": TopicState(0.5, latency_ms=20.0, latency_p95_ms=20.0),
     }
     clock[0] += 0.5
     item = monitor.report("x")

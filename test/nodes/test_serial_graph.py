@@ -15,6 +15,7 @@ pytest.importorskip("serial", reason="needs pyserial")
 
 from graph_helpers import stamps_of
 
+from tirgeo_ros import read_camera
 from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
@@ -23,13 +24,13 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import body_pose
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
-from tirgeo_ros.tools.evaluate.ground import load_experiment, locate_observations
-from tirgeo_ros.tools.evaluate.result import ground_errors
+from tirgeo_ros.tools.evaluate.experiment import load_experiment
+from tirgeo_ros.tools.evaluate.result import ground_errors, locate_observations
+from tirgeo_ros.tools.evaluate.series import body_errors, load_truth
 from tirgeo_ros.tools.graph.demo import SETTLED_S
 from tirgeo_ros.tools.graph.node_graph import GraphRun, run_graph
 from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.replay.recorded_flight import body_errors, load_recording, load_truth
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.long]  # wants a quiet machine
 
@@ -74,7 +75,7 @@ def ground(outputs: Outputs, sample) -> GroundErrors:
     located, _ = locate_observations(
         poses,
         outputs.plane,
-        load_recording(sample / "flight.mcap").camera,
+        read_camera(sample / "flight.mcap"),
         load_experiment(sample / "survey.geojson", sample / "observations.csv", "gauss-krueger"),
         overlay.ground_height_m,
         overlay,

@@ -25,12 +25,14 @@ from overlays import PLANE, SQUARE_N, pose_at
 from page_clients import Page, next_picture
 from project import child_of
 from sensor_msgs.msg import Image
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages import image_pixels
+from tirgeo_ros.io.messages import image_pixels, targets_of
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.viewer_node import lost_clicks, taken_ns
 
@@ -115,6 +117,7 @@ def fleet(spawn, meet, tmp_path, request):
         return node
 
     topics = {f"{name}/tirgeo/overlay/image": Image for name in NORTH}
+    topics |= {"uav2/tirgeo/targets/markers": MarkerArray, "uav2/tirgeo/targets": String}
     return Fleet(meet(**topics, **{"/diagnostics": DiagnosticArray}), overlay)
 
 
@@ -163,6 +166,7 @@ def test_clicks_on_two_aircraft_become_targets_in_every_picture(fleet, start):
     for name in NORTH:
         uv = pixel_of(corner_n, name)
         fleet.until(lambda name=name, uv=uv: any(marked(p, uv) for p in fleet.pictures(name)[-1:]))
+    what_others_read_of_a_target(fleet, first["target"])
     # The same pixel of the other aircraft is another place.
     uv = pixel_of(corner_n, "uav1")
     other = fleet.browse(url, lambda p, s: clicked(p, s, "uav2", uv))["target"]
@@ -174,6 +178,17 @@ def test_clicks_on_two_aircraft_become_targets_in_every_picture(fleet, start):
     an_aircrafts_state_is_its_own(fleet, url)
     an_overlay_that_begins_again_draws_the_targets(fleet)
     a_killed_node_has_all_targets_when_it_is_back(fleet, node, start, first["target"], other)
+
+
+def what_others_read_of_a_target(fleet, target):
+    """RViz markers, and programs JSON; both of the newest list."""
+    marks, texts = (
+        fleet.stranger.received[f"uav2/tirgeo/targets{end}"] for end in ("/markers", "")
+    )
+    fleet.until(lambda: marks and texts and len(marks[-1].markers) == 3)
+    (sent,) = targets_of(texts[-1])
+    assert (sent.id, sent.label) == (target["id"], marks[-1].markers[1].text)
+    assert sent.place.latitude_deg == target["latitude_deg"]
 
 
 def the_map_shows_where_a_target_is(fleet, url, target):

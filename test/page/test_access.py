@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import socket
 import ssl
 
 import aiohttp
@@ -265,6 +266,30 @@ def test_over_tls_the_cookie_is_for_tls_alone(tmp_path):
         assert one.server.operator_url == f"https://127.0.0.1:{one.port}/?token={OPERATOR_TOKEN}"
         assert one.server.viewer_url == f"{one.url}/?token={VIEWER_TOKEN}"
         assert "Secure" in asyncio.run(enter())
+
+
+def test_a_request_that_comes_with_the_end_of_the_handshake_is_answered(tmp_path):
+    """As browsers send it, in one piece."""
+    pem, key = certificate(tmp_path)
+    incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+    context = ssl.create_default_context(cafile=pem)
+    tls = context.wrap_bio(incoming, outgoing, server_hostname="127.0.0.1")
+
+    def until_done(step, own):
+        while True:
+            with contextlib.suppress(ssl.SSLWantReadError):
+                return step()
+            own.sendall(outgoing.read())
+            incoming.write(own.recv(65536))
+
+    with (
+        Served(tmp_path, certificate=str(pem), key=str(key)) as one,
+        socket.create_connection(("127.0.0.1", one.port), 20) as own,
+    ):
+        until_done(tls.do_handshake, own)
+        tls.write(http("/", "Host: 127.0.0.1"))
+        own.sendall(outgoing.read())  # the handshake's last part and the request
+        assert until_done(lambda: tls.read(15), own) == b"HTTP/1.1 200 OK"
 
 
 WRONG = json.dumps({"token": "wrong-token-here"}).encode()

@@ -21,7 +21,7 @@ from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page import connections, content
 from tirgeo_ros.page.access import OPERATOR, Allowance, Shares, WrongTokens
-from tirgeo_ros.page.connections import Door
+from tirgeo_ros.page.connections import Listener
 from tirgeo_ros.page.content import Tiles
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.video import LEVELS, Pace, VideoFeed
@@ -68,34 +68,34 @@ class Held:
 
 def test_of_a_crowd_the_oldest_that_has_asked_nothing_goes_first(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (9, 3)})
-    door, crowd = Door(), [Held() for _ in range(5)]
+    listener, crowd = Listener(), [Held() for _ in range(5)]
     for one in crowd[:3]:
-        door.come(one, "crowd")
-    door.hear(crowd[0], None, "crowd")  # an honest user's, of the same address
+        listener.opened(one, "crowd")
+    listener.requested(crowd[0], None, "crowd")  # an honest user's, of the same address
     for one in crowd[3:]:
-        door.come(one, "crowd")
+        listener.opened(one, "crowd")
     assert [one.ended for one in crowd] == [False, True, True, False, False]
     for one in (crowd[3], crowd[4]):
-        door.hear(one, None, "crowd")
-    door.come(Held(), "crowd")  # the newest has had no time to ask
+        listener.requested(one, None, "crowd")
+    listener.opened(Held(), "crowd")  # the newest has had no time to ask
     assert [one.ended for one in crowd] == [True, True, True, False, False]
 
 
 def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (6, 4), "operator": (2, 2)})
-    door, crowd, few = Door(), [], []
+    listener, crowd, few = Listener(), [], []
     for k in range(5):
         crowd.append(Held())
-        door._seat(crowd[k], None, "crowd")
+        listener._assign(crowd[k], None, "crowd")
     for k in range(3):
         few.append(Held())
-        door._seat(few[k], None, "few")
+        listener._assign(few[k], None, "few")
     assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
     for _ in range(2):  # who enters takes no stranger's place any more
-        door._seat(few[0], "operator", "few")
-    door._seat(Held(), None, "other")
+        listener._assign(few[0], "operator", "few")
+    listener._assign(Held(), None, "other")
     assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
-    assert (door.refused, door.connections) == (2, 7)
+    assert (listener.refused, listener.connections) == (2, 7)
 
 
 def test_the_terminals_code_can_be_scanned():

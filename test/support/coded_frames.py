@@ -12,8 +12,8 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.orthorectification.ground_tiles import GroundTiles
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.coordinates.crs import Plane
-from tirgeo_ros.tools.export.export_frame import ExportFrame
-from tirgeo_ros.tools.export.raster_options import RasterOptions, RasterSetup
+from tirgeo_ros.tools.export.frames import ExportFrame
+from tirgeo_ros.tools.export.rasters import RasterOptions, RasterSetup
 
 #: A small camera with the XT2's field of view and a lens that bends as much.
 CAMERA = Camera(80, 64, 100.4, 99.7, 43.7, 31.2, (0.054, 0.3462, -0.0037, 0.0076))

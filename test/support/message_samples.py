@@ -103,13 +103,13 @@ STATE = NodeState(
     STAMP_NS,
     STAMP_NS - 7,
     {
-        "tirgeo/camera_pose": TopicState(50.0, 0.02, None, 3, 1, 2),
-        "tirgeo/overlay/image": TopicState(9.0, None, 12.5),
+        "tirgeo/camera_pose": TopicState(50.0, 0.02, None, None, 3, 1, 2),
+        "tirgeo/overlay/image": TopicState(9.0, None, 12.5, 14.5),
     },
     {"drawn": 7},
     STATUS,
     "encoders",
-    PictureState("NO MAP: no pose", 0.05, ConfidenceConfig(latency_sigma_s=0.01)),
+    PictureState("NO MAP: no pose", 0.05, ConfidenceConfig(latency_sigma_s=0.01), STAMP_NS),
 )
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)

@@ -15,23 +15,25 @@ from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
-from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
 from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import PoseError
-from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.core.types.verdicts import Outcome
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.library.parameters import Config, load_config
-from tirgeo_ros.library.picture_pose import PicturePose
-from tirgeo_ros.library.samples import arrived
+from tirgeo_ros.library.projecting import PicturePose
+from tirgeo_ros.library.sensor_tables import arrived
 from tirgeo_ros.library.tables import Table, is_frame
-from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S, pose_at
+from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
 from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs
-from tirgeo_ros.tools.replay.process_summary import QUIET
-from tirgeo_ros.tools.replay.registration import Registration, Sample
-from tirgeo_ros.tools.replay.smoothed_flight import FilterRecording, FlightFilter
+from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
+from tirgeo_ros.tools.replay.registration import (
+    FilterRecording,
+    FlightFilter,
+    Registered,
+    Sample,
+)
 
 _NED = ("north", "east", "down")
 #: Where in a row of numbers place, position, velocity, attitude, rate and covariance end.
@@ -120,7 +122,7 @@ class FilteredFlight:
         pose is not known then.
         """
         try:
-            exposed_ns = int(stamp_ns) - round(self.video_latency_s * 1e9)
+            exposed_ns = exposure_ns(int(stamp_ns), self.video_latency_s)
         except (TypeError, ValueError, OverflowError):
             raise PoseError(f"stamp_ns: must be a number of ns, is {stamp_ns!r}") from None
         found = pose_at(self._cameras, exposed_ns)
@@ -146,8 +148,11 @@ class Solutions:
         self._stamps = array("q")
         self._rows = array("d")
 
-    def add(self, solution: NavSolution, body: BodyPose) -> None:
+    def watch(self, _sample: Sample, registered: Registered) -> None:
         """Add a solution, and its pose in the plane."""
+        solution, body = registered.solution, registered.body
+        if solution is None or body is None:
+            return
         self._stamps.append(solution.stamp_ns)
         place = solution.latitude_rad, solution.longitude_rad, solution.height_m
         self._rows.extend(place)
@@ -233,10 +238,17 @@ def filter_flight(
     pairs = zip(_ARGUMENTS, (*given, *gimbal), strict=True)
     tables = {topic: table for topic, table in pairs if table is not None}
     configs, _ = load_config(config).fitting(_Given(tables), "")
-    runs = _smoothed(_stream(tables, configs), configs) if smooth else None
-    registration = Registration(configs.ekf, configs.gimbal, smoothed=runs)
+    solutions = Solutions()
+    poses = FlightPoses(FlightFilter(configs.ekf), configs.gimbal, (), None, [solutions.watch])
+    if smooth:
+        recording = FilterRecording(poses.filter)
+        for sample in _stream(tables, configs):
+            recording.take(sample)
+        poses.begin(recording.smoothed())
+    for sample in _stream(tables, configs):
+        poses.take(sample)
     made = type(imu) if is_frame(imu) else dict
-    flight = _filtered(_stream(tables, configs), registration, configs, made)
+    flight = _filtered(solutions, poses, configs, made)
     if not len(flight):
         warnings.warn(f"filter_flight: no solution: {_why(flight, tables, configs)}", stacklevel=2)
     return flight
@@ -262,39 +274,24 @@ def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sampl
             yield arrivals.stamped(topic, sample, arrival_ns)
 
 
-def _smoothed(stream: Iterable[Sample], configs: NodeConfigs) -> list[SmoothedRun]:
-    """Run the filter over samples, then backwards. Raises ConfigError for a method without one."""
-    recording = FilterRecording(FlightFilter(configs.ekf))
-    for sample in stream:
-        recording.take(sample)
-    return recording.smoothed()
-
-
 def _filtered(
-    stream: Iterable[Sample],
-    registration: Registration,
+    solutions: Solutions,
+    poses: FlightPoses,
     configs: NodeConfigs,
     made: Callable[[dict[str, Any]], Any],
 ) -> FilteredFlight:
-    """Run filter and gimbal over samples as ``tirgeo process`` does."""
-    found, cameras = Solutions(), PoseBuffer[CameraPose](WHOLE_FLIGHT_S)
-    for sample in stream:
-        one = registration.take(sample)
-        if one.solution is not None and one.body is not None:
-            found.add(one.solution, one.body)
-        for pose in one.cameras:
-            cameras.add(pose)
-    status = registration.navigation.status()
-    return found.flight(
+    """Return the flight that filter and gimbal went through."""
+    status = poses.registration.navigation.status()
+    return solutions.flight(
         made,
         method=status.method,
         state=status.state.value,
         reason=status.reason,
         verdicts=_by_source(status.counts),
         warnings=status.warnings,
-        plane=registration.navigation.plane,
+        plane=poses.plane,
         video_latency_s=configs.overlay.video_latency_s,
-        _cameras=cameras,
+        _cameras=poses.cameras,
     )
 
 

@@ -20,6 +20,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss, P, PoseBuffer
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.overlay.camera_motion import RATES_S, rates_up_to
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.verdicts import NavigationStatus
@@ -242,7 +243,7 @@ class AircraftTopics:
     def exposure_ns(self, stamp: int) -> int | None:
         """Return when a picture was exposed; None until overlay_node has said the delay."""
         picture = self.reports.picture()
-        return None if picture is None else stamp - round(picture.video_latency_s * 1e9)
+        return None if picture is None else exposure_ns(stamp, picture.video_latency_s)
 
     @property
     def confidence(self) -> ConfidenceConfig:
@@ -256,14 +257,14 @@ class AircraftTopics:
         The last pose will do where it is no older than ``last_pose_s``. Without an elevation model
         the ground is known where it is level, by the newest footprint.
         """
-        plane, info, exposure_ns = self.plane, self.newest(INFO), self.exposure_ns(stamp)
-        if plane is None or info is None or exposure_ns is None:
+        plane, info, exposed_ns = self.plane, self.newest(INFO), self.exposure_ns(stamp)
+        if plane is None or info is None or exposed_ns is None:
             return None
-        cameras = self._camera_poses.around(exposure_ns, RATES_S)
-        pose, body = cameras.at(exposure_ns), self._body_poses.around(exposure_ns).at(exposure_ns)
+        cameras = self._camera_poses.around(exposed_ns, RATES_S)
+        pose, body = cameras.at(exposed_ns), self._body_poses.around(exposed_ns).at(exposed_ns)
         if pose is Miss.TOO_NEW:
             latest = cameras.latest(0.0)[0]
-            pose = latest if exposure_ns - latest.stamp_ns < last_pose_s * 1e9 else pose
+            pose = latest if exposed_ns - latest.stamp_ns < last_pose_s * 1e9 else pose
         if isinstance(pose, Miss):
             return None
         ground = level_of(self.footprint_n(), plane) if self.terrain is None else self.terrain

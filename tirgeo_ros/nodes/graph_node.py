@@ -277,16 +277,14 @@ class GraphNode(Node):
             try:
                 own = items()
             finally:  # if ``items()`` raises, the monitor's item reports it
-                own = [*own, self.monitor.report(self.item_name("topics"))]
-                self._diagnostics.publish(self.messages.diagnostics(self.now_ns, own))
-            name = self.get_fully_qualified_name()
-            self._findings.publish(self.messages.findings(name, self.now_ns, findings()))
-            self._publish_state()
+                name = self.get_fully_qualified_name()
+                self._findings.publish(self.messages.findings(name, self.now_ns, findings()))
+                self.report([*own, self.monitor.report(self.item_name("topics"))])
 
         self._report_timer = self.steady_timer("diagnostics", _REPORT_S, report)
 
     def report(self, items: list[DiagnosticItem]) -> None:
-        """Publish items and the state at once; the monitor's item needs a full period."""
+        """Publish diagnostic items, and the state."""
         self._diagnostics.publish(self.messages.diagnostics(self.now_ns, items))
         self._publish_state()
 

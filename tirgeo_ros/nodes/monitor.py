@@ -27,7 +27,8 @@ class Monitor:
         self._expected_s: dict[str, float] = {}  # steady time of registration
         self._window: Counter[str] = Counter()
         self._rates_hz: dict[str, float] = {}  # of the last whole window
-        self._medians_ms: dict[str, float] = {}  # of the latencies of the last whole window
+        #: Median and 95 % of the latencies of the last whole window.
+        self._latencies_ms: dict[str, tuple[float, float]] = {}
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}  # reason of the newest refusal
         self._failures: Counter[tuple[str, str]] = Counter()  # by topic and kind
@@ -103,20 +104,17 @@ class Monitor:
         span = max(now_s - self._since_s, 1e-3)
         topics = sorted({*self._expected_s, *self._last_s, *self._window})
         self._rates_hz = {topic: self._window[topic] / span for topic in topics}
-        self._medians_ms = {
-            topic: 1e3 * sorted(latencies)[len(latencies) // 2]
-            for topic, latencies in self._latency_s.items()
-        }
+        self._latencies_ms = {topic: _shares_ms(s) for topic, s in self._latency_s.items()}
         self._since_s = now_s
         self._window.clear()
         self._latency_s.clear()
 
     def _topic_state(self, topic: str, now_s: float) -> TopicState:
-        last_s, latency_ms = self._last_s.get(topic), self._medians_ms.get(topic)
+        last_s = self._last_s.get(topic)
         return TopicState(
             round(self._rates_hz.get(topic, 0.0), 1),
             None if last_s is None else round(now_s - last_s, 2),
-            None if latency_ms is None else round(latency_ms, 1),
+            *self._latencies_ms.get(topic, (None, None)),
             self._refused[topic],
             self._failed().get(topic, 0),
             self._lost.get(topic, 0),
@@ -144,9 +142,17 @@ class Monitor:
         values |= {f"{topic} rate [Hz]": f"{hz:.1f}" for topic, hz in self._rates_hz.items()}
         for topic, last in sorted(self._last_s.items()):
             values[f"{topic} age [s]"] = f"{now_s - last:.2f}"
-        for topic, median_ms in self._medians_ms.items():
+        for topic, (median_ms, _) in self._latencies_ms.items():
             values[f"{topic} latency [ms]"] = f"{median_ms:.1f}"
         values |= {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}
         values |= {f"{topic} unreadable because": why for topic, why in self._reasons.items()}
         values |= {f"{topic} failed": str(n) for topic, n in self._failed().items()}
         return values | {f"{topic} lost": str(n) for topic, n in self._lost.items()}
+
+
+def _shares_ms(times_s: list[float]) -> tuple[float, float]:
+    """Return the median and the 95th percentile of times, ms."""
+    ordered = sorted(times_s)
+    places = len(ordered) // 2, min(round(0.95 * len(ordered)), len(ordered) - 1)
+    median_ms, p95_ms = (round(1e3 * ordered[place], 1) for place in places)
+    return median_ms, p95_ms

@@ -52,7 +52,8 @@ from tirgeo_ros.nodes.runner import run, unless_stopped
 from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, SetupChecks
 
 _CLICKS = 10
-_NODES = 10  # of an aircraft, whose states come at once when this one starts
+#: Of an aircraft: their states come at once when this one starts.
+_MOST_NODES = 20
 #: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02
 #: Only the newest of the frames that arrive during drawing is wanted.
@@ -131,7 +132,7 @@ class OverlayNode(GraphNode):
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
             ("tirgeo/targets", lambda m: set_targets(targets_of(m)), latched()),
-            (STATE_TOPIC, self._take_state, latched(_NODES)),
+            (STATE_TOPIC, self._take_state, latched(_MOST_NODES)),
             (FINDINGS_TOPIC, self._take_findings, output()),
             # Best effort, so that any publisher is compatible.
             ("tirgeo/locate/pixel", self._take_click, sensor_input(_CLICKS)),
@@ -187,12 +188,15 @@ class OverlayNode(GraphNode):
 
     def _take_state(self, message: Any) -> None:
         state = node_state(message)
-        self.heard_nodes.add(state.name)
+        if len(self.heard_nodes) < _MOST_NODES:
+            self.heard_nodes.add(state.name)
         if state.navigation is not None:
             self._overlay.set_status(state.navigation)
 
     def _take_findings(self, message: Any) -> None:
         node, _, findings = findings_of(message)
+        if node not in self._verdicts and len(self._verdicts) >= _MOST_NODES:
+            return
         worst = sorted_findings(findings)[:1]
         severity = worst[0].severity if worst else Severity.NOTE
         self._verdicts[node] = DrawingVerdict(severity, shown(verdict_line(findings)))
@@ -261,7 +265,8 @@ class OverlayNode(GraphNode):
 
     def _picture_state(self) -> PictureState:
         config = self._config
-        return PictureState(self._notice, config.video_latency_s, config.confidence)
+        newest_ns = self._frames.newest_ns
+        return PictureState(self._notice, config.video_latency_s, config.confidence, newest_ns)
 
     def _overlay_item(self) -> DiagnosticItem:
         watch, overlay = self.resources, self._overlay
@@ -324,6 +329,11 @@ class FrameStatistics:
         took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
         self._took_s.append(took_s)
         return took_s
+
+    @property
+    def newest_ns(self) -> int:
+        """Return the stamp of the newest frame; 0 before the first."""
+        return self._arrived_s[-1][0] if self._arrived_s else 0
 
     @property
     def counts(self) -> dict[str, int]:

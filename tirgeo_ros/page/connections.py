@@ -65,8 +65,10 @@ class FaultsOfOurs(logging.Filter):
 class Connection(asyncio.Protocol):
     """Pass one connection's bytes to aiohttp, and end it where its peer overdoes it."""
 
-    def __init__(self, door: Door, http: asyncio.Protocol, tls: ssl.SSLContext | None) -> None:
-        self._door, self._http, self._tls = door, http, tls
+    def __init__(
+        self, listener: Listener, http: asyncio.Protocol, tls: ssl.SSLContext | None
+    ) -> None:
+        self._listener, self._http, self._tls = listener, http, tls
         self._loop = asyncio.get_running_loop()
         self._timers: tuple[asyncio.TimerHandle, ...] = ()
         self._asked = self._lasts = False
@@ -74,6 +76,7 @@ class Connection(asyncio.Protocol):
         self._handshake: asyncio.Task[None] | None = None
         self._bytes = Allowance(_BYTES_A_S, _BYTES_AT_ONCE)
         self._serves = False
+        self._early: list[bytes] = []  # came with the end of the handshake
         self.transport: Any = None  # asyncio's own classes share no base with abort
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -84,7 +87,7 @@ class Connection(asyncio.Protocol):
             self._loop.call_later(_ANSWERS_S, self._end_unless, lambda: self._lasts),
         )
         address = transport.get_extra_info("peername")
-        self._door.come(self, str(address[0]) if address else "")
+        self._listener.opened(self, str(address[0]) if address else "")
         if self._tls is None:
             self._serve(transport)
         else:
@@ -105,34 +108,41 @@ class Connection(asyncio.Protocol):
 
     def _serve(self, transport: asyncio.BaseTransport) -> None:
         self.transport, self._serves = transport, True
-        self._door.serve(self)
+        self._listener.serve(self)
         self._http.connection_made(transport)
+        for data in self._early:
+            self._http.data_received(data)
+        self._early.clear()
 
     def data_received(self, data: bytes) -> None:
         """Pass bytes on, unless they are too many: then no later buffer can grow."""
         few = self._bytes.take(self._loop.time(), len(data))
-        if few and (self._frames is None or self._frames.take(data)):
+        if not few or (self._frames is not None and not self._frames.take(data)):
+            self.abort()
+        elif self._serves:
             self._http.data_received(data)
         else:
-            self.abort()
+            self._early.append(data)
 
     def eof_received(self) -> bool | None:
         """Take the end of what the peer sends."""
-        return self._http.eof_received()
+        return self._http.eof_received() if self._serves else None
 
     def pause_writing(self) -> None:
         """Wait, as the peer does not read."""
-        self._http.pause_writing()
+        if self._serves:
+            self._http.pause_writing()
 
     def resume_writing(self) -> None:
         """Go on."""
-        self._http.resume_writing()
+        if self._serves:
+            self._http.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End."""
         for timer in self._timers:
             timer.cancel()
-        self._door.leave(self)
+        self._listener.closed(self)
         if self._serves:
             self._serves = False
             self._http.connection_lost(exc)
@@ -141,7 +151,7 @@ class Connection(asyncio.Protocol):
         """Note that a whole request has come, and from whom."""
         self._asked, self._lasts = True, websocket
         self._frames = MaskedFrames() if websocket else None
-        self._door.hear(self, role, owner)
+        self._listener.requested(self, role, owner)
 
     def answered(self) -> None:
         """Note that the request has its answer."""
@@ -180,12 +190,12 @@ class MaskedFrames:
         return True
 
 
-class Door:
+class Listener:
     """Accept connections on one socket; each is a stranger's until it shows a session."""
 
     def __init__(self) -> None:
         #: Role and owner of each, the oldest first.
-        self._seated: dict[Connection, tuple[str | None, str]] = {}
+        self._owners: dict[Connection, tuple[str | None, str]] = {}
         self._idle: set[Connection] = set()  # those without a whole request
         self._served: dict[Any, Connection] = {}  # by transport
         self.refused = 0
@@ -193,7 +203,7 @@ class Door:
     @property
     def connections(self) -> int:
         """Return how many there are now."""
-        return len(self._seated)
+        return len(self._owners)
 
     async def open(
         self, listening: socket.socket, http: web.Server, tls: ssl.SSLContext | None
@@ -208,52 +218,52 @@ class Door:
 
     def close(self) -> None:
         """End all connections."""
-        for connection in [*self._seated]:
+        for connection in [*self._owners]:
             connection.abort()
 
     def connection(self, request: web.Request) -> Connection | None:
         """Return the connection on which a request came, while there is one."""
         return self._served.get(request.transport)
 
-    def come(self, connection: Connection, address: str) -> None:
+    def opened(self, connection: Connection, address: str) -> None:
         """Count a connection that has just come."""
         self._idle.add(connection)
-        self._seat(connection, None, address)
+        self._assign(connection, None, address)
 
     def serve(self, connection: Connection) -> None:
         """Note that requests of a connection can come."""
         self._served[connection.transport] = connection
 
-    def hear(self, connection: Connection, role: str | None, owner: str) -> None:
+    def requested(self, connection: Connection, role: str | None, owner: str) -> None:
         """Note that a connection's whole request has come, and whose it is."""
         self._idle.discard(connection)
-        self._seat(connection, role, owner)
+        self._assign(connection, role, owner)
 
-    def leave(self, connection: Connection) -> None:
+    def closed(self, connection: Connection) -> None:
         """Forget a connection."""
-        self._seated.pop(connection, None)
+        self._owners.pop(connection, None)
         self._idle.discard(connection)
         self._served.pop(connection.transport, None)
 
-    def _seat(self, connection: Connection, role: str | None, owner: str) -> None:
+    def _assign(self, connection: Connection, role: str | None, owner: str) -> None:
         """Count a connection as its owner's; where there are too many, end one.
 
         It is one of the owner that has too many or, where the role has too many, of the owner that
         has most: the oldest that has asked nothing, else the oldest.
         """
         own = role, owner
-        if self._seated.get(connection) == own:
+        if self._owners.get(connection) == own:
             return
-        self._seated.pop(connection, None)
-        self._seated[connection] = own
+        self._owners.pop(connection, None)
+        self._owners[connection] = own
         most, most_of_one = MOST[role]
-        held = Counter(seat for seat in self._seated.values() if seat[0] == role)
+        held = Counter(holder for holder in self._owners.values() if holder[0] == role)
         crowd = own if held[own] > most_of_one else max(held, key=held.__getitem__)
         if held.total() > most or held[crowd] > most_of_one:
-            theirs = [other for other, seat in self._seated.items() if seat == crowd]
+            theirs = [other for other, holder in self._owners.items() if holder == crowd]
             ended = next((other for other in theirs[:-1] if other in self._idle), theirs[0])
             ended.abort()
-            self._seated.pop(ended, None)
+            self._owners.pop(ended, None)
             self._idle.discard(ended)
             self.refused += 1
 

@@ -21,7 +21,7 @@ from tirgeo_ros.page.access import (
     is_websocket,
     plain_host,
 )
-from tirgeo_ros.page.connections import Connection, Door
+from tirgeo_ros.page.connections import Connection, Listener
 
 if TYPE_CHECKING:
     from aiohttp.typedefs import Middleware
@@ -47,8 +47,8 @@ _LOG = logging.getLogger("tirgeo.page")
 class Guard:
     """Refuse requests from elsewhere, too many of them, and those without a session."""
 
-    def __init__(self, access: Access, door: Door) -> None:
-        self._access, self._door = access, door
+    def __init__(self, access: Access, listener: Listener) -> None:
+        self._access, self._listener = access, listener
         self._requests = Shares(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
         self._wrong = WrongTokens()
         self._lines, self._unlogged = Allowance(1 / 60, 1), 0  # lines of the log
@@ -58,7 +58,7 @@ class Guard:
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            connection = self._door.connection(request)
+            connection = self._listener.connection(request)
             try:
                 refused = await self._refused(request, connection)
                 # Not "or": an answer counts as false where aiohttp has it as an empty mapping.

@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
 from tirgeo_ros.page.actions import Actions, Sent, changed_targets
 from tirgeo_ros.page.backend import Backend
-from tirgeo_ros.page.connections import Door, http_runner, listening_socket
+from tirgeo_ros.page.connections import Listener, http_runner, listening_socket
 from tirgeo_ros.page.content import Tiles, read_static
 from tirgeo_ros.page.guard import Guard, mark
 from tirgeo_ros.page.routes import Routes
@@ -51,12 +51,12 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stale, self._ending = asyncio.Event(), asyncio.Event()
         self._port = 0
-        self._door = Door()
+        self._listener = Listener()
 
     def start(self) -> None:
         """Return when the page can be opened; raises PageError if it cannot be served."""
-        self._listening = self._listen()
-        self._port = self._listening.getsockname()[1]
+        self._socket = self._listen()
+        self._port = self._socket.getsockname()[1]
         self._thread.start()
         self._loop = self._started.result()
 
@@ -81,8 +81,8 @@ class PageServer:
     def counts(self) -> dict[str, int]:
         """Return counts of the page, for diagnostics."""
         return {
-            "connections": self._door.connections,
-            "connections refused": self._door.refused,
+            "connections": self._listener.connections,
+            "connections refused": self._listener.refused,
             "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
         }
 
@@ -134,7 +134,7 @@ class PageServer:
                 raise
             self._started.set_exception(error)
         finally:
-            self._listening.close()
+            self._socket.close()
 
     async def _serve(self) -> None:
         tls = tls_context(self._config)
@@ -142,7 +142,7 @@ class PageServer:
         runner = await self._runner(tiles)
         server = runner.server
         assert server is not None
-        accepting = await self._door.open(self._listening, server, tls)
+        accepting = await self._listener.open(self._socket, server, tls)
         targets = asyncio.create_task(self._keep_targets())
         self._stale.set()
         self._started.set_result(asyncio.get_running_loop())
@@ -152,12 +152,12 @@ class PageServer:
             accepting.close()
             targets.cancel()
             await runner.cleanup()
-            self._door.close()
+            self._listener.close()
             if tiles:
                 tiles.close()
 
     async def _runner(self, tiles: Tiles | None) -> web.AppRunner:
-        guard = Guard(self._access, self._door)
+        guard = Guard(self._access, self._listener)
         static = read_static(STATIC)
         self._routes = Routes(
             self._backend, self._aircraft, self._feeds, static, tiles, self._access.user

@@ -14,12 +14,8 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.map_renderer import (
-    DrawingVerdict,
-    MapAbsence,
-    MapRenderer,
-    drape_layers,
-)
+from tirgeo_ros.core.overlay.map_absence import MapAbsence
+from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict, MapRenderer, drape_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.finding import Severity
 

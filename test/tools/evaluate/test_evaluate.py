@@ -1,20 +1,33 @@
-"""The experiment over the sample flight and the paper's: numbers, tables, files, the command."""
+"""The experiment over flights: numbers, tables, files, the page, the command, refused inputs."""
 
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import math
 import re
+from xml.etree import ElementTree as ET
 
+import cv2
 import numpy as np
 import pytest
-from process_bags import METHODS, files
+from html_pages import Page, embedded
+from process_bags import METHODS, RTK, files, rewritten
 from project import PROJECT
 
+from tirgeo_ros.core.types.errors import BagError, CalibrationError, ConfigError, SurveyError
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
+from tirgeo_ros.io.surveys.survey import (
+    Observation,
+    load_observations,
+    load_survey,
+    save_observations,
+    save_survey,
+)
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
-from tirgeo_ros.tools.evaluate.report import text_tables
+from tirgeo_ros.tools.evaluate.report import report_html, text_tables
 from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation
 from tirgeo_ros.tools.evaluate.verdict import verdict
 from tirgeo_ros.tools.simulate import simulate
@@ -50,22 +63,6 @@ def test_the_boresight_file_overrides_the_parameters(found):
     assert degrees == pytest.approx(5.0, abs=0.5)  # a tenth is the linear fit's
     honest = verdict(found.methods[:-1])
     assert re.fullmatch(r"2\d of 24 lie in .* 95 %, 0[.]\d\d m off on average \(.*\)", honest)
-
-
-def test_the_series_are_those_of_the_camera_and_of_the_body(found):
-    """The camera looks 30 deg down; the autopilot's heading is off by its 1.8 deg (Table 1)."""
-    series, sensors = found.method("ekf_heading").series, found.sensors
-    assert np.median(np.degrees(series["camera"][1][:, 1])) == pytest.approx(-30, abs=0.5)
-    for ours, reported in (("camera", "gimbal"), ("body", "autopilot")):
-        (stamps, rpy), (theirs, said) = series[ours], sensors[reported]
-        assert np.median(np.diff(stamps)) == pytest.approx(1e8, rel=0.1)
-        i = np.searchsorted(theirs, stamps[:-2])
-        apart = (np.degrees(said[i] - rpy[:-2]) + 180) % 360 - 180
-        assert (np.abs(np.median(apart, axis=0)) < [1, 1, 5]).all()
-    assert {"rtk_position", "rtk_velocity", "rtk_heading"} <= series.sources
-    stamps, rows = series["rtk_heading"]
-    assert rows.shape == (len(stamps), 2)
-    assert "rtk_heading" not in found.method("ekf").series.sources
 
 
 def test_the_files(found, tmp_path):
@@ -108,11 +105,11 @@ def test_the_tables(found):
     assert "ekf: 1 x no trusted pose at that picture" in lines
 
 
-def test_the_command(sample, raw_flight, tmp_path, capsys):
+def test_the_command(sample, params, raw_flight, tmp_path, capsys):
     """The same input gives the same files."""
     bag, survey, seen = raw_flight
     words = ["evaluate", bag, "--survey", survey, "--observations", seen]
-    words += ["--params", sample / "params.yaml", "--truth", sample / "truth.mcap"]
+    words += ["--params", params, "--truth", sample / "truth.mcap"]
     assert main([str(word) for word in [*words, "-o", tmp_path / "one"]]) == 0
     said, complaint = capsys.readouterr()
     assert re.match(r"\d+ of \d+ lie in their ellipse of 95 %, .* [(]raw[)]\n", said)
@@ -149,3 +146,171 @@ def test_methods_over_the_papers_flight(tmp_path):
     assert max(proposed.heading_rad, proposed.roll_rad, proposed.pitch_rad) < limit
     assert proposed.position_m < 0.02
     assert earlier.heading_rad > 3 * proposed.heading_rad
+
+
+def test_on_an_elevation_model(params, raw_flight, tmp_path):
+    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    path = tmp_path / "dem.tif"
+    shape = {"height": 100, "width": 100, "count": 1, "dtype": "float32", "crs": "EPSG:4326"}
+    transform = rasterio.transform.from_origin(116.695, 39.855, 1e-4, 1e-4)
+    with rasterio.open(path, "w", driver="GTiff", transform=transform, **shape) as out:
+        out.write(np.full((1, 100, 100), 11.5, np.float32))
+    level = evaluate(*raw_flight, params=params)
+    raster = evaluate(*raw_flight, params=params, dem=path)
+    assert raster.method("raw").setup.ground_words == f"elevation model {path}"
+    # parabolas along the ray are true to 0.1 mm in height, seen at 10 deg and more
+    apart = raster.method("raw").errors.error_en - level.method("raw").errors.error_en
+    assert np.abs(apart).max() < 1e-3
+    lower = evaluate(*raw_flight, params=params, ground_height=11.0)
+    assert lower.method("raw").setup.ground == 11.0
+
+
+def test_an_aircraft_in_a_namespace_on_the_survey_s_ground(raw_flight, tmp_path):
+    bag, survey, seen = raw_flight
+    with BagWriter(tmp_path / "uav1.mcap") as writer:
+        for item in BagReader(bag).messages():
+            writer.write(f"/uav1{item.topic}", item.typename, item.data, item.log_time_ns)
+    plain = evaluate(bag, survey, seen)
+    heights = {p.id: p.height_m for p in load_survey(survey)}
+    observed = {one.id for one in load_observations(seen)}
+    assert plain.method("raw").setup.ground == np.median([heights[name] for name in observed])
+    assert "the survey's median" in plain.notes[0]
+    named = evaluate(tmp_path / "uav1.mcap", survey, seen, namespace="uav1")
+    expected = plain.method("raw").errors.error_en
+    np.testing.assert_array_equal(named.method("raw").errors.error_en, expected)
+
+
+def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, params, tmp_path):
+    absent = {"/rtk/heading", "/gps/fix", "/thermal/image_raw/compressed"}
+    bag = rewritten(sample / "flight.mcap", tmp_path / "cut.mcap", without=absent, seconds=14)
+    found = evaluate(bag, *files(sample)[1:], params=params)
+    assert [one.method for one in found.methods] == ["rtk", "ekf"]
+    assert found.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
+    assert "needed topic absent: /gps/fix" in found.missing["raw"]
+    assert "ekf_heading is left out: needed topic absent: /rtk/heading" in found.notes
+
+
+def test_a_method_that_never_starts_is_missing(sample, params, tmp_path):
+    """Half a second is too short for the filter to align."""
+    bag = rewritten(sample / "flight.mcap", tmp_path / "short.mcap", seconds=0.5)
+    found = evaluate(bag, *files(sample)[1:], params=params)
+    assert [one.method for one in found.methods] == ["raw", "rtk"]
+    assert found.missing["ekf"].startswith("no camera pose could be made: ")
+    assert "no observation could be located: no trusted pose" in found.error
+    numbers = summary(found)
+    assert numbers["methods"]["raw"]["rmse_m"] is None
+    assert numbers["t_tests"][0]["note"] == "fewer than 2 points"
+    json.dumps(numbers, allow_nan=False)
+
+
+def test_no_method_at_all_is_an_error(sample, params, tmp_path):
+    bag = rewritten(sample / "flight.mcap", tmp_path / "cut.mcap", without={"/imu/data"})
+    with pytest.raises(CalibrationError, match=r"no method can be run: raw, rtk.*: needed topic"):
+        evaluate(bag, *files(sample)[1:], params=params)
+    bag = rewritten(
+        sample / "flight.mcap", tmp_path / "lens.mcap", without={"/thermal/camera_info"}
+    )
+    with pytest.raises(BagError, match="needed topic absent: /thermal/camera_info"):
+        evaluate(bag, *files(sample)[1:], params=params)
+    with pytest.raises(CalibrationError, match=r"/uav1/imu/data"):
+        evaluate(*files(sample), namespace="uav1")
+
+
+def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
+    bag = rewritten(sample / "flight.mcap", tmp_path / "raw.mcap", without=RTK)
+    seen = load_observations(sample / "observations.csv")
+    odd = Observation(seen[0].id, seen[0].stamp_ns + 4_000_000, seen[0].u, seen[0].v)
+    strange = Observation("Q7", seen[0].stamp_ns, 3.0, 4.0)
+    save_observations(tmp_path / "seen.csv", [*seen, odd, strange])
+    save_survey(tmp_path / "survey.csv", load_survey(sample / "survey.geojson"))
+    found = evaluate(bag, tmp_path / "survey.csv", tmp_path / "seen.csv")
+    notes = "\n".join(found.notes)
+    assert (
+        "1 of 27 observations are of points that are not in the survey, and left out: Q7" in notes
+    )
+    assert "1 of 27 observations have no picture's stamp: they are up to 0.004 s" in notes
+    assert "7 surveyed points were never observed: P03, P04, P05, P17, P18 and 2 more" in notes
+    assert sum(point["observations"] for point in summary(found)["points"].values()) == 26
+
+
+def test_wrong_use(sample, tmp_path, capsys):
+    """Two grounds are refused before any file is read."""
+    bag, survey, seen = files(sample)
+    words = ["evaluate", bag, "--survey", survey, "--observations", seen, "-o", tmp_path / "out"]
+    words += ["--dem", "d.tif", "--ground-height", "3", "--params", tmp_path / "none.yaml"]
+    with pytest.raises(SystemExit, match="2"):
+        main([str(word) for word in words])
+    assert "give either --dem or --ground-height" in capsys.readouterr().err
+    with pytest.raises(ConfigError, match="boresight"):
+        evaluate(*files(sample), boresight=tmp_path / "boresight.yaml")
+    (tmp_path / "none.csv").write_text("id,stamp_ns,u,v\n")
+    with pytest.raises(SurveyError, match="has no observations"):
+        evaluate(bag, survey, tmp_path / "none.csv")
+    assert not (tmp_path / "out").exists()
+
+
+FIGURES = ["Errors of the control points", "Sigma against error", "Track"]
+
+
+def report(found):
+    return report_html(found, summary(found))
+
+
+@pytest.fixture(scope="module")
+def text(found):
+    return report(found)
+
+
+@pytest.fixture(scope="module")
+def page(text):
+    return Page(text)
+
+
+def test_the_page_is_whole_in_itself(found, text, page):
+    assert all(source.startswith("data:image/") for source in page.sources)
+    assert not re.findall(r"url[(]|@import|<script|<link", text)
+    assert [text for text in page.text if text in FIGURES] == FIGURES
+    figures = embedded(page, "image/svg+xml")
+    assert len(figures) == len(FIGURES) - 1 + len(found.methods)
+    for figure in figures:
+        assert ET.fromstring(figure).tag == "{http://www.w3.org/2000/svg}svg"
+    assert report(found) == text
+
+
+def test_the_tables_hold_the_numbers(found, page):
+    for method in found.methods:
+        told = [method.errors.mean_point_rmse_m, method.errors.ce90_m]
+        told += method.errors.point_rmse_m.values()
+        assert {f"{error:.3f}" for error in told} <= set(page.text)
+    assert {one.id for one in found.methods[0].located} <= set(page.text)
+
+
+def test_stills_are_pictures_with_the_map_and_the_clicks(found, page):
+    stills = [
+        cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)
+        for jpeg in embedded(page, "image/jpeg")
+    ]
+    assert 3 <= len(stills) <= 4  # one of four has no pose: the flight begins there
+    for still, (caption, _) in zip(stills, found.stills, strict=True):
+        assert still.shape == (512, 640, 3)
+        blue, green, red = np.moveaxis(still, -1, 0)
+        assert (np.minimum(red, green) - blue > 100).sum() > 2000  # yellow lines of the map
+        assert ((red - blue > 150) & (np.abs(green - 140) < 40)).sum() >= 10  # orange crosses
+        assert set(caption.partition(" at ")[0].split(", ")) <= set(found.control)
+        assert caption.endswith("the map by calibrated")
+
+
+def test_names_are_text_and_no_tags(found):
+    first = found.methods[0]
+    clicked = dataclasses.replace(first.located[0], id="<b>&'\"")
+    odd = dataclasses.replace(found.control[first.located[0].id], id=clicked.id)
+    changed = dataclasses.replace(
+        found,
+        control={odd.id: odd},
+        methods=[dataclasses.replace(first, located=[clicked], refused=[])],
+        notes=["<i>"],
+        error="<u>",
+    )
+    text = report(changed)
+    assert not re.findall(r"<[biu]>", text)
+    assert {odd.id, "<i>", "<u>"} <= set(Page(text).text)

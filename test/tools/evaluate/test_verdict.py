@@ -20,8 +20,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.ground.ground_point import Ellipse
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.tools.evaluate.ground import pixel_moves
-from tirgeo_ros.tools.evaluate.result import LocatedPoint, ground_errors, paired_tests
+from tirgeo_ros.tools.evaluate.result import LocatedPoint, ground_errors, paired_tests, pixel_moves
 from tirgeo_ros.tools.evaluate.verdict import find_systematic, is_honest, verdict
 
 CLICK_PX = 0.5

@@ -16,8 +16,8 @@ from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.export import export as driver
 from tirgeo_ros.tools.export.export import export
-from tirgeo_ros.tools.export.flight_pictures import FlightPictures, Window
-from tirgeo_ros.tools.export.raster_options import RasterOptions
+from tirgeo_ros.tools.export.frames import FlightPictures, Window
+from tirgeo_ros.tools.export.rasters import RasterOptions
 
 rasterio = pytest.importorskip("rasterio")
 
@@ -26,21 +26,13 @@ COARSE = ["--gsd", "0.5", "--every", "4"]
 
 
 @pytest.fixture(scope="module")
-def cut(sample, tmp_path_factory):
-    """The first nine seconds of the sample flight: the filter needs two to begin."""
-    path = tmp_path_factory.mktemp("cut") / "cut.mcap"
-    rewritten(sample / "flight.mcap", path, seconds=9.0)
-    return path
-
-
-@pytest.fixture(scope="module")
-def made(sample, cut, tmp_path_factory):
+def made(params, nine_s, tmp_path_factory):
     """The folder of a run, and its summary."""
     folder = tmp_path_factory.mktemp("made") / "products"
     summary = export(
-        cut,
+        nine_s,
         folder,
-        params=sample / "params.yaml",
+        params=params,
         window=Window(every_s=2.0),
         rasters=RasterOptions(gsd_m=0.25),
     )
@@ -84,12 +76,12 @@ def test_the_rasters_are_in_their_place(made):
             assert ortho.tags()["EXPOSURE"].startswith("2021-10-20T12:00:")
 
 
-def test_again_gives_the_same_bytes(made, sample, cut, tmp_path):
+def test_again_gives_the_same_bytes(made, params, nine_s, tmp_path):
     folder, _ = made
     export(
-        cut,
+        nine_s,
         tmp_path,
-        params=sample / "params.yaml",
+        params=params,
         only=["mosaic"],
         window=Window(every_s=2.0),
         rasters=RasterOptions(gsd_m=0.25),
@@ -117,24 +109,24 @@ def refusal(capsys, *argv):
     return told.err
 
 
-def test_refusals(sample, cut, tmp_path, capsys, monkeypatch):
-    out, params = tmp_path / "out", ("--params", sample / "params.yaml")
-    said = refusal(capsys, cut, "-o", out)
+def test_refusals(params, nine_s, tmp_path, capsys, monkeypatch):
+    out, params = tmp_path / "out", ("--params", params)
+    said = refusal(capsys, nine_s, "-o", out)
     assert "height of the ground not known: give --ground-height or --dem" in said
     assert "needed topic absent: /uav1/thermal" in refusal(
-        capsys, cut, "-o", out, "--namespace", "uav1"
+        capsys, nine_s, "-o", out, "--namespace", "uav1"
     )
     blind = tmp_path / "blind.mcap"
-    rewritten(cut, blind, seconds=1.0, without=(IMAGES,))
+    rewritten(nine_s, blind, seconds=1.0, without=(IMAGES,))
     said = refusal(capsys, blind, "-o", out, *params)
     assert "needed topic absent: /thermal/image_raw or /thermal/image_raw/compressed" in said
-    said = refusal(capsys, cut, "-o", out, *params, "--to", "1")
+    said = refusal(capsys, nine_s, "-o", out, *params, "--to", "1")
     assert "none of 1 pictures has a trusted pose: no pose near the exposure; the filter" in said
-    said = refusal(capsys, cut, "-o", out, *params, *COARSE, "--degrees", "0.04", "-273.15")
+    said = refusal(capsys, nine_s, "-o", out, *params, *COARSE, "--degrees", "0.04", "-273.15")
     assert "--degrees is for 16-bit video" in said
     assert not [one for one in out.rglob("*") if one.is_file()]
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    said = refusal(capsys, cut, "-o", out, *params)
+    said = refusal(capsys, nine_s, "-o", out, *params)
     assert "need rasterio: pip install 'tirgeo[dem]'" in said
 
 
@@ -147,7 +139,7 @@ def test_wrong_use(sample, tmp_path, capsys, wrong):
     assert not (tmp_path / "out").exists()
 
 
-def test_pictures_that_do_not_fit_are_counted(made, sample, cut, tmp_path, monkeypatch):
+def test_pictures_that_do_not_fit_are_counted(made, params, nine_s, tmp_path, monkeypatch):
     """A damaged picture, and one of another size, as `read` gives them."""
     read = FlightPictures.read
 
@@ -158,7 +150,7 @@ def test_pictures_that_do_not_fit_are_counted(made, sample, cut, tmp_path, monke
     monkeypatch.setattr(FlightPictures, "read", some)
     window, rasters = Window(every_s=2.0), RasterOptions(gsd_m=0.5)
     options = {"only": ["mosaic"], "window": window, "rasters": rasters}
-    summary = export(cut, tmp_path, params=sample / "params.yaml", **options)
+    summary = export(nine_s, tmp_path, params=params, **options)
     assert summary["not_used"] == {
         "before the first pose": 1,
         "damaged": 1,
@@ -169,23 +161,23 @@ def test_pictures_that_do_not_fit_are_counted(made, sample, cut, tmp_path, monke
     monkeypatch.setattr(
         FlightPictures, "read", lambda _, numbers: ((n, MapError("")) for n in numbers)
     )
-    summary = export(cut, tmp_path, params=sample / "params.yaml", **options)
+    summary = export(nine_s, tmp_path, params=params, **options)
     assert summary["error"].endswith("none of its pictures could be used")
     assert summary["mosaic"]["width"] == 0
 
 
-def test_damaged_pictures_are_counted(sample, cut, tmp_path):
+def test_damaged_pictures_are_counted(params, nine_s, tmp_path):
     """From 5 s on their messages end within the header; all that is before is used."""
-    last_ns = driver.BagReader(cut).span_ns[0] + 5_000_000_000
+    last_ns = driver.BagReader(nine_s).span_ns[0] + 5_000_000_000
 
     def cut_short(item):
         damaged = item.topic == IMAGES and item.log_time_ns > last_ns
         return item.topic, item.data[:6] if damaged else item.data
 
-    bag = rewritten(cut, tmp_path / "damaged.mcap", cut_short)
+    bag = rewritten(nine_s, tmp_path / "damaged.mcap", cut_short)
     window, rasters = Window(every_s=2.0), RasterOptions(gsd_m=0.5)
     options = {"only": ["mosaic"], "window": window, "rasters": rasters}
-    summary = export(bag, tmp_path / "out", params=sample / "params.yaml", **options)
+    summary = export(bag, tmp_path / "out", params=params, **options)
     assert summary["not_used"] == {"before the first pose": 1, "damaged": 2}
     assert summary["used"] == 2
 

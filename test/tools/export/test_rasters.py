@@ -21,9 +21,9 @@ from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.tools.export import tiled_raster
+from tirgeo_ros.tools.export import rasters
 from tirgeo_ros.tools.export.orthophotos import Mosaic, Orthophotos
-from tirgeo_ros.tools.export.raster_options import RasterOptions, raster_setup
+from tirgeo_ros.tools.export.rasters import RasterOptions, raster_setup
 
 rasterio = pytest.importorskip("rasterio")
 
@@ -102,10 +102,10 @@ def test_degrees(tmp_path):
 )
 def test_tiles_on_disk_give_the_same_bytes(tmp_path, monkeypatch, pixels):
     held = mosaic_of(tmp_path / "held", flown(pixels)[:3], pixel_m=0.06).read_bytes()
-    monkeypatch.setattr(tiled_raster, "_MOST_BYTES", 1)  # one tile at a time
-    written, write = [], tiled_raster.TileStore._write
+    monkeypatch.setattr(rasters, "_MOST_BYTES", 1)  # one tile at a time
+    written, write = [], rasters.TileStore._write
     monkeypatch.setattr(
-        tiled_raster.TileStore, "_write", lambda *one: written.append(one[1]) or write(*one)
+        rasters.TileStore, "_write", lambda *one: written.append(one[1]) or write(*one)
     )
     folder = tmp_path / "stored"
     stored = mosaic_of(folder, flown(pixels)[:3], pixel_m=0.06).read_bytes()

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from exported_flight import UNDULATION_M, exported
+from exported_flight import UNDULATION_M
 from numpy.testing import assert_allclose
 from PIL import Image
 from still_reader import by_gimbal, by_mapping, by_open_drone_map, place_of, projected, read_still
@@ -20,11 +20,6 @@ from tirgeo_ros.tools.export.stills import Stills
 #: Roundings as seen 30 m away with 800 px: three angles to 0.5e-5 deg, 0.07 mm of place.
 ROUNDING_PX = 800 * (3 * np.radians(0.5e-5) + 0.07e-3 / 30)
 CLICK_PX = 0.5  # one sigma of an observation in each direction
-
-
-@pytest.fixture(scope="module")
-def flight(sample):
-    return exported(sample)
 
 
 @pytest.fixture(scope="module")

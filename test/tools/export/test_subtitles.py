@@ -12,7 +12,7 @@ from typing import NamedTuple
 import av
 import numpy as np
 import pytest
-from exported_flight import GROUND_M, UNDULATION_M, exported
+from exported_flight import GROUND_M, UNDULATION_M
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.errors import ExportError
@@ -63,11 +63,6 @@ def fields_of(text: str) -> dict[str, str]:
 
 
 ABOVE = "20 m above the ground, 40 m above sea level, camera to 200 deg, 30 deg down"
-
-
-@pytest.fixture(scope="module")
-def flight(sample):
-    return exported(sample)
 
 
 @pytest.fixture

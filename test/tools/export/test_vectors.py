@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import cv2
 import numpy as np
 import pytest
-from exported_flight import GROUND_M, exported
+from exported_flight import GROUND_M
 from layers_by_gdal import layers_in, rows_of
 from numpy.testing import assert_allclose
 from scenes import graticule
@@ -23,9 +23,9 @@ from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, plac
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.columns import of_target
 from tirgeo_ros.io.targets.formats import exported as targets_as
+from tirgeo_ros.tools.evaluate.series import load_truth
 from tirgeo_ros.tools.export import vectors
 from tirgeo_ros.tools.export.vectors import Vectors
-from tirgeo_ros.tools.replay.recorded_flight import load_truth
 
 CONFIDENCE = ConfidenceConfig()
 LAYERS = [
@@ -34,11 +34,6 @@ LAYERS = [
 ]
 EAST_20_M = np.array([0.0, 20.0, 0.0])
 SYMBOLS = {"Point": "marker", "LineString": "line", "Polygon": "fill"}
-
-
-@pytest.fixture(scope="module")
-def flight(sample):
-    return exported(sample)
 
 
 @pytest.fixture(scope="module")

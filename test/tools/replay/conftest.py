@@ -1,25 +1,10 @@
-"""The first seconds of the sample flight, and what process makes of them."""
+"""What process makes of the first seconds of the sample flight."""
 
 from __future__ import annotations
 
 import pytest
-from process_bags import rewritten
 
 from tirgeo_ros.tools.replay.process import process
-
-CUT_S = 4.0  # alignment takes one second of it
-
-
-@pytest.fixture(scope="session")
-def cut(sample, tmp_path_factory):
-    """The sample's first seconds, with pictures."""
-    path = tmp_path_factory.mktemp("cut") / "flight.mcap"
-    return rewritten(sample / "flight.mcap", path, seconds=CUT_S)
-
-
-@pytest.fixture(scope="session")
-def options(sample):
-    return {"params": sample / "params.yaml", "map": sample / "map.geojson"}
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import json
 from collections import Counter
 
 import pytest
-from process_bags import rewritten
+from process_bags import rewritten, same
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -47,19 +47,6 @@ def stand_ins(monkeypatch):
     for name, group in made.items():
         monkeypatch.setattr(groups, f"{name}Checks", lambda *_, it=group: it)
     return made
-
-
-@pytest.fixture(scope="module")
-def short(sample, tmp_path_factory):
-    """Six seconds of the sample flight."""
-    return cut(sample, tmp_path_factory.mktemp("short") / "flight.mcap")
-
-
-def cut(sample, path, seconds=6, renamed=lambda topic: topic):
-    def edit(item):
-        return renamed(item.topic) and (renamed(item.topic), item.data)
-
-    return rewritten(sample / "flight.mcap", path, edit, seconds=seconds)
 
 
 def given(sample, *more):
@@ -143,8 +130,9 @@ def test_the_groups_see_all_of_a_flight(short, sample, stand_ins):
     assert pictures.calls["pose"] > 0
 
 
-def test_another_namespace(sample, tmp_path, capsys):
-    path = cut(sample, tmp_path / "uav1.mcap", 2, lambda topic: f"/uav1{topic}")
+def test_another_namespace(short, tmp_path, capsys):
+    path = tmp_path / "uav1.mcap"
+    rewritten(short, path, lambda item: (f"/uav1{item.topic}", item.data), seconds=2)
     assert main(["check", str(path)]) == 1
     out, err = capsys.readouterr()
     assert "did you mean --namespace uav1?" in out
@@ -152,9 +140,9 @@ def test_another_namespace(sample, tmp_path, capsys):
     assert err.startswith("tirgeo check: NO GO: no input topic under /; there are 10 in other")
 
 
-def test_a_flight_without_a_pose_says_why(sample, tmp_path):
-    keep = ("/imu/data", "/rtk/fix")
-    path = cut(sample, tmp_path / "short.mcap", 1, lambda topic: topic in keep and topic)
+def test_a_flight_without_a_pose_says_why(short, tmp_path):
+    path, keep = tmp_path / "short.mcap", {"/imu/data", "/rtk/fix"}
+    rewritten(short, path, lambda item: same(item) if item.topic in keep else None, seconds=1)
     found = {one["check"]: one for one in check(path)["findings"]}
     assert found["no_pose"]["severity"] == "stop"
     assert "filter made no pose: " in found["no_pose"]["evidence"]

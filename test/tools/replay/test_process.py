@@ -18,8 +18,7 @@ from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.graph_outputs import differences
-from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.replay.process_summary import six_lines
+from tirgeo_ros.tools.replay.process import process, six_lines
 
 POSES = ("odometry", "fix", "origin", "camera_pose", "path")
 GEOMETRY = ("overlay/camera_info", "footprint")

@@ -4,48 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from process_bags import rewritten
+from process_bags import messages_of
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
 from tirgeo_ros.tools.evaluate.summary import summary
-from tirgeo_ros.tools.replay.flight_poses import RecordedFlight, smoothed_runs
+from tirgeo_ros.tools.replay.flight import Flight, passes, smoothed_runs
 from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.replay.smoothed_flight import FlightFilter, passes
-
-SHORT_S = 9.0
+from tirgeo_ros.tools.replay.registration import FlightFilter
 
 
 @pytest.fixture(scope="module")
-def short(sample, tmp_path_factory):
-    """The first seconds of the sample flight, without its pictures."""
-    path = tmp_path_factory.mktemp("short") / "flight.mcap"
-    pictures = ("/thermal/image_raw/compressed",)
-    return rewritten(sample / "flight.mcap", path, seconds=SHORT_S, without=pictures)
-
-
-@pytest.fixture(scope="module")
-def processed(short, sample, tmp_path_factory):
+def processed(nine_s, params, tmp_path_factory):
     """Folder and summary of process without and with ``smooth``."""
     folder = tmp_path_factory.mktemp("processed")
-    both = {}
-    for name, smooth in (("filter", False), ("smoother", True)):
-        out = folder / f"{name}.mcap"
-        both[name] = process(
-            short, out, params=sample / "params.yaml", images=False, smooth=smooth
-        )
-    return folder, both
+    given = {"params": params, "images": False}
+    return folder, {
+        name: process(nine_s, folder / f"{name}.mcap", **given, smooth=name == "smoother")
+        for name in ("filter", "smoother")
+    }
 
 
 def odometry_of(path):
-    cdr = Cdr()
-    return [
-        cdr.deserialize(m.data, m.typename) for m in BagReader(path).messages(["/tirgeo/odometry"])
-    ]
+    return [message for _, message in messages_of(path, "/tirgeo/odometry")]
 
 
 def test_the_summary_says_so_and_counts_the_same(processed):
@@ -69,17 +54,17 @@ def test_poses_differ_and_are_more_certain(processed):
 
 
 @pytest.mark.slow
-def test_the_same_input_gives_the_same_bytes(processed, short, sample, tmp_path):
+def test_the_same_input_gives_the_same_bytes(processed, nine_s, params, tmp_path):
     folder, _ = processed
     again = tmp_path / "smoother.mcap"
-    process(short, again, params=sample / "params.yaml", images=False, smooth=True)
+    process(nine_s, again, params=params, images=False, smooth=True)
     assert again.read_bytes() == (folder / "smoother.mcap").read_bytes()
 
 
 @pytest.mark.parametrize("method", ["raw", "rtk"])
-def test_a_method_without_filter_is_refused_in_one_line(short, sample, tmp_path, capsys, method):
+def test_a_method_without_filter_is_refused_in_one_line(nine_s, sample, tmp_path, capsys, method):
     out = tmp_path / "out.mcap"
-    args = ["process", short, "-o", out, "--params", sample / "params.yaml", "--no-images"]
+    args = ["process", nine_s, "-o", out, "--params", sample / "params.yaml", "--no-images"]
     assert main([str(one) for one in (*args, "--method", method, "--smooth")]) == 1
     expected = (
         f"tirgeo process: method {method} has no filter to smooth: choose ekf or ekf_heading, or "
@@ -101,21 +86,21 @@ def test_progress_covers_both_passes():
     assert shares[2] == shares[3]
 
 
-def test_filters_that_are_the_same_are_run_once(short):
+def test_filters_that_are_the_same_are_run_once(nine_s):
     """Two registrations with one set of parameters get one record; a turned baseline its own."""
     ekf = EkfConfig()
     filters = [FlightFilter(ekf), FlightFilter(ekf), FlightFilter(ekf, 0.01)]
-    first, second, turned = smoothed_runs(BagReader(short), "", filters, lambda *_: None)
+    first, second, turned = smoothed_runs(BagReader(nine_s), "", filters, lambda *_: None)
     assert first is second
     assert turned is not first
 
 
 @pytest.mark.slow
-def test_a_registration_of_each_kind_in_one_flight(short):
+def test_a_registration_of_each_kind_in_one_flight(nine_s):
     """What is not to be smoothed is as without."""
     found = {}
     for smooth in (False, True):
-        flight = RecordedFlight(BagReader(short), needs_camera=False)
+        flight = Flight(BagReader(nine_s), needs_camera=False)
         config = EkfConfig(), GimbalConfig()
         plain = flight.registered(*config, [])
         other = flight.registered(*config, [], smooth=smooth)

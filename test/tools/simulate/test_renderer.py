@@ -206,7 +206,7 @@ def test_a_ray_meets_the_ground_that_the_elevation_model_has(flown):
     q_pc = looking(-40.0, 15.0)
     uv = np.random.default_rng(2).uniform([0, 0], [639, 511], (200, 2))
     rays = XT2.rays(uv) @ matrix_from_quat(q_pc).T
-    height, loss = HILLSIDE.met(CAMERA, rays)
+    height, loss = HILLSIDE.descent(CAMERA, rays)
     lengths = [first_hit(terrain, plane, CAMERA, ray / np.linalg.norm(ray)) for ray in rays]
     met_m = height / loss * np.linalg.norm(rays, axis=1)
     # heights in the file to 1 mm, over the sine of 10 deg to the hillside

@@ -1,4 +1,4 @@
-"""A scenario and its flight as files: whole, repeatable, and a cut of it the same as the whole."""
+"""A scenario and its flight as files: whole, repeatable, cut; the sample flight; joint orders."""
 
 from __future__ import annotations
 
@@ -6,20 +6,30 @@ import json
 
 import numpy as np
 import pytest
+from process_bags import messages_of
 from project import PROJECT
 
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import BagPlayerConfig, DjiConfig, EkfConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ScenarioError
+from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
 from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import load_config, load_yaml
-from tirgeo_ros.io.surveys.survey import load_observations
+from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.replay.check import check
+from tirgeo_ros.tools.replay.graph_outputs import differences
+from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
 from tirgeo_ros.tools.simulate.files import parameters_text
+from tirgeo_ros.tools.simulate.park import lay_out, map_text
+from tirgeo_ros.tools.simulate.renderer import targets_of, targets_text
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
+from tirgeo_ros.tools.simulate.survey import sightings, surveyed
 
 SHORT = """\
 duration_s: 6.0
@@ -184,3 +194,114 @@ def test_a_bad_scenario_is_refused_with_file_and_key(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ScenarioError, match=message):
         load_scenario(path)
+
+
+START_S, END_S = 35.0, 65.0
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(scenario_from({}))
+
+
+def read(path, topic, convert_one):
+    return [convert_one(message) for _, message in messages_of(path, topic)]
+
+
+def test_its_inertial_data_and_truth_are_the_scenarios(flight, sample):
+    said = read(sample / "flight.mcap", "/imu/data", convert.imu_sample)
+    start_ns = flight.scenario.start_ns
+    flown = [
+        s
+        for arrival, s in flight.samples
+        if isinstance(s, ImuSample) and START_S * 1e9 <= arrival - start_ns <= END_S * 1e9
+    ]
+    assert [s.stamp_ns for s in said] == [s.stamp_ns for s in flown]
+    for field in ("specific_force_b", "angular_rate_b"):
+        np.testing.assert_allclose(
+            [getattr(s, field) for s in said], [getattr(s, field) for s in flown], atol=1e-9
+        )
+    true = read(sample / "truth.mcap", "/tirgeo/odometry", convert.body_pose)
+    rows = np.isin(flight.truth.stamp_ns, [pose.stamp_ns for pose in true])
+    # Earth-fixed coordinates are good to a nanometre.
+    np.testing.assert_allclose(
+        [pose.position_n for pose in true], flight.truth.position_p[rows], atol=1e-7
+    )
+
+
+def test_its_map_survey_and_parameters_are_the_scenarios(flight, sample):
+    park = lay_out(flight.scenario.park, flight.seed)
+    assert (sample / "map.geojson").read_text(encoding="utf-8") == map_text(park, flight.plane)
+    assert (sample / "params.yaml").read_text() == parameters_text(flight.scenario)
+    points, clicks = surveyed(flight, XT2, park)
+    assert [p.id for p in load_survey(sample / "survey.geojson")] == [p.id for p in points]
+    start_ns = flight.scenario.start_ns
+    inside = [c for c in clicks if START_S * 1e9 <= c.stamp_ns - start_ns <= END_S * 1e9]
+    stored = load_observations(sample / "observations.csv")
+    assert [(c.id, c.stamp_ns) for c in stored] == [(c.id, c.stamp_ns) for c in inside]
+    np.testing.assert_allclose(
+        [(c.u, c.v) for c in stored], [(c.u, c.v) for c in inside], atol=1e-3
+    )
+
+
+def test_its_operator_clicks_on_the_person(flight, sample):
+    targets = targets_of(flight.scenario, flight.seed)
+    told = (sample / "targets.geojson").read_text()
+    assert told == targets_text(targets, flight.plane)
+    ((stamp_ns, u, v),) = read(sample / "flight.mcap", "/tirgeo/locate/pixel", convert.pixel)
+    (seen,) = (
+        one
+        for one in sightings(flight, XT2, targets)
+        if START_S * 1e9 <= one.stamp_ns - flight.scenario.start_ns <= END_S * 1e9
+    )
+    assert (stamp_ns, u, v) == (seen.stamp_ns, pytest.approx(seen.u), pytest.approx(seen.v))
+
+
+OTHER = "pitch-yaw-roll"
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """Folders by order, from the verb."""
+    folder = tmp_path_factory.mktemp("orders")
+    (folder / "scenario.yaml").write_text("duration_s: 40.0\nroute: {hover_s: 2.0}\n")
+    for order in (USUAL_ORDER, OTHER):
+        given = ["-o", str(folder / order), "--no-images", "--joint-order", order]
+        assert main(["simulate", str(folder / "scenario.yaml"), *given]) == 0
+    return {order: folder / order for order in (USUAL_ORDER, OTHER)}
+
+
+def processed(folder):
+    """The camera's poses less the true ones."""
+    out = folder / "out.mcap"
+    process(folder / "flight.mcap", out, params=folder / "params.yaml", images=False)
+    found, true = (
+        [convert.camera_pose(message) for _, message in messages_of(path, "/tirgeo/camera_pose")]
+        for path in (out, folder / "truth.mcap")
+    )
+    return differences(found, true)
+
+
+@pytest.mark.slow
+def test_processing_finds_the_true_camera_as_exactly_as_with_the_usual_order(flown):
+    usual, other = (processed(flown[order]) for order in (USUAL_ORDER, OTHER))
+    assert len(other.stamp_ns) == len(usual.stamp_ns) > 1500
+    # The filter errs as before; the encoders' 0.02 deg are about other axes.
+    per_pose = np.degrees(np.abs(other.angle_rad - usual.angle_rad))
+    assert np.max(per_pose) < 0.02 * 2 * 4.5
+    rms_deg = np.degrees([np.sqrt(np.mean(one.angle_rad**2)) for one in (usual, other)])
+    assert rms_deg[1] == pytest.approx(rms_deg[0], rel=0.05)
+
+
+@pytest.mark.slow
+def test_the_wrong_order_is_told_with_its_parameter(flown):
+    folder = flown[OTHER]
+    right = check(folder / "flight.mcap", params=folder / "params.yaml")
+    assert {one["check"] for one in right["findings"]} == {"no_pictures"}
+    wrong = folder / "wrong.yaml"
+    wrong.write_text((folder / "params.yaml").read_text().replace(OTHER, USUAL_ORDER))
+    result = check(folder / "flight.mcap", params=wrong)
+    (finding,) = (one for one in result["findings"] if one["check"] == "joint_order")
+    assert finding["parameter"] == "gimbal_node joint_order"
+    assert f"set it to {OTHER}" in finding["mend"]
+    assert result["error"]

@@ -43,6 +43,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
     rotvec_from_quat,
 )
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -120,8 +121,8 @@ def corrected_pose(
     The slopes (6, 7) are of position (m) and phi_n (rad) by the parameters. None if there is no
     pose.
     """
-    exposure_ns = stamp_ns - round((flight.latency_s + correction[_LATENCY]) * 1e9)
-    posed = flight.poses(exposure_ns)
+    exposed_ns = exposure_ns(stamp_ns, flight.latency_s + correction[_LATENCY])
+    posed = flight.poses(exposed_ns)
     if posed is None:
         return None
     pose, rates = posed
@@ -130,7 +131,7 @@ def corrected_pose(
     slopes = np.zeros((6, len(PARAMETERS)))
     slopes[:, _LATENCY] = -np.concatenate(rates)
     for name, stepped in flight.stepped.items():
-        other = stepped.poses(exposure_ns)
+        other = stepped.poses(exposed_ns)
         if other is None:
             return None
         slopes[:, PARAMETERS.index(name)] = _apart(pose, other[0]) / stepped.step

@@ -27,7 +27,7 @@ class AtLeast:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Declare one finding. A mapping has a value for each case, and under "" for all others."""
+    """Declare one finding. What depends on the case maps cases to values, "" to all others'."""
 
     severity: Severity | AtLeast | Mapping[str, Severity]
     evidence: str | Mapping[str, str]
@@ -36,7 +36,7 @@ class Row:
 
 
 def finding(key: str, case: str = "", /, **facts: object) -> Finding:
-    """Return the finding of a row, with ``facts`` in its texts; ``case`` is words, or empty."""
+    """Return the finding of a row with ``facts`` in its texts; ``case`` has one word or more."""
     row = FINDINGS[key]
     severity = row.severity
     if isinstance(severity, AtLeast):

@@ -86,7 +86,7 @@ class GimbalChecks:
         self._spacing = Spacing(_EVERY_NS)
 
     def configure(self, config: GimbalConfig) -> None:
-        """Take other parameters; forget what was compared with another yaw zero."""
+        """Take other parameters; another yaw zero removes all data so far."""
         self._uncalibrated = self._uncalibrated and not np.any(config.boresight_rpy_deg)
         if config.yaw_zero_rad != self._yaw_zero_rad:
             self._yaw_zero_rad = config.yaw_zero_rad
@@ -213,7 +213,7 @@ def _put(attitudes: StampedBuffer[Array], stamp_ns: int, q_nb: Array) -> None:
 
 
 class _Reading(NamedTuple):
-    """Hold one reading of the three numbers: which is which angle, signs, unit, yaw's zero."""
+    """Hold one way to read three joint numbers: their order, signs, unit and zero of yaw."""
 
     axes: tuple[int, ...]
     signs: tuple[float, ...]

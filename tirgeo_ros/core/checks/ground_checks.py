@@ -66,7 +66,7 @@ class HeightChecks:
         self._rest = math.inf, math.nan  # height in the plane, and above ground
 
     def is_due(self, stamp_ns: int) -> bool:
-        """Return whether a pose of this stamp is looked at."""
+        """Return whether a pose of this stamp would be used."""
         return self._spacing.is_due(stamp_ns)
 
     def plane(self, plane: TangentPlane) -> None:

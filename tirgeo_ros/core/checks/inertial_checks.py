@@ -153,7 +153,7 @@ def imu_findings(samples: Iterable[object], rotation_bi: Array | None) -> list[F
 
 
 def rpy_text(turn: Array, rotation_bi: Array | None) -> str:
-    """Return ``aircraft.imu_rpy_deg`` after a turn (3, 3) of the axes that it gave, FRD."""
+    """Return the text of ``aircraft.imu_rpy_deg`` with a turn (3, 3), FRD, on top of it."""
     whole = turn if rotation_bi is None else turn @ rotation_bi
     angles = np.degrees(flu_from_frd(euler_from_matrix(whole)))
     return str((angles.round(1) + 0.0).tolist())  # no -0
@@ -201,7 +201,7 @@ def _force_findings(
 
 
 def _turns(rate_b: Array, q_nb: Array, steps_s: Array) -> tuple[Array, Array]:
-    """Return mean rates (M, 3) by gyroscopes (N, 3) and by attitudes (N, 4), where both are.
+    """Return mean rates (M, 3) by gyroscopes (N, 3) and by attitudes (N, 4), where both are known.
 
     ``steps_s`` (N,) are nan after a gap.
     """

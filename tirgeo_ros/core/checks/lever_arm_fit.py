@@ -205,9 +205,19 @@ def solved(windows: Sequence[Normal]) -> LeverArmEstimate | None:
     sigma = np.sqrt(np.maximum(inverse.diagonal(), scatter.diagonal()))
     misfit = float(np.prod(variances[used]))
     turned = turns @ np.append(-solution, 1.0)  # (W, 2, 4)
-    mounted = _mounted(turned, degrees, weights * weighed)
-    lever_b, delays_s = solution[:3], -solution[3:]
-    return LeverArmEstimate(lever_b, sigma[:3], delays_s, sigma[3:], number, misfit, *mounted)
+    tilt_b, tilt_sigma, off, off_sigma = _mounted(turned, degrees, weights * weighed)
+    return LeverArmEstimate(
+        lever_b=solution[:3],
+        lever_sigma_b=sigma[:3],
+        delays_s=-solution[3:],
+        delay_sigmas_s=sigma[3:],
+        windows=number,
+        misfit=misfit,
+        tilt_b=tilt_b,
+        tilt_sigma=tilt_sigma,
+        heading_off=off,
+        heading_sigma=off_sigma,
+    )
 
 
 def _mounted(turned: Array, degrees: Array, weights: Array) -> tuple[Array, float, float, float]:

@@ -44,7 +44,7 @@ _OF_GROUND = ("below_ground", "height_at_rest", "ground_by_motion")
 
 
 def nearest_causes(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings, those that follow from others left out or after these.
+    """Return the findings without those that are consequences of others.
 
     While the body's attitude is wrong, the camera's direction is not blamed. Heights above sea
     level in rtk/fix make the ground seem wrong: the datum is as severe as that.
@@ -79,7 +79,7 @@ class NavigationChecks:
         self.configure(config)
 
     def configure(self, config: EkfConfig) -> None:
-        """Take other parameters, and begin again: the evidence was against the former ones."""
+        """Take other parameters, and begin again: all evidence was about the former ones."""
         self._config = config
         self._begin(config)
 

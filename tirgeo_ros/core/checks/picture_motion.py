@@ -22,9 +22,9 @@ from tirgeo_ros.core.checks.motion_fit import (
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.streams.stamps import Spacing
+from tirgeo_ros.core.streams.stamps import Spacing, exposure_ns
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -170,9 +170,8 @@ class PictureMotion:
     def __init__(self, latency_s: float, ground: Ground | None) -> None:
         self._plane: TangentPlane | None = None
         self._camera: Camera | None = None
-        self._latency_ns = round(latency_s * 1e9)
-        unknown = isinstance(ground, float) and math.isnan(ground)
-        self._ground = None if unknown else ground
+        self._latency_s = latency_s
+        self._ground = ground if is_given(ground) else None
         self._poses: deque[tuple[float, ...]] = deque()
         self._newest_ns: int | None = None
         self._variances = np.zeros(6)  # of the newest pose
@@ -201,7 +200,7 @@ class PictureMotion:
 
     def set_latency(self, latency_s: float) -> None:
         """Set the delay of the pictures, s; all data so far are removed."""
-        self._latency_ns = round(latency_s * 1e9)
+        self._latency_s = latency_s
         self._forget()
 
     def _forget(self) -> None:
@@ -222,15 +221,18 @@ class PictureMotion:
             self._poses.clear()
             return
         self._poses.append((pose.stamp_ns, *pose.position_n.tolist(), *pose.q_nc.tolist()))
-        while pose.stamp_ns - self._poses[0][0] > _POSES_S * 1e9 + max(self._latency_ns, 0):
+        while pose.stamp_ns - self._poses[0][0] > (_POSES_S + max(self._latency_s, 0.0)) * 1e9:
             self._poses.popleft()
         waiting = self._waiting
-        while waiting and waiting[0].second_ns - self._latency_ns + _WAIT_NS <= pose.stamp_ns:
+        while waiting and self._exposure_ns(waiting[0].second_ns) + _WAIT_NS <= pose.stamp_ns:
             self._pair(waiting.popleft())
 
     def tracks(self, tracks: Tracks) -> None:
         """Take tracks; they wait for the poses after them."""
         self._waiting.append(tracks)
+
+    def _exposure_ns(self, stamp_ns: int) -> int:
+        return exposure_ns(stamp_ns, self._latency_s)
 
     def _pair(self, tracks: Tracks) -> None:
         camera, plane = self._camera, self._plane
@@ -257,7 +259,7 @@ class PictureMotion:
         """Return poses (2, K, 7) at OFFSETS_S from both exposures; None if poses are missing."""
         rows = np.array(self._poses)
         stamps_ns = (tracks.first_ns, tracks.second_ns)
-        starts_s = [(ns - self._latency_ns - rows[0, 0]) * 1e-9 for ns in stamps_ns]
+        starts_s = [(self._exposure_ns(ns) - rows[0, 0]) * 1e-9 for ns in stamps_ns]
         times_s = (rows[:, 0] - rows[0, 0]) * 1e-9
         wanted_s = np.add.outer(starts_s, OFFSETS_S)
         begin_s, end_s = wanted_s.min() - _MEAN_S / 2, wanted_s.max() + _MEAN_S / 2

@@ -143,13 +143,13 @@ class Mount:
     def from_config(cls, config: GimbalConfig) -> Mount:
         """Return the mount described by a gimbal's parameters."""
         return cls(
-            config.aircraft.pivot_lever_b,
-            config.aircraft.camera_from_pivot_g,
-            quat_from_matrix(matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL),
-            np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
-            np.radians(np.array(config.reported_sigma_deg)) ** 2,
-            np.radians(config.autopilot_tilt_sigma_deg) ** 2,
-            config.joint_order,
+            lever_arm_b=config.aircraft.pivot_lever_b,
+            camera_offset_g=config.aircraft.camera_from_pivot_g,
+            q_gc=quat_from_matrix(matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL),
+            joint_variance=np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
+            reported_variance=np.radians(np.array(config.reported_sigma_deg)) ** 2,
+            tilt_variance=np.radians(config.autopilot_tilt_sigma_deg) ** 2,
+            joint_order=config.joint_order,
         )
 
 

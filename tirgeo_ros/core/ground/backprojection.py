@@ -224,6 +224,11 @@ _SETTLED_M, _CLOSE_M = 1e-8, 1e-6
 _LEVEL_RAD = 1e-4
 
 
+def is_given(ground: Ground | None) -> bool:
+    """Return whether there is a ground: an elevation model, or a height that is not nan."""
+    return ground is not None and (isinstance(ground, Terrain) or math.isfinite(ground))
+
+
 def locate(
     camera: Camera, pose: CameraPose, uv: Array, plane: TangentPlane, ground: Ground
 ) -> tuple[Array, list[Reason | None]]:

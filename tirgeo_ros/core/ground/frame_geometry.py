@@ -87,17 +87,19 @@ def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
     centre = _centre(sight, config)
     width_m, corners = _rim(sight) if centre else (math.nan, _NO_CORNERS)
     return FrameGeometry(
-        (latitude, longitude, height_m),
-        platform_rpy,
-        sensor_rpy,
-        rpy_of(rotation_ls),
-        (_between(left, right), _between(top, bottom)),
-        (centre.latitude_rad, centre.longitude_rad, centre.height_m) if centre else _UNKNOWN,
-        math.dist(centre.point_n.tolist(), pose.position_n.tolist()) if centre else math.nan,
-        width_m,
-        circular_error_90(centre.covariance_n) if centre else math.nan,
-        linear_error_90(centre.covariance_n) if centre else math.nan,
-        corners,
+        sensor=(latitude, longitude, height_m),
+        platform_rpy=platform_rpy,
+        sensor_rpy=sensor_rpy,
+        sight_rpy=rpy_of(rotation_ls),
+        fields_of_view=(_between(left, right), _between(top, bottom)),
+        centre=(
+            (centre.latitude_rad, centre.longitude_rad, centre.height_m) if centre else _UNKNOWN
+        ),
+        slant_range_m=math.dist(centre.point_n, pose.position_n) if centre else math.nan,
+        width_m=width_m,
+        ce90_m=circular_error_90(centre.covariance_n) if centre else math.nan,
+        le90_m=linear_error_90(centre.covariance_n) if centre else math.nan,
+        corners=corners,
     )
 
 

@@ -13,7 +13,7 @@ from itertools import chain
 import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.level_of_detail import Boxes, Details
 from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
@@ -30,7 +30,7 @@ _FIRST_CELLS = 256.0
 
 def check_heights(layers: Sequence[MapLayer], ground: Ground) -> None:
     """Raise ConfigError if the ground is the map's own heights and some of them are unknown."""
-    if isinstance(ground, Terrain) or math.isfinite(ground):
+    if is_given(ground):
         return
     for layer in layers:
         unknown = sum(not np.isfinite(feature.points[:, 2]).all() for feature in layer.features)
@@ -160,16 +160,16 @@ class VectorMap:
             )
         details = Details.of(lines, layer[lines.owner])
         return cls(
-            labels,
-            np.array([bool(label) for label in labels], bool),
-            tuple(replace(each, features=()) for each in layers),
-            layer,
-            lines,
-            marks,
-            details,
-            _rings(lines, np.flatnonzero(rings), details),
-            without_ground,
-            tuple(notes),
+            labels=labels,
+            labelled=np.array([bool(label) for label in labels], bool),
+            layers=tuple(replace(each, features=()) for each in layers),
+            layer=layer,
+            lines=lines,
+            marks=marks,
+            details=details,
+            rings=_rings(lines, np.flatnonzero(rings), details),
+            without_ground=without_ground,
+            notes=tuple(notes),
         )
 
 

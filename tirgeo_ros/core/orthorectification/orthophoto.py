@@ -157,7 +157,7 @@ class FrameView:
         return _NodeView(uv, score, near)
 
     def _hidden(self, terrain: Terrain, points_n: Array) -> BoolArray:
-        """Return which nodes the terrain hides, found at every fourth one."""
+        """Return which nodes the terrain hides; every fourth one is computed."""
         some = points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
         place = self._tiles.plane, self._pose.position_n
         hides = hidden(terrain, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
@@ -266,7 +266,7 @@ class MosaicTile:
 
     @classmethod
     def empty(cls, bands: int) -> MosaicTile:
-        """Return a tile that nobody has seen."""
+        """Return a tile that no picture has shown yet."""
         size = TILE_PX, TILE_PX
         total, weight = np.zeros((*size, bands), np.float32), np.zeros(size, np.float32)
         return cls(total, weight, np.full(size, np.inf, np.float32))

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections import Counter, deque
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,11 +19,11 @@ from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
-from tirgeo_ros.core.ground.backprojection import Ground, Reason
+from tirgeo_ros.core.ground.backprojection import Ground, Reason, is_given
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
-from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
+from tirgeo_ros.core.overlay.label_placement import FreeSpace, request_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
@@ -37,6 +36,7 @@ REMEMBERED_S = 60.0
 #: Time for which a marker is shown after its picture, and the largest number of markers.
 MARKER_S, MARKERS = 300.0, 20
 
+_MISSED = {Miss.EMPTY: Reason.NO_PICTURE, Miss.TOO_OLD: Reason.TOO_OLD}
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
 _LARGEST_PX = 2000.0  # semi-axis of an ellipse larger than any picture
@@ -106,8 +106,7 @@ class Clicks:
 
     def set_ground(self, ground: Ground | None) -> None:
         """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
-        unknown = isinstance(ground, float) and math.isnan(ground)
-        self._ground = None if unknown else ground
+        self._ground = ground if is_given(ground) else None
 
     def show(
         self,
@@ -141,16 +140,10 @@ class Clicks:
         ]
 
     def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Answer:
-        newest_ns = self._shown.newest_ns
-        if newest_ns is None:
-            return Refusal(stamp_ns, uv, Reason.NO_PICTURE)
-        stamp_ns = stamp_ns or newest_ns
-        around = self._shown.around(stamp_ns)
-        if around is Miss.TOO_OLD:
-            return Refusal(stamp_ns, uv, Reason.TOO_OLD)
-        if isinstance(around, Miss) or around[2]:  # between two pictures
-            return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
-        shown = around[0]
+        stamp_ns = stamp_ns or self._shown.newest_ns or 0
+        shown = self._picture(stamp_ns)
+        if isinstance(shown, Reason):
+            return Refusal(stamp_ns, uv, shown)
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
         if self._ground is None:
@@ -159,6 +152,14 @@ class Clicks:
             shown.camera, shown.pose, uv, self._plane, self._ground, self.confidence, shown.rates
         )
         return dataclasses.replace(answer, stamp_ns=stamp_ns)
+
+    def _picture(self, stamp_ns: int) -> ShownFrame | Reason:
+        """Return the picture of a stamp, or why there is none."""
+        around = self._shown.around(stamp_ns)
+        if isinstance(around, Miss):
+            return _MISSED.get(around, Reason.UNKNOWN_PICTURE)
+        shown, _, fraction = around
+        return Reason.UNKNOWN_PICTURE if fraction > 0 else shown  # between two pictures
 
 
 class PlacedMarkers:
@@ -192,7 +193,7 @@ class PlacedMarkers:
         self._labels: list[tuple[TextBitmap, Box]] = []
         for marker, (u, v) in zip(shown[::-1], self._uv[::-1].tolist(), strict=True):
             text = stamp(marker.label, text_px(image), _MARKER_BGR)
-            free = room.find(wish_beside(u, v, text.size, mark_px))
+            free = room.find(request_beside(u, v, text.size, mark_px))
             if free is not None:
                 self._labels.append((text, free[1]))
         self.boxes = [box for _, box in self._labels]

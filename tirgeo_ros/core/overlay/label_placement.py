@@ -222,13 +222,13 @@ class Labels:
             size = stamp(self._texts[number], room.text_px, TEXT_BGR).size
             last = places.get(number)
             if is_mark:
-                wish = wish_beside(u, v, size, room.mark_px)
+                request = request_beside(u, v, size, room.mark_px)
             else:
-                wish = _wish_on((u, v), half, size, last, inside=inside)
-            placed = room.find(wish, last)
+                request = _request_on((u, v), half, size, last, inside=inside)
+            placed = room.find(request, last)
             if placed is None:
                 continue
-            self._places[number] = LabelPlace(wish.places, placed[0])
+            self._places[number] = LabelPlace(request.places, placed[0])
             labels.append(Label(number, placed[1]))
             rows.append(row)
             if len(labels) == MOST:
@@ -258,13 +258,13 @@ class PlacementRequest(NamedTuple):
     places: _Places
 
 
-def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:
-    """Return the wish of a label of this size for a place beside a mark."""
+def request_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:
+    """Return the request of a label of this size for a place beside a mark."""
     half_u, half_v = size[0] / 2 + mark_px, size[1] / 2 + mark_px
     return PlacementRequest(u, v, *size, half_u, half_v, True, _BESIDE)
 
 
-def _wish_on(
+def _request_on(
     uv: tuple[float, float],
     half: Sequence[float],
     size: tuple[int, int],
@@ -272,7 +272,7 @@ def _wish_on(
     *,
     inside: bool,
 ) -> PlacementRequest:
-    """Return the wish of a label on its line or inside its outline, or under a small outline."""
+    """Return the request of a label on its line, inside its outline, or under a small outline."""
     half_u, half_v = size[0] / 2, size[1] / 2
     places: _Places = _ALONG
     if inside:
@@ -294,27 +294,27 @@ class FreeSpace:
         self._taken = list(taken)
 
     def find(
-        self, wish: PlacementRequest, last: LabelPlace | None = None
+        self, request: PlacementRequest, last: LabelPlace | None = None
     ) -> tuple[int, Box] | None:
         """Return a place (``last`` if free) and its box, and take the box; None without room."""
-        if wish.width > self._width or wish.height > self._height:
+        if request.width > self._width or request.height > self._height:
             return None
         placed = None
-        if last is not None and last.places is wish.places:
-            box = self._box(wish, last.number)
-            placed = (last.number, box) if self._is_free(box, wish, 0) else None
+        if last is not None and last.places is request.places:
+            box = self._box(request, last.number)
+            placed = (last.number, box) if self._is_free(box, request, 0) else None
         if placed is None:
-            boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
-            free = [each for each in boxes if self._is_free(each[1], wish, _ROOM_PX)]
+            boxes = ((number, self._box(request, number)) for number in range(len(request.places)))
+            free = [each for each in boxes if self._is_free(each[1], request, _ROOM_PX)]
             bare = (each for each in free if not self._covers_mark(each[1]))
             placed = next(bare, free[0] if free else None)
         if placed is not None:
             self._taken.append(placed[1])
         return placed
 
-    def _box(self, wish: PlacementRequest, place: int) -> Box:
+    def _box(self, request: PlacementRequest, place: int) -> Box:
         """Return the box of a place, shifted into the picture."""
-        u, v, width, height, half_u, half_v, _, places = wish
+        u, v, width, height, half_u, half_v, _, places = request
         to_right, down = places[place]
         left = round(u + to_right * half_u - width / 2)
         top = round(v + down * half_v - height / 2)
@@ -324,9 +324,9 @@ class FreeSpace:
             top = 0 if top < 0 else self._height - height
         return Box(left, top, left + width, top + height)
 
-    def _is_free(self, box: Box, wish: PlacementRequest, room: int) -> bool:
-        u, v = round(wish.u), round(wish.v)
-        if wish.mark and box.meets(Box(u - 1, v - 1, u + 2, v + 2)):
+    def _is_free(self, box: Box, request: PlacementRequest, room: int) -> bool:
+        u, v = round(request.u), round(request.v)
+        if request.mark and box.meets(Box(u - 1, v - 1, u + 2, v + 2)):
             return False
         # Box.meets written out, because this runs thousands of times per frame.
         left, top, right, bottom = box

@@ -1,4 +1,4 @@
-"""Draw a map into a picture, given the camera and its pose; say why none of it is in view."""
+"""Draw a map into a picture, given the camera and its pose."""
 
 from __future__ import annotations
 
@@ -13,28 +13,19 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfidence
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import footprint
-from tirgeo_ros.core.map.distance import (
-    ELSEWHERE_M,
-    Nearest,
-    compass_word,
-    distance_words,
-    likely_mistake,
-    nearest_feature,
-    way_words,
-)
 from tirgeo_ros.core.map.map_layers import LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import VectorMap, check_heights
-from tirgeo_ros.core.map.visibility import HORIZON_ROWS, View, VisibleLines, farthest_m
+from tirgeo_ros.core.map.visibility import View, VisibleLines, farthest_m
 from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
     ground_sample_m,
@@ -160,10 +151,6 @@ class LayerPainter:
         return lines if shown.all() else lines.select(np.flatnonzero(shown))
 
 
-_MOVED_M, _MOVED_PART = 1.0, 0.05  # of the distance to the map: then it is searched again
-_GRID = 5  # pixels along each side of the picture, to look for the horizon
-
-
 @dataclass(frozen=True, slots=True)
 class DrapedMap:
     """Hold a map draped in a plane, without the layers that it was made from."""
@@ -200,7 +187,7 @@ def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground
     draped = _written(VectorMap.from_layers(layers, plane, ground))
     places = [feature.points for layer in layers for feature in layer.features]
     level_m = math.nan
-    if places and not _is_given(ground):
+    if places and not is_given(ground):
         level_m = float(np.median(np.concatenate(places)[:, 2]))
     first_n = None
     if places:
@@ -279,7 +266,7 @@ class MapRenderer:
     def level(self) -> Ground:
         """Return the given ground, else the middle height of the map's own; nan without any."""
         own_m = self.draped.level_m if self.draped else math.nan
-        return self.ground if _is_given(self.ground) else own_m
+        return self.ground if is_given(self.ground) else own_m
 
     def footprint(self, pose: CameraPose | None) -> Array:
         """Return the picture's outline on the ground (N, 3), NED in the plane, m.
@@ -287,7 +274,7 @@ class MapRenderer:
         It is cut where lines end, and empty without pose, camera, plane or ground.
         """
         level = self.level
-        if pose is None or self._view is None or self.draped is None or not _is_given(level):
+        if pose is None or self._view is None or self.draped is None or not is_given(level):
             return np.empty((0, 3))
         plane = self.draped.plane
         far_m = farthest_m(self._view.camera, height_above_m(pose, plane, level))
@@ -336,7 +323,7 @@ class MapRenderer:
             placed.paint(image, self._painter)
         for each in written:
             each.paint(image)
-        return Drawn(notice, above_m if _is_given(ground) else math.nan, (*taken, *labels))
+        return Drawn(notice, above_m if is_given(ground) else math.nan, (*taken, *labels))
 
     def _absent(
         self, visible: VisibleMap, pose: CameraPose, scale_m_px: float, far_m: float
@@ -373,53 +360,3 @@ def _notices(
         top = notices[0].box.bottom if notices else 0
         notices.append(place_notice(image, notice, top=top, beside=beside))
     return notices
-
-
-def _is_given(ground: Ground) -> bool:
-    return isinstance(ground, Terrain) or math.isfinite(ground)
-
-
-class MapAbsence:
-    """Explain why one map is not in view; search it again once the camera has moved."""
-
-    def __init__(
-        self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
-    ) -> None:
-        """Set the map; ``first_n`` (3,) is a point of it, used if nothing lies on the ground."""
-        self._map, self._first_n = vector_map, first_n
-        self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
-        self._plane = plane
-        self._searched_from_n = np.full(3, np.inf)
-        self._nearest: Nearest | None = None
-
-    def why(self, camera: Camera, pose: CameraPose, far_m: float) -> str:
-        """Return the reason for a pose in the map's plane; ground is drawn up to ``far_m``."""
-        moved_m = math.dist(pose.position_n, self._searched_from_n)
-        near_m = self._nearest.distance_m if self._nearest else 0.0
-        if moved_m > max(_MOVED_M, _MOVED_PART * near_m):
-            self._nearest = nearest_feature(self._map, pose.position_n, self._first_n)
-            self._searched_from_n = pose.position_n
-        if self._nearest is None:
-            return "it has no place"
-        distance_m, azimuth_rad, point_n = self._nearest
-        lead = f"map {way_words(distance_m, azimuth_rad)}"
-        if distance_m > ELSEWHERE_M:
-            question = likely_mistake(self._plane, point_n)
-            return f"{lead}; {question}" if question else lead
-        if self._off_ground:
-            return "none of the map lies on the elevation model"
-        if _looks_above_horizon(camera, pose):
-            return "the camera looks above the horizon"
-        if distance_m > far_m:
-            return f"{lead}; it is drawn up to {distance_words(far_m)}"
-        return f"{lead}; the camera looks {compass_word(camera_heading_rad(pose))}"
-
-
-def _looks_above_horizon(camera: Camera, pose: CameraPose) -> bool:
-    """Return whether no pixel's ray points far enough down that ground is drawn there."""
-    across = np.linspace(0, camera.width - 1, _GRID)
-    down = np.linspace(0, camera.height - 1, _GRID)
-    uv = np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)
-    north, east, below = matrix_from_quat(pose.q_nc) @ camera.rays(uv).T
-    # Rays beyond the lens limit are nan and compare false.
-    return not bool((below > np.hypot(north, east) * (HORIZON_ROWS / camera.fy)).any())

@@ -30,6 +30,7 @@ from tirgeo_ros.core.overlay.picture_painter import (
     Scene,
     Unpainted,
 )
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
@@ -162,7 +163,7 @@ class Overlay:
         if self._camera is not None and config.rectify is not self._rectify:
             self._painter.set_lens(self._camera, rectify=config.rectify)
         self._rectify = config.rectify
-        self._latency_ns = round(config.video_latency_s * 1e9)
+        self._latency_s = config.video_latency_s
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
         self.poses.keep(max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S)
@@ -268,7 +269,7 @@ class Overlay:
     def take_unpainted(self, now_ns: int) -> Unpainted | None:
         """Return the picture of ``take`` as it is before a PicturePainter painted it."""
         for frame in self.frames:
-            pose = self.poses.at(frame.stamp_ns - self._latency_ns)
+            pose = self.poses.at(exposure_ns(frame.stamp_ns, self._latency_s))
             obstacle = self._no_view(frame.pixels)
             # Negative if the clock went back: without the lower limit it would wait for ever.
             has_time = 0 <= now_ns - frame.arrival_ns < self._wait_ns
@@ -290,11 +291,11 @@ class Overlay:
             return self._not_navigating() or "no origin"
         return ""
 
-    def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
+    def _why_no_pose(self, miss: Miss, exposed_ns: int) -> str:
         newest_ns = self.poses.newest_ns
         why = "camera poses are missing" if miss is Miss.GAP else "no pose at this frame"
         if miss is Miss.TOO_NEW and newest_ns is not None:
-            why = f"pose {(exposure_ns - newest_ns) / 1e9:.1f} s old"
+            why = f"pose {(exposed_ns - newest_ns) / 1e9:.1f} s old"
         return self._not_navigating() or why
 
     def _not_navigating(self) -> str:
@@ -332,11 +333,11 @@ class Overlay:
         self, frame: Frame, pose: CameraPose | Miss, obstacle: str
     ) -> tuple[CameraPose | None, float, str]:
         """Return the trusted pose or None, how far it was predicted, s, and the notice."""
-        exposure_ns, predicted_s = frame.stamp_ns - self._latency_ns, 0.0
+        exposed_ns, predicted_s = exposure_ns(frame.stamp_ns, self._latency_s), 0.0
         if not obstacle and pose is Miss.TOO_NEW:
-            pose, predicted_s = self._predicted(exposure_ns)
+            pose, predicted_s = self._predicted(exposed_ns)
         if not obstacle and isinstance(pose, Miss):
-            obstacle = self._why_no_pose(pose, exposure_ns)
+            obstacle = self._why_no_pose(pose, exposed_ns)
         if obstacle or isinstance(pose, Miss):
             self._results["notices"] += 1
             return None, predicted_s, self._notice(obstacle)
@@ -354,16 +355,16 @@ class Overlay:
         why = [text for text in (no_map, no_pose) if text not in {"", _READING}]
         return f"NO {'MAP' if self.map_given else 'POSE'}: {'; '.join(why)}" if why else ""
 
-    def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
+    def _predicted(self, exposed_ns: int) -> tuple[CameraPose | Miss, float]:
         """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.
 
         Nothing is predicted while the estimator reports that it does not navigate.
         """
-        ahead_ns = exposure_ns - (self.poses.newest_ns or 0)
+        ahead_ns = exposed_ns - (self.poses.newest_ns or 0)
         if ahead_ns > self._prediction_ns or self._not_navigating():
             return Miss.TOO_NEW, 0.0
         latest = self.poses.latest(FIT_S + TRIAL_S)
-        pose = predicted(latest, exposure_ns, self.poses.max_gap_s)
+        pose = predicted(latest, exposed_ns, self.poses.max_gap_s)
         return (pose, ahead_ns * 1e-9) if pose is not None else (Miss.TOO_NEW, 0.0)
 
     def _fits(self, pixels: RawPixels) -> bool:

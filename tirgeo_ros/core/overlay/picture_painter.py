@@ -120,7 +120,7 @@ class PicturePainter:
         self._renderer.set_camera(self._rectifier.camera if self._rectifier else camera)
 
     def set_scene(self, scene: Scene) -> None:
-        """Paint with another camera or map from now on; what is equal goes on as it is."""
+        """Paint with this camera and map from now on; without a map the present one stays."""
         self._rectifier = scene.rectifier
         if scene.camera is not None:
             self._renderer.set_camera(scene.camera)

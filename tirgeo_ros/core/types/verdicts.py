@@ -32,6 +32,17 @@ class Outcome(Enum):
     __hash__ = object.__hash__  # for speed, as in Source
 
 
+#: Outcomes of a measurement that are not reported to people.
+QUIET = {
+    Outcome.USED,
+    Outcome.WAITING,
+    Outcome.REPEATED,
+    Outcome.STANDBY,
+    Outcome.UNUSED,
+    Outcome.NOT_FIXED,
+}
+
+
 class Verdict(NamedTuple):
     """Hold the estimator's answer to one sample: the outcome, the reason and the numbers."""
 

@@ -165,8 +165,8 @@ class LowerEnvelope:
             return
         slope = middle_slope([*self._bins])
         slope = min(max(slope, -self._max_drift), self._max_drift)
-        known, measured = (_USUAL_DRIFT * self._max_drift * span) ** 2, _MINIMUM_NS**2
-        trust = known / (known + measured)
+        prior, measured = (_USUAL_DRIFT * self._max_drift * span) ** 2, _MINIMUM_NS**2
+        trust = prior / (prior + measured)
         self.drift = self._drift_before + trust * (slope - self._drift_before)
 
     def _refit_line(self, x: float) -> None:

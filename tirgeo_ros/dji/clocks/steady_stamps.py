@@ -87,10 +87,7 @@ class SteadyStamps:
             self._newest_ns = arrival_ns - 1
             self._begin()
         elif arrival_ns - last_ns > _PAUSE_NS:
-            known = self._arrivals_ns
-            usual_ns = self.period_ns or (  # while it is not known, the mean step stands for it
-                (known[-1] - known[0]) / (len(known) - 1) if len(known) > 1 else math.inf
-            )
+            usual_ns = self.period_ns or self._mean_step_ns()
             if arrival_ns - last_ns > _PAUSE_PERIODS * usual_ns:
                 self._begin()
         else:
@@ -108,14 +105,19 @@ class SteadyStamps:
         self._judged = self._wrong = self._missing = 0
         self._arrivals_ns.clear()
 
+    def _mean_step_ns(self) -> float:
+        """Return what stands for the period while it is not known."""
+        steps = len(self._arrivals_ns) - 1
+        return (self._arrivals_ns[-1] - self._arrivals_ns[0]) / steps if steps > 0 else math.inf
+
     def _learn(self, arrival_ns: int) -> None:
         """Estimate the period by the lower hull of arrivals over their count."""
-        known = self._arrivals_ns
-        known.append(arrival_ns)
-        if len(known) < self._learn_number or known[-1] - known[0] < _LEARN_NS:
+        self._arrivals_ns.append(arrival_ns)
+        arrivals_ns = self._arrivals_ns.copy()
+        since_ns = [arrival - arrivals_ns[0] for arrival in arrivals_ns]
+        if len(since_ns) < self._learn_number or since_ns[-1] < _LEARN_NS:
             return
-        self._period_ns = _period_ns([arrival - known[0] for arrival in known])
-        arrivals_ns = known.copy()
+        self._period_ns = _period_ns(since_ns)
         self._begin()
         if not self._period_ns:
             self._learn_number = _LEARN_MOST

@@ -146,8 +146,8 @@ class Subscriber:
     While it runs, ``table`` is kept to what the aircraft pushes: the packages that it accepted.
     """
 
-    def __init__(self, wanted: Sequence[Package], table: PackageTable) -> None:
-        self._wanted, self._table = wanted, table
+    def __init__(self, packages: Sequence[Package], table: PackageTable) -> None:
+        self._packages, self._table = packages, table
         self.forget()
 
     def forget(self) -> None:
@@ -165,7 +165,7 @@ class Subscriber:
     @property
     def is_open(self) -> bool:
         """Return whether another try may bring a package."""
-        return any(self._answers.get(package.id) not in _FINAL for package in self._wanted)
+        return any(self._answers.get(package.id) not in _FINAL for package in self._packages)
 
     def run(self) -> Dialogue[str]:
         """Ask for everything that is open; return "" or why nothing can be subscribed to.
@@ -176,7 +176,7 @@ class Subscriber:
             refusal = yield from self._clean()
             if refusal:
                 return refusal
-        for package in self._wanted:
+        for package in self._packages:
             if self._answers.get(package.id) not in _FINAL:
                 yield from self._add(package)
                 if self._answers[package.id] in _NEEDS_ACTIVATION:
@@ -195,9 +195,9 @@ class Subscriber:
         self._is_clean = True
         return ""
 
-    def _add(self, wanted: Package) -> Dialogue[None]:
+    def _add(self, asked: Package) -> Dialogue[None]:
         """Add a package, without the dispensable topics for which it is refused."""
-        number, package, answer = wanted.id, wanted, _DONE
+        number, package, answer = asked.id, asked, _DONE
         if number in self._asked:  # it may be there in part, or its ack was lost
             yield from ask_code(remove_package(number))
             self._table.pop(number, None)
@@ -214,9 +214,9 @@ class Subscriber:
         self._answers[number] = answer
         self.problems.pop(number, None)
         if answer != _DONE:
-            missing = [topic.name for topic in wanted.topics if topic not in package.topics]
+            missing = [topic.name for topic in asked.topics if topic not in package.topics]
             what = f"is without {', '.join(missing)}" if number in self._table else "refused"
-            self.problems[number] = f"package {number} {what}: {explain(wanted.request, answer)}"
+            self.problems[number] = f"package {number} {what}: {explain(asked.request, answer)}"
 
 
 _SUBSCRIPTION_PUSH = (0x02, 0x05)
@@ -269,8 +269,8 @@ class HostSession:
         self._rates = _rates(config)
         self._activates = bool(config.app_id or config.subscribe)
         self._exchange = Exchange()
-        wanted = [packages[number] for number in sorted(packages)] if config.subscribe else []
-        self._subscriber = Subscriber(wanted, packages)
+        asked = [packages[number] for number in sorted(packages)] if config.subscribe else []
+        self._subscriber = Subscriber(asked, packages)
         self._forget()
         self._failures = 0  # rounds in a row that left something undone
         self._patience_s = _PATIENCE_S
@@ -306,8 +306,8 @@ class HostSession:
         if self._listens:
             return "listening only: no requests are sent to the aircraft"
         problems = [*self._problems.values(), *self._subscriber.problems.values()]
-        told = list(filter(None, problems)) or [self.state.value]
-        return "; ".join(filter(None, [self._aircraft, *told]))
+        notes = list(filter(None, problems)) or [self.state.value]
+        return "; ".join(filter(None, [self._aircraft, *notes]))
 
     @property
     def _aircraft(self) -> str:

@@ -95,15 +95,15 @@ class StreamUnit:
             return
         size = math.hypot(x, y, z)
         fits = (f for f in (G_M_S2, 1.0) if _LEAST <= size * f / G_M_S2 <= _MOST)
-        found = next(fits, 0.0)
+        factor = next(fits, 0.0)
         if self.factor is None:
-            self.factor = found
-        elif found == self.factor or (self._against and self._against[-1] != found):
-            self._against = [found] if found != self.factor else []
+            self.factor = factor
+        elif factor == self.factor or (self._against and self._against[-1] != factor):
+            self._against = [factor] if factor != self.factor else []
         else:
-            self._against.append(found)
+            self._against.append(factor)
         if len(self._against) >= _OVERTURN:
-            self.factor, self._against = found, []
+            self.factor, self._against = factor, []
             self.changes += 1
 
     @property
@@ -194,10 +194,10 @@ class AutopilotAttitudes:
 
     def at(self, stamp_ns: int) -> Array | Miss:
         """Return the interpolated attitude (4,) at an instant, or the reason why there is none."""
-        found = self._history.around(stamp_ns)
-        if isinstance(found, Miss):
-            return found
-        return found[0] if found[2] == 0.0 else slerp(*found)
+        pair = self._history.around(stamp_ns)
+        if isinstance(pair, Miss):
+            return pair
+        return pair[0] if pair[2] == 0.0 else slerp(*pair)
 
     def carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
         """Return the newest attitude (4,) propagated by the rate (b, rad/s).

@@ -100,15 +100,15 @@ class GimbalInterpreter:
         ``now_ns``: the newest stamp of any reading, before its delay is subtracted.
         """
         now_ns -= self._attitude_delay_ns
-        found: list[GimbalSample] = []
+        samples: list[GimbalSample] = []
         while self.waiting:
             stamp_ns = self.waiting[0].stamp_ns
             q_nb = self._attitudes.at(stamp_ns)
             waits = isinstance(q_nb, Miss) and q_nb in {Miss.EMPTY, Miss.TOO_NEW}
             if waits and now_ns - stamp_ns <= _WAIT_NS:
                 break
-            found += self._samples(self.waiting.popleft(), q_nb)
-        return found
+            samples += self._samples(self.waiting.popleft(), q_nb)
+        return samples
 
     def flush(self) -> list[GimbalSample]:
         """Return the samples of all waiting readings, at the end of the data."""
@@ -200,9 +200,9 @@ class Interpreter:
     @property
     def counts(self) -> dict[str, int]:
         """Return the counts of readings that gave no sample, or gave it in an unusual way."""
-        found = Counter(self._counts)
-        found.update(self._imu.counts)
-        return {name: number for name, number in sorted(found.items()) if number}
+        counts = Counter(self._counts)
+        counts.update(self._imu.counts)
+        return {name: number for name, number in sorted(counts.items()) if number}
 
     @property
     def diagnostics(self) -> dict[str, str]:
@@ -218,12 +218,12 @@ class Interpreter:
     @property
     def warnings(self) -> list[str]:
         """Return what a person should set right."""
-        found = self._imu.warnings
+        warnings = self._imu.warnings
         if self._one_antenna:
-            found.append(NOT_SET)
+            warnings.append(NOT_SET)
         if math.isnan(self._undulation_m):
-            found.append(
+            warnings.append(
                 "geoid_undulation_m is not set: heights above sea level are published as "
                 "ellipsoidal, wrong by up to 100 m; set the geoid's height in the area of flight"
             )
-        return [warning for warning in found if warning]
+        return [warning for warning in warnings if warning]

@@ -51,7 +51,7 @@ class ReceiverEpochs:
         self._number = 0
         self._values: dict[str, Value] = {}
         self._changed: set[str] = set()
-        self._given: dict[str, int] = {}  # part to the epoch in which it was new
+        self._new_in: dict[str, int] = {}  # part to the epoch in which it was new
         self._place_before: Value | None = None
 
     def is_late(self, stamp_ns: int, place: Value | None) -> bool:
@@ -73,9 +73,9 @@ class ReceiverEpochs:
             if "place" in changed:
                 self._place_before = self._values.get("place")
             self._values.update(parts)
-        given = self._given
-        fresh = {part for part in parts if part in changed or given.get(part) != self._number}
-        given.update(dict.fromkeys(fresh, self._number))
+        new_in = self._new_in
+        fresh = {part for part in parts if part in changed or new_in.get(part) != self._number}
+        new_in.update(dict.fromkeys(fresh, self._number))
         return fresh
 
     def _begin_or_join(self, stamp_ns: int, changed: set[str]) -> None:
@@ -212,16 +212,16 @@ class Receiver(Generic[R]):
         if parts and not fresh:
             self._count("repeated")
         quality = self._quality(stamp_ns)
-        found: list[PositionSample | VelocitySample] = []
+        samples: list[PositionSample | VelocitySample] = []
         if place is not None and "place" in fresh:
             self._place, self._place_ns = place, stamp_ns
-            found.append(self._position(stamp_ns, place, quality))
+            samples.append(self._position(stamp_ns, place, quality))
         elif self._place is not None and self._fell(stamp_ns, quality.status):
             self._count("status_fell")
-            found.append(self._position(stamp_ns, self._place, self._moved(stamp_ns, quality)))
+            samples.append(self._position(stamp_ns, self._place, self._moved(stamp_ns, quality)))
         if velocity_n is not None and "velocity" in fresh:
-            found += self._velocity(stamp_ns, velocity_n, quality)
-        return fresh, found
+            samples += self._velocity(stamp_ns, velocity_n, quality)
+        return fresh, samples
 
     def _count(self, what: str) -> None:
         self._counts[f"{self._name}_{what}"] += 1
@@ -389,15 +389,15 @@ def _qualities(config: DjiRtkConfig) -> dict[int, Quality]:
 
     No flag's sigmas are smaller than those of the fixed one.
     """
-    found = {}
+    qualities = {}
     for flags, status, sigmas_m, factor in _CLASSES:
         horizontal, vertical = (
             max(pair) ** 2 for pair in zip(sigmas_m, config.fixed_sigma_m, strict=True)
         )
         velocity_variance = (factor * config.velocity_sigma_m_s) ** 2
         quality = Quality(status, (horizontal, horizontal, vertical), velocity_variance)
-        found.update(dict.fromkeys(flags, quality))
-    return found
+        qualities.update(dict.fromkeys(flags, quality))
+    return qualities
 
 
 #: Kinds of fix: 2D, 3D, GPS and dead reckoning; others (none, dead reckoning, time only) are none.
@@ -437,9 +437,9 @@ class GpsInterpreter(Receiver[GpsReading]):
     def _hear(self, stamp_ns: int, reading: GpsReading) -> None:
         self._fix.hear(stamp_ns, reading.fix)
         sigmas = (
-            _known(reading.horizontal_sigma_m),
-            _known(reading.vertical_sigma_m),
-            _known(reading.velocity_sigma_m_s),
+            _stated(reading.horizontal_sigma_m),
+            _stated(reading.vertical_sigma_m),
+            _stated(reading.velocity_sigma_m_s),
         )
         self._sigmas.hear(stamp_ns, None if sigmas == _NOT_TOLD else sigmas)
 
@@ -459,6 +459,6 @@ class GpsInterpreter(Receiver[GpsReading]):
         return Quality(FixStatus.SINGLE, variance, (speed or 0.0) ** 2)
 
 
-def _known(sigma: float | None) -> float | None:
+def _stated(sigma: float | None) -> float | None:
     """Return the sigma, limited; None for the values that mean unknown: zero, NaN, infinity."""
     return min(sigma, UNKNOWN_SIGMA_M) if sigma is not None and 0 < sigma < math.inf else None

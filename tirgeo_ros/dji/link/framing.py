@@ -253,14 +253,14 @@ class FrameReader:
         self._counts["encrypted"] += 1
         if frame.length == HEADER_BYTES:
             return frame
-        known = frame.encryption == _AES_256
-        data = self._aes.decrypt(frame.data, frame.padding) if known and self._aes else None
+        is_aes = frame.encryption == _AES_256
+        data = self._aes.decrypt(frame.data, frame.padding) if is_aes and self._aes else None
         return frame._replace(is_encrypted=True) if data is None else frame._replace(data=data)
 
     def _tail(self, at: int) -> int:
         """Return where an incomplete header may begin."""
-        found = self._held.find(_SOF, max(at, len(self._held) - HEADER_BYTES + 1))
-        return len(self._held) if found < 0 else found
+        begin = self._held.find(_SOF, max(at, len(self._held) - HEADER_BYTES + 1))
+        return len(self._held) if begin < 0 else begin
 
     def _keep(self, start: int, needed: int) -> None:
         self._held = self._held[start:]

@@ -170,8 +170,8 @@ class SerialLink:
     def _refused(self, error: OSError | ValueError) -> None:
         self._pause_s = min(max(2 * self._pause_s, _FIRST_PAUSE_S), _LONGEST_PAUSE_S)
         self._next_try_s = time.monotonic() + self._pause_s
-        known = _STATES.get(getattr(error, "errno", None), LinkState.NO_DEVICE)
-        state = LinkState.BAUD_REFUSED if isinstance(error, ValueError) else known
+        refusal = _STATES.get(getattr(error, "errno", None), LinkState.NO_DEVICE)
+        state = LinkState.BAUD_REFUSED if isinstance(error, ValueError) else refusal
         if state is LinkState.NO_DEVICE and self.state is LinkState.LOST:
             return  # keep the reason why the port was lost for as long as it is away
         self.state, self._reason = state, _reason(error)

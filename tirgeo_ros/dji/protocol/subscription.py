@@ -242,8 +242,8 @@ def _package(number: Any, entry: Any, where: str) -> Package:
 
 def _topic(name: Any, where: str) -> Topic:
     """Return a topic by its name or its number."""
-    known = BY_UID.get(name) if type(name) is int else BY_NAME.get(str(name))
-    if known is None:
+    topic = BY_UID.get(name) if type(name) is int else BY_NAME.get(str(name))
+    if topic is None:
         shown = f"0x{name:08x}" if type(name) is int else name
         raise DjiError(f"{where}.topics: unknown topic {shown}")
-    return known
+    return topic

@@ -242,11 +242,11 @@ class Aircraft:
         frames = self._pushes(before, imu, latency_ns)
         frames += self._broadcast(imu, arrival_ns)
         self._imu = imu
-        found = []
+        outgoing = []
         for time_ns, data in frames:
             self._told_ns = max(self._told_ns, time_ns)  # the link keeps the order
-            found.append(Outgoing(self._told_ns, data))
-        return found
+            outgoing.append(Outgoing(self._told_ns, data))
+        return outgoing
 
     def _broadcast(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
         due = {bit for bit, code in enumerate(self.desk.rates) if self._is_due(bit, code, imu)}

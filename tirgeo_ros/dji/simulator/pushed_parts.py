@@ -154,8 +154,8 @@ class Satellites:
 
 def _recent(now_ns: int, samples: Mapping[Source, S], *sources: Source) -> S | None:
     """Return the sample of the first of these sources that is not silent."""
-    found = (samples[source] for source in sources if source in samples)
-    return next((sample for sample in found if now_ns - sample.stamp_ns <= _SILENT_NS), None)
+    newest = (samples[source] for source in sources if source in samples)
+    return next((sample for sample in newest if now_ns - sample.stamp_ns <= _SILENT_NS), None)
 
 
 def _cm_s(velocity: VelocitySample | None) -> Vector:
@@ -266,12 +266,12 @@ def between(before: ImuSample, after: ImuSample, stamp_ns: int) -> ImuSample:
 def broadcast_of(instant: Instant, layout: Layout, due: Collection[int]) -> Broadcast:
     """Return the broadcast of an instant with the parts whose bits of the mask are due."""
     modern = layout is Layout.MODERN
-    found = {
+    parts = {
         name: make(instant)
         for bit, name, make in _PARTS
         if bit in due and (modern or name not in {"relative_position", "compass"})
     }
-    return Broadcast(layout, **(found if modern else {n: _old(part) for n, part in found.items()}))
+    return Broadcast(layout, **(parts if modern else {n: _old(part) for n, part in parts.items()}))
 
 
 def _old(part: Any) -> Any:
@@ -287,8 +287,8 @@ def _old(part: Any) -> Any:
 
 def topic_values(instant: Instant, names: tuple[str, ...]) -> dict[str, Any] | None:
     """Return the values of a package's topics; None where one of them is not known yet."""
-    found = {name: _TOPICS[name](instant) for name in names}
-    return None if any(value is None for value in found.values()) else found
+    values = {name: _TOPICS[name](instant) for name in names}
+    return None if any(value is None for value in values.values()) else values
 
 
 def _numbers(v: Array) -> Any:

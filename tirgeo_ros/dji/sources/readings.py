@@ -123,16 +123,16 @@ class RtkEpochs:
 
     def take(self, part: RtkReading, arrival_ns: int) -> list[Arrived]:
         """Take the content of one message; return the epochs that it ends."""
-        given = {name: value for name, value in part._asdict().items() if value is not None}
-        stamp_ns = given.pop("stamp_ns")
+        values = {name: value for name, value in part._asdict().items() if value is not None}
+        stamp_ns = values.pop("stamp_ns")
         done = self.due(arrival_ns)
-        if not given.keys().isdisjoint(self._parts):
+        if not values.keys().isdisjoint(self._parts):
             done = self.flush()
         if not self._parts:
             self._begun_ns, self._stamp_ns = arrival_ns, stamp_ns
-        if "place" in given or ("velocity_n" in given and "place" not in self._parts):
+        if "place" in values or ("velocity_n" in values and "place" not in self._parts):
             self._stamp_ns = stamp_ns
-        self._parts |= given
+        self._parts |= values
         self._arrival_ns = arrival_ns
         is_whole = len(self._parts) == len(RtkReading._fields) - 1
         return [*done, *self.flush()] if is_whole else done

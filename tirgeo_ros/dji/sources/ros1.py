@@ -260,20 +260,20 @@ class Ros1Decoder:
     @property
     def warnings(self) -> list[str]:
         """Return what a person should know of the bag."""
-        found = []
+        notes = []
         if self._setup.shift_ns:
-            found.append(
+            notes.append(
                 f"the stamps are {self._setup.shift_ns * 1e-9:.3f} s before the times "
                 "of recording (a bag recorded again?); the stamps are used"
             )
         if self._setup.gravity != 1.0:
-            found.append(
+            notes.append(
                 "imu has gravity multiplied in twice (broadcast, with m/s2 set in DJI Assistant "
                 f"2): its acceleration was divided by {_WRAPPER_GRAVITY}"
             )
         if self._steady is not None:
-            found.append("imu is stamped in bursts: stamps of its steady rate are used instead")
-        return found
+            notes.append("imu is stamped in bursts: stamps of its steady rate are used instead")
+        return notes
 
     def _read(self, name: str, message: Any, arrival_ns: int) -> Reading:
         stamp_ns = _header_ns(message) or arrival_ns

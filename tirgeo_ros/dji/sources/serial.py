@@ -62,7 +62,7 @@ class Telemetry:
         self._packages = packages
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
         # the aircraft's latitude and longitude (rad), from fields whose order is certain
-        self._known: tuple[float, float] | None = None
+        self._near: tuple[float, float] | None = None
         self.counts: Counter[str] = Counter()
 
     def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
@@ -75,26 +75,30 @@ class Telemetry:
         return []
 
     def _read_broadcast(self, value: bytes, arrival_ns: int) -> list[Reading]:
-        said = decode_broadcast(value)
-        if said is None:
+        broadcast = decode_broadcast(value)
+        if broadcast is None:
             self.counts["unknown_layout"] += 1
             return []
         self.counts["broadcast"] += 1
         stamp_ns = arrival_ns
-        if said.time is not None:
-            stamp_ns = self._clocks.broadcast.stamp_ns(said.time.time_ms, arrival_ns)
-        elif said.mask:
+        if broadcast.time is not None:
+            stamp_ns = self._clocks.broadcast.stamp_ns(broadcast.time.time_ms, arrival_ns)
+        elif broadcast.mask:
             self.counts["untimed"] += 1
-        inertial = said.acceleration_as_packed, said.angular_rate_radps, said.quaternion_wxyz
+        inertial = (
+            broadcast.acceleration_as_packed,
+            broadcast.angular_rate_radps,
+            broadcast.quaternion_wxyz,
+        )
         unit = AccelerationUnit.UNKNOWN
         readings = _inertial(stamp_ns, ImuOrigin.BROADCAST, unit, *inertial)
-        if said.position is not None:
-            self._known = said.position.lat_rad, said.position.lon_rad
-        if said.gps is not None:
-            readings.append(_gps(stamp_ns, said.gps))
-        if said.rtk is not None:
-            readings.append(_rtk(stamp_ns, said.rtk))
-        return readings + _gimbal(stamp_ns, said.gimbal)
+        if broadcast.position is not None:
+            self._near = broadcast.position.lat_rad, broadcast.position.lon_rad
+        if broadcast.gps is not None:
+            readings.append(_gps(stamp_ns, broadcast.gps))
+        if broadcast.rtk is not None:
+            readings.append(_rtk(stamp_ns, broadcast.rtk))
+        return readings + _gimbal(stamp_ns, broadcast.gimbal)
 
     def _read_push(self, value: bytes, arrival_ns: int) -> list[Reading]:
         push = decode_push(value, self._packages)
@@ -112,12 +116,12 @@ class Telemetry:
         tick: parts.HardSync | None = values.get("HARD_SYNC")
         if tick is not None:  # not by the push's own time, which is truncated to milliseconds
             tick_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
-            given = tick.accel_g, tick.gyro_radps, tick.q_wxyz
-            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, *given)
+            inertial = tick.accel_g, tick.gyro_radps, tick.q_wxyz
+            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, *inertial)
         raw = map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))
         readings += _inertial(stamp_ns, ImuOrigin.SUBSCRIPTION, AccelerationUnit.M_S2, *raw)
         if (fused := values.get("GPS_FUSED")) is not None:
-            self._known = fused.lat_rad, fused.lon_rad
+            self._near = fused.lat_rad, fused.lon_rad
         readings += self._satellites(stamp_ns, values)
         return readings + _gimbal(stamp_ns, values.get("GIMBAL_ANGLES"))
 
@@ -127,7 +131,7 @@ class Telemetry:
             position = values.get("RTK_POSITION")
             if position is not None:
                 position = _place_deg(position.lat_deg, position.lon_deg, position.hfsl_m)
-                self._known = position[:2]
+                self._near = position[:2]
             flag, yaw_flag = values.get("RTK_POSITION_INFO"), values.get("RTK_YAW_INFO")
             velocity, yaw = _metres(values.get("RTK_VELOCITY")), values.get("RTK_YAW")
             readings.append(RtkReading(stamp_ns, position, flag, velocity, yaw, yaw_flag))
@@ -145,12 +149,12 @@ class Telemetry:
         The documents disagree on the order.
         """
         lon, lat = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
-        if self._known is None:
+        if self._near is None:
             is_swapped = abs(lat) > math.pi / 2 >= abs(lon)
         else:
-            known_lat, known_lon = self._known
-            as_given = abs(lat - known_lat) + abs(lon - known_lon)
-            is_swapped = abs(lon - known_lat) + abs(lat - known_lon) < as_given
+            near_lat, near_lon = self._near
+            as_given = abs(lat - near_lat) + abs(lon - near_lon)
+            is_swapped = abs(lon - near_lat) + abs(lat - near_lon) < as_given
         if is_swapped:
             self.counts["axes_swapped"] += 1
             lat, lon = lon, lat
@@ -275,11 +279,11 @@ class SerialDecoder:
     @property
     def diagnostics(self) -> dict[str, str]:
         """Return counts of frames, clocks that run, and the host session's state."""
-        found = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
-        found |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
+        items = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
+        items |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
         for name, clock in self._clocks.items():
-            found |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
-        return found | self.host.diagnostics
+            items |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
+        return items | self.host.diagnostics
 
 
 def _is_locked(frame: ProtocolFrame) -> bool:

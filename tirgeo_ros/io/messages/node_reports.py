@@ -33,6 +33,7 @@ class TopicState:
     rate_hz: float
     age_s: float | None = None  # of an input: since its newest message
     latency_ms: float | None = None  # of an output: from the stamp, or the time that it took
+    latency_p95_ms: float | None = None  # the same, of which 95 % are not longer
     unreadable: int = 0  # messages that were refused
     failed: int = 0  # messages that met a fault of the program
     lost: int = 0  # messages lost in transport
@@ -45,6 +46,7 @@ class PictureState:
     notice: str  # why it has no map; empty if it has one
     video_latency_s: float  # from the exposure to the stamp
     confidence: ConfidenceConfig  # ``POINT_SIGMAS`` of located points, the rest by default
+    newest_frame_ns: int = 0  # stamp of the newest frame that came; 0 before the first
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,7 @@ def state_text(state: NodeState) -> str:
         sigmas = {name: getattr(state.picture.confidence, name) for name in POINT_SIGMAS}
         document["picture"] = {
             "notice": state.picture.notice,
+            "newest_frame_ns": str(state.picture.newest_frame_ns),
             "video_latency_s": state.picture.video_latency_s,
             **sigmas,
         }
@@ -138,14 +141,12 @@ def _node_state(document: dict[str, Any]) -> NodeState:
 
 
 def _topic_state(row: dict[str, Any]) -> TopicState:
-    counts = (int(row[name]) for name in ("unreadable", "failed", "lost"))
-    age_s, latency_ms = row["age_s"], row["latency_ms"]
-    return TopicState(
-        _number(row["rate_hz"]),
-        None if age_s is None else _number(age_s),
-        None if latency_ms is None else _number(latency_ms),
-        *counts,
+    age_s, latency_ms, p95_ms = (
+        None if row[name] is None else _number(row[name])
+        for name in ("age_s", "latency_ms", "latency_p95_ms")
     )
+    counts = (int(row[name]) for name in ("unreadable", "failed", "lost"))
+    return TopicState(_number(row["rate_hz"]), age_s, latency_ms, p95_ms, *counts)
 
 
 def _picture(row: dict[str, Any]) -> PictureState:
@@ -155,7 +156,8 @@ def _picture(row: dict[str, Any]) -> PictureState:
     if not math.isfinite(sum(numbers.values())):
         raise ValueError("a number of its picture is not finite")
     latency_s = numbers.pop("video_latency_s")
-    return PictureState(cut(str(row["notice"])), latency_s, ConfidenceConfig(**numbers))
+    notice, newest_ns = cut(str(row["notice"])), int(row["newest_frame_ns"])
+    return PictureState(notice, latency_s, ConfidenceConfig(**numbers), newest_ns)
 
 
 def _navigation_row(status: NavigationStatus) -> dict[str, Any]:

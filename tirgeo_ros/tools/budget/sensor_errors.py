@@ -32,7 +32,7 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
+from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registration, Sample
 
 #: The heading is compared with the filter's only from this time on, s.
@@ -74,7 +74,7 @@ def measured_flight(
 ) -> MeasuredFlight:
     """Compute Equation 22 from a bag, and the camera's track. Raise BagError."""
     reader, samples = BagReader(bag), list[Sample]()
-    flight = RecordedFlight(reader, namespace, camera=camera)
+    flight = Flight(reader, namespace, camera=camera)
     flight.add(SAMPLES, samples.append)
     flight.read_all(progress)
     ekf = config_from(EkfConfig, values_of(ekf) | {"method": "ekf_heading"})

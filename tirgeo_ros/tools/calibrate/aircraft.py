@@ -49,7 +49,7 @@ from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
+from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.registration import Sample
@@ -98,7 +98,7 @@ def read_aircraft(reader: BagReader, namespace: str, max_gap_s: float) -> ReadAi
 
     Raise BagError if a needed topic is absent, CalibrationError if the part is too short.
     """
-    flight, samples = RecordedFlight(reader, namespace, needs_camera=False), _Samples()
+    flight, samples = Flight(reader, namespace, needs_camera=False), _Samples()
     for topic in _NEEDED:
         if not flight.has(topic):
             hint = "" if namespace else "; is there a --namespace?"

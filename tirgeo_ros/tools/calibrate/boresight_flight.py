@@ -21,12 +21,13 @@ from tirgeo_ros.core.calibration.boresight_model import (
 )
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
+from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 
 _STEP_DEG = 1.0
@@ -68,7 +69,7 @@ def read_flight(
     smooth: bool = False,
 ) -> ReadFlight:
     """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
-    recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
+    recorded = Flight(reader, namespace, camera=given_camera(configs.overlay))
     passes = _passes(recorded, configs, wanted, observed, smooth=smooth)
     recorded.read_all(progress)
     usual = passes.pop("")
@@ -134,7 +135,7 @@ def _sighting(observation: Observation, point: SurveyPoint, plane: TangentPlane)
 
 
 def _passes(
-    recorded: RecordedFlight,
+    recorded: Flight,
     configs: NodeConfigs,
     wanted: Sequence[str],
     observed: Sequence[Observation],
@@ -144,7 +145,7 @@ def _passes(
     """Return a run as it is (key ""), and one with a step of each wanted parameter."""
     ekf, gimbal = configs.ekf, configs.gimbal
     instants_ns = [
-        observation.stamp_ns - round(configs.overlay.video_latency_s * 1e9)
+        exposure_ns(observation.stamp_ns, configs.overlay.video_latency_s)
         for observation in observed
     ]
     passes = {"": recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)}

@@ -50,7 +50,7 @@ def describe_all(result: Mapping[str, Any]) -> str:
 
 
 def _report(result: Mapping[str, Any], checked: Iterator[str] | list[str]) -> str:
-    from tirgeo_ros.tools.replay.finding_lines import report  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.presentation.results import report  # noqa: PLC0415 heavy
 
     last = "\n".join([*checked, *(f"  note: {note}" for note in result["notes"])])
     parts = [result["verdict"], report(result["findings"]), last]

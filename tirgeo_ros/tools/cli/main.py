@@ -19,7 +19,7 @@ from tirgeo_ros.io.files.child_process import stop_signals
 from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._verb import Parser, UsageError, add_verb, verbs_of
-from tirgeo_ros.tools.presentation.results import error_line, lines, plain
+from tirgeo_ros.tools.presentation.results import error_line, finding_lines, lines, plain
 
 DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
 
@@ -85,11 +85,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _finding_lines(result: Mapping[str, Any]) -> list[str]:
     """Return lines for the findings that are worse than a note."""
-    if not result.get("findings"):
-        return []
-    from tirgeo_ros.tools.replay.finding_lines import finding_lines  # noqa: PLC0415 heavy
-
-    return finding_lines(result["findings"])
+    return finding_lines(result.get("findings") or [])
 
 
 def _say(args: argparse.Namespace, message: str, code: int) -> int:

@@ -110,7 +110,7 @@ def describe(result: Mapping[str, Any]) -> str:
         from tirgeo_ros.tools.many_flights.many_flights import summary_lines  # noqa: PLC0415 heavy
 
         return summary_lines(result)
-    from tirgeo_ros.tools.replay.process_summary import six_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.process import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.core.types.finding import stop_line
+from tirgeo_ros.core.types.measurements import PositionSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
@@ -29,24 +30,29 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.tools.evaluate.ground import (
+from tirgeo_ros.tools.evaluate.experiment import (
     Experiment,
+    MethodSetup,
     input_notes,
     load_experiment,
-    locate_observations,
+    method_setups,
+    setup_notes,
 )
-from tirgeo_ros.tools.evaluate.methods import MethodSetup, method_setups, setup_notes
-from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult, paired_tests
-from tirgeo_ros.tools.evaluate.series import MethodSeries, SensorSeries
+from tirgeo_ros.tools.evaluate.result import (
+    Evaluation,
+    MethodResult,
+    locate_observations,
+    paired_tests,
+)
+from tirgeo_ros.tools.evaluate.series import MethodSeries, Track, TruePoses, load_truth
 from tirgeo_ros.tools.evaluate.summary import check_folder
 from tirgeo_ros.tools.evaluate.verdict import place_note
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.recorded_flight import TruePoses, load_truth
-from tirgeo_ros.tools.replay.smoothed_flight import can_smooth
+from tirgeo_ros.tools.replay.registration import Sample, can_smooth
 
 _STILLS = 4  # spread over the flight
 _QUALITY = 85
@@ -82,7 +88,7 @@ def overlay_stills(
     toner = ToneMapper(overlay.picture, overlay.palette)
     stills = []
     for stamp_ns, pixels in _pictures(reader, namespace, _chosen(given)):
-        found = poses.at(stamp_ns - setup.latency_ns)
+        found = poses.at(setup.exposure_ns(stamp_ns))
         if found is None or pixels.shape[:2] != (camera.height, camera.width):
             continue
         image = toner.tone(pixels, stamp_ns)
@@ -148,7 +154,7 @@ class _Job(NamedTuple):
     given: Experiment
     setups: Sequence[MethodSetup]
     layers: Sequence[MapLayer]
-    flight: RecordedFlight
+    flight: Flight
     checks: FlightChecks
     smooth: bool
 
@@ -195,7 +201,7 @@ def evaluate(
     reader, lens = BagReader(bag), given_camera(last.configs.overlay)
     of_last = (last.configs, reader, files, namespace)
     checks = FlightChecks(*of_last, ground=last.ground, layers=layers or None, camera=lens)
-    flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
+    flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     paths = (os.fspath(bag), os.fspath(survey), os.fspath(observations))
     job = _Job(paths, reader, namespace, given, setups, layers, flight, checks, smooth)
     true_poses = None if truth is None else load_truth(Path(truth))
@@ -204,25 +210,31 @@ def evaluate(
 
 def _flown(
     job: _Job, truth: TruePoses | None, progress: Report
-) -> tuple[list[_Run], dict[str, str], SensorSeries]:
-    """Read the flight; return the methods that give poses, why others do not, and the sensors."""
+) -> tuple[list[_Run], dict[str, str], dict[str, Track]]:
+    """Read the flight; return the methods with poses, why others have none, and the receivers."""
     missing: dict[str, str] = {}
     begun = [_begun(one, job, truth, missing) for one in job.setups]
     missing = {name: why.removeprefix(f"{job.reader.path}: ") for name, why in missing.items()}
     runs = _left([run for run in begun if run is not None], missing, job.reader)
-    runs[-1].poses.checks = job.checks
-    sensors = SensorSeries()
-    job.flight.add(sensors.topics, sensors.take)
+    runs[-1].poses.watchers.append(job.checks.watch)
+    receivers: defaultdict[str, Track] = defaultdict(Track)
+
+    def take(sample: Sample) -> None:
+        if isinstance(sample, PositionSample):
+            place = sample.latitude_rad, sample.longitude_rad
+            receivers[sample.source.value].add(sample.stamp_ns, *place)
+
+    job.flight.add(("rtk/fix", "gps/fix"), take)
     job.flight.read_all(progress)
     for run in runs:
         if run.poses.plane is None or not run.series.has_poses:
             reason = run.poses.registration.navigation.status().reason
             missing[run.setup.method] = f"no camera pose could be made: {reason}"
-    return _left(runs, missing, job.reader), missing, sensors
+    return _left(runs, missing, job.reader), missing, receivers
 
 
 def _evaluation(
-    job: _Job, runs: list[_Run], missing: dict[str, str], sensors: SensorSeries
+    job: _Job, runs: list[_Run], missing: dict[str, str], receivers: dict[str, Track]
 ) -> Evaluation:
     """Return the results of the methods that were run."""
     given, camera, best = job.given, job.flight.camera, runs[-1]
@@ -233,7 +245,7 @@ def _evaluation(
         *job.paths,
         given.projection,
         given.control,
-        sensors,
+        receivers,
         methods,
         missing,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
@@ -273,10 +285,10 @@ def _begun(
         missing[setup.method] = f"needed topic absent: {_names(lacking, job.namespace)}"
         return None
     series = MethodSeries(truth)
-    instants_ns = [one.stamp_ns - setup.latency_ns for one in job.given.observations]
+    instants_ns = [setup.exposure_ns(one.stamp_ns) for one in job.given.observations]
     try:
         smooth = job.smooth and can_smooth(ekf.method)
-        poses = flight.registered(ekf, gimbal, instants_ns, series, smooth=smooth)
+        poses = flight.registered(ekf, gimbal, instants_ns, series.watch, smooth=smooth)
         return _Run(setup, poses, series)
     except BagError as error:
         missing[setup.method] = str(error)
@@ -313,7 +325,7 @@ def _result(run: _Run, camera: Camera, given: Experiment) -> MethodResult:
         status.state.value,
         located,
         refused,
-        run.series,
+        run.series.track,
         run.series.body_errors(),
     )
 

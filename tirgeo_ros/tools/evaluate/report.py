@@ -11,10 +11,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
-from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
-from tirgeo_ros.tools.presentation.html_page import embedded, html_page
-from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, logarithmic, svg
+from tirgeo_ros.tools.presentation.plots import (
+    COLOURS,
+    arrows,
+    embedded,
+    figure,
+    html_page,
+    logarithmic,
+    svg,
+)
 
 #: Width of a figure (inches): narrow enough to be readable on a telephone.
 _WIDTH_IN = 4.4
@@ -54,21 +61,6 @@ def plots(found: Evaluation) -> Iterator[Plot]:
     yield Plot(
         "Track", f"In {found.projection.name} (Figure 15 of the paper).", [_track(found, best)]
     )
-    start_ns = int(best.series["camera"][0][0])
-    yield Plot(
-        "Attitude before and after",
-        "Of the aircraft by the autopilot and by the filter; of the camera as the flight "
-        "controller reports it and as it is used (Figures 18 to 20).",
-        [_attitudes(found, best, start_ns)],
-    )
-    if best.series.sources:
-        yield Plot(
-            "Innovations and test ratios",
-            f"Under {best.method}: each measurement's difference from the prediction (north, "
-            "east, down in blue, orange, green), and its square over the gate; above 1 it is "
-            "refused.",
-            [_innovations(best, source, start_ns) for source in sorted(best.series.sources)],
-        )
 
 
 def _control(found: Evaluation) -> tuple[Array, Array]:
@@ -117,67 +109,18 @@ def _sigma_against_error(methods: Sequence[MethodResult]) -> bytes:
 def _track(found: Evaluation, best: MethodResult) -> bytes:
     control, middle = _control(found)
     made, axes = figure(_WIDTH_IN, 4.2)
-    for name, (_, places), form, colour in (
-        ("ordinary GPS", found.sensors["gps_position"], ".", COLOURS[4]),
-        ("RTK", found.sensors["rtk_position"], ".", COLOURS[0]),
-        (best.method, best.series["place"], "-", COLOURS[2]),
+    for name, track, form, colour in (
+        ("ordinary GPS", found.receivers.get("gps_position"), ".", COLOURS[4]),
+        ("RTK", found.receivers.get("rtk_position"), ".", COLOURS[0]),
+        (best.method, best.track, "-", COLOURS[2]),
     ):
-        if len(places):
-            shown = found.projection.project(*places.T) - middle
+        if track is not None and len(track.places):
+            shown = found.projection.project(*track.places.T) - middle
             axes.plot(*shown.T, form, color=colour, label=name, markersize=2.5)
     axes.plot(*control.T, "+", color=COLOURS[6], label="control points")
     axes.set(xlabel=f"east - {middle[0]:.0f} m", ylabel=f"north - {middle[1]:.0f} m")
     axes.set(aspect="equal")
     axes.legend()
-    return svg(made)
-
-
-def _attitudes(found: Evaluation, best: MethodResult, start_ns: int) -> bytes:
-    """Return an SVG with four panels: the body's angles, and the camera's heading."""
-    made, panels = figure(_WIDTH_IN, 7.0, 4, 1, sharex=True)
-    body, camera = (("autopilot", "body"), ("gimbal", "camera"))
-    for panel, (reported, used), axis, label in (
-        (panels[0], body, 0, "roll, deg"),
-        (panels[1], body, 1, "pitch, deg"),
-        (panels[2], body, 2, "heading, deg"),
-        (panels[3], camera, 2, "camera heading, deg"),
-    ):
-        _angle(panel, found.sensors[reported], axis, start_ns, COLOURS[1], "before")
-        _angle(panel, best.series[used], axis, start_ns, COLOURS[0], best.method)
-        panel.set_ylabel(label)
-    panels[0].legend(ncols=2)
-    panels[3].set_xlabel("time, s")
-    return svg(made)
-
-
-def _angle(
-    panel: Any, series: tuple[IntArray, Array], axis: int, start_ns: int, colour: str, name: str
-) -> None:
-    """Draw one of an attitude's angles; headings are 0 to 360 deg, with gaps at north."""
-    stamps, rpy = series
-    if not len(stamps):
-        return
-    angle = np.degrees(rpy[:, axis])
-    if axis == 2:
-        angle %= 360.0
-        angle[np.abs(np.diff(angle, prepend=angle[:1])) > 180.0] = np.nan
-    panel.plot((stamps - start_ns) * 1e-9, angle, color=colour, label=name)
-
-
-def _innovations(best: MethodResult, source: str, start_ns: int) -> bytes:
-    """Return an SVG: the innovations of one source above their test ratios."""
-    made, (above, below) = figure(_WIDTH_IN, 3.4, 2, 1, sharex=True)
-    stamps, rows = best.series[source]
-    t_s, ratio, innovation = (stamps - start_ns) * 1e-9, rows[:, 0], rows[:, 1:]
-    is_heading = "heading" in source
-    for k, row in enumerate((np.degrees(innovation) if is_heading else innovation).T):
-        above.plot(t_s, row, ".", markersize=2.5, color=COLOURS[k])
-    unit = "deg" if is_heading else "m/s" if "velocity" in source else "m"
-    above.set(title=source.replace("_", " "), ylabel=f"innovation, {unit}")
-    below.plot(t_s, np.maximum(ratio, 1e-6), ".", markersize=2.5, color=COLOURS[0])
-    below.axhline(1.0, color="#888888", linestyle=":")
-    below.set(xlabel="time, s", ylabel="test ratio")
-    logarithmic(below, "y")
     return svg(made)
 
 

@@ -1,4 +1,4 @@
-"""Define the result of an evaluation.
+"""Locate the observed control points under a method, and hold the results of the experiment.
 
 East and north are metres in one projected plane (``Evaluation.projection``). Stamps are int ns.
 """
@@ -14,15 +14,22 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
-from tirgeo_ros.core.camera.projection_covariance import CHI2_95
-from tirgeo_ros.core.ground.ground_point import Ellipse
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
+from tirgeo_ros.core.ground.backprojection import Ground, Reason
+from tirgeo_ros.core.ground.ground_point import Ellipse, Refusal, ellipse_of, place
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.surveys.survey import SurveyPoint
-from tirgeo_ros.tools.evaluate.methods import MethodSetup
-from tirgeo_ros.tools.evaluate.projection import Projection
-from tirgeo_ros.tools.evaluate.series import MethodSeries, SensorSeries
-from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
+from tirgeo_ros.tools.evaluate.experiment import Experiment, MethodSetup, Projection
+from tirgeo_ros.tools.evaluate.series import BodyErrors, Track
+from tirgeo_ros.tools.replay.flight import pose_at
 
 #: Differences within this are equal: a nanometre is rounding.
 _ALIKE_M = 1e-9
@@ -76,6 +83,81 @@ class RefusedPoint(NamedTuple):
     reason: str
 
 
+def locate_observations(
+    poses: PoseBuffer[CameraPose],
+    plane: TangentPlane,
+    camera: Camera,
+    given: Experiment,
+    ground: Ground,
+    overlay: OverlayConfig,
+) -> tuple[list[LocatedPoint], list[RefusedPoint]]:
+    """Locate every observation of a control point (Eq. 23); other observations are left out.
+
+    ``poses`` are in ``plane`` and cover the observations. The pose of an observation is that of
+    its picture's exposure: the stamp minus ``overlay.video_latency_s``.
+    """
+    located, refused = [], []
+    for seen in given.observations:
+        point, uv = given.control.get(seen.id), (seen.u, seen.v)
+        if point is None:
+            continue
+        motion = pose_at(poses, exposure_ns(seen.stamp_ns, overlay.video_latency_s))
+        if motion is None:
+            refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, Reason.NO_POSE.value))
+            continue
+        pose, rates = motion
+        found = place(camera, pose, uv, plane, ground, overlay.confidence, rates)
+        if isinstance(found, Refusal):
+            refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, found.reason.value))
+            continue
+        here = found.latitude_rad, found.longitude_rad
+        place_en, axes = given.projection.project(*here), given.projection.local_axes(*here)
+        covariance_en = axes @ found.covariance_n[:2, :2] @ axes.T
+        there = point.latitude_rad, point.longitude_rad
+        surveyed_n = plane.ned_from_geodetic(*there, found.height_m)
+        located.append(
+            LocatedPoint(
+                seen.id,
+                seen.stamp_ns,
+                uv,
+                place_en,
+                found.height_m,
+                place_en - given.projection.project(*there),
+                covariance_en,
+                ellipse_of(covariance_en[::-1, ::-1]),
+                pixel_moves(camera, pose, rates, uv, surveyed_n),
+            )
+        )
+    return located, refused
+
+
+def pixel_moves(
+    camera: Camera,
+    pose: CameraPose,
+    rates: CameraRates | None,
+    uv: tuple[float, float],
+    surveyed_n: Array,
+) -> PixelMoves | None:
+    """Return one observation's moves; None if the camera cannot see the surveyed point.
+
+    ``surveyed_n`` (3,) is the surveyed point at the height of the assumed ground, NED in the
+    pose's plane. Without ``rates`` latency is not considered.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    predicted, _ = camera.project((surveyed_n - pose.position_n)[None] @ rotation_nc)
+    by_pose, by_point = (both[0] for both in pixel_jacobian(camera, pose, surveyed_n))
+    if not (np.isfinite(predicted).all() and np.isfinite(by_pose).all()):
+        return None
+    by = {
+        "boresight": by_pose[:, 3:] @ rotation_nc,
+        "datum": by_point[:, [1, 0]],
+        "height": by_point[:, 2:],
+    }
+    if rates is not None:
+        by["latency"] = -(by_pose @ np.concatenate(rates))[:, None]
+    return PixelMoves(np.array(uv) - predicted[0], by)
+
+
 @dataclass(frozen=True)
 class MethodResult:
     """Hold the experiment's result under one method."""
@@ -85,7 +167,7 @@ class MethodResult:
     state: str  # the filter's at the end
     located: Sequence[LocatedPoint]
     refused: Sequence[RefusedPoint]
-    series: MethodSeries
+    track: Track  # of the aircraft
     #: Errors of the body's poses after the filter has settled; None without a truth.
     against_truth: BodyErrors | None
 
@@ -109,7 +191,7 @@ class Evaluation:
     observations_path: str
     projection: Projection
     control: Mapping[str, SurveyPoint]  # every surveyed point by its id
-    sensors: SensorSeries
+    receivers: Mapping[str, Track]  # of the antennas, by source
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method -> the reason why it could not be run
     tests: Sequence[PairedTest]  # each pair of ``methods`` once

@@ -1,119 +1,122 @@
-"""Collect series over a flight for the report's plots, thinned in time."""
+"""Collect over a flight what the report compares: tracks, and the body's poses with the truth."""
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_conjugate, quat_multiply
-from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.streams.stamps import RateLimit
-from tirgeo_ros.core.types.arrays import Array, IntArray
-from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.poses import BodyPose
-from tirgeo_ros.core.types.verdicts import Verdict
-from tirgeo_ros.tools.replay.recorded_flight import BodyErrors, TruePoses, body_errors
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 #: Settling time of the filter; errors against the truth count only after it.
 SETTLED_S = 20.0
-_SERIES_HZ = 10.0
-_SHOWN = 1500  # instants, up to twice as many: a figure resolves no more
-_Q_OPTICAL_BODY = quat_conjugate(Q_BODY_OPTICAL)
+_TRACK_HZ = 10.0
+_SHOWN = 1500  # places, up to twice as many: a figure resolves no more
 
 
-class Series:
-    """Hold rows of numbers with their stamps, by kind.
-
-    ``series[kind]`` is their stamps (N,), ns, and the rows (N, k); both are (0,) without any.
-    """
+class Track:
+    """Hold places of a flight, thinned for a plot."""
 
     def __init__(self) -> None:
-        self._rows: defaultdict[str, list[tuple[int, Sequence[float] | Array]]]
-        self._rows = defaultdict(list)
-        self._rates: defaultdict[str, RateLimit] = defaultdict(lambda: RateLimit(_SERIES_HZ))
+        self._rate, self._places = RateLimit(_TRACK_HZ), list[tuple[float, float]]()
 
-    def keep(self, kind: str, stamp_ns: int, row: Sequence[float] | Array) -> None:
-        """Add a row if it is finite and the rate of its kind allows it."""
-        if np.isfinite(row).all() and self._rates[kind].due(stamp_ns):
-            self._rows[kind].append((stamp_ns, row))
+    def add(self, stamp_ns: int, latitude_rad: float, longitude_rad: float) -> None:
+        """Add a place if it is finite and the rate allows it."""
+        place = latitude_rad, longitude_rad
+        if all(map(math.isfinite, place)) and self._rate.due(stamp_ns):
+            self._places.append(place)
 
-    def __getitem__(self, kind: str) -> tuple[IntArray, Array]:
-        rows = self._rows[kind]
-        rows = rows[:: max(len(rows) // _SHOWN, 1)]
-        stamps = np.array([stamp for stamp, _ in rows], np.int64)
-        return stamps, np.array([row for _, row in rows], float)
-
-
-class SensorSeries(Series):
-    """Collect the instruments' data over a flight.
-
-    The kinds are ``rtk_position`` and ``gps_position`` (latitude, longitude, rad), ``autopilot``
-    and ``gimbal`` (roll, pitch, yaw of body and camera body, rad).
-    """
-
-    topics = ("imu/data", "rtk/fix", "gps/fix", "gimbal/attitude")
-
-    def take(self, sample: Sample) -> None:
-        """Keep a sample if it is usable."""
-        if isinstance(sample, PositionSample):
-            place = sample.latitude_rad, sample.longitude_rad
-            self.keep(sample.source.value, sample.stamp_ns, place)
-        elif isinstance(sample, ImuSample):
-            self._attitude("autopilot", sample.stamp_ns, sample.autopilot_q_nb)
-        elif isinstance(sample, CameraAttitudeSample):
-            self._attitude("gimbal", sample.stamp_ns, sample.q_ng)
-
-    def _attitude(self, kind: str, stamp_ns: int, q_n: Array | None) -> None:
-        if q_n is not None and usable_attitude(q_n):
-            self.keep(kind, stamp_ns, euler_from_quat(q_n))
+    @property
+    def places(self) -> Array:
+        """Return latitudes and longitudes (N, 2), rad."""
+        step = max(len(self._places) // _SHOWN, 1)
+        return np.array(self._places[::step], float).reshape(-1, 2)
 
 
-class MethodSeries(Series):
-    """Collect a method's results over a flight; a Watcher.
+@dataclass(frozen=True)
+class TruePoses:
+    """Hold the true poses of a flight and their tangent plane."""
 
-    The kinds are ``place`` (latitude, longitude, rad), ``body`` and ``camera`` (roll, pitch, yaw,
-    rad; the camera's relative to the axes of the tangent plane), and each of ``sources``: test
-    ratio, above 1 is refused, and innovation (m or m/s along north, east, down, or rad). With a
-    truth, which only simulated flights have, every body pose is compared with it.
+    plane: TangentPlane
+    bodies: PoseBuffer[BodyPose]
+
+
+def load_truth(path: Path) -> TruePoses:
+    """Read ``tirgeo/odometry`` and ``tirgeo/origin`` of a bag. Raise BagError without them."""
+    cdr, plane = Cdr(), None
+    bodies: PoseBuffer[BodyPose] = PoseBuffer(WHOLE_FLIGHT_S)
+    for item in BagReader(path).messages(["/tirgeo/origin", "/tirgeo/odometry"]):
+        message = cdr.deserialize(item.data, item.typename)
+        if item.topic == "/tirgeo/origin":
+            plane = convert.tangent_plane(message)
+        else:
+            bodies.add(convert.body_pose(message))
+    if plane is None or not len(bodies):
+        raise BagError(f"{path}: needed topic absent: /tirgeo/origin or /tirgeo/odometry")
+    return TruePoses(plane, bodies)
+
+
+@dataclass(frozen=True, slots=True)
+class BodyErrors:
+    """Hold root mean square errors against the truth."""
+
+    roll_rad: float
+    pitch_rad: float
+    heading_rad: float
+    position_m: float  # in space
+
+
+def body_errors(bodies: Sequence[BodyPose], truth: TruePoses, after_s: float) -> BodyErrors:
+    """Return the errors of poses in the truth's plane, from ``after_s`` after the first pose."""
+    pairs = [
+        (pose, true)
+        for pose in bodies
+        if pose.stamp_ns >= bodies[0].stamp_ns + after_s * 1e9
+        and isinstance(true := truth.bodies.at(pose.stamp_ns), BodyPose)
+    ]
+    if not pairs:
+        return BodyErrors(math.nan, math.nan, math.nan, math.nan)
+    angles, true_angles = (
+        euler_from_quat(np.array([pair[k].q_nb for pair in pairs])) for k in (0, 1)
+    )
+    roll, pitch, heading = np.sqrt(np.mean(wrap_pi(angles - true_angles) ** 2, axis=0)).tolist()
+    apart = np.array([pose.position_n - true.position_n for pose, true in pairs])
+    return BodyErrors(roll, pitch, heading, float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))))
+
+
+class MethodSeries:
+    """Watch the poses of a method: keep the track, and with a truth every pose of the body.
+
+    ``has_poses`` says whether there was any camera pose. Only simulated flights have a truth.
     """
 
     def __init__(self, truth: TruePoses | None = None) -> None:
-        super().__init__()
+        self.track, self.has_poses = Track(), False
         self._truth = truth
         self._bodies: list[BodyPose] = []  # in the truth's plane
-        self.sources: set[str] = set()
-        self._now_ns: int | None = None
 
-    @property
-    def has_poses(self) -> bool:
-        """Return whether there was any camera pose."""
-        return bool(self._rows["camera"])
-
-    def heard(self, verdict: Verdict) -> None:
-        """Keep a verdict that has an innovation, at the stamp of the sample before."""
-        if self._now_ns and verdict.innovation and math.isfinite(verdict.test_ratio):
-            source = verdict.source.value
-            self.sources.add(source)
-            self._rows[source].append((self._now_ns, [verdict.test_ratio, *verdict.innovation]))
-
-    def took(self, sample: Sample, found: Registered) -> None:
-        """Keep the poses at their rate."""
-        self._now_ns = sample.stamp_ns
-        solution = found.solution
+    def watch(self, _sample: Sample, registered: Registered) -> None:
+        """Take the poses that were computed from a sample."""
+        self.has_poses = self.has_poses or bool(registered.cameras)
+        solution = registered.solution
         if solution is not None:
             place = solution.latitude_rad, solution.longitude_rad
-            self.keep("place", solution.stamp_ns, place)
-            self.keep("body", solution.stamp_ns, euler_from_quat(solution.q_nb))
+            self.track.add(solution.stamp_ns, *place)
             if self._truth is not None:
                 self._bodies.append(self._truth.plane.body_pose(solution))
-        for pose in found.cameras:
-            q_ng = quat_multiply(pose.q_nc, _Q_OPTICAL_BODY)
-            self.keep("camera", pose.stamp_ns, euler_from_quat(q_ng))
 
     def body_errors(self) -> BodyErrors | None:
         """Return the errors of the body's poses after settling; None without a truth."""

@@ -21,10 +21,9 @@ from tirgeo_ros.io.files.whole_files import (
 )
 from tirgeo_ros.tools.evaluate.report import report_html
 from tirgeo_ros.tools.evaluate.result import Evaluation, LocatedPoint, MethodResult, RefusedPoint
-from tirgeo_ros.tools.evaluate.series import SETTLED_S
+from tirgeo_ros.tools.evaluate.series import SETTLED_S, BodyErrors
 from tirgeo_ros.tools.evaluate.verdict import verdict
-from tirgeo_ros.tools.replay.finding_lines import finding_items
-from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
+from tirgeo_ros.tools.presentation.results import finding_items
 
 _NAMES = ("points.csv", "observations.csv", "result.json", "report.html")
 _OBSERVATION_COLUMNS = (

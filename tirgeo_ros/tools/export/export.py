@@ -8,25 +8,108 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.errors import ConfigError, MapError, TirgeoError
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.bounded_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
-from tirgeo_ros.tools.export import PRODUCTS
-from tirgeo_ros.tools.export.export_frame import ExportFrame
-from tirgeo_ros.tools.export.flight_pictures import FlightPictures, Window
-from tirgeo_ros.tools.export.products import FILES, Job, needs_ground, products
-from tirgeo_ros.tools.export.raster_options import RasterOptions, RasterSetup, raster_setup
-from tirgeo_ros.tools.export.registered_flight import RegisteredFlight, register
+from tirgeo_ros.tools.export import PRODUCTS, RASTERS
+from tirgeo_ros.tools.export.frames import (
+    ExportFrame,
+    FlightPictures,
+    RegisteredFlight,
+    Window,
+    frames,
+    register,
+)
+from tirgeo_ros.tools.export.orthophotos import Mosaic, Orthophotos
+from tirgeo_ros.tools.export.rasters import RasterOptions, RasterSetup, raster_setup
+from tirgeo_ros.tools.export.stills import Stills
+from tirgeo_ros.tools.export.subtitles import Subtitles
+from tirgeo_ros.tools.export.vectors import Vectors
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 _FIRST = 20.0  # per cent of the work: the registration
+
+
+class Product(Protocol):
+    """Define a product of a flight: it takes the frames in order, then writes its files."""
+
+    def take(self, frame: ExportFrame) -> None:
+        """Take the next frame."""
+
+    def finish(self) -> dict[str, object]:
+        """Write what is left; return what was made, for the summary."""
+
+    def close(self) -> None:
+        """Remove what is not finished."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Hold what the products need besides the frames."""
+
+    folder: Path
+    rasters: RasterSetup | None  # None if no product of RASTERS is wanted
+    stamps_ns: Sequence[int]  # of all pictures of the bag
+    every_s: float  # between the pictures that are given
+    state_at: Callable[[int], str | None]  # the filter's, at an exposure (ns)
+    confidence: ConfidenceConfig
+    undulation_m: float  # of the geoid; nan if it is not known
+    targets: PathLike | None = None
+
+
+def _rasters(job: Job) -> RasterSetup:
+    assert job.rasters is not None
+    return job.rasters
+
+
+#: By name in PRODUCTS; a product makes its files in ``folder``.
+_MAKERS: Mapping[str, Callable[[Job], Product]] = {
+    "ortho": lambda job: Orthophotos(job.folder / "ortho", _rasters(job)),
+    "mosaic": lambda job: Mosaic(job.folder, _rasters(job)),
+    "stills": lambda job: Stills(job.folder / "stills", undulation_m=job.undulation_m),
+    "vectors": lambda job: Vectors(
+        job.folder / "flight.gpkg",
+        every_s=job.every_s,
+        targets=job.targets,
+        confidence=job.confidence,
+        state_at=job.state_at,
+    ),
+    "subtitles": lambda job: Subtitles(
+        job.folder / "flight.srt",
+        stamps_ns=job.stamps_ns,
+        every_s=job.every_s,
+        undulation_m=job.undulation_m,
+    ),
+}
+#: Files of the products directly in ``folder``.
+FILES = ("mosaic.tif", "mosaic.kml", "mosaic.png", "flight.gpkg", "flight.srt", "summary.json")
+
+
+@contextmanager
+def products(names: Collection[str], job: Job) -> Iterator[dict[str, Product]]:
+    """Yield the named products, ready to take frames; what is not finished then is removed."""
+    with ExitStack() as stack:
+        made: dict[str, Product] = {}
+        for name in [name for name in _MAKERS if name in names]:
+            made[name] = _MAKERS[name](job)
+            stack.callback(made[name].close)
+        yield made
+
+
+def needs_ground(names: Collection[str]) -> bool:
+    """Return whether one of the named products lies on the ground."""
+    return any(name in RASTERS for name in names)
 
 
 def export(
@@ -65,7 +148,7 @@ def export(
     pictures = FlightPictures(reader, namespace)
     chosen = pictures.chosen(window or Window())
     of_flight = (reader, configs, params, namespace)
-    flight = register(*of_flight, chosen, _first(progress), smooth=smooth)
+    flight = register(*of_flight, chosen, _part(progress, 0.0, _FIRST), smooth=smooth)
     setup = _setup(flight, rasters or RasterOptions()) if needs_ground(wanted) else None
     dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     job = Job(
@@ -79,7 +162,7 @@ def export(
         targets=targets,
     )
     with products(wanted, job) as made:
-        for frame in frames(pictures, flight, progress):
+        for frame in frames(pictures, flight, _part(progress, _FIRST, 100.0)):
             for product in made.values():
                 product.take(frame)
         finished = {name: product.finish() for name, product in made.items()}
@@ -99,9 +182,9 @@ def export(
     return result
 
 
-def _first(progress: Report) -> Report:
-    """Return the callback for the registration, which is the first part of the work."""
-    return lambda done, total: progress(_FIRST * done / (total or 1.0), 100.0)
+def _part(progress: Report, begin: float, end: float) -> Report:
+    """Return the callback for a part of the work, in per cent of the whole."""
+    return lambda done, total: progress(begin + (end - begin) * done / (total or 1.0), 100.0)
 
 
 def _setup(flight: RegisteredFlight, options: RasterOptions) -> RasterSetup:
@@ -110,27 +193,6 @@ def _setup(flight: RegisteredFlight, options: RasterOptions) -> RasterSetup:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     poses = [one.pose for one in flight.posed.values()]
     return raster_setup(options, flight.camera, poses, flight.plane, flight.ground)
-
-
-def frames(
-    pictures: FlightPictures, flight: RegisteredFlight, progress: Report
-) -> Iterator[ExportFrame]:
-    """Yield the pictures that have a pose, in order; count those that cannot be read."""
-    kind = None
-    for done, (number, pixels) in enumerate(pictures.read(flight.posed)):
-        progress(_FIRST + (100 - _FIRST) * done / len(flight.posed), 100.0)
-        if isinstance(pixels, TirgeoError):
-            flight.refused["damaged"] += 1
-            continue
-        kind = kind or (pixels.dtype, pixels.ndim)
-        if pixels.shape[:2] != (flight.camera.height, flight.camera.width):
-            flight.refused["of another size than the camera's calibration"] += 1
-        elif (pixels.dtype, pixels.ndim) != kind:
-            flight.refused["of another kind than the first picture"] += 1
-        else:
-            stamp_ns, pose, body = flight.posed[number]
-            place = flight.camera, pose, body, flight.plane, flight.ground
-            yield ExportFrame(number, stamp_ns, pixels, *place)
 
 
 def _error(reader: BagReader, used: int) -> str | None:

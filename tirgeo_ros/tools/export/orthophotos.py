@@ -18,9 +18,8 @@ from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.files.bounded_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
 from tirgeo_ros.io.pictures.geotiff import CACHE_MB
-from tirgeo_ros.tools.export.export_frame import ExportFrame
-from tirgeo_ros.tools.export.raster_options import RasterSetup
-from tirgeo_ros.tools.export.tiled_raster import TiledRaster
+from tirgeo_ros.tools.export.frames import ExportFrame
+from tirgeo_ros.tools.export.rasters import RasterSetup, TiledRaster
 
 #: Longest side of the picture: Google Earth shrinks larger ones to what the graphics card holds.
 MOST_PX = 4096

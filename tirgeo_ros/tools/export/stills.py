@@ -10,7 +10,7 @@ from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.files.whole_files import made_folder, write_files
 from tirgeo_ros.io.pictures.still_file import Still, ending_of, still_bytes
-from tirgeo_ros.tools.export.export_frame import ExportFrame
+from tirgeo_ros.tools.export.frames import ExportFrame
 
 
 class Stills:

@@ -18,7 +18,7 @@ from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.files.whole_files import check_place, part_of
 from tirgeo_ros.io.video.video_file import FrameTimes
-from tirgeo_ros.tools.export.export_frame import ExportFrame
+from tirgeo_ros.tools.export.frames import ExportFrame
 
 
 class SubtitleFile:

@@ -25,7 +25,7 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.geopackage.layers import Layer, LayerFile
 from tirgeo_ros.io.targets.formats import read_targets
 from tirgeo_ros.io.targets.geopackage import ELLIPSES, TARGETS, rows_of_target
-from tirgeo_ros.tools.export.export_frame import ExportFrame
+from tirgeo_ros.tools.export.frames import ExportFrame
 
 _HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 _FIELD = "2"  # the kind of a property that is read from a field

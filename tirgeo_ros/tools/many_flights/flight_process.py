@@ -86,7 +86,7 @@ def _once(
 
 
 def _fault(ended: ChildEndedError) -> str:
-    """Return how a child ended, with its last words."""
+    """Return how a child ended, with the last line that it wrote."""
     how = f"exit code {ended.code}"
     if ended.code < 0:
         how = f"signal {-ended.code} ({signal.Signals(-ended.code).name})"
@@ -95,7 +95,7 @@ def _fault(ended: ChildEndedError) -> str:
 
 
 def remove_parts(task: FlightTask, number: int | None = None) -> None:
-    """Remove the unfinished files that a killed process, or any, has left of a flight."""
+    """Remove the unfinished files of a flight, of one process or of any that was killed."""
     which = r"\d+" if number is None else str(number)
     part = re.compile(rf"\.{re.escape(task.name)}\.(mcap|mp4|webm|ts|jpg|json)\.{which}\.\w+")
     for path in Path(task.folder).iterdir():

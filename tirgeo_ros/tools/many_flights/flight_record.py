@@ -31,7 +31,7 @@ Digest = str | list[Stamp] | None
 
 @dataclass(frozen=True)
 class FlightTask:
-    """Hold what a process, on this computer or another, needs to process a flight."""
+    """Hold what a process on this or another computer needs to process a flight."""
 
     name: str  # of its files in ``folder``
     bag: str
@@ -58,12 +58,12 @@ def running_mark(folder: Path) -> Path:
 
 
 def place_of(bag: PathLike) -> Path:
-    """Return the whole path of a flight; of a link its own, not where it leads."""
+    """Return the absolute path of a flight. A symbolic link keeps its own path."""
     return Path(os.path.normpath(Path(bag).absolute()))
 
 
 def bag_stamps(bag: PathLike) -> list[Stamp]:
-    """Return the stamps of a bag's files; of one that cannot be read, that of its path."""
+    """Return the stamps of a bag's files; for a bag that cannot be read, that of its path."""
     try:
         files, _ = bag_files(Path(bag))
     except (BagError, OSError):
@@ -74,7 +74,7 @@ def bag_stamps(bag: PathLike) -> list[Stamp]:
 def made_from(
     stamps: Iterable[Stamp], options: Mapping[str, Any], digests: Mapping[str, Digest]
 ) -> dict[str, Any]:
-    """Return, in JSON's types, all that a flight's outputs follow from.
+    """Return, in JSON's types, all that decides a flight's outputs.
 
     ``digests`` are those of parameter files and of what they name. They are known by their
     contents, for they are small and are copied and edited; the flight's own files by size and
@@ -153,7 +153,7 @@ def record_of(task: FlightTask, summary: Mapping[str, Any], attempts: int) -> Re
 
 
 def is_done(record: Record | None, task: FlightTask) -> bool:
-    """Return whether a flight's outputs are complete, and made from what they would be now."""
+    """Return whether a flight's outputs are complete, and a new run would make the same."""
     if record is None or not record["output"]:
         return False
     season = record["season"]
@@ -162,12 +162,12 @@ def is_done(record: Record | None, task: FlightTask) -> bool:
 
 
 def same_place(record: Record, bag: Path) -> bool:
-    """Return whether a record is of a flight in this place."""
+    """Return whether a record is of the flight at this path."""
     return bool(record["season"]["bag"] == str(place_of(bag)))
 
 
 def same_files(record: Record, stamps: Sequence[Stamp]) -> bool:
-    """Return whether a record is of a flight of these files, wherever they were."""
+    """Return whether a record is of these files, in whatever folder they were."""
     there = all(size is not None for _, size, _ in stamps)
     return there and bool(record["season"]["made_from"]["flight"] == stamps)
 

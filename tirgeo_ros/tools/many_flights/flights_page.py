@@ -27,7 +27,7 @@ from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.many_flights.flight_facts import positions_ned
 from tirgeo_ros.tools.many_flights.flight_record import Record, read_records
 from tirgeo_ros.tools.presentation.progress import three
-from tirgeo_ros.tools.replay.process_summary import refused_line
+from tirgeo_ros.tools.replay.process import refused_line
 
 PAGE = "index.html"
 _FRAME = Path(__file__).with_suffix(".html")
@@ -99,7 +99,7 @@ def _facts(record: Record) -> dict[str, Any]:
 
 
 def _totals(flights: Sequence[Record]) -> Iterator[str]:
-    """Yield what the flights come to, all together."""
+    """Yield the totals over all flights."""
     times: Counter[str] = Counter()
     findings: Counter[str] = Counter()
     for record in flights:
@@ -155,7 +155,7 @@ def _anchor(name: str) -> str:
 
 
 def _in_url(name: str, safe: str = "/") -> str:
-    """Return a file's name for a URL; a byte that is no UTF-8 stays the one that it is."""
+    """Return a file's name for a URL; bytes that are not UTF-8 are kept."""
     return quote(name, safe, errors="surrogateescape")
 
 
@@ -310,7 +310,7 @@ def track_maps(tracks: Mapping[str, Track]) -> str:
 
 
 def _sites(tracks: Mapping[str, Track]) -> list[dict[str, Track]]:
-    """Return the tracks by site: each begins near to another one of its site."""
+    """Return the tracks by site: each track begins near another of its site."""
     begins = np.radians([track[0] for track in tracks.values()]).reshape(-1, 2)
     places_e = ecef_from_geodetic(begins[:, 0], begins[:, 1], np.zeros(len(begins)))
     numbers = np.arange(len(begins))  # of each track's site: that of its last track

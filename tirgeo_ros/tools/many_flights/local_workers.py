@@ -53,7 +53,7 @@ def run_here(
 
 
 def core_shares(workers: int | None, flights: int) -> list[list[int]]:
-    """Return the cores of each worker, as equal in number as can be; never more than flights.
+    """Return the cores of each worker, evenly shared; there are never more workers than flights.
 
     With more workers than cores, some share one.
     """
@@ -76,17 +76,17 @@ class FlightProgress:
         self._lock = threading.Lock()
 
     def part(self, name: str, part: float) -> None:
-        """Take the part, 0 to 1, that is done of a flight in work."""
+        """Set which part (0 to 1) of a flight is done."""
         with self._lock:
             self._parts[name] = part
 
     def in_work(self, names: Iterable[str]) -> None:
-        """Take the names of the flights in work, where nothing is known of their parts."""
+        """Set the names of the flights in work, where their parts are unknown."""
         with self._lock:
             self._parts = dict.fromkeys(names, 0.0)
 
     def done(self, name: str) -> None:
-        """Take a flight that is done, or has failed."""
+        """Count a flight that is done, or has failed."""
         with self._lock:
             self._parts.pop(name, None)
             self._done += 1

@@ -40,6 +40,7 @@ from tirgeo_ros.tools.many_flights.flight_record import (
 from tirgeo_ros.tools.many_flights.flights_page import PAGE, write_page
 from tirgeo_ros.tools.many_flights.local_workers import FlightProgress, run_here
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
+from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 _NAMED = 3  # errors in the line of the whole; all are in the result and on the page
@@ -133,9 +134,11 @@ def flight_tasks(
 
     Raises ConfigError for the parameters, and BagError for an output in the place of an input.
     """
-    given = {"namespace": ""} | {name: _in_json(value) for name, value in options.items()}
-    used = _files(given)
-    digests, own = digests_of(used), given | {"video": video}
+    keywords: dict[str, Any] = {"namespace": ""} | {
+        name: plain(value) for name, value in options.items()
+    }
+    used = _files(keywords)
+    digests, own = digests_of(used), keywords | {"video": video}
     bags = {place_of(bag): os.fspath(bag) for bag in _each_once(flights)}
     stamps = {path: bag_stamps(path) for path in bags}
     names = flight_names(stamps, records)
@@ -143,19 +146,19 @@ def flight_tasks(
     tasks = []
     for path, bag in bags.items():
         made = made_from(stamps[path], own, digests)
-        tasks.append(FlightTask(names[path], bag, *places, given, video, made))
+        tasks.append(FlightTask(names[path], bag, *places, keywords, video, made))
     outputs = [path for task in tasks for path in task.outputs]
     others = [path for path in outputs if path.is_file() or not path.exists()]
     check_outputs([*bags.values(), *used], [folder / PAGE, *others], BagError)
     return tasks
 
 
-def _files(given: Mapping[str, Any]) -> list[PathLike]:
+def _files(keywords: Mapping[str, Any]) -> list[PathLike]:
     """Return the parameter files and what they and the options name. Raises ConfigError."""
-    params, keys = given.get("params"), ("method", "dem", "ground_height", "camera")
-    chosen = {key: given[key] for key in keys if key in given}
-    configs = node_configs(params, given["namespace"], **chosen)
-    return [*paths_of(params), *configs.files, *map_files(given.get("map") or "")]
+    params, keys = keywords.get("params"), ("method", "dem", "ground_height", "camera")
+    chosen = {key: keywords[key] for key in keys if key in keywords}
+    configs = node_configs(params, keywords["namespace"], **chosen)
+    return [*paths_of(params), *configs.files, *map_files(keywords.get("map") or "")]
 
 
 def _each_once(flights: Iterable[PathLike]) -> Iterable[PathLike]:
@@ -185,15 +188,6 @@ def _run(
     with closing(running):
         for task, record in running:
             records[task.name] = record
-
-
-def _in_json(value: Any) -> Any:
-    """Return an option's value in JSON's types: paths as texts."""
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if isinstance(value, list | tuple):
-        return [_in_json(item) for item in value]
-    return value
 
 
 def flights_summary(
@@ -271,7 +265,7 @@ def flight_names(
 def _recorded(
     flights: Mapping[Path, Sequence[Stamp]], records: Mapping[str, Record]
 ) -> dict[Path, str]:
-    """Return the names of the flights that have records; a record is one flight's."""
+    """Return the names of the flights that have a record; no two share one."""
     names: dict[Path, str] = {}
     for name, record in records.items():
         rest = [path for path in flights if path not in names]
@@ -284,7 +278,7 @@ def _recorded(
 
 
 def _parts(path: Path) -> list[str]:
-    """Return the names of the folders to a flight and its own, without a bag's ending."""
+    """Return the names of a flight's folders and its own name, without a bag's ending."""
     whole = place_of(path)
     *folders, last = (whole.parent if whole.name == METADATA else whole).parts[1:]
     return [*folders, _ENDINGS.sub("", last)]

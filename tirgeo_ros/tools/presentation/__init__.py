@@ -1,1 +1,1 @@
-"""Show results: plots, progress bars."""
+"""Show results: lines, plots, pages, progress bars."""

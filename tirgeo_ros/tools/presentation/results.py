@@ -1,4 +1,4 @@
-"""Convert results to lines, tables and JSON's types, and errors to one line."""
+"""Convert results and findings to lines, tables and JSON's types, and errors to one line."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: Keys of a result that are printed elsewhere, and those that report a problem.
 _ELSEWHERE = ("findings", "warning", "error")
 _PROBLEMS = ("refused", "not_used")
 _UNITS = {"m": "m", "s": "s", "ms": "ms", "deg": "deg", "px": "px", "hz": "Hz", "ns": "ns"}
+
+_NAMES = {Severity.STOP: "fault", Severity.CAUTION: "caution", Severity.NOTE: "note"}
 
 
 def summary(lines: Iterable[tuple[str, str, bool]]) -> str:
@@ -91,3 +96,39 @@ def _text(value: object) -> str:
     if value is None or isinstance(value, bool):
         return {None: "", True: "yes", False: "no"}[value]
     return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def finding_items(findings: Iterable[Finding]) -> list[dict[str, object]]:
+    """Return findings as items for JSON."""
+    return [asdict(one) | {"severity": one.severity.name.lower()} for one in findings]
+
+
+def finding_lines(items: Iterable[Mapping[str, object]]) -> list[str]:
+    """Return a line for each item that is worse than a note."""
+    return [
+        f"{str(one['severity']).upper()}: {one['evidence']}: {one['parameter']}: {one['mend']}"
+        for one in items
+        if one["severity"] != "note"
+    ]
+
+
+def tally_line(findings: Sequence[Finding]) -> str:
+    """Return ``GO``, or ``NO GO`` and the numbers of faults and cautions."""
+    lead = "NO GO" if any(one.severity is Severity.STOP for one in findings) else "GO"
+    counts = [
+        f"{number} {name}{'s' if number > 1 else ''}"
+        for severity, name in _NAMES.items()
+        if (number := sum(one.severity is severity for one in findings))
+    ]
+    return f"{lead}: {', '.join(counts)}" if counts else lead
+
+
+def report(items: Sequence[Mapping[str, object]]) -> str:
+    """Return three short lines for each finding: evidence, parameter, remedy."""
+    blocks = [
+        f"{str(one['severity']).upper():<8} {one['evidence']}\n"
+        f"{'':<8} look at  {one['parameter']}\n"
+        f"{'':<8} to mend  {one['mend']}"
+        for one in items
+    ]
+    return "\n\n".join(blocks)

@@ -93,7 +93,7 @@ def tried_map(
 
 
 class FlightChecks:
-    """Feed all groups of checks. For each sample call ``sample``, then ``registered``.
+    """Feed all groups of checks. For each sample call ``sample``, then ``watch``.
 
     A given ``camera`` overrides the bag's; ``layers`` are laid in each plane, unless ``map`` is
     called; ``pictures``: the bag should have some.
@@ -163,16 +163,17 @@ class FlightChecks:
             self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
 
     @_guarded
-    def registered(self, found: Registered, plane: TangentPlane | None) -> None:
-        """Take what filter and gimbal computed from a sample, and the poses' tangent plane."""
+    def watch(self, _sample: Sample, registered: Registered) -> None:
+        """Take what filter and gimbal computed from a sample."""
+        plane = registered.plane
         if plane is not None and plane is not self._plane:
             self._plane = plane
             self._pictures.plane(plane)
             self._map.plane(plane)
             self._lay(plane)
-        if found.body is not None:
-            self._gimbal.body(found.body)
-        for pose in found.cameras:
+        if registered.body is not None:
+            self._gimbal.body(registered.body)
+        for pose in registered.cameras:
             self._pictures.pose(pose)
 
     def _lay(self, plane: TangentPlane) -> None:

@@ -15,6 +15,7 @@ from statistics import median
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError, TargetError
 from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
@@ -25,9 +26,9 @@ from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
 from tirgeo_ros.io.targets.formats import cot, exported, exported_answers, form_of, read_targets
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.finding_lines import finding_items
+from tirgeo_ros.tools.presentation.results import finding_items
+from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried_map
-from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
 
@@ -122,39 +123,38 @@ def _located(
     """Read the flight; return the pixels' places, the flight's summary, and its findings."""
     fitted, notes = configs.fitting(reader, namespace)
     ekf, gimbal, overlay, _ = fitted
-    camera = given_camera(overlay)
-    of_map: list[Finding] = []
-    layers = tried_map(of_map, overlay, overlay.map, used=False)
-    checks = FlightChecks(
-        fitted, reader, params, namespace, ground=ground, layers=layers, camera=camera
-    )
-    checks.found += of_map
-    recorded = RecordedFlight(reader, namespace, camera=camera, checks=checks)
-    latency_ns = round(overlay.video_latency_s * 1e9)
-    instants_ns = [pixel.stamp_ns - latency_ns for pixel in observations]
-    flight = recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)
-    flight.checks = checks
-    recorded.read_all(progress)
-    picture_camera = recorded.camera
+    lens, failed = given_camera(overlay), list[Finding]()
+    layers = tried_map(failed, overlay, overlay.map, used=False)
+    of_flight = (fitted, reader, params, namespace)
+    checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
+    checks.found += failed
+    flight = Flight(reader, namespace, camera=lens, checks=checks)
+    exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
+    poses = flight.registered(ekf, gimbal, exposures_ns, checks.watch, smooth=smooth)
+    flight.read_all(progress)
+    camera = flight.camera
 
-    def answer(pixel: Observation) -> Answer:
-        uv, motion = (pixel.u, pixel.v), flight.at(pixel.stamp_ns - latency_ns)
-        if motion is None or flight.plane is None:
+    def answer(pixel: Observation, exposed_ns: int) -> Answer:
+        uv, motion = (pixel.u, pixel.v), poses.at(exposed_ns)
+        if motion is None or poses.plane is None:
             return Refusal(pixel.stamp_ns, uv, Reason.NO_POSE)
         pose, rates = motion
-        where = (flight.plane, ground, overlay.confidence, rates)
-        return replace(place(picture_camera, pose, uv, *where), stamp_ns=pixel.stamp_ns)
+        where = (poses.plane, ground, overlay.confidence, rates)
+        return replace(place(camera, pose, uv, *where), stamp_ns=pixel.stamp_ns)
 
-    answers = [Answered(pixel.id, answer(pixel)) for pixel in observations]
-    navigation = flight.registration.navigation.status()
+    answers = [
+        Answered(pixel.id, answer(pixel, exposed_ns))
+        for pixel, exposed_ns in zip(observations, exposures_ns, strict=True)
+    ]
+    navigation = poses.registration.navigation.status()
     flown: dict[str, object] = {
         "method": navigation.method,
         "smoothed": smooth,
-        "composition": flight.registration.composer.composition,
+        "composition": poses.registration.composer.composition,
         "notes": notes,
         "state": navigation.state.value,
-        "messages": recorded.read,
-        "messages_refused": recorded.refused,
+        "messages": flight.read.total(),
+        "messages_refused": flight.refused,
     }
     return answers, flown, checks.findings()
 

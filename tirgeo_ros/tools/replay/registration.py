@@ -1,32 +1,42 @@
 """Compute body and camera poses from sensor samples, with the core objects of the nodes.
 
-This is what ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between them.
+This is what ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between them. With
+``--smooth`` a first pass through a flight records the filter, which is then smoothed backwards in
+time, and the second pass has the smoothed poses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
-from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import SmoothedNavigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
+    RecordingNavigation,
+    SmoothedNavigation,
+)
+from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
+    HeadingSample,
     ImuSample,
     JointSample,
     NavigationInput,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.core.types.verdicts import Verdict
 from tirgeo_ros.io import messages as convert
+from tirgeo_ros.tools.replay.flight_topics import METHOD_TOPICS
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 #: Topic -> the function that converts its messages to samples.
 SAMPLES: Mapping[str, Callable[[Any], Sample]] = convert.SENSED_SAMPLES
+_FILTERS = ("ekf", "ekf_heading")
 
 
 class Registered(NamedTuple):
@@ -35,26 +45,20 @@ class Registered(NamedTuple):
     solution: NavSolution | None = None
     body: BodyPose | None = None
     cameras: Sequence[CameraPose] = ()
+    plane: TangentPlane | None = None  # of the poses
 
 
 class Registration:
     """Feed the filter and the gimbal composition with samples in order of arrival.
 
-    ``heard`` is called with the filter's verdicts, as in ``Navigation``. With ``smoothed`` runs of
-    the same samples the poses are those.
+    With ``smoothed`` runs of the same samples the poses are those.
     """
 
     def __init__(
-        self,
-        ekf: EkfConfig,
-        gimbal: GimbalConfig,
-        heard: Callable[[Verdict], None] | None = None,
-        smoothed: Sequence[SmoothedRun] | None = None,
+        self, ekf: EkfConfig, gimbal: GimbalConfig, smoothed: Sequence[SmoothedRun] | None = None
     ) -> None:
         self.navigation = (
-            Navigation(ekf, heard)
-            if smoothed is None
-            else SmoothedNavigation(ekf, smoothed, heard)
+            Navigation(ekf) if smoothed is None else SmoothedNavigation(ekf, smoothed)
         )
         self.composer = GimbalComposer(gimbal)
 
@@ -63,9 +67,9 @@ class Registration:
         solution = navigated(self.navigation, sample)
         plane = self.navigation.plane
         if solution is None or plane is None:
-            return Registered(cameras=composed(self.composer, sample, None))
+            return Registered(cameras=composed(self.composer, sample, None), plane=plane)
         body = plane.body_pose(solution)
-        return Registered(solution, body, composed(self.composer, sample, body))
+        return Registered(solution, body, composed(self.composer, sample, body), plane)
 
 
 def navigated(navigation: Navigation, sample: Sample) -> NavSolution | None:
@@ -85,3 +89,50 @@ def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) ->
     if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
         cameras = composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb)
     return cameras if body is None else cameras + composer.add_body(body)
+
+
+class FlightFilter(NamedTuple):
+    """Hold a filter of a flight: its parameters, and by how much its headings are turned."""
+
+    ekf: EkfConfig
+    baseline_step_rad: float = 0.0
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Return the topics that it uses."""
+        return METHOD_TOPICS[self.ekf.method]
+
+    def turned(self, sample: Sample) -> Sample:
+        """Return a sample as the filter gets it: with the antenna baseline turned by the step."""
+        if not self.baseline_step_rad or not isinstance(sample, HeadingSample):
+            return sample
+        return replace(sample, heading_rad=sample.heading_rad - self.baseline_step_rad)
+
+
+class FilterRecording:
+    """Record a filter in the first pass, then smooth it.
+
+    Raise ConfigError for a method without a filter.
+    """
+
+    def __init__(self, recorded: FlightFilter) -> None:
+        method, choices = recorded.ekf.method, " or ".join(_FILTERS)
+        if not can_smooth(method):
+            raise ConfigError(
+                f"method {method} has no filter to smooth: choose {choices}, or do not smooth"
+            )
+        self._filter = recorded
+        self._navigation = RecordingNavigation(recorded.ekf)
+
+    def take(self, sample: Sample) -> None:
+        """Process a sample."""
+        navigated(self._navigation, self._filter.turned(sample))
+
+    def smoothed(self) -> list[SmoothedRun]:
+        """Return the filter's runs, smoothed, once the flight has been read."""
+        return self._navigation.smoothed()
+
+
+def can_smooth(method: str) -> bool:
+    """Return whether a method's poses come from a filter."""
+    return method in _FILTERS

@@ -47,10 +47,10 @@ class Relief:
         """Return ground points (N, 3) in the plane of the site at north and east (N, 2)."""
         return np.column_stack([level, -level @ self._rise])
 
-    def met(self, position_p: Floats, rays_p: Floats) -> tuple[Floats, Floats]:
-        """Return the height (m) of a point (3,) over the ground there, and the loss of it (N,).
+    def descent(self, position_p: Floats, rays_p: Floats) -> tuple[Floats, Floats]:
+        """Return a point's (3,) height over the ground, m, and how much of it rays lose (N,).
 
-        The loss is along each ray (N, 3); the ray meets the ground where it has lost all.
+        A ray (N, 3) meets the ground at its own length times height over loss.
         """
         # Python floats keep arrays in single precision, which is much faster.
         north, east = self._rise
@@ -75,7 +75,7 @@ def elevation_text(relief: Relief, plane: TangentPlane) -> str:
         row_lat = np.full(columns, math.radians(south + _NODE_DEG * row))
         level = plane.ned_from_geodetic(row_lat, lons, np.full(columns, plane.height_m))
         _, _, height = plane.geodetic_from_ned(relief.places(level[:, :2]))
-        lines.append(" ".join(f"{one:.3f}" for one in height.tolist()))
+        lines.append(" ".join(f"{metres:.3f}" for metres in height.tolist()))
     return "\n".join(lines) + "\n"
 
 

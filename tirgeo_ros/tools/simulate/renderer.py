@@ -113,7 +113,7 @@ class _Canvas:
         return np.asarray(cells, np.int32)
 
     def fill(self, rings: Sequence[Array], grey: float) -> None:
-        """Fill the first ring except the others, which are inside it."""
+        """Fill the first ring, without the other rings inside it."""
         cells = [self._cells(ring) for ring in rings]
         cv2.fillPoly(self.grey, cells, grey, cv2.LINE_AA, _SHIFT)
 
@@ -173,7 +173,7 @@ class Target:
     heading_rad: float
 
     def covers(self, along: Floats, across: Floats) -> npt.NDArray[np.bool_]:
-        """Return whether it covers places, m along and across its heading from its middle."""
+        """Return whether it covers places: m along and across its heading, from its middle."""
         if self.kind == "fire":
             return np.asarray(along**2 + across**2 < (self.size_m / 2) ** 2)
         width_m = self.size_m * (_VEHICLE_WIDTH if self.kind == "vehicle" else 1)
@@ -303,7 +303,7 @@ class Renderer:
         rays_p = self._rays_c @ matrix_from_quat(q_pc).T.astype(np.float32)
         # Single precision is enough: 1e-5 m at some 100 m.
         place = position_p.astype(np.float32)
-        height, loss = self._relief.met(place, rays_p)
+        height, loss = self._relief.descent(place, rays_p)
         on_ground = loss > height / _FAR_M
         depth = np.asarray(height / np.where(on_ground, loss, np.float32(1)), np.float32)
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)

@@ -19,9 +19,9 @@ from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.types.errors import PictureError
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.tools.replay.picture_outputs import PictureOutputs
 from tirgeo_ros.tools.replay.picture_stage import Painted
 from tirgeo_ros.tools.replay.process import process
+from tirgeo_ros.tools.replay.process_outputs import PictureOutputs
 
 _STAGE = "tirgeo_ros.tools.replay.picture_stage"
 #: Of the summary: what differs from run to run.

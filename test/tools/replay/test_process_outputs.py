@@ -1,16 +1,25 @@
-"""tirgeo process: transforms, footprints, calibrations, the track, and video with its packets."""
+"""What process writes besides poses: transforms, footprints, the track, video, located clicks."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from flights import flight
 from klv_reader import by_klvdata, demuxed, step_of, values_in
-from process_bags import CAMERA_POSE, IMAGES, messages_of
+from process_bags import CAMERA_POSE, CDR, IMAGES, messages_of, write_hover
 from transform_chains import Chains, rigid
 
 from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.config import EkfConfig, OverlayConfig
+from tirgeo_ros.core.frames.rotations import heading_of, wrapped
 from tirgeo_ros.core.navigation.estimator.track import MOST_POINTS
+from tirgeo_ros.core.types.measurements import SetHeading
 from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
+from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose, ground_point
+from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.replay.process import process
 
 #: Interpolating on a globe of attitudes and chaining, twice: positions of order 100 m.
@@ -62,14 +71,13 @@ def test_the_track_follows_the_odometry(whole):
     assert {one.header.frame_id for one in path.poses} == {path.header.frame_id} == {"map"}
 
 
-def test_names_of_frames_and_without_tf(cut, sample, tmp_path):
+def test_names_of_frames_and_without_tf(cut, params, tmp_path):
     names = tmp_path / "names.yaml"
     names.write_text(
         "/**: {ros__parameters: {frame_prefix: uav1/, map_frame: field}}\n"
         "/**/ekf_node: {ros__parameters: {publish_tf: false}}\n"
     )
-    params = [sample / "params.yaml", names]
-    summary = process(cut, tmp_path / "out.mcap", params=params, images=False)
+    summary = process(cut, tmp_path / "out.mcap", params=[params, names], images=False)
     assert "/tf_static" not in summary["written"]
     chains = Chains(contents(tmp_path / "out.mcap", "/tf"))  # gimbal_node's
     assert chains.parents == {"uav1/tir_optical_frame": "uav1/base_link"}
@@ -134,3 +142,122 @@ def test_places_are_those_of_the_flight(film, sample):
         assert np.linalg.norm(here_n - nearest.position_n) < 1.0
         assert values[15] - values[75] == pytest.approx(9.0, abs=step_of(75))
         assert 0.1 < values[45] < 5.0
+
+
+PIXEL = "tirgeo/locate/pixel"
+UV = (320.0, 300.0)
+
+
+def click(stamp_ns):
+    kind, header = CDR.types(TOPIC_TYPES[PIXEL]), CDR.types("std_msgs/msg/Header")
+    time, point = (
+        CDR.types("builtin_interfaces/msg/Time"),
+        CDR.types("geometry_msgs/msg/Point"),
+    )
+    stamp = time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+    return kind(header=header(stamp=stamp, frame_id=""), point=point(x=UV[0], y=UV[1], z=0.0))
+
+
+@pytest.fixture(scope="module")
+def clicked(cut, tmp_path_factory):
+    """The sample's first seconds with a click on its 20th picture, and that picture's stamp."""
+    path = tmp_path_factory.mktemp("clicked") / "flight.mcap"
+    stamp_ns = [convert.stamp_ns(message) for _, message in messages_of(cut, IMAGES)][19]
+    with BagWriter(path) as writer:
+        for item in BagReader(cut).messages():
+            writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+        writer.write(f"/{PIXEL}", TOPIC_TYPES[PIXEL], click(stamp_ns), item.log_time_ns)
+    return path, stamp_ns
+
+
+def located(path):
+    """Stamp, point and covariance of the one point in a bag of outputs."""
+    ((_, message),) = messages_of(path, "/tirgeo/locate/point")
+    return ground_point(message)
+
+
+def test_a_click_in_the_bag_becomes_a_point(clicked, options, tmp_path):
+    bag, stamp_ns = clicked
+    output = tmp_path / "out.mcap"
+    summary = process(bag, output, **options)
+    stamp, point_n, covariance_n = located(output)
+    assert stamp == stamp_ns
+    # The ground is the plane's own height there: the Earth's bend over 100 m is below 1 mm.
+    assert point_n[2] == pytest.approx(0.0, abs=0.001)
+    assert 10 < np.linalg.norm(point_n[:2]) < 300
+    assert np.linalg.eigvalsh(covariance_n)[0] > 0
+    assert summary["overlay"]["drawn"] > 10
+    assert summary["written"]["/tirgeo/locate/fix"] == 1
+
+
+def model(path, params, height_m):
+    """A level elevation model, ellipsoidal, around the sample flight."""
+    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    from rasterio.transform import from_origin  # noqa: PLC0415 after it is known to be there
+
+    step_deg = 1e-4
+    plane = load_config(params, "ekf_node", EkfConfig).origin_lat_lon_h
+    west, north = plane[1] - 100 * step_deg, plane[0] + 100 * step_deg
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        height=200,
+        width=200,
+        count=1,
+        dtype="float32",
+        crs="EPSG:4979",
+        transform=from_origin(west, north, step_deg, step_deg),
+    ) as target:
+        target.write(np.full((200, 200), height_m, np.float32), 1)
+    return path
+
+
+def test_an_elevation_model_stands_before_the_parameters_height(clicked, options, tmp_path):
+    params = options["params"]
+    ground_m = load_config(params, "overlay_node", OverlayConfig).ground_height_m
+    dem = model(tmp_path / "dem.tif", params, ground_m + 2.0)
+    output = tmp_path / "out.mcap"
+    process(clicked[0], output, dem=dem, **options)
+    # 1 mm of the Earth's bend, and what float32 leaves of the height
+    assert located(output)[1][2] == pytest.approx(-2.0, abs=0.002)
+
+
+def kml(path, params):
+    """A line at the sample's origin, one 3 deg away, and a link that is not followed."""
+    north, east, _ = load_config(params, "ekf_node", EkfConfig).origin_lat_lon_h
+    marks = "".join(
+        f"<Placemark><LineString><coordinates>{east + off},{north} {east + off},{north + 0.001}"
+        "</coordinates></LineString></Placemark>"
+        for off in (0.0, 3.0)
+    )
+    head = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
+    path.write_text(f"{head}{marks}</Document></kml>")
+    return path
+
+
+def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, params, tmp_path):
+    dem = model(tmp_path / "dem.tif", params, 20.0)
+    given = {"params": params, "map": kml(tmp_path / "map.kml", params), "dem": dem}
+    notes = process(clicked[0], tmp_path / "out.mcap", **given)["notes"]
+    assert any(note.startswith("map: 1 of 2 features lie where the elev") for note in notes)
+
+
+SIGMA = math.radians(2.0)
+
+
+def test_a_set_heading_in_a_bag_begins_the_filter(tmp_path):
+    flown = flight(1, 6.0, "hover")
+    begin_ns, true_rad = flown.truth.stamp_ns[0], heading_of(flown.truth.q_nb[0])
+    told = SetHeading(begin_ns + 3_000_000_000, true_rad + SIGMA, SIGMA**2)
+    poses = []
+    for name, given in (("without", ()), ("with", (told,))):
+        bag = write_hover(tmp_path / f"{name}.mcap", flown, *given)
+        out = tmp_path / f"{name}_out.mcap"
+        process(bag, out, method="ekf", images=False)
+        poses.append([body_pose(one) for _, one in messages_of(out, "/tirgeo/odometry")])
+    silent, flying = poses
+    assert not silent
+    assert flying[0].stamp_ns - told.stamp_ns < 1_500_000_000
+    off_rad = wrapped(heading_of(flying[0].q_nb) - true_rad)
+    assert abs(off_rad - SIGMA) < 0.5 * SIGMA  # it is what was said, turned with the aircraft

@@ -21,13 +21,8 @@ from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, save_observations, save_survey
-from tirgeo_ros.tools.evaluate.ground import (
-    experiment_of,
-    load_experiment,
-    locate_observations,
-)
-from tirgeo_ros.tools.evaluate.projection import projection_of
-from tirgeo_ros.tools.evaluate.result import ground_errors
+from tirgeo_ros.tools.evaluate.experiment import experiment_of, load_experiment, projection_of
+from tirgeo_ros.tools.evaluate.result import ground_errors, locate_observations
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 GROUND_M = 11.5

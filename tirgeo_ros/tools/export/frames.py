@@ -1,0 +1,267 @@
+"""Choose pictures of a flight, register them, and read them with all that a product needs."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.streams.stamps import exposure_ns
+from tirgeo_ros.core.types.arrays import Pixels, RawPixels
+from tirgeo_ros.core.types.errors import BagError, MessageError, TirgeoError
+from tirgeo_ros.core.types.finding import stop_line
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.parameters.parameter_file import Files
+from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.results import finding_items
+from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.registration import Registered, Sample
+
+
+class Window(NamedTuple):
+    """Hold which pictures are wanted: seconds after the first message, and at most one in each."""
+
+    from_s: float = 0.0
+    to_s: float = math.inf
+    every_s: float = 0.0  # 0: all
+
+
+class Chosen(NamedTuple):
+    """Hold a chosen picture's number in the flight, from 0, and its stamp."""
+
+    number: int
+    stamp_ns: int
+
+
+class FlightPictures:
+    """Read the pictures of a bag: of the raw topic, or else of the compressed one.
+
+    Raise BagError if the bag has neither.
+    """
+
+    def __init__(self, reader: BagReader, namespace: str) -> None:
+        self._reader, self._cdr = reader, Cdr()
+        names = {topic: resolved(topic, namespace) for topic in PICTURES}
+        there = [topic for topic, name in names.items() if name in reader.topics()]
+        if not there:
+            hint = "" if namespace else "; is there a --namespace?"
+            absent = " or ".join(names.values())
+            raise BagError(f"{reader.path}: needed topic absent: {absent}{hint}")
+        self._topic, self._name = there[0], names[there[0]]
+
+    @cached_property
+    def _times_ns(self) -> list[tuple[int, int]]:
+        """Return the log time and the stamp of each picture; the bag is read once for them."""
+        return [(message.log_time_ns, _stamp_ns(message)) for message in self._messages()]
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Return the stamps of all pictures."""
+        return [stamp_ns for _, stamp_ns in self._times_ns]
+
+    def chosen(self, window: Window) -> list[Chosen]:
+        """Return the pictures in a window, the first in each interval of ``every_s``."""
+        found: list[Chosen] = []
+        first_ns, newest = self._reader.span_ns[0], None
+        for number, (log_time_ns, stamp_ns) in enumerate(self._times_ns):
+            since_s = (log_time_ns - first_ns) * 1e-9
+            if since_s > window.to_s:
+                break
+            interval = number if window.every_s <= 0 else since_s // window.every_s
+            if since_s >= window.from_s and interval != newest:
+                newest = interval
+                found.append(Chosen(number, stamp_ns))
+        return found
+
+    def read(self, numbers: Collection[int]) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
+        """Yield the pictures of these numbers, in order; an error for one that is damaged."""
+        last = max(numbers, default=-1)
+        for number, message in enumerate(self._messages()):
+            if number > last:
+                return
+            if number in numbers:
+                try:
+                    content = self._cdr.deserialize(message.data, message.typename, message.topic)
+                    yield number, convert.pixels(self._topic, content)
+                except TirgeoError as error:
+                    yield number, error
+
+    def _messages(self) -> Iterator[BagMessage]:
+        return self._reader.messages([self._name])
+
+
+def _stamp_ns(message: BagMessage) -> int:
+    """Return a picture's stamp; one without, or without a header, has that of its arrival."""
+    with suppress(MessageError):
+        return header_stamp_ns(message.data) or message.log_time_ns
+    return message.log_time_ns
+
+
+_WHY_NOT = {
+    Miss.EMPTY: "no pose near the exposure",
+    Miss.TOO_OLD: "before the first pose",
+    Miss.TOO_NEW: "after the last pose",
+    Miss.GAP: "no pose near the exposure",
+}
+
+
+class Posed(NamedTuple):
+    """Hold the poses at a picture's exposure."""
+
+    stamp_ns: int  # of the picture's header
+    pose: CameraPose
+    body: BodyPose
+
+
+class RegisteredFlight(NamedTuple):
+    """Hold a flight whose pictures have poses, at least one of them."""
+
+    camera: Camera
+    plane: TangentPlane
+    ground: Ground | None
+    posed: Mapping[int, Posed]  # by the picture's number
+    refused: Counter[str]  # pictures without a trusted pose, by reason
+    states: Mapping[int, str]  # of the filter, by the exposures (ns)
+    summary: Mapping[str, object]
+    no_go: str | None  # the worst STOP of the checks
+
+
+def register(
+    reader: BagReader,
+    configs: NodeConfigs,
+    params: Files,
+    namespace: str,
+    chosen: Sequence[Chosen],
+    progress: Report,
+    *,
+    smooth: bool = False,
+) -> RegisteredFlight:
+    """Read the flight once, and check it on the way.
+
+    Raise BagError if no chosen picture has a pose; CameraError, ElevationError.
+    """
+    fitted, notes = configs.fitting(reader, namespace)
+    ekf, gimbal, overlay, _ = fitted
+    ground, lens = ground_of(overlay), given_camera(overlay)
+    of_flight = (fitted, reader, params, namespace)
+    checks = FlightChecks(*of_flight, ground=ground, camera=lens, pictures=True)
+    flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
+    exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in chosen]
+    bodies = _Bodies(exposures_ns)
+    watchers = bodies.watch, checks.watch
+    poses = flight.registered(ekf, gimbal, exposures_ns, *watchers, smooth=smooth)
+    bodies.flown = poses
+    flight.read_all(progress)
+    posed, refused = _posed(poses, bodies, chosen, exposures_ns)
+    status = poses.registration.navigation.status()
+    if not posed or poses.plane is None:
+        why = ", ".join(refused) or "none was recorded then (--from, --to)"
+        state = f"; the filter is {status.state.value} at the end"
+        none = f"{reader.path}: none of {len(chosen)} pictures has a trusted pose: {why}{state}"
+        raise BagError(none)
+    findings = checks.findings()
+    summary = {
+        "method": status.method,
+        "composition": poses.registration.composer.composition,
+        "state": status.state.value,
+        "smoothed": smooth,
+        "findings": finding_items(findings),
+        "notes": [*notes, *(ground.notes if isinstance(ground, Terrain) else ())],
+    }
+    place = flight.camera, poses.plane, ground
+    return RegisteredFlight(*place, posed, refused, bodies.states, summary, stop_line(findings))
+
+
+def _posed(
+    poses: FlightPoses, bodies: _Bodies, chosen: Sequence[Chosen], exposures_ns: Sequence[int]
+) -> tuple[dict[int, Posed], Counter[str]]:
+    """Return the pictures that have poses, and the number of the others by reason."""
+    posed: dict[int, Posed] = {}
+    refused: Counter[str] = Counter()
+    for (number, stamp_ns), exposed_ns in zip(chosen, exposures_ns, strict=True):
+        pose, body = poses.cameras.at(exposed_ns), bodies.at(exposed_ns)
+        if isinstance(pose, Miss):
+            refused[_WHY_NOT[pose]] += 1
+        elif isinstance(body, Miss):
+            refused[_WHY_NOT[body]] += 1
+        else:
+            posed[number] = Posed(stamp_ns, pose, body)
+    return posed, refused
+
+
+class _Bodies:
+    """Keep the aircraft's poses and the filter's states at some instants (ns)."""
+
+    def __init__(self, instants_ns: Sequence[int]) -> None:
+        self._waiting = sorted(instants_ns, reverse=True)
+        self._recent: PoseBuffer[BodyPose] = PoseBuffer()
+        self._poses: dict[int, BodyPose | Miss] = {}
+        self.flown: FlightPoses | None = None
+        self.states: dict[int, str] = {}
+
+    def watch(self, _sample: Sample, registered: Registered) -> None:
+        """Take a new pose, and keep those at the instants before it."""
+        if registered.body is None or not self._recent.add(registered.body):
+            return
+        while self._waiting and self._waiting[-1] <= registered.body.stamp_ns:
+            instant_ns = self._waiting.pop()
+            self._poses[instant_ns] = self._recent.at(instant_ns)
+            if self.flown is not None:
+                status = self.flown.registration.navigation.status()
+                self.states[instant_ns] = status.state.value
+
+    def at(self, instant_ns: int) -> BodyPose | Miss:
+        """Return the pose at an instant, or why there was none."""
+        return self._poses.get(instant_ns, Miss.TOO_NEW)
+
+
+@dataclass(frozen=True)
+class ExportFrame:
+    """Hold a picture as recorded, where the camera was, and the ground below."""
+
+    number: int  # of the picture in the flight, from 0
+    stamp_ns: int  # of the picture's header
+    pixels: Pixels  # (h, w) 8 or 16 bits, or (h, w, 3) BGR
+    camera: Camera
+    pose: CameraPose  # at the time of exposure
+    body: BodyPose  # at the time of exposure
+    plane: TangentPlane
+    ground: Ground | None
+
+
+def frames(
+    pictures: FlightPictures, flight: RegisteredFlight, progress: Report
+) -> Iterator[ExportFrame]:
+    """Yield the pictures that have a pose, in order; count those that cannot be read."""
+    kind = None
+    for done, (number, pixels) in enumerate(pictures.read(flight.posed)):
+        progress(done, len(flight.posed))
+        if isinstance(pixels, TirgeoError):
+            flight.refused["damaged"] += 1
+            continue
+        kind = kind or (pixels.dtype, pixels.ndim)
+        if pixels.shape[:2] != (flight.camera.height, flight.camera.width):
+            flight.refused["of another size than the camera's calibration"] += 1
+        elif (pixels.dtype, pixels.ndim) != kind:
+            flight.refused["of another kind than the first picture"] += 1
+        else:
+            stamp_ns, pose, body = flight.posed[number]
+            place = flight.camera, pose, body, flight.plane, flight.ground
+            yield ExportFrame(number, stamp_ns, pixels, *place)

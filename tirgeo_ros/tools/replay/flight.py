@@ -1,0 +1,426 @@
+"""Drive a recorded flight: one pass through its bag, and any number of sinks.
+
+A sink takes the samples of topics (``Flight.add``), or the poses that filter and gimbal make of
+them (``Flight.registered``), or whole messages (``MessageSink``, which ``tirgeo process`` is). The
+checks go along. Each message is decoded once.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
+from itertools import islice
+from typing import Any, Protocol
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.checks.input_checks import size_fault
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
+from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
+from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.types.errors import BagError, CameraError, MessageError, TirgeoError
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_topics import (
+    CAMERA_INFO,
+    PICTURES,
+    checked_topics,
+    inputs_of,
+    resolved,
+)
+from tirgeo_ros.tools.replay.registration import (
+    SAMPLES,
+    FilterRecording,
+    FlightFilter,
+    Registered,
+    Registration,
+    Sample,
+)
+
+_TRIED = 10  # pictures to try for their size, as the first ones may be damaged
+WHOLE_FLIGHT_S = 1e9
+#: Poses this near an instant are kept: more than the longest gap that is interpolated across.
+_NEAR_NS = 1_000_000_000
+#: The camera's motion is measured from this much before an instant to this much after it.
+_MOTION_NS = 50_000_000
+#: Messages that are decoded together: work of one kind in a row uses the caches better.
+_BLOCK = 32
+#: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
+_LOOKED_AT = 10
+#: Share of the work, roughly, that the first pass of two is.
+_FIRST_SHARE = 0.4
+
+#: Take a sample and what filter and gimbal made of it.
+Watcher = Callable[[Sample, Registered], None]
+
+
+class MessageSink(Protocol):
+    """Define a sink that takes pictures and clicks too, and writes as the flight goes on."""
+
+    topics: Mapping[str, str]  # all that are read for it: resolved name -> contract topic
+
+    def wants(self, topic: str) -> bool:
+        """Return whether a topic of samples still changes what is written."""
+
+    def expect(self, topic: str, content: object) -> None:
+        """Learn of a picture that will soon be taken."""
+
+    def set_camera(self, camera: Camera) -> None:
+        """Take a calibration. TirgeoError counts it as unreadable."""
+
+    def take(self, topic: str, content: Any, arrival_ns: int) -> None:
+        """Take a message that is no sample. TirgeoError counts it as unreadable."""
+
+    def proceed(self, arrival_ns: int) -> None:
+        """Go on to the time of a message that everybody has taken."""
+
+
+class Flight:
+    """Hold a recorded flight and the sinks of the one pass through it.
+
+    Messages are counted: ``read`` and ``undecoded`` by their names in the bag, ``unreadable`` by
+    contract topic, with the newest reason. ``now_ns`` is the log time of the message that is being
+    passed on. With ``pictures``, ``picture_stamps_ns`` holds the stamps of the pictures. A given
+    ``camera`` overrides the bag's; ``needs_camera``: one of them must be there. ``checks`` get all
+    inputs, and of the pictures those that they want, or ``all_pixels``.
+    """
+
+    def __init__(
+        self,
+        reader: BagReader,
+        namespace: str = "",
+        *,
+        pictures: bool = False,
+        camera: Camera | None = None,
+        checks: FlightChecks | None = None,
+        needs_camera: bool = True,
+        all_pixels: bool = False,
+    ) -> None:
+        self.read: Counter[str] = Counter()
+        self.undecoded: Counter[str] = Counter()
+        self.unreadable: Counter[str] = Counter()
+        self.unreadable_because: dict[str, str] = {}
+        self.picture_stamps_ns: list[int] = []
+        self.arrivals = Arrivals()
+        self.begun_ns: int | None = None
+        self.now_ns = 0
+        self._reader, self._namespace = reader, namespace
+        self._pictures, self._all_pixels = pictures, all_pixels
+        self._given_camera = self._camera = camera
+        self._needs_camera = needs_camera
+        self._checks = checks
+        self._sink: MessageSink | None = None
+        self._takers: defaultdict[str, list[Callable[[Sample], None]]] = defaultdict(list)
+        self._to_smooth: list[FlightPoses] = []
+        self._cdr = Cdr()
+        self._unwanted = 0
+
+    @property
+    def refused(self) -> int:
+        """Return the number of messages that could not be used."""
+        return self.undecoded.total() + self.unreadable.total()
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time from the first to the newest message that was read for the sinks."""
+        return (self.now_ns - (self.begun_ns or 0)) * 1e-9
+
+    @property
+    def camera(self) -> Camera:
+        """Return the camera, once the flight was read.
+
+        Raise BagError without a usable calibration, and CameraError for one of another size than
+        the bag's pictures.
+        """
+        if self._camera is None:
+            raise BagError(f"{self._reader.path}: no {CAMERA_INFO} could be used")
+        size = self._picture_size()
+        fault = size_fault(self._camera, *size) if size else ""
+        if fault:
+            raise CameraError(
+                f"{self._reader.path}: {fault}: give the calibration of these pictures (--camera, "
+                f"or {CAMERA_INFO})"
+            )
+        return self._camera
+
+    def _picture_size(self) -> tuple[int, int] | None:
+        """Return (width, height) of the first picture that can be read, or None without one."""
+        for topic in filter(self.has, PICTURES):
+            name = resolved(topic, self._namespace)
+            for message in islice(self._reader.messages([name]), _TRIED):
+                with suppress(TirgeoError):
+                    content = self._cdr.deserialize(message.data, message.typename)
+                    height, width = convert.pixels(topic, content).shape[:2]
+                    return width, height
+        return None
+
+    def registered(
+        self,
+        ekf: EkfConfig,
+        gimbal: GimbalConfig,
+        instants_ns: Sequence[int],
+        *watchers: Watcher,
+        baseline_step_rad: float = 0.0,
+        smooth: bool = False,
+    ) -> FlightPoses:
+        """Add a registration, which takes the samples, and return it.
+
+        Raise BagError if a needed topic is absent. ``baseline_step_rad``: use the headings that
+        the aircraft would have measured with its antenna baseline turned by this angle, clockwise
+        from above. ``smooth``: each pose from all measurements, also later ones.
+        """
+        topics = inputs_of(
+            self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
+        )
+        flown = FlightFilter(ekf, baseline_step_rad)
+        poses = FlightPoses(flown, gimbal, topics.values(), instants_ns, watchers)
+        return self.add_poses(poses, smooth=smooth)
+
+    def add_poses(self, poses: FlightPoses, *, smooth: bool = False) -> FlightPoses:
+        """Add a registration that takes the samples of its topics, and return it."""
+        self.add(poses.topics, poses.take)
+        if smooth:
+            self._to_smooth.append(poses)
+        return poses
+
+    def add(self, topics: Collection[str], take: Callable[[Sample], None]) -> None:
+        """Pass the samples of contract topics to ``take``, in order of arrival."""
+        for topic in topics:
+            self._takers[topic].append(take)
+
+    def has(self, topic: str) -> bool:
+        """Return whether the bag has a contract topic with its type."""
+        name = resolved(topic, self._namespace)
+        return self._reader.topics().get(name) == TOPIC_TYPES[topic]
+
+    def read_all(self, progress: Report, sink: MessageSink | None = None) -> None:
+        """Pass the flight to all sinks; call ``progress`` with seconds of the flight.
+
+        Raise BagError if no topic has the camera's calibration. What is to be smoothed is
+        recorded in a pass of its own before.
+        """
+        if self._needs_camera and self._given_camera is None and not self.has(CAMERA_INFO):
+            hint = "" if self._namespace else "; is there a --namespace?"
+            name = resolved(CAMERA_INFO, self._namespace)
+            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+        self._sink = sink
+        if self._to_smooth:
+            first, progress = passes(progress)
+            filters = [poses.filter for poses in self._to_smooth]
+            runs = smoothed_runs(self._reader, self._namespace, filters, first)
+            for poses, smoothed in zip(self._to_smooth, runs, strict=True):
+                poses.begin(smoothed)
+        topics = self._topics() if sink is None else sink.topics
+        checks = self._checks
+        checked = {} if checks is None else checked_topics(self._reader, self._namespace, topics)
+        first_ns, last_ns = self._reader.span_ns
+        messages = self._reader.messages({*topics, *checked})
+        while block := list(islice(messages, _BLOCK)):
+            progress((block[-1].log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
+            contents = [
+                self._content(topics[message.topic], message) if message.topic in topics else None
+                for message in block
+            ]
+            for message, content in zip(block, contents, strict=True):
+                if message.topic in topics:
+                    self._take(topics[message.topic], message, content)
+                elif checks is not None:
+                    checks.message(checked[message.topic], message)
+
+    def _topics(self) -> dict[str, str]:
+        """Return what the sinks of samples and the checks of pictures read."""
+        wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
+        return {resolved(name, self._namespace): name for name in wanted if self.has(name)}
+
+    def _content(self, topic: str, message: BagMessage) -> object | None:
+        """Return the content, why there is none, or None where it is not needed.
+
+        Of what only the checks want, each tenth is decoded; of pictures without a sink, none.
+        """
+        if self._sink is None:
+            return None if topic in PICTURES else self._decoded(message)
+        if not self._sink.wants(topic):
+            self._unwanted += 1
+            if self._unwanted % _LOOKED_AT:
+                return None
+        content = self._decoded(message)
+        if topic in PICTURES and not isinstance(content, MessageError):
+            self._sink.expect(topic, content)
+        return content
+
+    def _decoded(self, message: BagMessage) -> object:
+        """Return the content of a message, or why it cannot be decoded."""
+        try:
+            content: object = self._cdr.deserialize(message.data, message.typename, message.topic)
+        except MessageError as error:
+            return error
+        return content
+
+    def _take(self, topic: str, message: BagMessage, content: object | None) -> None:
+        """Process a message; it is decoded here if it was not wanted when its block was."""
+        self.now_ns = message.log_time_ns
+        if self.begun_ns is None:
+            self.begun_ns = self.now_ns
+        if self._sink is not None and not self._sink.wants(topic):
+            self._look_at(topic, content)
+            return
+        if self._sink is not None or topic not in PICTURES:
+            content = self._decoded(message) if content is None else content
+            if isinstance(content, MessageError):
+                self.undecoded[message.topic] += 1
+                if self._sink is None and self._checks is not None:
+                    self._checks.refused(topic, str(content))
+                return
+            self.read[message.topic] += 1
+        sample = self._sample(topic, message, content)
+        if sample is not None:
+            for take in self._takers[topic]:
+                take(sample)
+        if self._sink is not None:
+            self._sink.proceed(self.now_ns)
+
+    def _look_at(self, topic: str, content: object | None) -> None:
+        """Pass a sample that nobody but the checks wants to them, if it was decoded."""
+        if content is None or isinstance(content, MessageError) or self._checks is None:
+            return
+        with suppress(TirgeoError):
+            self._checks.sample(topic, SAMPLES[topic](content), self.now_ns)
+
+    def _sample(self, topic: str, message: BagMessage, content: object | None) -> Sample | None:
+        """Return a message's sample; what is none is taken here. Count what cannot be used."""
+        try:
+            if topic in SAMPLES:
+                sample = SAMPLES[topic](content)
+                if self._checks is not None:
+                    self._checks.sample(topic, sample, self.now_ns)
+                return self.arrivals.stamped(topic, sample, self.now_ns)
+            self._take_other(topic, message, content)
+        except TirgeoError as error:
+            self.unreadable[topic] += 1
+            self.unreadable_because[topic] = str(error)
+            if self._checks is not None:
+                self._checks.refused(topic, str(error))
+        return None
+
+    def _take_other(self, topic: str, message: BagMessage, content: object | None) -> None:
+        """Take a calibration, a picture, or what only the sink takes."""
+        if topic == CAMERA_INFO:
+            self._camera = self._given_camera or convert.camera(content)
+            if self._checks is not None:
+                self._checks.camera(self._camera, self.now_ns)
+            if self._sink is not None:
+                self._sink.set_camera(self._camera)
+        elif self._sink is not None:
+            self._sink.take(topic, content, self.now_ns)
+        else:
+            self._take_picture(topic, message)
+
+    def _take_picture(self, topic: str, message: BagMessage) -> None:
+        """Keep a picture's stamp, and pass the picture to the checks."""
+        self.picture_stamps_ns.append(header_stamp_ns(message.data))
+        if self._checks is not None:
+            self._checks.picture(topic, message, always=self._all_pixels)
+
+
+class FlightPoses:
+    """Compute the poses of a flight; keep the camera's around some instants (ns), None: all.
+
+    All are in one tangent plane. ``watchers`` get each sample with what was computed from it.
+    """
+
+    def __init__(
+        self,
+        flown: FlightFilter,
+        gimbal: GimbalConfig,
+        topics: Collection[str],
+        instants_ns: Sequence[int] | None = (),
+        watchers: Sequence[Watcher] = (),
+    ) -> None:
+        self.filter, self._gimbal, self.topics = flown, gimbal, topics
+        self.watchers = list(watchers)
+        self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
+        self._instants_ns = None if instants_ns is None else sorted(instants_ns)
+        self.begin(None)
+
+    @property
+    def plane(self) -> TangentPlane | None:
+        """Return the tangent plane of the poses; None before there is one."""
+        return self.registration.navigation.plane
+
+    def begin(self, smoothed: Sequence[SmoothedRun] | None) -> None:
+        """Begin the registration, with the poses of smoothed runs if they are given."""
+        self.registration = Registration(self.filter.ekf, self._gimbal, smoothed)
+
+    def take(self, sample: Sample) -> None:
+        """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
+        sample = self.filter.turned(sample)
+        registered = self.registration.take(sample)
+        for pose in registered.cameras:
+            if self._instants_ns is None or self._is_near(pose.stamp_ns):
+                self.cameras.add(pose)
+        for watcher in self.watchers:
+            watcher(sample, registered)
+
+    def _is_near(self, stamp_ns: int) -> bool:
+        assert self._instants_ns is not None
+        after = bisect_left(self._instants_ns, stamp_ns - _NEAR_NS)
+        nearest = self._instants_ns[after : after + 1]
+        return bool(nearest) and nearest[0] <= stamp_ns + _NEAR_NS
+
+    def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
+        """Return the pose at one of the instants and the camera's motion there, or None."""
+        return pose_at(self.cameras, stamp_ns)
+
+
+def smoothed_runs(
+    reader: BagReader, namespace: str, filters: Sequence[FlightFilter], progress: Report
+) -> list[list[SmoothedRun]]:
+    """Record filters in one pass through a bag; return the smoothed runs of each.
+
+    Filters that are the same object are run once. Raise ConfigError for a method without a filter.
+    """
+    first = Flight(reader, namespace, needs_camera=False)
+    keys = [(id(flown.ekf), flown.baseline_step_rad) for flown in filters]
+    recordings: dict[tuple[int, float], FilterRecording] = {}
+    for key, flown in zip(keys, filters, strict=True):
+        if key not in recordings:
+            recordings[key] = FilterRecording(flown)
+            first.add(flown.topics, recordings[key].take)
+    first.read_all(progress)
+    runs = {key: recording.smoothed() for key, recording in recordings.items()}
+    return [runs[key] for key in keys]
+
+
+def passes(progress: Report) -> tuple[Report, Report]:
+    """Return the progress of the first and of the second pass, as parts of the whole."""
+    return _part(progress, 0.0, _FIRST_SHARE), _part(progress, _FIRST_SHARE, 1.0)
+
+
+def _part(progress: Report, begin: float, end: float) -> Report:
+    def report(done: float, total: float | None) -> None:
+        if total is not None:
+            done = begin * total + (end - begin) * done
+        progress(done, total)
+
+    return report
+
+
+def pose_at(
+    poses: PoseBuffer[CameraPose], stamp_ns: int
+) -> tuple[CameraPose, CameraRates | None] | None:
+    """Return the pose at an instant (ns) and the camera's motion there, or None without a pose."""
+    pose = poses.at(stamp_ns)
+    if not isinstance(pose, CameraPose):
+        return None
+    around = [poses.at(stamp_ns + step) for step in (-_MOTION_NS, 0, _MOTION_NS)]
+    present = [one for one in around if isinstance(one, CameraPose)]
+    return pose, CameraRates.between(present[0], present[-1]) if len(present) > 1 else None

@@ -1,0 +1,398 @@
+"""Write what the nodes publish of a flight, in log-time order: the outputs of ``tirgeo process``.
+
+The poses, the transforms and the track are those of ekf_node and gimbal_node, the pictures those
+of overlay_node, by the same core objects and conversions. The log time of an output is that of
+the input that caused it. A picture may come out later than what follows it: that waits for it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import Miss
+from tirgeo_ros.core.ground.frame_geometry import Sight
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.navigation.estimator.track import Track
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.picture_painter import Unpainted
+from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.poses import BodyPose
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages, navigation_item
+from tirgeo_ros.io.video.frame_metadata import FrameMetadata
+from tirgeo_ros.io.video.video_file import VideoFile
+from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_topics import prefix, resolved
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.picture_stage import PictureStage
+from tirgeo_ros.tools.replay.registration import Registered, Sample
+
+DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+#: Poses that are written together.
+_POSES_BLOCK = 32
+#: A track is sent whole each time, so it is written this often, and at the end.
+_TRACK_RATE_HZ = 0.1
+#: Messages that may wait for pictures: some 10 s without a picture, a few MB.
+_MOST_WAITING = 4096
+
+#: Write a message to a contract topic: topic, message, log time (ns).
+Write = Callable[[str, object, int], None]
+
+
+class _Waiting(NamedTuple):
+    """Hold poses that are not written yet."""
+
+    found: Registered
+    bodies: Sequence[BodyPose | Miss]  # that the camera's poses are made of
+    log_time_ns: int
+
+
+class PoseOutputs:
+    """Write the poses of a run, in order, and what follows from them."""
+
+    def __init__(self, configs: NodeConfigs, messages: Messages, write: Write) -> None:
+        self._messages, self._write = messages, write
+        self._ekf, self._with_camera_tf = configs.ekf, configs.gimbal.publish_tf
+        self._fix_rate = RateLimit(configs.ekf.fix_rate_hz)
+        self._track = Track(messages.track_point)
+        self._track_rate = RateLimit(_TRACK_RATE_HZ)
+        self._waiting: list[_Waiting] = []
+        self._has_fixed = False
+        self._newest_ns = 0
+
+    def new_plane(self, plane: TangentPlane, stamp_ns: int, log_time_ns: int) -> None:
+        """Write the origin, and with the first one what is fixed to the aircraft."""
+        self.flush()
+        self._write("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
+        if self._ekf.publish_tf and not self._has_fixed:
+            fixed = self._messages.fixed_transforms(self._ekf.aircraft, stamp_ns)
+            self._write("/tf_static", self._messages.tf(fixed), log_time_ns)
+            self._has_fixed = True
+        self._track.clear()
+
+    def add(
+        self, found: Registered, body_at: Callable[[int], BodyPose | Miss], log_time_ns: int
+    ) -> None:
+        """Add poses; ``body_at`` gives the pose that a camera's pose is made of."""
+        stamps_ns = [pose.stamp_ns for pose in found.cameras] if self._with_camera_tf else []
+        self._waiting.append(_Waiting(found, [*map(body_at, stamps_ns)], log_time_ns))
+        if len(self._waiting) >= _POSES_BLOCK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the poses that wait; the block is converted as a whole, then written."""
+        waiting, self._waiting = self._waiting, []
+        made = [(*made, one.log_time_ns) for one in waiting for made in self._messages_of(one)]
+        for topic, message, log_time_ns in made:
+            self._write(topic, message, log_time_ns)
+
+    def finish(self, log_time_ns: int) -> None:
+        """Write what waits, and the whole track."""
+        self.flush()
+        points = self._track.points()
+        if points:
+            path = self._messages.path(self._newest_ns, points)
+            self._write("tirgeo/path", path, log_time_ns)
+
+    def _messages_of(self, one: _Waiting) -> Iterator[tuple[str, object]]:
+        solution, body, messages = one.found.solution, one.found.body, self._messages
+        if solution is not None and body is not None:
+            yield "tirgeo/odometry", messages.odometry(solution, body)
+            if self._ekf.publish_tf:
+                yield "/tf", messages.tf([messages.body_transform(body)])
+            if self._fix_rate.due(solution.stamp_ns):
+                yield "tirgeo/fix", messages.fix(solution)
+            self._track.add(body)
+            self._newest_ns = body.stamp_ns
+            if self._track_rate.due(body.stamp_ns):
+                yield "tirgeo/path", messages.path(body.stamp_ns, self._track.points())
+        for pose in one.found.cameras:
+            yield "tirgeo/camera_pose", messages.camera_pose(pose)
+        for pose, made_of in zip(one.found.cameras, one.bodies, strict=False):
+            if not isinstance(made_of, Miss):
+                yield "/tf", messages.tf([messages.camera_transform(made_of, pose)])
+
+
+class _Message(NamedTuple):
+    topic: str
+    message: object
+    log_time_ns: int
+
+
+class _Picture(NamedTuple):
+    stamp_ns: int
+    camera: Camera | None
+    packet: bytes  # metadata of the video
+    log_time_ns: int
+
+
+class PictureOutputs:
+    """Draw pictures, and write all messages in the order in which they were put or added."""
+
+    def __init__(
+        self,
+        stage: PictureStage,
+        messages: Messages,
+        write: Write,
+        film: OverlayFilm | None,
+        footprint_rate_hz: float,
+        *,
+        raw_images: bool,
+    ) -> None:
+        self._stage, self._messages, self._write, self._film = stage, messages, write, film
+        self._footprint_rate = RateLimit(footprint_rate_hz)
+        self._raw_images = raw_images
+        self._waiting: deque[_Message | _Picture] = deque()  # the first one is a picture
+        self._under_way = 0
+
+    def put(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Write a message after all that were put, and pictures that were added, before."""
+        if not self._waiting:
+            self._write(topic, message, log_time_ns)
+            return
+        self._waiting.append(_Message(topic, message, log_time_ns))
+        if len(self._waiting) > _MOST_WAITING:
+            self._receive()
+
+    def add(
+        self,
+        picture: Unpainted,
+        overlay: Overlay,
+        body_at: Callable[[int], BodyPose | Miss],
+        log_time_ns: int,
+    ) -> None:
+        """Draw a picture of an overlay; ``body_at`` gives the aircraft's pose at an instant."""
+        due = self._footprint_rate.due(picture.stamp_ns)
+        packet = self._film.packet(picture, body_at) if self._film is not None else b""
+        self._stage.send(picture, overlay.scene, with_outline=due)
+        self._waiting.append(_Picture(picture.stamp_ns, picture.camera, packet, log_time_ns))
+        self._under_way += 1
+        while self._under_way > self._stage.most_under_way:
+            self._receive()
+
+    def finish(self) -> None:
+        """Write all that waits."""
+        while self._under_way:
+            self._receive()
+
+    def _receive(self) -> None:
+        """Write the oldest picture and the messages up to the next one."""
+        oldest = self._waiting.popleft()
+        assert isinstance(oldest, _Picture)
+        self._under_way -= 1
+        self._write_picture(oldest)
+        while self._waiting and isinstance(self._waiting[0], _Message):
+            self._write(*self._waiting.popleft())
+
+    def _write_picture(self, picture: _Picture) -> None:
+        """Write a finished picture, its calibration, and its footprint if that is due."""
+        painted, made = self._stage.receive(), self._messages
+        stamp_ns, camera, packet, log_time_ns = picture
+        if self._film is not None and painted.image is not None:
+            self._film.add(stamp_ns, painted.image, packet)
+        jpeg = made.compressed(stamp_ns, painted.jpeg)
+        self._write("tirgeo/overlay/image/compressed", jpeg, log_time_ns)
+        if self._raw_images and painted.image is not None:
+            self._write("tirgeo/overlay/image", made.image(stamp_ns, painted.image), log_time_ns)
+        if camera is not None:
+            info = made.camera_info(camera, stamp_ns)
+            self._write("tirgeo/overlay/camera_info", info, log_time_ns)
+        if painted.outline_n is not None:
+            outline = made.footprint(stamp_ns, painted.outline_n)
+            self._write("tirgeo/footprint", outline, log_time_ns)
+
+
+class OverlayFilm:
+    """Append finished pictures to a video file.
+
+    Heights above sea level are in its metadata if ``undulation_m`` is not nan.
+    """
+
+    def __init__(
+        self, video: VideoFile, overlay: Overlay, config: OverlayConfig, undulation_m: float
+    ) -> None:
+        self._video, self._overlay = video, overlay
+        self._latency_s = config.video_latency_s
+        self._metadata = FrameMetadata(config.confidence, undulation_m)
+
+    @property
+    def described(self) -> dict[str, object]:
+        """Return the number of pictures and their mean rate."""
+        return {"frames": self._video.frames, "rate_hz": self._video.rate_hz}
+
+    def packet(self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]) -> bytes:
+        """Return a picture's metadata; ``body_at`` gives the aircraft's pose at an instant."""
+        if not self._video.takes_metadata:
+            return b""
+        sight = self._sight(picture, body_at)
+        return self._metadata.packet(exposure_ns(picture.stamp_ns, self._latency_s), sight)
+
+    def add(self, stamp_ns: int, image: Pixels, packet: bytes) -> None:
+        """Append a finished picture (h, w, 3) BGR with its metadata."""
+        self._video.add(stamp_ns, image, packet)
+
+    def _sight(
+        self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]
+    ) -> Sight | None:
+        """Return what is known of a picture; None without a trusted pose."""
+        camera, pose, plane = picture.camera, picture.pose, self._overlay.plane
+        if camera is None or pose is None or plane is None:
+            return None
+        body = body_at(pose.stamp_ns)
+        known = None if isinstance(body, Miss) else body
+        return Sight(camera, pose, plane, self._overlay.ground, known, picture.rates)
+
+
+class ProcessOutputs:
+    """Write all outputs of a flight, as its ``MessageSink`` and the watcher of its poses.
+
+    ``written`` counts messages by name in the bag, ``states_s`` the seconds in each filter state.
+    Without an ``overlay`` no pictures are drawn.
+    """
+
+    def __init__(
+        self,
+        flight: Flight,
+        poses: FlightPoses,
+        topics: Mapping[str, str],
+        configs: NodeConfigs,
+        overlay: Overlay | None,
+        writer: BagWriter,
+        film: OverlayFilm | None,
+        namespace: str,
+        checks: FlightChecks,
+        stage: PictureStage,
+        *,
+        raw_images: bool = False,
+    ) -> None:
+        """Set up the outputs; ``checks`` get the pictures and the map, and change nothing."""
+        self.topics = topics
+        self.written: Counter[str] = Counter()
+        self.states_s: Counter[str] = Counter()
+        self._flight, self._registered, self._overlay = flight, poses, overlay
+        self._checks, self._decoder = checks, stage.decoder
+        self._messages = Messages(Cdr().types, configs.ekf.frame_ids)
+        rate_hz = configs.overlay.footprint_rate_hz
+        self._pictures = PictureOutputs(
+            stage, self._messages, self._write_one, film, rate_hz, raw_images=raw_images
+        )
+        self._poses = PoseOutputs(configs, self._messages, self._pictures.put)
+        self._writer, self._prefix = writer, prefix(namespace)
+        self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
+        self._plane: TangentPlane | None = None
+        self._diagnosed_ns: int | None = None
+
+    def wants(self, topic: str) -> bool:
+        """Return whether a topic changes outputs: attitudes do until the joints are trusted."""
+        composer = self._registered.registration.composer
+        return topic != "gimbal/attitude" or composer.composition == "paper"
+
+    def expect(self, topic: str, content: object) -> None:
+        """Begin to decode a picture."""
+        if self._overlay is not None:
+            self._decoder.begin(topic, content)
+
+    def watch(self, _sample: Sample, registered: Registered) -> None:
+        """Write what filter and gimbal computed from a sample."""
+        plane, body, now_ns = registered.plane, registered.body, self._flight.now_ns
+        if body is not None and plane is not None and plane != self._plane:
+            self._new_plane(plane, body.stamp_ns, now_ns)
+        if self._overlay is not None:
+            for pose in registered.cameras:
+                self._overlay.add_pose(pose)
+        self._poses.add(registered, self._registered.registration.composer.body_at, now_ns)
+
+    def _new_plane(self, plane: TangentPlane, stamp_ns: int, log_time_ns: int) -> None:
+        self._plane = plane
+        self._poses.new_plane(plane, stamp_ns, log_time_ns)
+        if self._overlay is not None:
+            self._overlay.set_plane(plane)
+            if self._overlay.map_given and self._overlay.draped is not None:
+                self._checks.map(self._overlay.draped)
+
+    def set_camera(self, camera: Camera) -> None:
+        """Take a calibration of the bag."""
+        if self._overlay is not None:
+            self._overlay.set_camera(camera)
+
+    def take(self, topic: str, content: Any, arrival_ns: int) -> None:
+        """Take a click or a picture."""
+        if self._overlay is None:
+            return
+        if topic == "tirgeo/locate/pixel":
+            self._locate(self._overlay, content, arrival_ns)
+            return
+        self._overlay.set_status(self._registered.registration.navigation.status())
+        pixels, stamp_ns = self._decoder.pixels(topic, content), convert.stamp_ns(content)
+        self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
+        stamp_ns = self._flight.arrivals.stamp_ns(topic, stamp_ns, arrival_ns)
+        self._overlay.add_frame(stamp_ns, pixels, arrival_ns)
+
+    def _locate(self, overlay: Overlay, message: Any, log_time_ns: int) -> None:
+        stamp_ns, u, v = convert.pixel(message)
+        answer = overlay.clicks.locate((u, v), stamp_ns)
+        if isinstance(answer, Located):
+            self._write("tirgeo/locate/fix", self._messages.located_fix(answer), log_time_ns)
+            self._write("tirgeo/locate/point", self._messages.located_point(answer), log_time_ns)
+
+    def proceed(self, arrival_ns: int) -> None:
+        """Write the frame that is due, if any, and each second the diagnostics."""
+        self._draw(arrival_ns, arrival_ns)
+        if self._diagnosed_ns is None:
+            self._diagnosed_ns = arrival_ns
+        late_ns = arrival_ns - self._diagnosed_ns
+        if late_ns >= DIAGNOSTICS_PERIOD_NS:
+            self._diagnosed_ns = arrival_ns - late_ns % DIAGNOSTICS_PERIOD_NS
+            self._publish_diagnostics(arrival_ns)
+
+    def finish(self, log_time_ns: int) -> None:
+        """Write the frames that still wait for their poses, and the last diagnostics."""
+        if self._overlay is not None:
+            for deadline_ns in self._overlay.deadlines_ns:
+                self._draw(log_time_ns, deadline_ns)
+        self._poses.finish(log_time_ns)
+        self._publish_diagnostics(log_time_ns)
+        self._pictures.finish()
+
+    def _draw(self, log_time_ns: int, now_ns: int) -> None:
+        """Output the frame, if any, that is drawn at ``now_ns``, after all poses."""
+        picture = None if self._overlay is None else self._overlay.take_unpainted(now_ns)
+        if picture is not None and self._overlay is not None:
+            self._poses.flush()
+            body_at = self._registered.registration.composer.body_at
+            self._pictures.add(picture, self._overlay, body_at, log_time_ns)
+
+    def _write(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Write an output under its resolved name, after all poses, which are older."""
+        self._poses.flush()
+        self._pictures.put(topic, message, log_time_ns)
+
+    def _write_one(self, topic: str, message: object, log_time_ns: int) -> None:
+        name = self._names[topic]
+        self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
+        self.written[name] += 1
+
+    def _publish_diagnostics(self, log_time_ns: int) -> None:
+        registration, overlay = self._registered.registration, self._overlay
+        status, composer = registration.navigation.status(), registration.composer
+        self.states_s[status.state.value] += 1
+        items = [navigation_item(f"{self._prefix}ekf_node: navigation", status)]
+        items[0].values.update(self._flight.arrivals.diagnostics)
+        composition = f"composition: {composer.composition}"
+        items.append(self._counts("gimbal_node: camera pose", composer.diagnostics, composition))
+        if overlay is not None:
+            clicks = {f"clicks_{name}": n for name, n in sorted(overlay.clicks.counts.items())}
+            items.append(self._counts("overlay_node: overlay", overlay.counts | clicks, "ok"))
+        self._write("/diagnostics", self._messages.diagnostics(log_time_ns, items), log_time_ns)
+
+    def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
+        values = {key: str(number) for key, number in counts.items()}
+        return DiagnosticItem(self._prefix + name, 0, message, values)
