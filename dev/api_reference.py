@@ -33,15 +33,15 @@ def public_names() -> dict[str, Any]:
 
 def faults(public: Mapping[str, Any]) -> list[str]:
     """Return a line for each public docstring that is missing, or names what is not public."""
-    found = []
+    problems = []
     for name, owner, item in _described(public):
         text = item if isinstance(item, str) else inspect.getdoc(item) or ""
         if not text or text.startswith(f"{name}("):  # of a dataclass: its signature
-            found.append(f"{name}: no docstring")
+            problems.append(f"{name}: no docstring")
         unknown = [*_unknown_classes(text, public, owner), *_unknown_errors(text, public)]
         lines = [f"{name}: its docstring names {one}, which is not public" for one in unknown]
-        found += dict.fromkeys(lines)
-    return found
+        problems += dict.fromkeys(lines)
+    return problems
 
 
 def build(folder: Path, public: Mapping[str, Any]) -> list[str]:
@@ -58,8 +58,8 @@ def build(folder: Path, public: Mapping[str, Any]) -> list[str]:
         warnings.simplefilter("always", UserWarning)
         pdoc.render.configure(docformat="markdown", footer_text=f"tirgeo {tirgeo_ros.__version__}")
         pdoc.pdoc(tirgeo_ros.__name__, output_directory=folder)
-    said = [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
-    return [f"pdoc: {text.strip().splitlines()[0]}" for text in said]
+    warned = [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
+    return [f"pdoc: {text.strip().splitlines()[0]}" for text in warned]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

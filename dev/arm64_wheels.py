@@ -36,9 +36,9 @@ def requirements(setup_py: Path) -> list[str]:
     """Return what ``setup.py`` requires as wheels, with its extras but those of ROS."""
     with mock.patch("setuptools.setup") as setup:
         runpy.run_path(str(setup_py))
-    given = setup.call_args.kwargs
-    extras = [wanted for name, wanted in given["extras_require"].items() if name != _FROM_APT]
-    every = chain(given["install_requires"], *extras)
+    arguments = setup.call_args.kwargs
+    extras = [wanted for name, wanted in arguments["extras_require"].items() if name != _FROM_APT]
+    every = chain(arguments["install_requires"], *extras)
     return [wanted for wanted in every if not wanted.startswith(_FROM_SOURCE)]
 
 
@@ -59,8 +59,8 @@ def versions(wanted: Sequence[str], python: str) -> dict[str, str]:
             if "No matching distribution" in done.stderr:
                 return {}
             raise OSError(f"pip: {done.stderr.strip().splitlines()[-1:]}")
-        found: dict[str, Any] = json.loads(report.read_text())
-    wheels = [one["metadata"] for one in found["install"]]
+        installed: dict[str, Any] = json.loads(report.read_text())
+    wheels = [one["metadata"] for one in installed["install"]]
     return {_plain(wheel["name"]): wheel["version"] for wheel in wheels}
 
 

@@ -43,16 +43,16 @@ def rows(
         counts[item.topic] += 1
         sizes[item.topic] += len(item.data)
     span_s = (reader.span_ns[1] - reader.span_ns[0]) * 1e-9
-    found = []
+    lines = []
     topics = [one for one in counts if not wanted or one.strip("/") in wanted]
     for done, topic in enumerate(sorted(topics), 1):
         rate_hz, mean = counts[topic] / span_s, sizes[topic] / counts[topic]
         on_wire = _bytes_on_loopback(bag, topic, folder) / counts[topic]
         kbit_s = rate_hz * on_wire * 8e-3
         cells = (f"{rate_hz:.1f}", f"{mean:.0f}", f"{on_wire:.0f}", f"{kbit_s:.0f}")
-        found.append(f"| `{topic.lstrip('/')}` | {' | '.join(cells)} |")
+        lines.append(f"| `{topic.lstrip('/')}` | {' | '.join(cells)} |")
         progress(done, len(topics))
-    return found
+    return lines
 
 
 def _bytes_on_loopback(bag: Path, topic: str, folder: Path) -> int:
@@ -75,10 +75,10 @@ def _bytes_on_loopback(bag: Path, topic: str, folder: Path) -> int:
 
 def _udp_profile(folder: Path) -> Path:
     """Write the profile of localhost without shared memory, and with few peers to call."""
-    given = find_resource("config/fastdds_localhost.xml")
-    assert given is not None
+    profile = find_resource("config/fastdds_localhost.xml")
+    assert profile is not None
     used = f"{' ' * 8}<transport_id>shared_memory</transport_id>\n"
-    text = given.read_text().replace(used, "").replace("Range>32<", "Range>2<")
+    text = profile.read_text().replace(used, "").replace("Range>32<", "Range>2<")
     path = folder / "udp.xml"
     path.write_text(text)
     return path

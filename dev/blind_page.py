@@ -95,13 +95,13 @@ class Watched:
             self.page.wait_for_timeout(1000 * lasts_s)
         end_s, lives = time.time(), self.demo.poll() is None
         again_s = self._go_again_s(end_s) if lives else math.inf
-        said, sounds = self.verdicts(begin_s), self.page.evaluate("() => window.sounds")
+        statements, sounds = self.verdicts(begin_s), self.page.evaluate("() => window.sounds")
         near = [[0 <= b - a < _ALARM_S for b in sounds] for a in sounds if a >= begin_s]
-        spans = [(min(b[0], end_s) - a[0], a[1]) for a, b in pairwise([*said, [end_s]])]
+        spans = [(min(b[0], end_s) - a[0], a[1]) for a, b in pairwise([*statements, [end_s]])]
         return {
             "event": f"{node} {event}" + ("" if again else ", not started again"),
             "go_s": max([0.0, *(span_s for span_s, words in spans if words == "GO")]),
-            "changes": len(said) - 1,
+            "changes": len(statements) - 1,
             "alarms_in_4_s": max(map(sum, near), default=0),
             "go_again_s": again_s,
             "lost": sum(a != b for a, b in zip(before, self.kept(), strict=True)) + (not lives),
@@ -113,10 +113,10 @@ class Watched:
 
     def verdicts(self, begin_s: float = 0.0) -> list[list[Any]]:
         """Return the changes of the verdict from a time on: time (s), verdict, other words."""
-        said = self.page.evaluate("() => window.said") or [[0.0, "", "", ""]]
-        first = [[begin_s, *words] for at, *words in said if at < begin_s][-1:]
-        said = first + [one for one in said if one[0] >= begin_s]
-        return said[:1] + [new for old, new in pairwise(said) if old[1] != new[1]]
+        statements = self.page.evaluate("() => window.said") or [[0.0, "", "", ""]]
+        first = [[begin_s, *words] for at, *words in statements if at < begin_s][-1:]
+        statements = first + [one for one in statements if one[0] >= begin_s]
+        return statements[:1] + [new for old, new in pairwise(statements) if old[1] != new[1]]
 
     def _go_again_s(self, begin_s: float) -> float:
         """Wait for a GO that stays; return when it came, s from a time on; inf if it did not."""

@@ -119,15 +119,15 @@ def fly_case(case: Case, **values: object) -> Flown:
     """
     flight = flight_of(case)
     config = fitting_config(flight, **values)
-    found, nis = _filtered(config, navigation_samples(flight), flight.scenario.start_ns)
-    if not found or found[-1].stamp_ns < flight.truth.stamp_ns[-1] - _END_NS:
+    solutions, nis = _filtered(config, navigation_samples(flight), flight.scenario.start_ns)
+    if not solutions or solutions[-1].stamp_ns < flight.truth.stamp_ns[-1] - _END_NS:
         raise TirgeoError(
             f"{case.shape}, {case.imu_rate_hz:g} Hz, seed {case.seed}: the filter has no "
             "solution at the end of the flight"
         )
-    every = errors(flight, found)
+    every = errors(flight, solutions)
     last = every.state[-1]
-    nees = float(last @ np.linalg.solve(found[-1].covariance, last))
+    nees = float(last @ np.linalg.solve(solutions[-1].covariance, last))
     return Flown(case, Squares.of(every, SETTLED_S), nees, nis)
 
 
@@ -146,26 +146,26 @@ def flight_of(case: Case) -> SimulatedFlight:
     )
 
 
-def fly_all(wanted: Sequence[Case], workers: int, progress: Report = silent) -> list[Flown]:
+def fly_all(flights: Sequence[Case], workers: int, progress: Report = silent) -> list[Flown]:
     """Fly cases in ``workers`` processes; return the results in the order of the cases."""
-    return in_processes(fly_case, wanted, workers, progress)
+    return in_processes(fly_case, flights, workers, progress)
 
 
 def _filtered(
     config: EkfConfig, samples: Iterable[NavigationInput], start_ns: int
 ) -> tuple[list[NavSolution], dict[Source, Nis]]:
     navigation = Navigation(config)
-    found: list[NavSolution] = []
+    solutions: list[NavSolution] = []
     nis: defaultdict[Source, Nis] = defaultdict(Nis)
     settled_ns = start_ns + round(SETTLED_S * 1e9)
     for sample in samples:
         verdict, solution = (step := navigation.process(sample)).verdict, step.solution
         if solution is not None:
-            found.append(solution)
+            solutions.append(solution)
         judged = verdict.outcome in _JUDGED and verdict.source in _SOURCES
         if judged and sample.stamp_ns > settled_ns:
-            nis[verdict.source] += _nis(config, sample, verdict, found[-1])
-    return found, dict(nis)
+            nis[verdict.source] += _nis(config, sample, verdict, solutions[-1])
+    return solutions, dict(nis)
 
 
 def _nis(config: EkfConfig, sample: NavigationInput, verdict: Verdict, newest: NavSolution) -> Nis:
@@ -181,10 +181,10 @@ def _nis(config: EkfConfig, sample: NavigationInput, verdict: Verdict, newest: N
     return Nis(squares, (predicted + sample.variance_rad2) / (predicted + believed), degrees)
 
 
-def pooled_nis(found: Iterable[Flown]) -> dict[Source, Nis]:
+def pooled_nis(flown: Iterable[Flown]) -> dict[Source, Nis]:
     """Return sums over flights, by source."""
     total: dict[Source, Nis] = {}
-    for each in found:
+    for each in flown:
         for source, nis in each.nis.items():
             total[source] = total.get(source, Nis()) + nis
     return total
@@ -207,28 +207,28 @@ ASKED_POSITION_M = 0.012
 ASKED_RATIO = (0.7, 1.3)
 
 
-def groups(found: Sequence[Flown]) -> dict[str, list[Flown]]:
+def groups(flown: Sequence[Flown]) -> dict[str, list[Flown]]:
     """Return flights by shape and IMU rate, in their order."""
     named: dict[str, list[Flown]] = {}
-    for each in found:
+    for each in flown:
         name = f"{each.case.shape}, {each.case.imu_rate_hz:g} Hz"
         named.setdefault(name, []).append(each)
     return named
 
 
-def report(found: Sequence[Flown]) -> tuple[list[str], int]:
+def report(flown: Sequence[Flown]) -> tuple[list[str], int]:
     """Return the lines of the report and the number of missed figures."""
     table = MarkedTable(26, 9)
-    lines = [*_accuracy(table, found), "", *_ratios(table, found), "", *_distances(table, found)]
+    lines = [*_accuracy(table, flown), "", *_ratios(table, flown), "", *_distances(table, flown)]
     return lines, table.missed
 
 
-def _accuracy(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
+def _accuracy(table: MarkedTable, flown: Sequence[Flown]) -> Iterator[str]:
     yield f"rms error later than {SETTLED_S:g} s"
     yield from error_head(table)
     limits = error_limits(ASKED_RPY_DEG, ASKED_POSITION_M)
     yield table.row("asked, at the most", [f"{limit:.3f} " for limit in limits])
-    for name, flights in groups(found).items():
+    for name, flights in groups(flown).items():
         yield error_row(table, name, [flight.squares for flight in flights], limits)
 
 
@@ -252,14 +252,14 @@ def error_row(
     return table.row(name, [table.cell(value, high=limit, digits=3) for value, limit in cells])
 
 
-def _ratios(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
+def _ratios(table: MarkedTable, flown: Sequence[Flown]) -> Iterator[str]:
     low, high = ASKED_RATIO
     yield f"error over sigma, rms (asked: {low:g} to {high:g} over all flights)"
     yield ratio_head(table)
-    for name, flights in groups(found).items():
+    for name, flights in groups(flown).items():
         # Not judged: errors last tens of seconds, so ten flights give this to some 15 %.
         yield ratio_row(table, name, [flight.squares for flight in flights])
-    yield ratio_row(table, "all flights", [flight.squares for flight in found], low, high)
+    yield ratio_row(table, "all flights", [flight.squares for flight in flown], low, high)
 
 
 def ratio_head(table: MarkedTable) -> str:
@@ -280,13 +280,13 @@ def ratio_row(
     return table.row(name, [table.cell(value, low, high) for value in values])
 
 
-def _distances(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
+def _distances(table: MarkedTable, flown: Sequence[Flown]) -> Iterator[str]:
     yield "normalised squares over their degrees of freedom, with bounds of 99.9 %"
     yield table.row("", ["value", "low", "high", "degrees"])
-    degrees = len(STATE_NAMES) * len(found)
-    nees = sum(each.nees for each in found) / degrees
+    degrees = len(STATE_NAMES) * len(flown)
+    nees = sum(each.nees for each in flown) / degrees
     yield _distance_row(table, "NEES, one per flight", nees, degrees)
-    for source, nis in sorted(pooled_nis(found).items(), key=lambda item: item[0].value):
+    for source, nis in sorted(pooled_nis(flown).items(), key=lambda item: item[0].value):
         yield _distance_row(table, f"NIS {source.value}", nis.ratio, nis.degrees)
 
 
@@ -309,11 +309,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    wanted = cases(args.seeds, (100.0, 400.0), args.duration)
+    planned = cases(args.seeds, (100.0, 400.0), args.duration)
     with Progress("flying", "flights") as bar:
-        found = fly_all(wanted, args.workers, bar)
-    lines, missed = report(found)
-    head = f"{len(found)} flights of {args.duration:g} s"
+        flown = fly_all(planned, args.workers, bar)
+    lines, missed = report(flown)
+    head = f"{len(flown)} flights of {args.duration:g} s"
     return print_report([head, "", *lines], missed)
 
 

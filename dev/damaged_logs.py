@@ -72,39 +72,39 @@ class Found(NamedTuple):
     """Hold topic, log time and data of each message, what was said, and if the exit code is 1."""
 
     rows: list[tuple[str, int, bytes]]
-    said: str = ""
+    warning: str = ""
     refused: bool = False
 
 
 def read(log: Path, kind: Kind) -> Found:
     """Import a log, or read a bag."""
     columns = [_COLUMNS / f"{kind.columns}.yaml"] if kind.columns else []
-    bag, rows, said, error = log, [], None, None
+    bag, rows, warning, error = log, [], None, None
     try:
         if log.suffix != ".bag" and not log.is_dir():
             bag = log.parent / "imported.mcap"
-            told = import_flight(log, bag, logs=_OPTIONS, columns=columns)
-            said, error = told["warning"], told.get("error")
+            summary = import_flight(log, bag, logs=_OPTIONS, columns=columns)
+            warning, error = summary["warning"], summary.get("error")
         reader = any_bag(bag)
         messages = reader.messages(reader.topics().keys())
         rows = [(one.topic, one.log_time_ns, one.data) for one in messages]
         error = error or reader.damage
     except TirgeoError as refusal:
         error = refusal
-    return Found(rows, f"{said}, {error}".replace(str(log.parent), ""), error is not None)
+    return Found(rows, f"{warning}, {error}".replace(str(log.parent), ""), error is not None)
 
 
-def verdict(whole: Found, found: Found, kind: Kind) -> str:
+def verdict(whole: Found, damaged: Found, kind: Kind) -> str:
     """Return what became of a damaged log."""
-    if found.said != whole.said:
-        return "refused" if found.refused and not whole.refused else "told"
+    if damaged.warning != whole.warning:
+        return "refused" if damaged.refused and not whole.refused else "told"
     at_ns = {(topic, data[12:]): at for topic, at, data in whole.rows}  # data less their stamp
-    steps = Counter(at - at_ns.get((t, data[12:]), at) for t, at, data in found.rows)
+    steps = Counter(at - at_ns.get((t, data[12:]), at) for t, at, data in damaged.rows)
     step = max(steps, key=steps.__getitem__, default=0)
     step *= abs(step) <= kind.step_ns
     one, other = (
         Counter((topic, at - by, data[12:][-_VALUES:]) for topic, at, data in rows)
-        for rows, by in ((whole.rows, 0), (found.rows, step))
+        for rows, by in ((whole.rows, 0), (damaged.rows, step))
     )
     topics = (Counter(t for t, *_ in part.elements()) for part in (one - other, other - one))
     lost = max(max(counts.values(), default=0) for counts in topics)
@@ -143,10 +143,10 @@ def place(root: Path, name: str, number: int, seed: int) -> tuple[str, str]:
         before, data[at] = data[at], rng.choice(sorted(values))
         file.write_bytes(data)
         try:
-            found = verdict(_whole(log, kind), read(copy, kind), kind)
+            outcome = verdict(_whole(log, kind), read(copy, kind), kind)
         except Exception as error:  # noqa: BLE001  told as what it is
-            found = f"SILENT: {type(error).__name__}: {error}"
-    return f"{number}: {log.name}/{file.name} byte {at}: {before:#x} to {data[at]:#x}", found
+            outcome = f"SILENT: {type(error).__name__}: {error}"
+    return f"{number}: {log.name}/{file.name} byte {at}: {before:#x} to {data[at]:#x}", outcome
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -162,14 +162,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     with get_context("spawn").Pool(1, resource.setrlimit, limit) as worker:
         for name, number in product(args.kind or KINDS, range(args.places)):
             one = worker.apply_async(place, (args.root, name, number, args.seed))
-            where, found = one.get(_LIMIT_S)
-            counts.setdefault(name, Counter())[found.partition(":")[0]] += 1
-            if found.startswith("SILENT"):
-                sys.stdout.write(f"{name} {where}: {found}\n")
+            where, outcome = one.get(_LIMIT_S)
+            counts.setdefault(name, Counter())[outcome.partition(":")[0]] += 1
+            if outcome.startswith("SILENT"):
+                sys.stdout.write(f"{name} {where}: {outcome}\n")
     words = ("same", "as damaged", "told", "refused", "SILENT")
-    rows = [(name, *(str(found[word]) for word in words)) for name, found in counts.items()]
+    rows = [(name, *(str(outcomes[word]) for word in words)) for name, outcomes in counts.items()]
     sys.stdout.write(f"{table([('kind', *words), *rows])}\n")
-    return 1 if any(found["SILENT"] for found in counts.values()) else 0
+    return 1 if any(outcomes["SILENT"] for outcomes in counts.values()) else 0
 
 
 if __name__ == "__main__":

@@ -49,16 +49,16 @@ def navigation_samples(flight: SimulatedFlight) -> list[NavigationInput]:
 def fitting_config(flight: SimulatedFlight, **values: object) -> EkfConfig:
     """Return the filter's defaults with the flight's antennas and values (``rtk__delay_s=1``)."""
     fitting: dict[str, object] = dict(values_of(flight.scenario.aircraft, "aircraft."))
-    given = {key.replace("__", "."): value for key, value in values.items()}
-    return config_from(EkfConfig, fitting | given)
+    dotted = {key.replace("__", "."): value for key, value in values.items()}
+    return config_from(EkfConfig, fitting | dotted)
 
 
 def solutions(
     flight: SimulatedFlight, config: EkfConfig, samples: Iterable[NavigationInput] | None = None
 ) -> list[NavSolution]:
     """Return what the filter publishes over a flight, or over ``samples`` if given."""
-    given = navigation_samples(flight) if samples is None else samples
-    return published(Navigation(config), given)
+    fed = navigation_samples(flight) if samples is None else samples
+    return published(Navigation(config), fed)
 
 
 def published(navigation: Navigation, samples: Iterable[NavigationInput]) -> list[NavSolution]:
@@ -122,17 +122,17 @@ def rms_of(flights: Sequence[Squares], name: str) -> Array:
     return np.asarray(np.sqrt(np.mean([getattr(squares, name) for squares in flights], axis=0)))
 
 
-def errors(flight: SimulatedFlight, found: Sequence[NavSolution]) -> Errors:
+def errors(flight: SimulatedFlight, solutions: Sequence[NavSolution]) -> Errors:
     """Return the errors of solutions; each stamp must be one of the flight's IMU samples."""
     states = States(
-        [s.stamp_ns for s in found],
-        np.array([s.latitude_rad for s in found]),
-        np.array([s.longitude_rad for s in found]),
-        np.array([s.height_m for s in found]),
-        np.array([s.velocity_n for s in found]).reshape(-1, 3),
-        np.array([s.q_nb for s in found]).reshape(-1, 4),
+        [s.stamp_ns for s in solutions],
+        np.array([s.latitude_rad for s in solutions]),
+        np.array([s.longitude_rad for s in solutions]),
+        np.array([s.height_m for s in solutions]),
+        np.array([s.velocity_n for s in solutions]).reshape(-1, 3),
+        np.array([s.q_nb for s in solutions]).reshape(-1, 4),
     )
-    variances = [s.covariance.diagonal() for s in found]
+    variances = [s.covariance.diagonal() for s in solutions]
     return errors_of_states(flight.truth, states, np.sqrt(variances).reshape(-1, 9))
 
 

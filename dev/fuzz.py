@@ -165,13 +165,13 @@ def literal_length(data: bytes, at: int) -> int:
 
 def literal_frames(data: bytes) -> list[tuple[int, int]]:
     """Return offset and length of each frame; where none begins, skip one byte."""
-    found, at = [], 0
+    places, at = [], 0
     while (at := data.find(0xAA, at)) >= 0:
         length = literal_length(data, at)
         if length:
-            found.append((at, length))
+            places.append((at, length))
         at += length or 1
-    return found
+    return places
 
 
 def places(frames: Iterable[ProtocolFrame]) -> list[tuple[int, int]]:
@@ -262,15 +262,15 @@ def fuzz(size: int, seed: int, progress: Report) -> Result:
     while total.bytes < size and not total.difference:
         rng = random.Random(seed)  # noqa: S311 a test, no secret
         try:
-            one = stretch(damaged_stream(rng, STRETCH_BYTES), rng)
+            part = stretch(damaged_stream(rng, STRETCH_BYTES), rng)
         except Exception:
             sys.stderr.write(f"fuzz: raised by --seed {seed} --bytes 1\n")
             raise
-        total.bytes += one.bytes
-        total.frames += one.frames
-        total.seconds += one.seconds
-        if one.difference:
-            total.difference = f"{one.difference} (again: --seed {seed} --bytes 1)"
+        total.bytes += part.bytes
+        total.frames += part.frames
+        total.seconds += part.seconds
+        if part.difference:
+            total.difference = f"{part.difference} (again: --seed {seed} --bytes 1)"
         seed += 1
         progress(total.bytes * 1e-6, size * 1e-6)
     return total
@@ -283,13 +283,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the first stretch")
     args = parser.parse_args(argv)
     with Progress("fuzz", "MB") as bar:
-        found = fuzz(round(args.bytes), args.seed, bar)
-    speed = found.bytes * 1e-6 / found.seconds
+        total = fuzz(round(args.bytes), args.seed, bar)
+    speed = total.bytes * 1e-6 / total.seconds
     sys.stdout.write(
-        f"{found.bytes * 1e-6:g} MB, {found.frames} frames, {speed:.1f} MB/s in the reader: "
-        f"{found.difference or 'no difference'}\n"
+        f"{total.bytes * 1e-6:g} MB, {total.frames} frames, {speed:.1f} MB/s in the reader: "
+        f"{total.difference or 'no difference'}\n"
     )
-    return 1 if found.difference else 0
+    return 1 if total.difference else 0
 
 
 if __name__ == "__main__":

@@ -52,11 +52,13 @@ class Graph:
         log: str = "",
     ) -> NodeProcess:
         """Start a node with parameters and more arguments; ``log`` names its log if not it."""
-        given = [*words]
+        arguments = [*words]
         for key, value in (values or {}).items():
-            given += ["-p", f"{key}:={value}"]
+            arguments += ["-p", f"{key}:={value}"]
         path = self.folder / f"{log or name}.log"
-        self.processes.append(NodeProcess(name, given, self.environment, path, package_of(name)))
+        self.processes.append(
+            NodeProcess(name, arguments, self.environment, path, package_of(name))
+        )
         return self.processes[-1]
 
     def start_ready(self, name: str, values: Mapping[str, object], *words: str) -> NodeProcess:
@@ -114,9 +116,9 @@ def shown_demo(folder: Path, *words: object) -> Iterator[tuple[str, subprocess.P
     log = folder / "log"
     with socket.create_server(("127.0.0.1", 0)) as free:  # a page started again has the same
         address = f"127.0.0.1:{free.getsockname()[1]}"
-    given = ["demo", "--page", address, "-o", folder, *words]
+    arguments = ["demo", "--page", address, "-o", folder, *words]
     with log.open("w") as out:
-        command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", *map(str, given)]
+        command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", *map(str, arguments)]
         demo = subprocess.Popen(command, stdout=out, stderr=out)  # noqa: S603 our own
     try:
         yield _address(log, demo), demo

@@ -79,10 +79,10 @@ def edges(mosaic: Path, outlines: Path) -> Edges:
     """Measure the outlines of a GeoJSON map's areas on a mosaic of one band and alpha."""
     with rasterio.open(mosaic) as source:
         grey = source.read(1).astype(np.float32)
-        known = source.read(2) > 0
+        covered = source.read(2) > 0
         transform, plane = source.transform, Plane(source.crs.to_string(), np.zeros((1, 2)))
-    grey[~known] = np.nan
-    found, places, across = [], 0, _across_m()
+    grey[~covered] = np.nan
+    by_ring, places, across = [], 0, _across_m()
     for ring in _rings(json.loads(outlines.read_text())):
         middles, normals, alongs = _places(plane.metres(ring))
         if not len(middles):
@@ -91,8 +91,8 @@ def edges(mosaic: Path, outlines: Path) -> Edges:
         profiles = profiles[np.isfinite(profiles).all(axis=1)]
         places += len(profiles)
         if len(profiles) and np.median(profiles[:, across < -INSIDE_M]) < COLD:
-            found.append(edge_m(profiles))
-    offsets = np.concatenate(found)
+            by_ring.append(edge_m(profiles))
+    offsets = np.concatenate(by_ring)
     return Edges(offsets[np.isfinite(offsets)], len(offsets), places)
 
 
@@ -197,12 +197,12 @@ def main() -> int:
     sys.stdout.write("poses   places  of cold beds  clear  mean m  rms m  within 0.25 m\n")
     with tempfile.TemporaryDirectory() as folder:
         for name, mosaic in mosaics(args.flight, Path(folder), args.every).items():
-            found = edges(mosaic, args.flight / "map.geojson")
-            offsets = found.offsets_m
+            measured = edges(mosaic, args.flight / "map.geojson")
+            offsets = measured.offsets_m
             near = float(np.mean(np.abs(offsets) < 0.25))
             sys.stdout.write(
-                f"{name:<7} {found.places:>6}  {found.cold:>12}  {len(offsets):>5}  "
-                f"{offsets.mean():>6.3f}  {found.rms_m:>5.3f}  {near:.1%}\n"
+                f"{name:<7} {measured.places:>6}  {measured.cold:>12}  {len(offsets):>5}  "
+                f"{offsets.mean():>6.3f}  {measured.rms_m:>5.3f}  {near:.1%}\n"
             )
     return 0
 

@@ -138,8 +138,8 @@ class _Run:
         if self._navigation.status().state is FilterState.LOST:
             self._lost_ns += step_ns
         if solution is not None and sample.autopilot_q_nb is not None:
-            found, told = euler_from_quat(solution.q_nb), euler_from_quat(sample.autopilot_q_nb)
-            self._tilt.append(found[:2] - told[:2])
+            rpy, autopilot = map(euler_from_quat, (solution.q_nb, sample.autopilot_q_nb))
+            self._tilt.append(rpy[:2] - autopilot[:2])
 
     def flown(self) -> Flown:
         """Return the results."""
@@ -368,10 +368,10 @@ def judge_all(
     return in_processes(partial(judge, values=values), bags, workers, progress)
 
 
-def groups(found: Sequence[Judged]) -> dict[str, list[Judged]]:
+def groups(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
     """Return bags by carrier and aids, in their order."""
     named: dict[str, list[Judged]] = {}
-    for each in found:
+    for each in judged:
         named.setdefault(each.group, []).append(each)
     return named
 

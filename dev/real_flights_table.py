@@ -72,28 +72,28 @@ ASKED = {
 }
 
 
-def report(found: Sequence[Judged]) -> tuple[list[str], int]:
+def report(judged: Sequence[Judged]) -> tuple[list[str], int]:
     """Return the lines of the report and the number of missed figures."""
     table = MarkedTable(46, 10)
-    lines = [*_fixes(table, found), "", *_tilt(table, found), "", *_cuts(table, found)]
+    lines = [*_fixes(table, judged), "", *_tilt(table, judged), "", *_cuts(table, judged)]
     return lines, table.missed
 
 
-def _fixes(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
+def _fixes(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
     yield f"fixes and poses later than {SETTLED_S:g} s; moved: the largest change of a pose by"
     yield f"positions that are {MOVED_M:g} m wrong for {MOVED_FOR_S:g} s ({_TIMES} times a flight)"
     yield table.row("", ["used ", "lost ", "resets ", "pose ", ">5 sigma ", "moved "])
     yield table.row("", ["% ", "s ", "", "% ", "% ", "m "])
     asked = [f">={100 * ASKED_USED_EACH:g} ", "0 ", "0 ", f">={100 * ASKED_POSE:g} ", ""]
     yield table.row("asked of each bag", [*asked, f"<={ASKED_MOVED_M:g} "])
-    for each in found:
+    for each in judged:
         yield table.row(each.name, _of_bag(table, each))
-    for name, bags in groups(found).items():
+    for name, bags in groups(judged).items():
         least = ASKED.get(name, Asked()).used or -math.inf
         yield table.row(_asked(name, least=least), _together(table, bags, least, math.inf))
     yield table.row(
         f"all (>={100 * ASKED_USED:g} %, >5 sigma <={100 * ASKED_BEYOND:g} %)",
-        _together(table, found, ASKED_USED, ASKED_BEYOND),
+        _together(table, judged, ASKED_USED, ASKED_BEYOND),
     )
 
 
@@ -119,14 +119,14 @@ def _together(table: MarkedTable, bags: Sequence[Judged], used: float, most: flo
     return [*cells, table.cell(100 * beyond(bags), high=100 * most)]
 
 
-def _tilt(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
+def _tilt(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
     yield "roll and pitch less the autopilot's, rms; NIS over its degrees of freedom"
     yield table.row("", ["roll ", "pitch ", *("NIS " for _ in _NIS)])
     yield table.row("", ["deg ", "deg ", "position ", "velocity ", "heading "])
-    for each in found:
+    for each in judged:
         values = [*each.tilt_deg, *(each.nis(source) for source in _NIS)]
         yield table.row(each.name, [table.cell(value) for value in values])
-    for name, bags in groups(found).items():
+    for name, bags in groups(judged).items():
         asked = ASKED.get(name, Asked())
         if any(_asked_tilt(asked)):
             yield table.row(f"asked, {name}", _asked_tilt(asked))
@@ -136,8 +136,8 @@ def _tilt(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
             for value, most in zip(tilt_deg, asked.roll_pitch_deg, strict=True)
         ]
         low, high = asked.nis
-        judged = table.cell(nis[0], low, high) if math.isfinite(high) else table.cell(nis[0])
-        yield table.row(f"mean, {name}", [*cells, judged, *map(table.cell, nis[1:])])
+        first = table.cell(nis[0], low, high) if math.isfinite(high) else table.cell(nis[0])
+        yield table.row(f"mean, {name}", [*cells, first, *map(table.cell, nis[1:])])
 
 
 def _asked_tilt(asked: Asked) -> list[str]:
@@ -146,13 +146,13 @@ def _asked_tilt(asked: Asked) -> list[str]:
     return [*cells, f"{low:g}..{high:g} " if math.isfinite(high) else ""]
 
 
-def _cuts(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
+def _cuts(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
     yield f"RTK hidden for {CUT_S:g} s: the pose at the last hidden fix, medians, horizontal"
     yield table.row("", ["cuts ", "error ", "<3 sigma ", "sigma "])
     yield table.row("", ["", "m ", "% ", "m "])
-    for each in found:
+    for each in judged:
         yield table.row(each.name, _of_cuts(table, each.cuts, Asked()))
-    for name, bags in groups(found).items():
+    for name, bags in groups(judged).items():
         asked = ASKED.get(name, Asked())
         if any(_asked_cuts(asked)):
             yield table.row(f"asked, {name}", _asked_cuts(asked))
@@ -222,8 +222,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace) -> int:
     values, bags = values_from(args.set), bags_in(args.folder)
     with Progress("flying", "bags") as bar:
-        found = judge_all(bags, values, args.workers, bar)
-    return print_report(*report(found))
+        judged = judge_all(bags, values, args.workers, bar)
+    return print_report(*report(judged))
 
 
 if __name__ == "__main__":

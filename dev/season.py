@@ -118,8 +118,8 @@ def with_kills(bags: Sequence[Path], out: Path) -> dict[str, Any]:
                         os.kill(number, signal.SIGKILL)
                         killed.add(flight)
             time.sleep(_POLL_S)
-        told, _ = running.communicate()
-    result: dict[str, Any] = json.loads(told)
+        output, _ = running.communicate()
+    result: dict[str, Any] = json.loads(output)
     return result
 
 
@@ -136,13 +136,13 @@ def figures(folder: Path, bags: Sequence[Path], rounds: int) -> Iterator[Figure]
     alone = in_processes(work, bags, os.cpu_count() or 1)
     runs: dict[int, list[Run]] = {1: [], 2: []}
     for _ in range(rounds):
-        for workers, found in runs.items():
-            found.append(timed(bags, folder / f"season_{workers}", workers))
-    for workers, found in runs.items():
+        for workers, timed_runs in runs.items():
+            timed_runs.append(timed(bags, folder / f"season_{workers}", workers))
+    for workers, timed_runs in runs.items():
         name = f"{workers} worker{'s' if workers > 1 else ''}"
-        yield Figure(f"{name}: least time", min(one.elapsed_s for one in found), "s")
-        yield Figure(f"{name}: least CPU", min(one.cpu_s for one in found), "s")
-        other = different(found[-1].result, alone, bags)
+        yield Figure(f"{name}: least time", min(one.elapsed_s for one in timed_runs), "s")
+        yield Figure(f"{name}: least CPU", min(one.cpu_s for one in timed_runs), "s")
+        other = different(timed_runs[-1].result, alone, bags)
         yield Figure(f"{name}: flights with other bytes", other, "", "= 0")
     one, two = (min(run.elapsed_s for run in runs[workers]) for workers in (1, 2))
     yield Figure("time of one worker over that of two", one / two, "", f">= {ASKED_RATIO:g}")

@@ -71,10 +71,10 @@ class Pair:
 def fly_pair(case: Case) -> Pair:
     """Fly one case with the defaults."""
     flight = flight_of(case)
-    found = both(flight, fitting_config(flight), navigation_samples(flight))
+    by_kind = both(flight, fitting_config(flight), navigation_samples(flight))
     spans = ((SETTLED_S, math.inf), (SETTLED_S, case.duration_s - END_S))
     whole, inner = (
-        {name: Squares.of(one, *span) for name, one in found.items()} for span in spans
+        {name: Squares.of(one, *span) for name, one in by_kind.items()} for span in spans
     )
     return Pair(case, whole, inner)
 
@@ -116,8 +116,8 @@ def outage_errors(seed: int) -> dict[str, Errors]:
 
 def fly_outage(seed: int) -> dict[str, Squares]:
     """Return the errors during the outage of a seeded flight."""
-    found = outage_errors(seed)
-    return {name: Squares.of(one, LOST_S, FOUND_S) for name, one in found.items()}
+    by_kind = outage_errors(seed)
+    return {name: Squares.of(one, LOST_S, FOUND_S) for name, one in by_kind.items()}
 
 
 @dataclass(frozen=True)
@@ -159,44 +159,44 @@ ASKED_HIDDEN_M, ASKED_WITHIN = 0.5, 0.9
 KINDS = (FILTER, SMOOTHER)
 
 
-def shapes(table: MarkedTable, found: Sequence[Pair]) -> Iterator[str]:
+def shapes(table: MarkedTable, pairs: Sequence[Pair]) -> Iterator[str]:
     """Yield the lines of the flights of three shapes."""
     yield f"rms error later than {SETTLED_S:g} s and up to {END_S:g} s before the end"
     yield from error_head(table)
     limits = error_limits(ASKED_RPY_DEG, ASKED_POSITION_M)
     yield table.row("asked of the smoother", [f"{limit:.3f} " for limit in limits])
-    names = list(dict.fromkeys(pair.case.shape for pair in found))
+    names = list(dict.fromkeys(pair.case.shape for pair in pairs))
     for name in (*names, "all"):
-        flights = [pair for pair in found if name in {"all", pair.case.shape}]
+        flights = [pair for pair in pairs if name in {"all", pair.case.shape}]
         for kind in KINDS:
             asked = limits if kind == SMOOTHER and name == "all" else [math.inf] * 6
             yield error_row(
                 table, f"{name}, {kind}", [pair.inner[kind] for pair in flights], asked
             )
     for kind in KINDS:
-        squares = [pair.whole[kind] for pair in found]
+        squares = [pair.whole[kind] for pair in pairs]
         yield error_row(table, f"all to the end, {kind}", squares, [math.inf] * 6)
 
 
-def ratios(table: MarkedTable, found: Sequence[Pair]) -> Iterator[str]:
+def ratios(table: MarkedTable, pairs: Sequence[Pair]) -> Iterator[str]:
     """Yield error over sigma by state, over all flights, to their ends."""
     low, high = ASKED_RATIO
     yield f"error over sigma, rms, to the end (asked of the smoother: {low:g} to {high:g})"
     yield ratio_head(table)
     for kind in KINDS:
         bounds = ASKED_RATIO if kind == SMOOTHER else (-math.inf, math.inf)
-        yield ratio_row(table, kind, [pair.whole[kind] for pair in found], *bounds)
+        yield ratio_row(table, kind, [pair.whole[kind] for pair in pairs], *bounds)
 
 
-def outages(table: MarkedTable, found: Sequence[dict[str, Squares]]) -> Iterator[str]:
+def outages(table: MarkedTable, flights: Sequence[dict[str, Squares]]) -> Iterator[str]:
     """Yield the errors during the outages."""
-    yield f"12 s without RTK and heading at 4 m/s, {len(found)} flights: rms, and median largest"
+    yield f"12 s without RTK and heading at 4 m/s, {len(flights)} flights: rms, and median largest"
     yield table.row("", ["distance", "heading", "largest", "heading"])
     yield table.row("", ["m", "deg"] * 2)
     yield table.row("asked of the smoother", [f"{limit:.3f} " for limit in ASKED_OUTAGE])
     for kind in KINDS:
         asked = ASKED_OUTAGE if kind == SMOOTHER else (math.inf, math.inf)
-        squares = [one[kind] for one in found]
+        squares = [one[kind] for one in flights]
         distance_m = float(np.linalg.norm(rms_of(squares, "position")))
         heading_deg = math.degrees(float(rms_of(squares, "rpy")[2]))
         values = zip((distance_m, heading_deg), asked, strict=True)
@@ -213,7 +213,7 @@ _AT: tuple[tuple[str, Callable[[Hidden, str], Iterator[Miss]]], ...] = (
 )
 
 
-def hidden(table: MarkedTable, found: Sequence[Hidden]) -> Iterator[str]:
+def hidden(table: MarkedTable, flights: Sequence[Hidden]) -> Iterator[str]:
     """Yield the errors at hidden fixes."""
     yield f"recorded flights, RTK hidden for {CUT_S:g} s: distance to hidden fixes, horizontal"
     yield table.row("", ["fixes ", "median ", "sigma ", "<3 sigma "])
@@ -222,7 +222,7 @@ def hidden(table: MarkedTable, found: Sequence[Hidden]) -> Iterator[str]:
     yield table.row("asked of the smoother", ["", *asked])
     for name, of in _AT:
         for kind in KINDS:
-            misses = [one for flight in found for one in of(flight, kind)]
+            misses = [one for flight in flights for one in of(flight, kind)]
             judged = kind == SMOOTHER and name == _AT[0][0]
             yield table.row(f"{name}, {kind}", _misses(table, misses, judged=judged))
 
@@ -248,13 +248,13 @@ _PANELS: tuple[tuple[str, Callable[[Errors], Array], Callable[[Errors], Array]],
 )
 
 
-def outage_png(found: dict[str, Errors]) -> bytes:
+def outage_png(by_kind: dict[str, Errors]) -> bytes:
     """Return a PNG: errors as lines in bands of two sigmas, filter and smoother."""
     made, panels = figure(8.0, 6.4, len(_PANELS), 1, sharex=True)
     for panel, (title, error, sigma) in zip(panels, _PANELS, strict=True):
         panel.axvspan(LOST_S, FOUND_S, color="#f0f0f0", zorder=0)
         for name, colour in zip((FILTER, SMOOTHER), COLOURS[1::-1], strict=True):
-            _draw(panel, found[name], error, sigma, name, colour)
+            _draw(panel, by_kind[name], error, sigma, name, colour)
         panel.set_ylabel(f"error {title}")
     panels[0].set_title(f"RTK and heading are missing from {LOST_S:g} to {FOUND_S:g} s (grey)")
     panels[0].legend(loc="upper left", ncols=2)
@@ -264,16 +264,16 @@ def outage_png(found: dict[str, Errors]) -> bytes:
 
 def _draw(
     panel: Any,
-    found: Errors,
+    flight_errors: Errors,
     error: Callable[[Errors], Array],
     sigma: Callable[[Errors], Array],
     name: str,
     colour: str,
 ) -> None:
-    inside = (found.t_s >= _FROM_S) & (found.t_s <= _TO_S)
-    t_s, two = found.t_s[inside], 2 * sigma(found)[inside]
+    inside = (flight_errors.t_s >= _FROM_S) & (flight_errors.t_s <= _TO_S)
+    t_s, two = flight_errors.t_s[inside], 2 * sigma(flight_errors)[inside]
     panel.fill_between(t_s, -two, two, color=colour, alpha=0.18, linewidth=0)
-    panel.plot(t_s, error(found)[inside], color=colour, label=name)
+    panel.plot(t_s, error(flight_errors)[inside], color=colour, label=name)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -106,18 +106,20 @@ def changes(old: str, new: str) -> list[str]:
     before, now = _read(old), _read(new)
     if [row[0] for row in before] != [row[0] for row in now]:
         return [f"stamps differ: {_span(before)} before, {_span(now)} now"]
-    found = []
+    differences = []
     for index, column in enumerate(COLUMNS, start=1):
         apart = [float(b[index]) - float(a[index]) for a, b in zip(before, now)]  # noqa: B905 the same stamps
         if column.name == "heading_deg":
             apart = [(x + _TURN_DEG / 2) % _TURN_DEG - _TURN_DEG / 2 for x in apart]
         line = _moved(column, apart, before)
-        found += [line] if line else []
+        differences += [line] if line else []
     other = [(a, b) for a, b in zip(before, now) if a[-1] != b[-1]]  # noqa: B905
     if other:
         (stamp, *_, was), (*_, is_now) = other[0]
-        found.append(f"state: {len(other)} rows, first at {stamp}: {was} before, {is_now} now")
-    return found
+        differences.append(
+            f"state: {len(other)} rows, first at {stamp}: {was} before, {is_now} now"
+        )
+    return differences
 
 
 def _moved(column: Column, apart: list[float], rows: list[list[str]]) -> str:

@@ -60,14 +60,14 @@ def core_figures(
     for _ in range(runs):
         for kind in kinds:
             done[kind.name].append(_run(kind, folder, video))
-    for name, found in done.items():
-        yield Figure(f"process with images, {name}", _least(found), "s")
-        yield Figure(f"process with images, {name}: CPU", min(one.cpu_s for one in found), "s")
+    for name, kind_runs in done.items():
+        yield Figure(f"process with images, {name}", _least(kind_runs), "s")
+        yield Figure(f"process with images, {name}: CPU", min(one.cpu_s for one in kind_runs), "s")
     best_s = _least(done["all cores"])
     yield Figure("all cores over one", _least(done["one core"]) / best_s, "ratio", ">= 1.6")
     if against is not None:
         yield Figure(f"all cores over {against}", _least(done[str(against)]) / best_s, "ratio")
-    digests = {one.digest for found in done.values() for one in found}
+    digests = {one.digest for kind_runs in done.values() for one in kind_runs}
     yield Figure("different outputs", len(digests) - 1, "", "= 0")
 
 

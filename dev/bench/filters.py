@@ -62,9 +62,9 @@ class FilterTimes:
     position_m: float  # the worst of north, east, down
 
     @classmethod
-    def of(cls, cost_s: float, found: Errors) -> FilterTimes:
+    def of(cls, cost_s: float, every: Errors) -> FilterTimes:
         """Return a cost with the rms of errors."""
-        late = found.after(SETTLED_S)
+        late = every.after(SETTLED_S)
         roll, pitch, heading = np.degrees(rms(late.rpy)).tolist()
         position_m = float(rms(late.state[:, :3]).max())
         return cls(cost_s, max(roll, pitch), heading, position_m)
@@ -124,13 +124,13 @@ def filter_times() -> tuple[FilterTimes, FilterTimes | None]:
     rival = pyins_run(flight) if pyins_is_installed() else None
     own_s, rival_s = [], []
     for _ in range(_RUNS):  # in turn: if the machine is slow for a while, both are
-        cost_s, found = _timed(partial(published, Navigation(config), samples))
+        cost_s, solutions = _timed(partial(published, Navigation(config), samples))
         own_s.append(cost_s)
         if rival is not None:
             cost_s, table = _timed(rival.run)
             rival_s.append(cost_s)
     count = len(flight.truth.stamp_ns)
-    own = FilterTimes.of(min(own_s) / count, errors(flight, found))
+    own = FilterTimes.of(min(own_s) / count, errors(flight, solutions))
     if rival is None:
         return own, None
     return own, FilterTimes.of(min(rival_s) / count, rival.errors(table))

@@ -39,7 +39,7 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -89,9 +89,9 @@ def _times(what: str, layers: list[MapLayer], pose: CameraPose, wanted: str) -> 
         begun = time.perf_counter()
         vector_map = VectorMap.from_layers(layers, PLANE)
         load_s = time.perf_counter() - begun
-        seen, vertices = _in_view(vector_map.lines, pose)
+        lines, vertices = _in_view(vector_map.lines, pose)
         whole_s = _median_s(_whole_frame(layers, pose, picture))
-        bare_s = _median_s(lambda: _bare_frame(seen, pose, picture))
+        bare_s = _median_s(lambda: _bare_frame(lines, pose, picture))
     finally:
         cv2.setNumThreads(threads)
     name = f"overlay of {what}"
@@ -107,12 +107,12 @@ def beds() -> MapLayer:
     """Outlines of 0.3 m: the first lie in the picture, the others behind it."""
     rng = np.random.default_rng(1)
     uv = rng.uniform([20, 20], [XT2.width - 20, XT2.height - 20], (_IN_VIEW, 2))
-    seen, reasons = locate(XT2, _pose(ABOVE_M, PITCH_DEG), uv, PLANE, PLANE.height_m)
+    places_n, reasons = locate(XT2, _pose(ABOVE_M, PITCH_DEG), uv, PLANE, PLANE.height_m)
     assert not any(reasons)
     behind = rng.uniform([-400, -200, 0], [-50, 200, 0], (_OUT_OF_VIEW, 3))
     turn = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
     ring = 0.3 * np.stack([np.cos(turn), np.sin(turn), np.zeros(_CORNERS)], -1)
-    outlines_n = np.concatenate([seen, behind])[:, None] + ring
+    outlines_n = np.concatenate([places_n, behind])[:, None] + ring
     labels = [f"bed {k}" for k in range(_LABELS)] + [""] * (len(outlines_n) - _LABELS)
     places = np.stack(PLANE.geodetic_from_ned(outlines_n), -1)
     return MapLayer(

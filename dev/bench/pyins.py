@@ -196,13 +196,13 @@ class _Notes:
 
     def smoothed(self) -> list[Array]:
         """Return the errors of the states after the corrections, smoothed."""
-        found = [np.zeros_like(self.error[-1])]
+        errors = [np.zeros_like(self.error[-1])]
         for number in reversed(range(len(self.transition) - 1)):
             later = number + 1
             cross = self.transition[number] @ self.corrected[number]
             gain = np.linalg.solve(self.predicted[later], cross).T
-            found.append(gain @ (self.error[later] + found[-1]))
-        return found[::-1]
+            errors.append(gain @ (self.error[later] + errors[-1]))
+        return errors[::-1]
 
 
 @contextmanager
@@ -222,9 +222,9 @@ def _noting() -> Iterator[_Notes]:
         return covariance
 
     def corrected(*args: Any) -> Any:
-        found = correct(*args)
-        notes.error[-1], notes.corrected[-1] = found[0], found[1]
-        return found
+        update = correct(*args)
+        notes.error[-1], notes.corrected[-1] = update[0], update[1]
+        return update
 
     def moved(*args: Any) -> Any:
         transition, noise = move(*args)
@@ -248,16 +248,16 @@ def smoothed_pyins(run: PyinsRun) -> Any:
         result = run.run()
     model = error_model.InsErrorModel()
     rows = result.trajectory.loc[result.gyro.index]
-    found = [
+    smoothed = [
         model.correct_pva(row, error[: model.n_states])
         for (_, row), error in zip(rows.iterrows(), notes.smoothed(), strict=True)
     ]
-    return pandas.DataFrame(found, index=rows.index)
+    return pandas.DataFrame(smoothed, index=rows.index)
 
 
 def pyins_smoother_errors(run: PyinsRun, table: Any) -> Errors:
     """Return the errors of a smoothed trajectory, at pyins' own instants of ten a second."""
     stamps = np.array(run.stamp_ns)
-    wanted = stamps[0] + np.round(np.asarray(table.index) * 1e9).astype(np.int64)
-    nearest = np.abs(stamps[:, None] - wanted).argmin(axis=0)
+    instants_ns = stamps[0] + np.round(np.asarray(table.index) * 1e9).astype(np.int64)
+    nearest = np.abs(stamps[:, None] - instants_ns).argmin(axis=0)
     return errors_of_pyins(run.flight, stamps[nearest].tolist(), table)

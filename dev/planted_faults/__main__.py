@@ -76,14 +76,14 @@ def _judged(fault: Fault, good: FlightFiles, folder: Path) -> tuple[bool, bool, 
     right = naming(fault, items)
     processed = naming(fault, _found(lambda: process(planted.bag, poses, **options)))
     times = flight_times(good, planted, poses, fault.flipped) if poses.exists() else []
-    said = "; ".join(
+    first = "; ".join(
         f"{one['severity']} {one['parameter']}: {one['evidence']}" for one in right[:1]
     )
     more = [f"{one['severity']} {one['parameter']}" for one in items if one not in right]
     ahead = "after " if items and right and items[0] is not right[0] else "also "
     also = f" ({ahead}{', '.join(more)})" if more else ""
     size = f"{median(times):.1f}, {max(times):.1f}" if times else ""
-    words = ("yes" if right else "NO", "yes" if processed else "NO", size, said + also)
+    words = ("yes" if right else "NO", "yes" if processed else "NO", size, first + also)
     lies = not items and bool(times) and median(times) > _MOST_TIMES
     return bool(right), lies, _ROW.format(fault.name, *words)
 
@@ -124,9 +124,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _live(good: FlightFiles, faults: Sequence[Fault], keep: Path | None) -> int:
     """Print the table of the graph; 0 where it is as it must be."""
     with tempfile.TemporaryDirectory() as folder, Progress("playing", unit="s") as bar:
-        found = outcomes(Live(good, keep or Path(folder)), faults, _JOBS, bar)
-    sys.stdout.write(live_table(found))
-    return 0 if all(one.is_good for one in found) else 1
+        results = outcomes(Live(good, keep or Path(folder)), faults, _JOBS, bar)
+    sys.stdout.write(live_table(results))
+    return 0 if all(one.is_good for one in results) else 1
 
 
 if __name__ == "__main__":

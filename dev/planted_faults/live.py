@@ -23,7 +23,7 @@ from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.overlay.status_and_notices import VERDICT_BGR, status_box
 from tirgeo_ros.core.overlay.text_rendering import line_px, text_px
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -61,10 +61,10 @@ class Eye:
         if isinstance(pose, Miss):
             return None
         rates = None if isinstance(before, Miss) else CameraRates.between(before, pose)
-        found = place(
+        located = place(
             self.camera, pose, uv, self.plane, self.ground, self.config.confidence, rates
         )
-        return found if isinstance(found, Located) else None
+        return located if isinstance(located, Located) else None
 
 
 def eye_of(poses_bag: Path, camera: Camera, ground: Ground, config: OverlayConfig) -> Eye | None:
@@ -102,15 +102,15 @@ def times_of_ellipse(
     worst = math.nan
     for across, down in _PLACES:
         uv = across * size[0], down * size[1]
-        told = believed.locate(stamp_ns, uv)
-        if told is None:
+        located = believed.locate(stamp_ns, uv)
+        if located is None:
             continue
         was = (
             size[0] - uv[0] if 1 in flipped else uv[0],
             size[1] - uv[1] if 0 in flipped else uv[1],
         )
         actual = true.locate(true_ns, was)
-        times = math.inf if actual is None else _times(told, actual, believed.plane)
+        times = math.inf if actual is None else _times(located, actual, believed.plane)
         worst = times if math.isnan(worst) else max(worst, times)
     return worst
 
@@ -135,7 +135,7 @@ def flight_times(
     if eyes is None:
         return []
     stamps = zip(_picture_stamps_ns(planted.bag), _picture_stamps_ns(good.bag), strict=True)
-    times = [times_of_ellipse(*eyes, told, actual, flipped) for told, actual in stamps]
+    times = [times_of_ellipse(*eyes, *both_ns, flipped) for both_ns in stamps]
     return [one for one in times if not math.isnan(one)]
 
 
@@ -144,10 +144,10 @@ def _picture_stamps_ns(bag: Path) -> list[int]:
     return [header_stamp_ns(item.data) for item in items]
 
 
-def _times(told: Located, actual: Located, plane: TangentPlane) -> float:
+def _times(located: Located, actual: Located, plane: TangentPlane) -> float:
     place_n = plane.ned_from_geodetic(actual.latitude_rad, actual.longitude_rad, actual.height_m)
-    off = (told.point_n - place_n)[:2]
-    squared = float(off @ np.linalg.solve(told.covariance_n[:2, :2], off))
+    off = (located.point_n - place_n)[:2]
+    squared = float(off @ np.linalg.solve(located.covariance_n[:2, :2], off))
     return math.sqrt(squared / CHI2_95)
 
 
@@ -298,17 +298,17 @@ def outcomes(live: Live, faults: Sequence[Fault], jobs: int, progress: Progress)
     """Return the outcomes of faults, ``jobs`` graphs at a time; ``progress`` in s of flight."""
     done_s = dict.fromkeys((fault.name for fault in faults), 0.0)
 
-    def one(fault: Fault) -> Outcome:
+    def play(fault: Fault) -> Outcome:
         def tell(done: float, _: float | None) -> None:
             done_s[fault.name] = min(done, live.duration_s)
             progress(sum(done_s.values()), live.duration_s * len(faults))
 
-        found = live.outcome(fault, tell)
+        outcome = live.outcome(fault, tell)
         tell(live.duration_s, None)
-        return found
+        return outcome
 
     with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(one, faults))
+        return list(pool.map(play, faults))
 
 
 def _judged(fault: Fault, good: FlightFiles, planted: FlightFiles, run: GraphRun) -> Outcome:
@@ -372,11 +372,11 @@ def _shown_s(shown: ShownFrom, first_pose_s: float, truth: Path, begin_ns: int) 
     return (cameras[enough[0] + 1].stamp_ns - begin_ns) * 1e-9 if enough.size else math.nan
 
 
-def live_table(found: Sequence[Outcome]) -> str:
+def live_table(results: Sequence[Outcome]) -> str:
     """Return a row of Markdown for each outcome, and two lines that sum them up."""
-    rows = [_HEAD, ("---",) * len(_HEAD), *(_row(one) for one in found)]
+    rows = [_HEAD, ("---",) * len(_HEAD), *(_row(one) for one in results)]
     lines = [f"| {' | '.join(row)} |" for row in rows]
-    faulty = [one for one in found if one.fault.names]
+    faulty = [one for one in results if one.fault.names]
     named = sum(one.in_time for one in faulty)
     lying = [one.fault.name for one in faulty if one.lies]
     lines += [
@@ -387,21 +387,23 @@ def live_table(found: Sequence[Outcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _row(one: Outcome) -> Iterable[str]:
-    if one.refused:
-        return one.fault.name, "", "yes" if one.in_time else "NO", "", "", "", "", one.refused
-    named = one.named
+def _row(outcome: Outcome) -> Iterable[str]:
+    if outcome.refused:
+        in_time = "yes" if outcome.in_time else "NO"
+        return outcome.fault.name, "", in_time, "", "", "", "", outcome.refused
+    named = outcome.named
     words = named.finding.line if named else ""
-    others = f" (also {', '.join(one.others)})" if one.others else ""
-    until = f" to {one.wrong_until_s:.1f} s" if one.lies else ""
+    unnamed = "" if outcome.is_quiet and not outcome.fault.names else "NO"
+    others = f" (also {', '.join(outcome.others)})" if outcome.others else ""
+    until = f" to {outcome.wrong_until_s:.1f} s" if outcome.lies else ""
     return (
-        one.fault.name,
-        _seconds(one.shown_s),
-        _seconds(named.at_s) if named else ("" if one.is_quiet and not one.fault.names else "NO"),
+        outcome.fault.name,
+        _seconds(outcome.shown_s),
+        _seconds(named.at_s) if named else unnamed,
         named.node if named else "",
-        _seconds(one.notice_s),
-        str(one.green),
-        "" if math.isnan(one.times) else f"{one.times:.1f}{until}",
+        _seconds(outcome.notice_s),
+        str(outcome.green),
+        "" if math.isnan(outcome.times) else f"{outcome.times:.1f}{until}",
         words + others,
     )
 

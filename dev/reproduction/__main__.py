@@ -48,7 +48,7 @@ _QUICK = {
 def commands(block: str, names: Sequence[str]) -> dict[str, list[str]]:
     """Return the words of a shell block's commands by name, each in a loop once for each seed."""
     unused, seeds = iter(names), [""]
-    found: dict[str, list[str]] = {}
+    commands: dict[str, list[str]] = {}
     for line in _FILE.sub("", block).replace("\\\n", " ").splitlines():
         if line.startswith("for seed in "):
             seeds = line.removeprefix("for seed in ").removesuffix("; do").split()
@@ -57,8 +57,8 @@ def commands(block: str, names: Sequence[str]) -> dict[str, list[str]]:
         elif line.strip():
             name = next(unused)
             for seed in seeds:
-                found[name.replace("$seed", seed)] = shlex.split(line.replace("$seed", seed))
-    return found
+                commands[name.replace("$seed", seed)] = shlex.split(line.replace("$seed", seed))
+    return commands
 
 
 def parsed(words: Sequence[str]) -> argparse.Namespace:
@@ -84,7 +84,7 @@ def carried_out(template: str, work: Path) -> Results:
     def below(word: str) -> str:
         return str(work / word.removeprefix(_WORK)) if word.startswith(_WORK) else word
 
-    found: dict[str, Mapping[str, Any]] = {}
+    results: dict[str, Mapping[str, Any]] = {}
     for names, block in _FENCE.findall(template):
         for path, text in _FILE.findall(block):
             Path(below(path)).write_text(text, encoding="utf-8")
@@ -95,14 +95,14 @@ def carried_out(template: str, work: Path) -> Results:
             result = args.verb_module.run(args)
             if result.get("error") is not None:
                 raise CalibrationError(str(result["error"]))
-            found[name] = plain(result)  # type: ignore[assignment]
-    return found
+            results[name] = plain(result)  # type: ignore[assignment]
+    return results
 
 
-def page(template: str, found: Results) -> str:
+def page(template: str, results: Results) -> str:
     """Return the page: the commands as they stand, the words in braces filled in."""
-    values = ground_factors(found) | imu_noise(found["allan"]) | located(found)
-    values |= askew(found) | {"p_values": p_values(found)} | boards(found)
+    values = ground_factors(results) | imu_noise(results["allan"]) | located(results)
+    values |= askew(results) | {"p_values": p_values(results)} | boards(results)
     parts = re.split(r"^(```sh.*?^```\n)", template, flags=re.MULTILINE | re.DOTALL)
     parts[::2] = [part.format_map(values) for part in parts[::2]]
     parts[1::2] = [re.sub(r"\A```sh[^\n]*", "```sh", part) for part in parts[1::2]]

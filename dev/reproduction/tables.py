@@ -54,9 +54,9 @@ def p_value(value: float | None) -> str:
     return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)
 
 
-def ground_factors(found: Results) -> dict[str, object]:
+def ground_factors(results: Results) -> dict[str, object]:
     """Return Tables 1 and 2."""
-    measured = found["flight budget"]["flight"]
+    measured = results["flight budget"]["flight"]
     rows = []
     for name, unit, key in (
         ("E_Xcam (east)", "m", "east_error_m"),
@@ -77,7 +77,7 @@ def ground_factors(found: Results) -> dict[str, object]:
         ("budget", "general"),
         ("flight budget", "closed"),
     ):
-        means = {r["factor"]: r["mean_m"] for r in found[run]["rows"] if r["form"] == form}
+        means = {r["factor"]: r["mean_m"] for r in results[run]["rows"] if r["form"] == form}
         columns.append([means[one] for one in ("position", "height", "position 3d", "heading")])
     ratios = [columns[1][k] / columns[0][k] for k in range(4)]
     rows = [
@@ -161,16 +161,16 @@ def _imu_cells(here: Mapping[str, Any], key: str, paper: float) -> list[str]:
     return [f"{here[key]:.0f}{f' (to a factor of {factor:.1f})' if factor else ''}", ratio]
 
 
-def boards(found: Results) -> dict[str, object]:
+def boards(results: Results) -> dict[str, object]:
     """Return Tables 8 and 9."""
-    wall, truth = found["gimbal"], found["boards"]["angles_std_deg"]
+    wall, truth = results["gimbal"], results["boards"]["angles_std_deg"]
     rows = []
     for axis in ("pitch", "yaw", "roll"):
         here = wall["std_deg"][axis]
         numbers = (TABLE_8_DEG[axis], truth[axis], here, wall["noise_deg"][axis])
         rows.append([axis, *(fixed(one, 4) for one in numbers), f"{here / truth[axis]:.2f}"])
     head = ["axis, deg", "paper", "put in", "here", "of it noise of the picture", "here / put in"]
-    lens = found["lens"]
+    lens = results["lens"]
     lengths = {"fx": XT2.fx, "fy": XT2.fy, "cx": XT2.cx, "cy": XT2.cy}
     true = lengths | dict(zip(("k1", "k2", "p1", "p2"), XT2.distortion, strict=True))
     fitted = []
@@ -211,15 +211,15 @@ def _mean(result: Mapping[str, Any], method: str) -> float:
     return float(result["methods"][method]["mean_point_rmse_m"])
 
 
-def located(found: Results) -> dict[str, object]:
+def located(results: Results) -> dict[str, object]:
     """Return Table 6: its averages by way, the gains, and every point."""
     seeds = [
-        name.split()[1] for name in found if name.startswith("flight ") and name[-1].isdigit()
+        name.split()[1] for name in results if name.startswith("flight ") and name[-1].isdigit()
     ]
     means = {  # way -> method -> means of the paper's flight and of the others
         way: {
             method: [
-                _mean(found[way if seed is None else f"{way} {seed}"], method)
+                _mean(results[way if seed is None else f"{way} {seed}"], method)
                 for seed in (None, *seeds)
             ]
             for method in METHODS
@@ -250,11 +250,11 @@ def located(found: Results) -> dict[str, object]:
     ways = [f"here, `composition: {way}`" for way in _WAYS]
     calibrated = ", ".join(
         f"{name} {one['found']:.2f} ± {one['sigma']:.2f} {one['unit']}"
-        for name, one in found["boresight encoders"]["parameters"].items()
+        for name, one in results["boresight encoders"]["parameters"].items()
     )
     return values | {
         "gains": table(["less than `raw` by", "paper", *ways], rows),
-        "points": _points(found["paper"]),
+        "points": _points(results["paper"]),
         "calibrated": calibrated,
     }
 
@@ -273,16 +273,16 @@ def _points(result: Mapping[str, Any]) -> str:
     return table(["no.", *(f"paper: {name}" for name in methods), "point", *methods], rows)
 
 
-def askew(found: Results) -> dict[str, object]:
+def askew(results: Results) -> dict[str, object]:
     """Return Table 6 with the camera askew."""
     rows = [
         [f"{name}, {one['unit']}", fixed(_PLANTED.get(name, 0.0), 2)]
         + [fixed(one[key], 2) for key in ("found", "sigma")]
-        for name, one in found["askew boresight"]["parameters"].items()
+        for name, one in results["askew boresight"]["parameters"].items()
     ]
     errors = [
         [f"`{name}`", fixed(TABLE_6_AVERAGE_M.get(name), 2)]
-        + [fixed(_mean(found[run], name), 2) for run in ("encoders", "askew")]
+        + [fixed(_mean(results[run], name), 2) for run in ("encoders", "askew")]
         for name in METHODS
     ]
     return {
@@ -291,17 +291,17 @@ def askew(found: Results) -> dict[str, object]:
             ["method, encoders", "paper, m", "straight camera, m", "askew, second flight, m"],
             errors,
         ),
-        "straight_m": fixed(_mean(found["encoders"], "ekf_heading"), 2),
-        "askew_m": fixed(_mean(found["askew"], "ekf_heading"), 2),
-        "calibrated_m": fixed(_mean(found["askew"], "calibrated"), 2),
+        "straight_m": fixed(_mean(results["encoders"], "ekf_heading"), 2),
+        "askew_m": fixed(_mean(results["askew"], "ekf_heading"), 2),
+        "calibrated_m": fixed(_mean(results["askew"], "calibrated"), 2),
     }
 
 
-def p_values(found: Results) -> str:
+def p_values(results: Results) -> str:
     """Return Table 7."""
     columns = [{(one.first, one.second): one.p_value for one in paired_tests(TABLE_6_M)}]
     columns += [
-        {(one["first"], one["second"]): one["p_value"] for one in found[way]["t_tests"]}
+        {(one["first"], one["second"]): one["p_value"] for one in results[way]["t_tests"]}
         for way in _WAYS
     ]
     rows = [

@@ -168,7 +168,7 @@ class _Count:
 
     came_s: float
     place: int
-    heard: int
+    received: int
     fates: Counter[str]
     waiting: int
 
@@ -202,32 +202,31 @@ def balance(
 def _counts(reports: Iterable[Report], ledger: Ledger, frames: Balance) -> list[_Count]:
     counts = []
     for report in reports:
-        said, newest_ns = report.counts, report.newest_frame_ns
+        values, newest_ns = report.counts, report.newest_frame_ns
         if not newest_ns:
             continue
         place = ledger.place(newest_ns)
         if place is None:
             frames.contradictions.append(f"newest frame {newest_ns} was never sent")
             continue
-        fates = Counter({key: said[key] for key in FATES})
+        fates = Counter({key: values[key] for key in FATES})
         fates["invalid"] += report.refused
-        counts.append(_Count(report.came_s, place, said["frames_sent"], fates, said["waiting"]))
-        off = counts[-1].heard - fates.total() - counts[-1].waiting
+        received, waiting = values["frames_sent"], values["waiting"]
+        counts.append(_Count(report.came_s, place, received, fates, waiting))
+        off = received - fates.total() - waiting
         if off:
-            frames.contradictions.append(
-                f"{off} of {counts[-1].heard} frames have no fate: {said}"
-            )
+            frames.contradictions.append(f"{off} of {received} frames have no fate: {values}")
     return counts
 
 
 def _add_life(frames: Balance, own: Sequence[_Count], ledger: Ledger, done: int) -> int:
     """Account for one life by its reports; return the place behind their last frame."""
     first, last = own[0], own[-1]
-    began = first.place + 1 - first.heard
+    began = first.place + 1 - first.received
     frames.down += max(0, began - done)
     frames.unaccounted += max(0, done - began)  # more than were sent
     for before, after in pairwise(own):
-        lacking = (after.place - before.place) - (after.heard - before.heard)
+        lacking = (after.place - before.place) - (after.received - before.received)
         if lacking > 0 and ledger.player(before.place) != ledger.player(after.place):
             frames.changed += lacking
         else:
@@ -289,8 +288,8 @@ def witnessed(
     left_out: set[int] = set()
     for began_s in gimbals_s:
         first = int(np.searchsorted(poses.came_s, began_s))
-        known = first < len(poses.stamps_ns)
-        came_s, stamp_ns = (poses.came_s[first], poses.stamps_ns[first]) if known else (np.inf, 0)
+        exists = first < len(poses.stamps_ns)
+        came_s, stamp_ns = (poses.came_s[first], poses.stamps_ns[first]) if exists else (np.inf, 0)
         for number, picture in enumerate(pictures):
             early = epoch_of(picture.stamp_ns) == epoch_of(stamp_ns) and (
                 picture.stamp_ns - latency_ns < stamp_ns

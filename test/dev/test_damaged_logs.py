@@ -19,11 +19,11 @@ WHOLE = Found(rows(10, 20, 30), "None, None")
     ("found", "expected"),
     [
         (WHOLE, "same"),
-        (Found(rows(10, 20), WHOLE.said), "as damaged"),
-        (Found(rows(10, 20, 31), WHOLE.said), "as damaged"),
-        (Found(rows(10), WHOLE.said), "SILENT: 2 rows"),
-        (Found(rows(15, 25, 35), WHOLE.said), "SILENT: 3 rows"),
-        (Found(rows(10, 20, 30, value=b"w"), WHOLE.said), "SILENT: 3 rows"),
+        (Found(rows(10, 20), WHOLE.warning), "as damaged"),
+        (Found(rows(10, 20, 31), WHOLE.warning), "as damaged"),
+        (Found(rows(10), WHOLE.warning), "SILENT: 2 rows"),
+        (Found(rows(15, 25, 35), WHOLE.warning), "SILENT: 3 rows"),
+        (Found(rows(10, 20, 30, value=b"w"), WHOLE.warning), "SILENT: 3 rows"),
         (Found(rows(10), "refused 2, None"), "told"),
         (Found([], "None, damaged", refused=True), "refused"),
     ],
@@ -33,7 +33,7 @@ def test_what_is_silent(found, expected):
 
 
 def test_the_clock_of_an_autopilot_may_move_all_a_little():
-    assert verdict(WHOLE, Found(rows(15, 25, 35), WHOLE.said), Kind("", step_ns=5)) == "same"
+    assert verdict(WHOLE, Found(rows(15, 25, 35), WHOLE.warning), Kind("", step_ns=5)) == "same"
 
 
 def test_a_place_is_damaged_again_by_its_seed(tmp_path):

@@ -2,6 +2,10 @@
 
 Samples of the bag -> the aircraft's frames -> a line of 921600 baud with a reader who is late ->
 frames -> readings -> samples -> the filter and the gimbal, beside the bag's samples themselves.
+
+DJI's antennas stand across: then a fast figure eight with the places of config/m600_xt2.yaml as
+those flown. A baseline across tilts with roll, and one that is taken for the nose's errs by half
+the product of roll and pitch and more: some degrees there.
 """
 
 from __future__ import annotations
@@ -9,11 +13,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from serial_flight import heard
+from project import PROJECT
 
+from dev.flight_errors import NAVIGATION_SAMPLES, solutions
 from tirgeo_ros import read_camera
 from tirgeo_ros.core.config import (
     BagPlayerConfig,
@@ -22,9 +28,15 @@ from tirgeo_ros.core.config import (
     GimbalConfig,
     OverlayConfig,
 )
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.dji.simulator import Aircraft
+from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
+from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.link.framing import FrameReader
+from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.sources.serial import Clocks, Telemetry
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
@@ -32,6 +44,46 @@ from tirgeo_ros.tools.evaluate.experiment import load_experiment
 from tirgeo_ros.tools.evaluate.result import ground_errors, locate_observations
 from tirgeo_ros.tools.evaluate.series import body_errors, load_truth
 from tirgeo_ros.tools.replay.registration import Registration
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+
+BYTE_NS = 10 * 1_000_000_000 // 921_600
+
+
+class Line:
+    """A wire that takes its time and a reader that takes his: he never sees a byte too early."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._free_ns = self._read_ns = 0
+
+    def read_ns(self, sent_ns: int, length: int) -> int:
+        """When the last byte of a frame is read: half a millisecond late, at times 20."""
+        self._free_ns = max(self._free_ns, sent_ns) + length * BYTE_NS
+        late_ns = self._rng.exponential(0.5e6) + 20e6 * (self._rng.random() < 0.01)
+        self._read_ns = max(self._read_ns, self._free_ns + round(late_ns))
+        return self._read_ns
+
+
+def heard(aircraft, arrivals, dji, seed=7):
+    """The samples that dji_node makes of an aircraft's bytes, and its interpreter.
+
+    ``arrivals``: what the aircraft is told, with arrival times; ``dji``: dji_node's parameters.
+    """
+    clocks = Clocks(
+        AircraftClock(dji.clock), AircraftClock(dji.clock), AircraftClock(dji.clock, 2_500_000)
+    )
+    reader, line = FrameReader(), Line(seed)
+    telemetry = Telemetry(clocks, PackageTable())
+    interpreter = Interpreter(dji)
+    samples = []
+    for sent_ns, data in frames_of(aircraft, arrivals):
+        read_ns = line.read_ns(sent_ns, len(data))
+        for frame in reader.feed(data):
+            for reading in telemetry.read(frame, read_ns):
+                samples += interpreter.take(reading)
+    return samples + interpreter.flush(), interpreter
+
 
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
 AS_GOOD = 1.25
@@ -172,3 +224,70 @@ def test_a_clock_that_drifts_and_wraps_changes_nothing(flight, by_joints):
     samples, _ = flight.heard(clock_start_ms=2**32 - 10_000, clock_drift_ppm=50.0)
     # A millisecond of the counter is truncated, and 50 ppm of a 20 s window is one more.
     assert np.abs(imu_stamps(samples) - imu_stamps(by_joints[0]))[500:].max() < 2e6
+
+
+SHIPPED = ParameterFile(PROJECT / "config" / "m600_xt2.yaml")
+EKF = SHIPPED.config("ekf_node", EkfConfig)
+DJI = SHIPPED.config("dji_node", DjiConfig)
+#: 12 m/s on circles of 40 m: 20 deg of bank in a wind of 2 m/s; DJI's headings are whole degrees
+#: five times a second with 0.4 deg of noise, as in every scenario.
+EIGHT = {
+    "route.shape": "figure_eight",
+    "route.speed_m_s": 12.0,
+    "route.acceleration_m_s2": 4.0,
+    "route.turn_radius_m": 40.0,
+    "route.legs": 10,
+    "route.height_above_ground_m": 60.0,
+    "rtk.lever_arm_m": EKF.aircraft.rtk_antenna_m,
+    "rtk.second_antenna_m": EKF.aircraft.second_antenna_m,
+    "gps.lever_arm_m": EKF.aircraft.gps_antenna_m,
+    "site.geoid_undulation_m": 0.0,
+}
+EIGHT_SETTLED_S = 20.0
+
+
+class Headings(NamedTuple):
+    """Of one flight, later than EIGHT_SETTLED_S."""
+
+    error_deg: np.ndarray
+    sigma_deg: np.ndarray
+
+
+def flown(seed: int, duration_s: float):
+    """A flight, and what dji_node makes of its bytes; the receiver's delay is known to it."""
+    flight = fly(scenario_from({**EIGHT, "duration_s": duration_s}), seed)
+    rtk = replace(DJI.rtk, delay_s=flight.scenario.rtk.arrival_delay_s)
+    aircraft = Aircraft(places=flight.scenario.aircraft)
+    samples, interpreter = heard(aircraft, flight.samples, replace(DJI, rtk=rtk), seed)
+    assert flight.scenario.aircraft.baseline_deg == 90.0
+    assert all("aircraft." not in warning for warning in interpreter.warnings)
+    return flight, [s for s in samples if isinstance(s, NAVIGATION_SAMPLES)]
+
+
+def headings(flight, found) -> Headings:
+    """Against the truth between its instants: stamps are late by the wire's 0.8 ms."""
+    truth, start_ns = flight.truth, flight.truth.stamp_ns[0]
+    at_s = np.array([s.stamp_ns - start_ns for s in found]) * 1e-9
+    yaw = np.unwrap(euler_from_quat(truth.q_nb)[:, 2])
+    told = euler_from_quat(np.array([s.q_nb for s in found]))[:, 2]
+    error = wrap_pi(told - np.interp(at_s, truth.t_s, yaw))
+    sigma = np.sqrt([s.covariance[5, 5] for s in found])
+    late = (at_s > EIGHT_SETTLED_S) & (at_s <= truth.t_s[-1])
+    return Headings(np.degrees(error[late]), np.degrees(sigma[late]))
+
+
+def rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_shipped_file_flies_djis_antennas_across():
+    made = []
+    for seed in range(6):
+        flight, samples = flown(seed, 107.0)
+        made.append(headings(flight, solutions(flight, EKF, samples)))
+    assert math.hypot(*flight.truth.velocity_n[len(flight.truth.t_s) // 2, :2]) > 10.0
+    # Over all flights: a single one is off by its own sigma, 0.06 deg.
+    assert rms([rms(one.error_deg) for one in made]) <= 0.06
+    assert rms([rms(one.error_deg / one.sigma_deg) for one in made]) <= 1.2

@@ -43,7 +43,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 

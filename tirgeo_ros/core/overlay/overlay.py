@@ -30,7 +30,7 @@ from tirgeo_ros.core.overlay.picture_painter import (
     Scene,
     Unpainted,
 )
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus

@@ -17,11 +17,6 @@ T = TypeVar("T")
 Entry = tuple[int, int, T]  # time of arrival in ns, number, item
 
 
-def exposure_ns(stamp_ns: int, video_latency_s: float) -> int:
-    """Return when a picture was exposed, ns: its stamp less the video's latency."""
-    return stamp_ns - round(video_latency_s * 1e9)
-
-
 class Arrivals:
     """Stamp samples without a time stamp, and count them by topic."""
 

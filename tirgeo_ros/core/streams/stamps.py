@@ -1,4 +1,4 @@
-"""Judge the stamps of one stream: what is due, steady or silent, and which jump alone."""
+"""Judge the stamps of one stream: due, steady, silent, jumping alone; the time of exposure."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ _STEADY_NS = 2_000_000_000
 #: A steady stream is gone after this silence. Before that, a gap of this length or a step back of
 #: the stamps restarts the count.
 _SILENT_NS = 2_000_000_000
+
+
+def exposure_ns(stamp_ns: int, video_latency_s: float) -> int:
+    """Return when a picture was exposed, ns: its stamp less the video's latency."""
+    return stamp_ns - round(video_latency_s * 1e9)
 
 
 class RateLimit:

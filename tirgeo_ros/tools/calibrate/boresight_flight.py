@@ -21,7 +21,7 @@ from tirgeo_ros.core.calibration.boresight_model import (
 )
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.pictures.camera_file import given_camera

@@ -18,7 +18,7 @@ import pyproj
 from tirgeo_ros.core.config import METHODS
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.coordinates.crs import utm_zone

@@ -15,7 +15,7 @@ from statistics import median
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
-from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError, TargetError
 from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader

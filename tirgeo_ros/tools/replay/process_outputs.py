@@ -20,8 +20,7 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.estimator.track import Track
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
-from tirgeo_ros.core.streams.arrivals import exposure_ns
-from tirgeo_ros.core.streams.stamps import RateLimit
+from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus

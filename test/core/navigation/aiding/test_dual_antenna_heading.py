@@ -56,7 +56,7 @@ CONFIG = ekf_config(
 )
 
 
-def fixed_belief(fixed_s: float, now_s: float) -> StateEstimate:
+def fixed_estimate(fixed_s: float, now_s: float) -> StateEstimate:
     """Level, nose north, fixed for so long, headings not used yet."""
     aids, t_s = heard(AidStatus(Receivers(ns(now_s))), now_s - fixed_s), now_s - fixed_s
     while t_s < now_s:  # the receiver says so five times a second
@@ -75,13 +75,13 @@ def fused(estimate, sample, q_nb=None):
     ("fixed_s", "reason"), [(0.999, "rtk/fix has been fixed for only 1.0 s"), (1.0, "")]
 )
 def test_headings_start_after_a_while_of_fixed_positions(fixed_s, reason):
-    found = fused(fixed_belief(fixed_s, 5.0), heading(5.0)).verdict
+    found = fused(fixed_estimate(fixed_s, 5.0), heading(5.0)).verdict
     assert (found.outcome is Outcome.NOT_FIXED, found.reason) == (bool(reason), reason)
 
 
 def test_headings_go_on_where_they_were_used_lately():
     """One float fix in between stops them for its own time only."""
-    estimate = fused(fixed_belief(3.0, 5.0), heading(5.0)).estimate
+    estimate = fused(fixed_estimate(3.0, 5.0), heading(5.0)).estimate
     estimate = estimate._replace(aids=heard(estimate.aids, 5.1, FixStatus.FLOAT))
     stopped = fused(estimate, heading(5.2))
     assert stopped.verdict.reason == "rtk/fix is not fixed"
@@ -91,7 +91,7 @@ def test_headings_go_on_where_they_were_used_lately():
 
 @pytest.mark.parametrize(("age_s", "reason"), [(1.0, ""), (1.001, "rtk/fix is silent")])
 def test_headings_stop_where_the_status_is_silent(age_s, reason):
-    estimate = fused(fixed_belief(3.0, 5.0), heading(5.0)).estimate
+    estimate = fused(fixed_estimate(3.0, 5.0), heading(5.0)).estimate
     assert fused(estimate, heading(5.0 + age_s)).verdict.reason == reason
     # A fix of now does not count from before the silence.
     late = estimate._replace(aids=heard(estimate.aids, 65.0))
@@ -102,8 +102,8 @@ def test_headings_stop_where_the_status_is_silent(age_s, reason):
 
 
 def agreed(seconds: float) -> StateEstimate:
-    """A estimate that headings of zero have confirmed for so long, five times a second."""
-    estimate = fixed_belief(3.0, 0.0)
+    """An estimate that headings of zero have confirmed for so long, five times a second."""
+    estimate = fixed_estimate(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
         estimate = estimate._replace(aids=heard(estimate.aids, 0.2 * k))
         found = fused(estimate, heading(0.2 * k))
@@ -114,7 +114,7 @@ def agreed(seconds: float) -> StateEstimate:
 
 def with_sigma(estimate: StateEstimate) -> StateEstimate:
     """Its covariance as at first: nothing is learned, nothing drifts."""
-    return estimate._replace(covariance=fixed_belief(3.0, 0.0).covariance)
+    return estimate._replace(covariance=fixed_estimate(3.0, 0.0).covariance)
 
 
 def given_up_after(estimate: StateEstimate, start_s: float, offs_deg, autopilot_deg=None):
@@ -171,8 +171,8 @@ def test_what_has_drifted_away_must_last_as_long_as_the_agreement(agreed_s, pati
 
 def test_headings_that_come_late_and_far_off_do_not_win():
     """A start by the autopilot's heading; the antennas come later, 90 deg off."""
-    assert given_up_after(fixed_belief(3.0, 0.0), 0.2, [90.0] * 400, 2.0) is None
-    assert given_up_after(fixed_belief(3.0, 0.0), 0.2, [12.0] * 400, 2.0) >= 5.0
+    assert given_up_after(fixed_estimate(3.0, 0.0), 0.2, [90.0] * 400, 2.0) is None
+    assert given_up_after(fixed_estimate(3.0, 0.0), 0.2, [12.0] * 400, 2.0) >= 5.0
 
 
 def test_contradictions_that_do_not_agree_prove_nothing():

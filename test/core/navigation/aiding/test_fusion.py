@@ -233,7 +233,7 @@ def gps_fix(t_s, shift_n=ZERO, variances=ZERO, status=FixStatus.SINGLE):
     return fix(t_s, shift_n, Source.GPS_POSITION, status, variances)
 
 
-def control_of(rtk_s=None, gps_s=None, status=FixStatus.FIXED):
+def aids_used(rtk_s=None, gps_s=None, status=FixStatus.FIXED):
     """RTK's position and velocity and the GPS were used at these times."""
     times = dict.fromkeys((Source.RTK_POSITION, Source.RTK_VELOCITY), rtk_s)
     times[Source.GPS_POSITION] = gps_s
@@ -246,13 +246,13 @@ def control_of(rtk_s=None, gps_s=None, status=FixStatus.FIXED):
 @pytest.mark.parametrize(
     ("aids", "spare"),
     [
-        (control_of(rtk_s=9.9, gps_s=9.05), True),  # a second less the jitter of stamps
-        (control_of(rtk_s=9.9, gps_s=9.04), False),
-        (control_of(rtk_s=9.9), False),  # never learned
-        (control_of(rtk_s=9.0, gps_s=9.9), True),
-        (control_of(rtk_s=8.9, gps_s=9.9), False),  # RTK is silent
-        (control_of(rtk_s=9.9, gps_s=9.9, status=FixStatus.FLOAT), False),
-        (control_of(gps_s=9.9), False),
+        (aids_used(rtk_s=9.9, gps_s=9.05), True),  # a second less the jitter of stamps
+        (aids_used(rtk_s=9.9, gps_s=9.04), False),
+        (aids_used(rtk_s=9.9), False),  # never learned
+        (aids_used(rtk_s=9.0, gps_s=9.9), True),
+        (aids_used(rtk_s=8.9, gps_s=9.9), False),  # RTK is silent
+        (aids_used(rtk_s=9.9, gps_s=9.9, status=FixStatus.FLOAT), False),
+        (aids_used(gps_s=9.9), False),
     ],
 )
 def test_positions_are_spare_while_rtk_is_fixed_but_for_one_a_second(aids, spare):
@@ -262,11 +262,11 @@ def test_positions_are_spare_while_rtk_is_fixed_but_for_one_a_second(aids, spare
 @pytest.mark.parametrize(("rtk_s", "spare"), [(9.0, True), (8.999, False), (None, False)])
 def test_velocities_are_spare_while_rtk_s_are_used(rtk_s, spare):
     sample = velocity(10.0, source=Source.GPS_VELOCITY)
-    assert GpsVelocityAid(CONFIG).spare(sample, control_of(rtk_s)) is spare
+    assert GpsVelocityAid(CONFIG).spare(sample, aids_used(rtk_s)) is spare
 
 
 def test_a_fix_that_is_none_is_not_used():
-    estimate = StateEstimate(HOVER, np.eye(18), control_of())
+    estimate = StateEstimate(HOVER, np.eye(18), aids_used())
     found = Fusion(CONFIG).fuse(gps_fix(10.0, status=FixStatus.NONE), estimate, ZERO)
     assert (found.verdict.outcome, found.verdict.reason) == (Outcome.NOT_FIXED, "status none")
 
@@ -288,7 +288,7 @@ def test_what_the_receiver_admits_beyond_its_slow_error_is_noise(
     """Its variances less those that the state has, not below zero."""
     gps = CONFIG.gps
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
-    estimate = StateEstimate(HOVER, np.eye(18), control_of(rtk_s, gps_s))
+    estimate = StateEstimate(HOVER, np.eye(18), aids_used(rtk_s, gps_s))
     sample = gps_fix(10.0, variances=share * known + more)
     found = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)[0].measurement.noise
     expected = np.eye(3) * (gps.position_noise_m**2 + beyond)
@@ -296,8 +296,8 @@ def test_what_the_receiver_admits_beyond_its_slow_error_is_noise(
 
 
 def with_error(covariance):
-    """A estimate whose GPS error was learned at 0 s."""
-    aids = control_of()._replace(receivers=Receivers(ns(0), (3.0, 0.0, -6.0)))
+    """An estimate whose GPS error was learned at 0 s."""
+    aids = aids_used()._replace(receivers=Receivers(ns(0), (3.0, 0.0, -6.0)))
     return StateEstimate(HOVER, covariance, aids)
 
 
@@ -333,7 +333,7 @@ def test_fading_does_not_depend_on_how_often_something_is_used():
 def test_learned_while_rtk_is_there_to_its_noise():
     """A known position: the error is learned to position_noise_m, and tied to nothing."""
     covariance = np.diag(np.r_[np.full(15, 1e-8), np.square(CONFIG.gps.position_sigma_m)])
-    estimate = StateEstimate(HOVER, covariance, control_of(rtk_s=9.9))
+    estimate = StateEstimate(HOVER, covariance, aids_used(rtk_s=9.9))
     shift = (0.8, -1.0, 2.5)
     found = Fusion(CONFIG).fuse(gps_fix(10.0, shift), estimate, ZERO).estimate
     sigma = np.sqrt(np.diag(found.covariance)[GPS_ERROR])

@@ -30,7 +30,7 @@ def health(**values):
     return FilterHealth(ekf_config(trust__aid_timeout_s=1.0, **values))
 
 
-def control_of(*sources, status=FixStatus.FIXED, age_ns=0):
+def aids_used(*sources, status=FixStatus.FIXED, age_ns=0):
     """These were used just now, or ``age_ns`` ago."""
     aids = used_at(dict.fromkeys(sources, NOW_NS - age_ns))
     return aids.with_status(status, NOW_NS - age_ns, TIMEOUT_NS)
@@ -59,7 +59,7 @@ def control_of(*sources, status=FixStatus.FIXED, age_ns=0):
     ],
 )
 def test_state_names_what_is_missing(sources, state, reason):
-    assert health().state(control_of(*sources), NOW_NS) == (state, reason)
+    assert health().state(aids_used(*sources), NOW_NS) == (state, reason)
 
 
 @pytest.mark.parametrize(
@@ -67,11 +67,11 @@ def test_state_names_what_is_missing(sources, state, reason):
     [(TIMEOUT_NS, FilterState.RUNNING), (TIMEOUT_NS + 1, FilterState.DEAD_RECKONING)],
 )
 def test_aids_are_missing_after_their_time_out(age_ns, state):
-    assert health().state(control_of(*RTK, age_ns=age_ns), NOW_NS)[0] is state
+    assert health().state(aids_used(*RTK, age_ns=age_ns), NOW_NS)[0] is state
 
 
 def test_a_float_fix_is_named():
-    found = health().state(control_of(*RTK[:2], status=FixStatus.FLOAT), NOW_NS)
+    found = health().state(aids_used(*RTK[:2], status=FixStatus.FLOAT), NOW_NS)
     assert found == (FilterState.DEGRADED, "rtk/fix is float, no rtk/heading")
 
 
@@ -82,13 +82,13 @@ def test_what_comes_and_is_refused_is_said_to_be_refused():
     for verdict in (gated, poor):
         log.add(verdict, NOW_NS - TIMEOUT_NS)
     told = log.unused
-    found = health().state(control_of(Source.GPS_POSITION), NOW_NS, told)
+    found = health().state(aids_used(Source.GPS_POSITION), NOW_NS, told)
     reason = (
         "rtk/vel not used: status single, "
         "rtk/heading refused: 90 deg off; antennas swapped?, no rtk/fix"
     )
     assert found == (FilterState.DEGRADED, reason)
-    silent = health().state(control_of(Source.GPS_POSITION), NOW_NS + 1, told)
+    silent = health().state(aids_used(Source.GPS_POSITION), NOW_NS + 1, told)
     assert silent == (FilterState.DEGRADED, "no rtk/fix, rtk/vel, rtk/heading")
 
 
@@ -113,13 +113,13 @@ def covariance_of():
 def test_lost_beyond_the_sigmas(place, sigma, why):
     covariance = covariance_of()
     covariance[place, place] = (sigma**2).real
-    assert health().lost(control_of(*RTK), covariance) == why
+    assert health().lost(aids_used(*RTK), covariance) == why
     spoiled = why in {"not finite", "a negative variance"}
-    assert health().spoiled(control_of(*RTK), covariance) is spoiled
+    assert health().spoiled(aids_used(*RTK), covariance) is spoiled
 
 
 def test_lost_after_resets_that_do_not_help():
-    aids = control_of(*RTK)
+    aids = aids_used(*RTK)
     for second in range(3):
         assert health().lost(aids, covariance_of()) == ""
         aids = aids.with_reset(Source.RTK_POSITION, NOW_NS + second * SECOND_NS, "moved")

@@ -82,7 +82,7 @@ def test_position_and_velocity_are_those_of_the_antenna():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_covariance_is_that_of_the_differences(seed):
-    """A estimate off along one direction alone: the covariance is the outer product of what that
+    """An estimate off along one direction alone: the covariance is the outer product of what that
     direction changes, by central differences."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=STATES)

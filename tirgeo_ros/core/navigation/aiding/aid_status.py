@@ -177,6 +177,12 @@ class RtkStatus(NamedTuple):
         """Return the newest fix status; None where it is older than the time-out."""
         return self.status if now_ns - self.status_ns <= timeout_ns else None
 
+    def compared(self, consistency: Consistency) -> RtkStatus:
+        """Return a copy with another comparison of positions and velocities."""
+        return RtkStatus(
+            self.status, self.status_ns, self.fixed_since_ns, self.offsets_n, consistency
+        )
+
 
 class AidStatus(NamedTuple):
     """Hold the records of all aids."""
@@ -203,11 +209,19 @@ class AidStatus(NamedTuple):
         """Return a copy with one record changed, and with the receivers' errors if given."""
         tracks = list(self.tracks)
         tracks[PLACE[source]] = track
-        # A named tuple's own _replace takes three times as long.
+        return self.changed(receivers, tuple(tracks))
+
+    def changed(
+        self,
+        receivers: Receivers | None = None,
+        tracks: tuple[AidTrack, ...] | None = None,
+        rtk: RtkStatus | None = None,
+    ) -> AidStatus:
+        """Return a copy with what is given; ``_replace`` takes three times as long."""
         return AidStatus(
             receivers or self.receivers,
-            tuple(tracks),
-            self.rtk,
+            tracks or self.tracks,
+            rtk or self.rtk,
             self.resets,
             self.rtk_resets,
             self.last_reset,
@@ -222,7 +236,7 @@ class AidStatus(NamedTuple):
         was_fixed = self.rtk.at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.rtk.fixed_since_ns if fixed and was_fixed else now_ns
         rtk = RtkStatus(status, now_ns, begun_ns, self.rtk.offsets_n, self.rtk.consistency)
-        after = self._replace(rtk=rtk)
+        after = self.changed(rtk=rtk)
         if not fixed or was_fixed or self.rtk.status is None:
             return after
         # The offset has grown while the solution was float.

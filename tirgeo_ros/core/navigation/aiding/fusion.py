@@ -55,7 +55,7 @@ class Fusion:
             return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), estimate)
         aids = estimate.aids
         receivers = aids.receivers.at(sample.stamp_ns, self._gps_time_s, self._heading_time_s)
-        aids = aids._replace(receivers=receivers)
+        aids = aids.changed(receivers)
         estimate = StateEstimate(estimate.state, estimate.covariance, aids)
         aid, estimate = self._models[sample.source].measured(sample, estimate, angular_rate_b)
         if isinstance(aid, Verdict):

@@ -60,9 +60,8 @@ class RtkPositionAid(Aid):
         """Return the measurement; the estimate has its status, and its offset for the median."""
         state = estimate.state
         aids = estimate.aids.with_status(sample.status, sample.stamp_ns, self._timeout_ns)
-        estimate = estimate._replace(aids=aids)
         if sample.status < FixStatus.FLOAT:
-            return not_fixed(self.source, sample.status), estimate
+            return not_fixed(self.source, sample.status), estimate._replace(aids=aids)
         rotation = rotation_of(state.q_nb)
         lever_n = rotate(rotation, added(self._lever_b, aids.receivers.antenna_b))
         innovation = innovation_n(state, sample, lever_n)
@@ -71,8 +70,8 @@ class RtkPositionAid(Aid):
             innovation, aids = self._median(offset, state.correction_n, aids)
         noise, sigma_m = self._noise(sample, aids)
         consistency = aids.rtk.consistency.with_fix(sample, noise)
-        aids = aids._replace(rtk=aids.rtk._replace(consistency=consistency))
-        estimate = estimate._replace(aids=aids)
+        aids = aids.changed(rtk=aids.rtk.compared(consistency))
+        estimate = StateEstimate(state, estimate.covariance, aids)
         reason = consistency.reason(self.source)
         if reason:
             return Verdict(self.source, Outcome.GATED, reason), estimate

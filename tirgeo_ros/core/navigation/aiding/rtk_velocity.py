@@ -102,7 +102,7 @@ class RtkVelocityAid(VelocityAid):
         against_imu_n = added((north, east, down), estimate.state.push_n)
         rtk, noise = estimate.aids.rtk, aid.measurement.noise
         consistency = rtk.consistency.with_velocity(sample, noise, against_imu_n)
-        rtk = rtk._replace(consistency=consistency)
-        estimate = estimate._replace(aids=estimate.aids._replace(rtk=rtk))
+        aids = estimate.aids.changed(rtk=rtk.compared(consistency))
+        estimate = StateEstimate(estimate.state, estimate.covariance, aids)
         reason = consistency.reason(self.source)
         return (Verdict(self.source, Outcome.GATED, reason) if reason else aid), estimate

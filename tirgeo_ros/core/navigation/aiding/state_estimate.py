@@ -51,7 +51,7 @@ class StateEstimate(NamedTuple):
         turned = 0.0 if at is None else float(error[at])
         moved = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
         receivers = self.aids.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
-        aids = self.aids._replace(receivers=receivers)
+        aids = self.aids.changed(receivers)
         return StateEstimate(feedback(self.state, error), changes[-1].covariance, aids, changes)
 
 

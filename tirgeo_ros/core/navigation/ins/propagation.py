@@ -65,6 +65,7 @@ class Epoch:
     mean_force_b: Vector = (0.0, 0.0, 0.0)
     mean_rate_b: Vector = (0.0, 0.0, 0.0)
     vibration: Powers = STILL
+    autopilot_q_nb: Array | None = None
 
     @classmethod
     def first(cls: type[E], stamp_ns: int, sample: ImuSample, start: Propagated) -> E:
@@ -74,7 +75,7 @@ class Epoch:
 
     @classmethod
     def after(cls: type[E], before: Epoch, sample: ImuSample, meter: VibrationMeter) -> E:
-        """Return the epoch of the next sample; its state is still that of the epoch before."""
+        """Return the epoch of the next sample; its own state is computed later."""
         force: Vector = tuple(sample.specific_force_b.tolist())
         rate: Vector = tuple(sample.angular_rate_b.tolist())
         step_s = (sample.stamp_ns - before.stamp_ns) * 1e-9
@@ -91,6 +92,7 @@ class Epoch:
             (0.5 * (gx + fx), 0.5 * (gy + fy), 0.5 * (gz + fz)),
             (0.5 * (vx + wx), 0.5 * (vy + wy), 0.5 * (vz + wz)),
             meter.add(step_s, force, rate),
+            sample.autopilot_q_nb,
         )
 
 

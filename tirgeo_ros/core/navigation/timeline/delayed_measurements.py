@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus, Receivers
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.ins.propagation import Epoch, Propagated
-from tirgeo_ros.core.navigation.ins.vibration_noise import VibrationMeter
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -42,7 +40,6 @@ class FilterEpoch(Epoch):
     """Add to an epoch the records of the aids at its stamp, and its interval's measurements."""
 
     aids: AidStatus = AidStatus(Receivers(0))
-    autopilot_q_nb: Array | None = None
     records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
 
     @classmethod
@@ -50,15 +47,6 @@ class FilterEpoch(Epoch):
         """Return the filter's first epoch; ``sample`` is the newest one up to its stamp."""
         epoch = cls.first(stamp_ns, sample, Propagated(start.state, start.covariance))
         epoch.aids = start.aids
-        return epoch
-
-    @classmethod
-    def of_sample(
-        cls, before: FilterEpoch, sample: ImuSample, meter: VibrationMeter
-    ) -> FilterEpoch:
-        """Return the epoch of the next sample; its state and records are computed later."""
-        epoch = cls.after(before, sample, meter)
-        epoch.autopilot_q_nb = sample.autopilot_q_nb
         return epoch
 
     @property

@@ -107,7 +107,7 @@ class Ekf:
         ``clipped``: the IMU was at full scale within the last second, so the process noise is
         enlarged. Returns the verdicts on measurements that were held until this sample.
         """
-        epoch = FilterEpoch.of_sample(self._epochs[-1], sample, self._meter)
+        epoch = FilterEpoch.after(self._epochs[-1], sample, self._meter)
         if clipped:
             epoch.vibration = clipped_powers(epoch.vibration)
         while self._held and self._held[0].stamp_ns <= epoch.stamp_ns:
