@@ -153,18 +153,25 @@ def test_the_core_is_silent(name):
 
 #: Diagnostics and markers are for people and RViz: programs read the JSON beside them.
 FOR_PEOPLE = ("/diagnostics", "tirgeo/targets/markers")
-DECODERS = ("navigation_status", "diagnostic_level", "import DiagnosticStatus")
-#: But for one: what ``process`` writes of the filter's state stands in its diagnostics alone.
-READS_DIAGNOSTICS = {"tirgeo_ros.tools.many_flights.flight_facts"}
+#: What declares, publishes or records them, or says who does.
+NAMES_THEM = {
+    "tirgeo_ros.io.messages.sensor_messages",
+    "tirgeo_ros.nodes.aircraft_view",
+    "tirgeo_ros.nodes.graph_node",
+    "tirgeo_ros.nodes.help",
+    "tirgeo_ros.nodes.recordings",
+    "tirgeo_ros.tools.graph.node_graph",
+    "tirgeo_ros.tools.replay.process_outputs",
+}
 
 
 def test_no_program_reads_what_is_for_people():
-    product = {name: path for name, path in MODULES.items() if name.startswith("tirgeo_ros.")}
-    readers = set()
-    for name, path in product.items():
+    naming = set()
+    for name, path in MODULES.items():
         text = path.read_text()
         heard = re.findall(r"""\.(?:listen|create_subscription)\(\s*f?["']([^"']*)""", text)
-        decodes = [one for one in DECODERS if one in text and ".io.messages" not in name]
-        if decodes or set(heard) & set(FOR_PEOPLE):
-            readers.add(name)
-    assert readers == READS_DIAGNOSTICS
+        assert not set(heard) & set(FOR_PEOPLE), name
+        assert not re.search("import Diagnostic(Array|Status)", text), name
+        if name.startswith("tirgeo_ros.") and any(f'"{topic}"' in text for topic in FOR_PEOPLE):
+            naming.add(name)
+    assert naming == NAMES_THEM

@@ -26,7 +26,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, JointState,
 from std_srvs.srv import Trigger
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import Messages, navigation_status
+from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.tools.graph.whole_graph import read_remaps
 
@@ -128,7 +128,7 @@ def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, me
     stranger.spin_until(lambda: "running" in states_of(stranger))  # late RTK may end it again
     # Beside those of every second, which have the topics too: one for each change of state.
     alone = [array for array in stranger.received["/diagnostics"] if is_state_alone(array)]
-    states = [navigation_status(array.status[0]).state.value for array in alone]
+    states = [state_in(array.status[0]) for array in alone]
     assert states[0] == "aligning"
     assert all(a != b for a, b in pairwise(states))
     said = [line.partition("ekf_heading: ")[2] for line in ekf.log.read_text().splitlines()]
@@ -145,7 +145,11 @@ def is_state_alone(array: DiagnosticArray) -> bool:
 def states_of(stranger) -> list[str]:
     told = [status for array in stranger.received["/diagnostics"] for status in array.status]
     filters = [status for status in told if status.name.endswith("ekf_node: navigation")]
-    return [navigation_status(status).state.value for status in filters]
+    return [state_in(status) for status in filters]
+
+
+def state_in(status) -> str:
+    return next(pair.value for pair in status.values if pair.key == "state")
 
 
 def state_of(stranger) -> str:

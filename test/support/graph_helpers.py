@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import Messages, diagnostic_level, stamp_ns
+from tirgeo_ros.io.messages import Messages, stamp_ns
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.tools.graph.node_graph import NodeProcess
@@ -73,7 +73,7 @@ class Stranger:
         for array in reversed(self.received["/diagnostics"]):
             for status in array.status:
                 if status.name == name:
-                    told = {"": status.message, "level": str(diagnostic_level(status))}
+                    told = {"": status.message, "level": str(status.level[0])}
                     return told | {pair.key: pair.value for pair in status.values}
         return {}
 

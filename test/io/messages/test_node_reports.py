@@ -30,6 +30,7 @@ def test_a_state_comes_back_with_all_that_it_has():
     assert dataclasses.replace(read, navigation=given.STATUS) == given.STATE
     assert dataclasses.replace(read.navigation, heading_sigma_rad=0.0123) == given.STATUS
     assert read.name == "overlay_node"
+    assert [*read.navigation.test_ratios] == ["rtk_heading", "rtk_position"]  # by name
     bare = dataclasses.replace(given.STATE, navigation=None, composition="", picture=None)
     assert node_state(MADE.state(bare)) == bare
 

@@ -178,14 +178,13 @@ def test_the_distance_is_that_over_the_ground(season):
     )
 
 
-def test_heading_and_innovations_are_those_of_the_diagnostics(season):
+def statuses_of(bag, topic):
+    return [convert.node_state(message).navigation for _, message in messages_of(bag, topic)]
+
+
+def test_heading_and_innovations_are_those_of_the_filters_states(season):
     folder, _, records = season
-    found = [
-        convert.navigation_status(item)
-        for _, array in messages_of(folder / "east_flight.mcap", "/diagnostics")
-        for item in array.status
-        if item.name == "/ekf_node: navigation"
-    ]
+    found = statuses_of(folder / "east_flight.mcap", "/tirgeo/state")
     facts = records["east_flight"]["season"]["facts"]
     sigmas_deg = np.degrees([one.heading_sigma_rad for one in found])
     assert facts["heading_sigma_deg"] == pytest.approx(np.nanmedian(sigmas_deg))
@@ -194,9 +193,18 @@ def test_heading_and_innovations_are_those_of_the_diagnostics(season):
         assert facts["test_ratios"][source] == max(ratios)
 
 
+def test_an_output_of_a_version_without_states_is_read(season, tmp_path):
+    folder, _, records = season
+    bag, kept = folder / "east_flight.mcap", records["east_flight"]
+    old = rewritten(bag, tmp_path / "old.mcap", without=["/tirgeo/state"])
+    facts, _ = flight_facts(old, "", kept["duration_s"])
+    unknown = {"heading_sigma_deg": None, "nis": {}, "test_ratios": {}}
+    assert facts == kept["season"]["facts"] | unknown
+
+
 @pytest.mark.slow
 def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
-    """And the means of NIS are of all that the diagnostics have; with a namespace."""
+    """And the means of NIS are of all states; with a namespace."""
     flight = rewritten(
         sample / "flight.mcap",
         tmp_path / "flight.mcap",
@@ -216,12 +224,7 @@ def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
     errors = [np.abs(one.astype(float) - small).mean() for one in pictures]
     assert abs(np.argmin(errors) - len(pictures) / 2) <= 5  # in the middle; the first are late
     assert facts["nis"].keys() >= {"rtk_position", "rtk_velocity", "rtk_heading"}
-    found = [
-        convert.navigation_status(item).nis.get("rtk_position")
-        for _, array in messages_of(out, "/diagnostics")
-        for item in array.status
-        if item.name == "/uav1/ekf_node: navigation"
-    ]
+    found = [status.nis.get("rtk_position") for status in statuses_of(out, "/uav1/tirgeo/state")]
     known = [nis for nis in found if nis is not None]
     assert facts["nis"]["rtk_position"] == pytest.approx(np.mean(known))
 

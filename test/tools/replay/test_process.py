@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import math
+from collections import Counter
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.graph_outputs import differences
 from tirgeo_ros.tools.replay.process import process, six_lines
 
-POSES = ("odometry", "fix", "origin", "camera_pose", "path")
+WITHOUT_PICTURES = ("odometry", "fix", "origin", "camera_pose", "path", "state")
 GEOMETRY = ("overlay/camera_info", "footprint")
 GLOBAL = ("/diagnostics", "/tf", "/tf_static")
 
@@ -28,7 +29,7 @@ GLOBAL = ("/diagnostics", "/tf", "/tf_static")
 def test_every_output_topic_with_its_type(whole):
     folder, summary = whole
     topics = BagReader(folder / "out.mcap").topics()
-    names = (*POSES, "overlay/image", "overlay/image/compressed", *GEOMETRY)
+    names = (*WITHOUT_PICTURES, "overlay/image", "overlay/image/compressed", *GEOMETRY)
     expected = {f"/tirgeo/{name}": TOPIC_TYPES[f"tirgeo/{name}"] for name in names}
     assert topics == expected | {name: TOPIC_TYPES[name] for name in GLOBAL}
     assert set(summary["written"]) == set(topics)
@@ -81,7 +82,23 @@ def test_diagnostics_once_a_second(whole):
         "/gimbal_node: camera pose",
         "/overlay_node: overlay",
     ]
-    assert convert.navigation_status(last.status[0]).method == "ekf_heading"
+
+
+def test_the_filters_state_beside_the_diagnostics(whole, cut):
+    folder, summary = whole
+    times = [log_time for log_time, _ in messages_of(folder / "out.mcap", "/diagnostics")]
+    written = [*messages_of(folder / "out.mcap", "/tirgeo/state")]
+    assert [log_time for log_time, _ in written] == times
+    states = [convert.node_state(message) for _, message in written]
+    assert [state.stamp_ns for state in states] == times
+    # The same input gives the same bytes: no clock of this computer.
+    assert {state.started_ns for state in states} == {BagReader(cut).span_ns[0]}
+    assert {(state.node, state.navigation.method) for state in states} == {
+        ("/ekf_node", "ekf_heading")
+    }
+    assert Counter(state.navigation.state.value for state in states) == summary["states_s"]
+    verdicts = {f"{a} {b}": n for (a, b), n in states[-1].navigation.counts.items()}
+    assert verdicts == summary["verdicts"]
 
 
 @pytest.mark.slow
@@ -107,7 +124,7 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     moved = rewritten(cut, tmp_path / "uav1.mcap", renamed, without=[IMAGES])
     process(moved, tmp_path / "out.mcap", images=False, namespace="/uav1", **options)
     topics = set(BagReader(tmp_path / "out.mcap").topics())
-    assert topics == {*GLOBAL, *(f"/uav1/tirgeo/{name}" for name in POSES)}
+    assert topics == {*GLOBAL, *(f"/uav1/tirgeo/{name}" for name in WITHOUT_PICTURES)}
     found = data_of(tmp_path / "out.mcap", f"/uav1{CAMERA_POSE}")
     assert found == data_of(poses_only[0], CAMERA_POSE)
     with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*is there a --namespace"):

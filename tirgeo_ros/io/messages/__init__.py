@@ -15,12 +15,7 @@ from tirgeo_ros.io.messages.decode import (
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.io.messages.diagnostics import (
-    DiagnosticItem,
-    diagnostic_level,
-    navigation_item,
-    navigation_status,
-)
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.io.messages.json_codec import answer_of, targets_of
 from tirgeo_ros.io.messages.node_reports import (
@@ -65,7 +60,6 @@ __all__ = [
     "camera_attitude",
     "camera_pose",
     "compressed_pixels",
-    "diagnostic_level",
     "finding_row",
     "findings_of",
     "ground_point",
@@ -73,7 +67,6 @@ __all__ = [
     "imu_sample",
     "joint_sample",
     "navigation_item",
-    "navigation_status",
     "node_state",
     "pixel",
     "pixels",

@@ -21,6 +21,7 @@ from tirgeo_ros.io.messages.json_codec import WRONG_FORM, document_of
 STATE_TOPIC, FINDINGS_TOPIC = "tirgeo/state", "tirgeo/findings"
 _STATE, _FINDINGS = "tirgeo/state/1", "tirgeo/findings/1"
 _PARTS = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
+_BY_NAME = ("test_ratios", "resets", "nis", "clipped")  # tables of the navigation's state
 _LONGEST = 100_000  # characters of a message
 _MOST_TOPICS = 100  # of a node
 T = TypeVar("T")
@@ -166,6 +167,7 @@ def _navigation_row(status: NavigationStatus) -> dict[str, Any]:
     row["began_again"] = status.began_again.value if status.began_again else None
     row["rtk_status"] = status.rtk_status.name.lower()
     row["heading_sigma_deg"] = math.degrees(row.pop("heading_sigma_rad"))
+    row |= {key: dict(sorted(row[key].items())) for key in _BY_NAME}
     counts: dict[str, dict[str, int]] = {}
     for (source, outcome), number in sorted(status.counts.items()):
         counts.setdefault(source, {})[outcome] = number

@@ -14,14 +14,16 @@ import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.tools.replay.flight_topics import prefix, resolved
+from tirgeo_ros.io.messages import STATE_TOPIC
+from tirgeo_ros.tools.replay.flight_topics import resolved
 
 _TRACK_POINTS = 200
 _TRACK_STEP_NS = 1_000_000_000  # of the points whose distances are added up
 _WIDTH_PX, _QUALITY = 320, 60  # of the small picture
-_FIX, _PICTURE, _DIAGNOSTICS = "tirgeo/fix", "tirgeo/overlay/image/compressed", "/diagnostics"
+_FIX, _PICTURE = "tirgeo/fix", "tirgeo/overlay/image/compressed"
 
 
 class _Place(NamedTuple):
@@ -36,15 +38,15 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
     """Return the facts of an output bag of ``process``, and a small JPEG; b"" without pictures.
 
     The flight ends with the bag, and began ``duration_s`` before that. Sigmas are medians over
-    the flight, ``nis`` the means over the diagnostics by source, and ``test_ratios`` their
-    largest. The track has at most 200 points, degrees.
+    the flight, ``nis`` the means over the filter's states by source, and ``test_ratios`` their
+    largest. A bag without ``tirgeo/state``, of an older version, has None and nothing for these.
+    The track has at most 200 points, degrees.
     """
     reader, cdr = BagReader(bag), Cdr()
     begin_ns, end_ns = reader.span_ns
-    names = {resolved(topic, namespace): topic for topic in (_FIX, _PICTURE)}
-    names[_DIAGNOSTICS] = _DIAGNOSTICS
+    names = {resolved(topic, namespace): topic for topic in (_FIX, _PICTURE, STATE_TOPIC)}
     places: list[_Place] = []
-    aids = _Aids(f"{prefix(namespace)}ekf_node: navigation")
+    aids = _Aids()
     picture: BagMessage | None = None
     for message in reader.messages(names.keys() & reader.topics().keys()):
         topic = names[message.topic]
@@ -55,7 +57,8 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
         elif topic == _FIX:
             places.append(_place(cdr.deserialize(message.data, message.typename)))
         else:
-            aids.add(cdr.deserialize(message.data, message.typename))
+            state = convert.node_state(cdr.deserialize(message.data, message.typename))
+            aids.add(state.navigation)
     flown_ns = end_ns - round(duration_s * 1e9)
     facts = {"begin_utc": _utc(flown_ns), **_of_places(places), **aids.facts()}
     content = cdr.deserialize(picture.data, picture.typename) if picture else None
@@ -63,24 +66,21 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
 
 
 class _Aids:
-    """Collect from the navigation's diagnostics the figures of the heading and of each source."""
+    """Collect from the filter's states the figures of the heading and of each source."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self) -> None:
         self._heading_deg: list[float] = []
         self._nis: defaultdict[str, list[float]] = defaultdict(list)
         self._ratios: defaultdict[str, float] = defaultdict(float)
 
-    def add(self, message: Any) -> None:
-        for item in message.status:
-            if item.name != self._name:
-                continue
-            status = convert.navigation_status(item)
-            self._heading_deg.append(math.degrees(status.heading_sigma_rad))
-            for source, nis in status.nis.items():
-                self._nis[source].append(nis)
-            for source, ratio in status.test_ratios.items():
-                self._ratios[source] = max(self._ratios[source], ratio)
+    def add(self, status: NavigationStatus | None) -> None:
+        if status is None:  # of another node
+            return
+        self._heading_deg.append(math.degrees(status.heading_sigma_rad))
+        for source, nis in status.nis.items():
+            self._nis[source].append(nis)
+        for source, ratio in status.test_ratios.items():
+            self._ratios[source] = max(self._ratios[source], ratio)
 
     def facts(self) -> dict[str, Any]:
         return {

@@ -23,9 +23,17 @@ from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.poses import BodyPose
+from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages, navigation_item
+from tirgeo_ros.io.messages import (
+    STATE_TOPIC,
+    TOPIC_TYPES,
+    DiagnosticItem,
+    Messages,
+    NodeState,
+    navigation_item,
+)
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -35,7 +43,8 @@ from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
-DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+#: Between two reports of the state, as the nodes send them.
+REPORT_PERIOD_NS = 1_000_000_000
 #: Poses that are written together.
 _POSES_BLOCK = 32
 #: A track is sent whole each time, so it is written this often, and at the end.
@@ -288,7 +297,7 @@ class ProcessOutputs:
         self._writer, self._prefix = writer, prefix(namespace)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._plane: TangentPlane | None = None
-        self._diagnosed_ns: int | None = None
+        self._reported_ns: int | None = None
 
     def wants(self, topic: str) -> bool:
         """Return whether a topic changes outputs: attitudes do until the joints are trusted."""
@@ -344,22 +353,22 @@ class ProcessOutputs:
             self._write("tirgeo/locate/point", self._messages.located_point(answer), log_time_ns)
 
     def proceed(self, arrival_ns: int) -> None:
-        """Write the frame that is due, if any, and each second the diagnostics."""
+        """Write the frame that is due, if any, and each second the state."""
         self._draw(arrival_ns, arrival_ns)
-        if self._diagnosed_ns is None:
-            self._diagnosed_ns = arrival_ns
-        late_ns = arrival_ns - self._diagnosed_ns
-        if late_ns >= DIAGNOSTICS_PERIOD_NS:
-            self._diagnosed_ns = arrival_ns - late_ns % DIAGNOSTICS_PERIOD_NS
-            self._publish_diagnostics(arrival_ns)
+        if self._reported_ns is None:
+            self._reported_ns = arrival_ns
+        late_ns = arrival_ns - self._reported_ns
+        if late_ns >= REPORT_PERIOD_NS:
+            self._reported_ns = arrival_ns - late_ns % REPORT_PERIOD_NS
+            self._report(arrival_ns)
 
     def finish(self, log_time_ns: int) -> None:
-        """Write the frames that still wait for their poses, and the last diagnostics."""
+        """Write the frames that still wait for their poses, and the last state."""
         if self._overlay is not None:
             for deadline_ns in self._overlay.deadlines_ns:
                 self._draw(log_time_ns, deadline_ns)
         self._poses.finish(log_time_ns)
-        self._publish_diagnostics(log_time_ns)
+        self._report(log_time_ns)
         self._pictures.finish()
 
     def _draw(self, log_time_ns: int, now_ns: int) -> None:
@@ -380,10 +389,19 @@ class ProcessOutputs:
         self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
         self.written[name] += 1
 
-    def _publish_diagnostics(self, log_time_ns: int) -> None:
-        registration, overlay = self._registered.registration, self._overlay
-        status, composer = registration.navigation.status(), registration.composer
+    def _report(self, log_time_ns: int) -> None:
+        """Write diagnostics for people, and the filter's state for programs."""
+        status = self._registered.registration.navigation.status()
         self.states_s[status.state.value] += 1
+        diagnostics = self._messages.diagnostics(log_time_ns, self._items(status))
+        self._write("/diagnostics", diagnostics, log_time_ns)
+        # It starts with the flight: the same input gives the same bytes.
+        node, started_ns = f"{self._prefix}ekf_node", self._flight.begun_ns or 0
+        state = NodeState(node, log_time_ns, started_ns, navigation=status)
+        self._write(STATE_TOPIC, self._messages.state(state), log_time_ns)
+
+    def _items(self, status: NavigationStatus) -> list[DiagnosticItem]:
+        composer, overlay = self._registered.registration.composer, self._overlay
         items = [navigation_item(f"{self._prefix}ekf_node: navigation", status)]
         items[0].values.update(self._flight.arrivals.diagnostics)
         composition = f"composition: {composer.composition}"
@@ -391,7 +409,7 @@ class ProcessOutputs:
         if overlay is not None:
             clicks = {f"clicks_{name}": n for name, n in sorted(overlay.clicks.counts.items())}
             items.append(self._counts("overlay_node: overlay", overlay.counts | clicks, "ok"))
-        self._write("/diagnostics", self._messages.diagnostics(log_time_ns, items), log_time_ns)
+        return items
 
     def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}
