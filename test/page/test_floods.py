@@ -105,19 +105,29 @@ def opened(one):
     return socket.create_connection(("127.0.0.1", one.port), 20)
 
 
+def upgrade(one, path):
+    return http(
+        path,
+        f"Host: 127.0.0.1:{one.port}",
+        f"Origin: {one.url}",
+        *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+    )
+
+
 def upgraded(one, path):
     own = opened(one)
-    own.sendall(
-        http(
-            path,
-            f"Host: 127.0.0.1:{one.port}",
-            f"Origin: {one.url}",
-            *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
-            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
-        )
-    )
+    own.sendall(upgrade(one, path))
     assert own.recv(12).endswith(b"101")
     return own
+
+
+def ends(own):
+    """Wait until the page ends a connection."""
+    deadline = time.monotonic() + 5
+    with contextlib.suppress(ConnectionResetError):
+        while own.recv(65536):
+            assert time.monotonic() < deadline, "the connection goes on"
 
 
 def sent(own, data, pieces=200):
@@ -237,10 +247,14 @@ def test_a_frame_without_a_mask_ends_its_connection(served, path, before):
         for byte in before:
             own.sendall(bytes([byte]))
         own.sendall(bytes([0x81, 7]) + b"shown 2")
-        deadline = time.monotonic() + 5
-        with contextlib.suppress(ConnectionResetError):
-            while own.recv(65536):
-                assert time.monotonic() < deadline, "the connection goes on"
+        ends(own)
+
+
+@pytest.mark.parametrize("path", ["/state", "/video/"])
+def test_frames_that_come_with_the_request_end_its_connection(served, path):
+    with opened(served) as own:
+        own.sendall(upgrade(served, path) + bytes([0x81, 7]) + b"shown 2")
+        ends(own)
 
 
 def test_masked_frames_of_all_lengths_are_taken(served):

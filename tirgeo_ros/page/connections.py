@@ -77,6 +77,7 @@ class Connection(asyncio.Protocol):
         self._bytes = Allowance(_BYTES_A_S, _BYTES_AT_ONCE)
         self._serves = False
         self._early: list[bytes] = []  # came with the end of the handshake
+        self._end = b""  # of what has come
         self.transport: Any = None  # asyncio's own classes share no base with abort
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -116,6 +117,7 @@ class Connection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Pass bytes on, unless they are too many: then no later buffer can grow."""
+        self._end = (self._end + data[-4:])[-4:]
         few = self._bytes.take(self._loop.time(), len(data))
         if not few or (self._frames is not None and not self._frames.take(data)):
             self.abort()
@@ -151,6 +153,10 @@ class Connection(asyncio.Protocol):
         """Note that a whole request has come, and from whom."""
         self._asked, self._lasts = True, websocket
         self._frames = MaskedFrames() if websocket else None
+        if (
+            websocket and self._end != b"\r\n\r\n"
+        ):  # frames before the answer: nobody looked at them
+            self.abort()
         self._listener.requested(self, role, owner)
 
     def answered(self) -> None:
