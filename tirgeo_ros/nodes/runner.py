@@ -170,9 +170,9 @@ def _share_clock(nodes: Sequence[Node]) -> None:
     Each node has one of its own, and each of its messages, at 100 Hz, costs as much as a sample
     of the IMU. rclpy has no public access to what subscribes.
     """
-    source = nodes[-1]._time_source  # noqa: SLF001
+    source = nodes[-1]._time_source  # noqa: SLF001  no public way
     for node in nodes[:-1]:
-        node._time_source.detach_node()  # noqa: SLF001
+        node._time_source.detach_node()  # noqa: SLF001  no public way
         source.attach_clock(node.get_clock())
 
 

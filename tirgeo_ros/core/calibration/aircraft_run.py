@@ -129,7 +129,7 @@ class WhiteningFusion(Fusion):
         self,
         aid: AidMeasurement,
         estimate: StateEstimate,
-        autopilot_q_nb: Array | None,  # noqa: ARG002
+        autopilot_q_nb: Array | None,  # noqa: ARG002  as the base has it
     ) -> Fused:
         """Return the estimate with a measurement in it, whatever its innovation."""
         state, covariance, aids = estimate.state, estimate.covariance, estimate.aids

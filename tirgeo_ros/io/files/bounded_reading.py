@@ -105,7 +105,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
         try:
             why = _close_network()
             if why:
-                raise ConfigError(  # noqa: TRY301
+                raise ConfigError(  # noqa: TRY301  caught below
                     f"GDAL cannot be kept from the network here ({why}); set network: true"
                 )
             results.append(work())

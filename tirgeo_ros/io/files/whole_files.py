@@ -112,7 +112,7 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
         for path, content in contents.items():
             check_place(path, error)
             if isinstance(content, str):  # what cannot be encoded (in a name) is escaped
-                content = content.encode(errors="backslashreplace")  # noqa: PLW2901
+                content = content.encode(errors="backslashreplace")  # noqa: PLW2901  the same text
             parts[path].write_bytes(content)
         for path, part in parts.items():
             part.replace(path)

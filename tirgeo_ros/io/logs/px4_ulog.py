@@ -103,7 +103,7 @@ def _first_of(tables: dict[str, Records], names: Sequence[str]) -> Records | Non
 def _opened(path: Path) -> tuple[Any, bool]:
     """Return the log, and whether it is cut off."""
     from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
-    from pyulog.exceptions import ULogException  # noqa: PLC0415
+    from pyulog.exceptions import ULogException  # noqa: PLC0415  heavy
 
     try:
         with (

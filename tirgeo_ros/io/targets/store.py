@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import json
 import math
-import os
 import threading
 import uuid
 from collections import defaultdict
@@ -52,7 +51,7 @@ _NEWEST = (
 _TAKEN_BACK = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
 _OPEN = "SELECT target, field, text FROM tirgeo_alternatives WHERE settled IS NULL ORDER BY rowid"
 _OF = "settled IS NULL AND target = ? AND field = ? AND text = ?"
-_SETTLE = f"UPDATE tirgeo_alternatives SET settled = ? WHERE {_OF}"  # noqa: S608
+_SETTLE = f"UPDATE tirgeo_alternatives SET settled = ? WHERE {_OF}"  # noqa: S608  our own names
 #: What reading a damaged record raises.
 _DAMAGE = (TargetError, KeyError, TypeError, ValueError, AttributeError, RecursionError)
 _LACKING = (
@@ -348,7 +347,7 @@ class TargetStore:
 def _identity(path: Path) -> tuple[int, int] | None:
     """Return what tells a file from another that takes its name; None if there is none."""
     try:
-        status = os.stat(path)  # noqa: PTH116
+        status = path.stat()
     except OSError:
         return None
     return status.st_dev, status.st_ino

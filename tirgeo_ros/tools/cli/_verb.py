@@ -91,7 +91,7 @@ BOARD: tuple[Option, ...] = (
 def page_address(text: str) -> str:
     """Return HOST:PORT, or the empty text of an option without one; a type of option."""
     from tirgeo_ros.core.config.viewer_parameters import address_of  # noqa: PLC0415 --help stays quick
-    from tirgeo_ros.core.types.errors import ConfigError  # noqa: PLC0415
+    from tirgeo_ros.core.types.errors import ConfigError  # noqa: PLC0415  heavy
 
     try:
         if text:

@@ -36,7 +36,7 @@ OPTIONS = (
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate the flight and write the results; return a summary."""
     from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation  # noqa: PLC0415  heavy
 
     names = "output params boresight camera dem ground_height namespace projection truth smooth"
     inputs, more = "bag survey observations", {"map_path": args.map}
@@ -46,6 +46,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, object]) -> str:
     """Return the tables for a person."""
-    from tirgeo_ros.tools.evaluate.report import text_tables  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.report import text_tables  # noqa: PLC0415  heavy
 
     return text_tables(result)

@@ -159,8 +159,8 @@ def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
     """Process the flight; return its summary, facts and sizes of outputs, in JSON's types."""
     import cv2  # noqa: PLC0415  heavy, as the others
 
-    from tirgeo_ros.tools.many_flights.flight_facts import flight_facts  # noqa: PLC0415
-    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415
+    from tirgeo_ros.tools.many_flights.flight_facts import flight_facts  # noqa: PLC0415  heavy
+    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415  heavy
 
     cv2.setNumThreads(cores)
     video = task.path(task.video) if task.video else None

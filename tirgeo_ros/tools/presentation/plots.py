@@ -34,7 +34,7 @@ def figure(
 ) -> tuple[Figure, Any]:
     """Return a figure and its axes, one or an array of them, as ``Figure.subplots`` does."""
     from matplotlib import rc_context  # noqa: PLC0415  slow to import
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415  heavy
 
     with rc_context(_STYLE):
         made = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
@@ -78,7 +78,7 @@ def png(made: Figure) -> bytes:
 
 def svg(made: Figure) -> bytes:
     """Return the figure as SVG bytes, for a page."""
-    from matplotlib import rc_context  # noqa: PLC0415
+    from matplotlib import rc_context  # noqa: PLC0415  heavy
 
     out = io.BytesIO()
     with rc_context(_STYLE):
