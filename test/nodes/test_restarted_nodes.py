@@ -68,6 +68,18 @@ def await_map(stranger):
     stranger.spin_until(lambda: stranger.diagnostic("/overlay_node: set-up"))
 
 
+def await_viewer(stranger, reports=3):
+    """Wait for some reports of viewer_node: by then it has heard which nodes there are."""
+    heard = stranger.received["/diagnostics"]
+    heard.clear()
+
+    def reported():
+        names = [status.name for array in heard for status in array.status]
+        return names.count("/viewer_node: page") >= reports
+
+    stranger.spin_until(reported, RECOVERS_S)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("ends", [True, False])
 def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, stranger, ends):
@@ -84,6 +96,7 @@ def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, s
         assert (f"{name} ended (exit code -9)" in demo.log) is ends
         with urllib.request.urlopen(demo.url, timeout=30) as answer:
             assert answer.status == 200
+        await_viewer(stranger)
     nodes = ("ekf_node", "gimbal_node", "overlay_node")
     after = {f"restarts_of_{name}" for name in nodes} if ends else set()
     page = stranger.diagnostic("/viewer_node: page")

@@ -32,11 +32,11 @@ def dask_cluster(folder, workers=2):
 
     Without a nanny: a worker that is killed is gone.
     """
-    told = folder / "scheduler.json"
+    scheduler = folder / "scheduler.json"
     with ExitStack() as stack:
-        words = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told)]
+        words = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(scheduler)]
         stack.enter_context(_process(folder / "scheduler.log", "dask_scheduler", *words))
-        address = _address(told)
+        address = _address(scheduler)
         yield (
             address,
             [
@@ -74,8 +74,6 @@ LIMIT_S = 240.0
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
     pytest.importorskip("distributed")
-    from test_dask_workers import dask_cluster  # noqa: PLC0415 for these alone
-
     with dask_cluster(tmp_path_factory.mktemp("cluster")) as found:
         yield found
 
