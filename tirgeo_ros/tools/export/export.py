@@ -166,20 +166,31 @@ def export(
             for product in made.values():
                 product.take(frame)
         finished = {name: product.finish() for name, product in made.items()}
-    used = len(chosen) - flight.refused.total()
-    result = {
-        "input": os.fspath(bag_in),
-        "output": os.fspath(folder),
-        "pictures": len(chosen),
+    written = _described(setup) | finished
+    result = _result(flight, reader, os.fspath(folder), len(chosen), written)
+    write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
+    return result
+
+
+def _result(
+    flight: RegisteredFlight,
+    reader: BagReader,
+    folder: str,
+    pictures: int,
+    written: Mapping[str, object],
+) -> dict[str, object]:
+    """Return the summary: pictures and what became of them, what was written, and any error."""
+    used = pictures - flight.refused.total()
+    return {
+        "input": os.fspath(reader.path),
+        "output": folder,
+        "pictures": pictures,
         "used": used,
         "not_used": dict(flight.refused),
         **flight.summary,
-        **_described(setup),
-        **finished,
+        **written,
         "error": _error(reader, used) or flight.no_go,
     }
-    write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
-    return result
 
 
 def _part(progress: Report, begin: float, end: float) -> Report:
