@@ -128,12 +128,12 @@ def pixel_of(point_n, name):
 
 
 async def clicked(page, states, name, uv, **more):
-    """The answer to a click on a picture that shows the map."""
+    """The answer to a click on a picture that shows the map; a busy machine may need a second."""
     async with page.session.ws_connect(f"{page.url}/video/{name}") as video:
         while True:
             stamp_ns, _ = await next_picture(video)
             answer = await states.click(stamp_ns, *map(float, uv), aircraft=name, **more)
-            if answer["ok"] or "pose" not in answer.get("reason", ""):
+            if answer["ok"] or not re.search("pose|did not answer", answer.get("reason", "")):
                 return answer
 
 
