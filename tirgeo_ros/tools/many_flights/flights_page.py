@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,6 +25,7 @@ from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.many_flights.flight_facts import positions_ned
 from tirgeo_ros.tools.many_flights.flight_record import Record, read_records
+from tirgeo_ros.tools.presentation.plots import PAGE_STYLE, embedded
 from tirgeo_ros.tools.presentation.progress import three
 from tirgeo_ros.tools.replay.process import refused_line
 
@@ -82,6 +82,7 @@ def flights_html(title: str, records: Mapping[str, Record], pictures: Mapping[st
     rows = (_row(record, pictures.get(_name(record), b"")) for record in flights)
     return Template(_FRAME.read_text(encoding="utf-8")).substitute(
         title=escape(title),
+        style=PAGE_STYLE,
         totals="".join(_totals(flights)),
         maps=track_maps({name: track for name, track in tracks.items() if track}),
         rows="".join(rows),
@@ -206,8 +207,7 @@ def _flight(record: Record, picture: bytes) -> Cell:
         f'<a href="{escape(_in_url(file))}">{_LINKS.get(file[len(name) :], "video")}</a>'
         for file in [*record["season"]["outputs"], f"{name}.json"]
     )
-    words, data = escape(f"a picture of {name}", quote=True), base64.b64encode(picture).decode()
-    shown = f'<img alt="{words}" src="data:image/jpeg;base64,{data}">' if picture else ""
+    shown = embedded(picture, "image/jpeg", f"a picture of {name}") if picture else ""
     return Cell(f"{shown}<strong>{escape(name)}</strong><span>{links}</span>", name)
 
 
