@@ -34,7 +34,7 @@ ORDER = {
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
-    "geopackage targets video",
+    "targets video",
     "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
     "graph cli",
 }

@@ -16,7 +16,7 @@ from typing import Any
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.geopackage.layers import Layer, Positions, insert, make_file, make_layer
+from tirgeo_ros.io.files.geopackage_layers import Layer, Positions, insert, make_file, make_layer
 from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
 _WAIT_S = 2.0  # for a program that is just ending
@@ -41,6 +41,7 @@ ELLIPSES = Layer(
     {"target": "TEXT NOT NULL", "number": "INTEGER", "name": "TEXT"},
     "95 % ellipses of the places",
 )
+TARGET_LAYERS = TARGETS, ELLIPSES
 _CLICK_COLUMNS = {
     "stamp_ns": "INTEGER NOT NULL",
     **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
