@@ -33,7 +33,7 @@ ORDER = {
     "navigation calibration gimbal overlay checks",
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link host sources interpret simulator",
-    "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
+    "io": "files coordinates parameters elevation messages logs pictures bags maps surveys "
     "targets video",
     "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
     "graph cli",

@@ -41,7 +41,7 @@ def instant(text: str) -> Instant:
 
 _FROM = "begin, in seconds after the first message, or UTC as 2024-06-11T07:44:39"
 _TO = "end, likewise; default: that of the bag"
-_TARGETS = "targets, as the operator's page keeps or exports them (.gpkg, .geojson, .csv)"
+_TARGETS = "targets, as the operator's page keeps or exports them (.gpkg, .geojson)"
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "OUT", "the new bag (.mcap); with --targets a folder", NEEDED),
