@@ -16,6 +16,7 @@ from graph_helpers import KeptLog
 from rclpy import event_handler
 from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
 from rclpy.exceptions import InvalidHandle
+from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -29,7 +30,7 @@ from tirgeo_ros.nodes.gimbal_node import GimbalNode
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.overlay_node import OverlayNode
-from tirgeo_ros.nodes.runner import _spin, make_executor
+from tirgeo_ros.nodes.runner import _spin
 from tirgeo_ros.nodes.viewer_node import ViewerNode
 
 
@@ -91,7 +92,7 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
     node.report_each_second(work)
     node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
     words = node.create_publisher(String, "words", 10)
-    executor = make_executor()
+    executor = EventsExecutor()
     executor.add_node(node)
     end_s = time.monotonic() + 30.0
 

@@ -110,7 +110,8 @@ def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, s
 
 async def said(states, condition):
     """The next state that meets a condition, and when it came."""
-    state = await states.until("state", condition)
+    while not condition(state := await states.until("state")):
+        pass
     return state["verdict"], time.monotonic()
 
 
