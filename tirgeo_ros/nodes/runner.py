@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import rclpy
-from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -193,9 +192,7 @@ def _spin(executor: Any, stop: threading.Event) -> int:
     # In these versions of the events executor only spin_once delivers messages; spin() does not.
     with suppress(ExternalShutdownException):
         while not stop.is_set():
-            # An event of a subscription that was destroyed meanwhile ends no node.
-            with suppress(InvalidHandle):
-                executor.spin_once(timeout_sec=0.5)
+            executor.spin_once(timeout_sec=0.5)
     return 0
 
 
