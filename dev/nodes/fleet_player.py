@@ -96,7 +96,7 @@ class FleetPlayer(GraphNode):
         shifts = {name: moved_ns + n * _OWN_NS for n, name in enumerate(self._names, 1)}
         self._shifts.write_text(json.dumps(shifts))
         self.get_logger().info("playing")
-        clock = PlayClock(self._rate, 1.0, lambda _: None)
+        clock = PlayClock(self._rate, lambda _: None)
         clock.begin(first_ns, _LEAD_NS * 1e-9)
         for due_ns, stamp_ns, publisher, data in self._due:
             if not clock.wait_until(due_ns, stop):

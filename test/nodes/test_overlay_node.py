@@ -126,7 +126,6 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     told = flown.next_diagnostics()
     assert told["reload_errors"] == "1"
     assert told[""] == "ok"
-    assert float(told["latency p95 [ms]"]) > 0
 
 
 @pytest.mark.parametrize("content", [None, "{ no map"], ids=["none given", "broken"])
