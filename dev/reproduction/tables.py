@@ -194,7 +194,7 @@ def _mean(result: Mapping[str, Any], method: str) -> float:
 
 
 def located(results: Results) -> dict[str, object]:
-    """Return Table 6: its averages by way, the gains, and every point."""
+    """Return Table 6: its averages by way, and the gains."""
     seeds = [
         name.split()[1] for name in results if name.startswith("flight ") and name[-1].isdigit()
     ]
@@ -236,23 +236,12 @@ def located(results: Results) -> dict[str, object]:
     )
     return values | {
         "gains": table(["less than `raw` by", "paper", *ways], rows),
-        "points": _points(results["paper"]),
         "calibrated": calibrated,
     }
 
 
 def _share(value: float, raw: float) -> str:
     return f"{100 * (1 - value / raw):.0f} %"
-
-
-def _points(result: Mapping[str, Any]) -> str:
-    methods = list(METHODS)[:4]
-    rows = []
-    for number, (name, point) in enumerate(result["points"].items(), 1):
-        paper = [fixed(TABLE_6_M[method].get(str(number)), 2) for method in methods]
-        here = [fixed(point["rmse_m"][method], 2) for method in methods]
-        rows.append([str(number), *paper, name, *here])
-    return table(["no.", *(f"paper: {name}" for name in methods), "point", *methods], rows)
 
 
 def askew(results: Results) -> dict[str, object]:

@@ -12,7 +12,6 @@ from dev.reproduction.__main__ import TEMPLATE, carried_out, commands, main, par
 from dev.reproduction.paper import (
     TABLE_2_M,
     TABLE_6_AVERAGE_M,
-    TABLE_6_M,
     TABLE_8_DEG,
     TABLE_9,
 )
@@ -57,14 +56,6 @@ def skeleton(text):
 def test_the_paper_s_numbers_are_there(written, title, numbers):
     for number in numbers:
         assert f" {number:.4f}" in section(written, f"{title}:")
-
-
-def test_the_points_of_table_6_are_there(written):
-    rows = re.findall(r"^\| (\d+) +\|(.*)\|$", written, re.MULTILINE)
-    assert [number for number, _ in rows] == list(TABLE_6_M["raw"])
-    for number, row in rows:
-        cells = [cell.strip() for cell in row.split("|")]
-        assert cells[:4] == [f"{column[number]:.2f}" for column in TABLE_6_M.values()]
 
 
 def test_the_page_s_commands_are_the_template_s_and_parse(written):

@@ -34,11 +34,10 @@ _HEAD = """\
 Made from the code by `make parameters`: do not edit this page, but the descriptions in
 `tirgeo_ros/core/config`.
 
-No file needs them all: a parameter that no file sets has its default. An owner edits the lines of
+A parameter that no file sets has its default. An owner edits the lines of
 [m600_xt2.yaml](../config/m600_xt2.yaml), [m300_h20t.yaml](../config/m300_h20t.yaml) or
-[generic.yaml](../config/generic.yaml), which is for an aircraft that is not DJI's. Any other
-parameter goes into the same file, or into a second one, under the name of its node, and the block
-`aircraft` and the frames' names under `/**`, for all nodes:
+[generic.yaml](../config/generic.yaml); any other parameter goes into the same file, or into a
+second one, under the name of its node, and `aircraft.*` and the frames' names under `/**`:
 
 ```yaml
 /**/ekf_node:
@@ -47,16 +46,13 @@ parameter goes into the same file, or into a second one, under the name of its n
 ```
 
 Give files to the launch file (`params_file:=a.yaml,b.yaml`), to a node (`--ros-args
---params-file`) and to the commands (`--params`); the last two may be repeated. Later files
-override earlier ones. An unknown name, a wrong type or a value out of range is refused at start.
+--params-file`) and to the commands (`--params`). Later files override earlier ones. An unknown
+name, a wrong type or a value out of range is refused at start.
 
-Where *in flight* says `yes`, a running node takes another value too, within the same range,
-from its next sample on, and logs the change: `ros2 param set /ekf_node
-rtk.position_sigma_floor_m 0.05`. The filter keeps its state; an alignment begins again. What
-was set is gone when the node ends: write it into the file. The others are read at start: they
-are measured before flight (`aircraft.*`), are opened once, or decide how the node is built.
-Setting one is refused with the reason. `ros2 param dump NODE` writes a file that loads again, once
-the secrets that it has as `***` are written into it.
+A parameter that is `live` can be set while the node runs, within the same range: `ros2 param set
+/ekf_node rtk.position_sigma_floor_m 0.05`. It counts from the next sample on; the filter keeps its
+state. The others are read at start, and setting one is refused with the reason. `ros2 param dump
+NODE` writes a file that loads again, once its secrets (`***`) are written into it.
 
 - Write a double with its point, also with an exponent: `5.0`, `1.0e-3`.
 - *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
@@ -65,8 +61,8 @@ the secrets that it has as `***` are written into it.
 - `NODE --help` prints the same for one node.
 """
 _COLUMNS = """\
-| parameter | type | unit | range | default | in flight | meaning |
-| --- | --- | --- | --- | --- | --- | --- |"""
+| parameter | takes | default | meaning |
+| --- | --- | --- | --- |"""
 _KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
 #: What is written once, for all nodes: a group, and names.
 _AIRCRAFT = "aircraft"
@@ -111,16 +107,8 @@ def _row(parameter: Parameter) -> str:
     )
     text = as_yaml(parameter.default)
     default = f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
-    live = "yes" if parameter.live else ""
-    cells = [
-        f"`{parameter.name}`",
-        kind,
-        parameter.unit,
-        _range(parameter),
-        default,
-        live,
-        parameter.description,
-    ]
+    takes = filter(None, (kind, parameter.unit, _range(parameter), "live" * parameter.live))
+    cells = [f"`{parameter.name}`", ", ".join(takes), default, parameter.description]
     return f"| {' | '.join(cells)} |"
 
 
