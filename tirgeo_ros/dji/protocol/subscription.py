@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast_parts import Make, PackedFields
-from tirgeo_ros.dji.protocol.commands import PACKAGE_IDS, Request, add_package
 
 
 class Topic(NamedTuple):
@@ -94,6 +93,7 @@ BY_NAME = {topic.name: topic for topic in TOPICS}
 BY_UID = {topic.uid: topic for topic in TOPICS}
 
 
+PACKAGE_IDS = range(5)
 #: Capacity of one push: stamp and topics, without the package's id.
 MAX_DATA_BYTES = 250
 
@@ -115,12 +115,6 @@ class Package(NamedTuple):
     def length(self) -> int:
         """Return the bytes of its push's value."""
         return _packed(self).size
-
-    @property
-    def request(self) -> Request:
-        """Return the request that adds it."""
-        uids = [topic.uid for topic in self.topics]
-        return add_package(self.id, self.rate_hz, uids, stamped=self.with_timestamp)
 
 
 class Push(NamedTuple):
