@@ -56,8 +56,6 @@ _TOPICS: dict[str, tuple[str, Values]] = {
     "gimbal_angles": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
     "gps_position": ("sensor_msgs/msg/NavSatFix", _place),
     "gps_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
-    "gps_position_fused": ("sensor_msgs/msg/NavSatFix", _place),
-    "velocity_ground_fused": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
     "rtk_position": ("sensor_msgs/msg/NavSatFix", _place),
     "rtk_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
     "rtk_position_info": ("std_msgs/msg/UInt8", lambda m: m.data),

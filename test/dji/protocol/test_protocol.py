@@ -18,7 +18,7 @@ from tirgeo_ros.dji.protocol.broadcast import (
     decode_broadcast,
     encode_broadcast,
 )
-from tirgeo_ros.dji.protocol.broadcast_parts import (
+from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import (
     Battery,
     GimbalAngles,
     GpsFused,
@@ -268,7 +268,7 @@ def test_a_table_is_read_from_a_file(tmp_path):
         "  0:\n"
         "    rate_hz: 5\n"
         "    with_timestamp: true\n"
-        "    topics: [RTK_POSITION, 0xf45d73fd]\n"
+        "    topics: [RTK_POSITION, RTK_YAW]\n"
         "  3:\n"
         "    rate_hz: 400\n"
         "    with_timestamp: false\n"
@@ -299,7 +299,7 @@ def test_a_table_is_read_from_a_file(tmp_path):
             {"packages": {1: entry(topics=["RTK_JAW"])}},
             r"packages\.1\.topics: unknown topic RTK_J",
         ),
-        ({"packages": {1: entry(topics=[18])}}, r"packages\.1\.topics: unknown topic 0x00000012"),
+        ({"packages": {1: entry(topics=[18])}}, r"packages\.1\.topics: unknown topic 18"),
         (
             {
                 "packages": {

@@ -19,9 +19,9 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS
+from tirgeo_ros.dji.interpret.gnss_samples import baseline_deg
 from tirgeo_ros.dji.interpret.imu_samples import G_M_S2
-from tirgeo_ros.dji.interpret.receiver import baseline_deg
-from tirgeo_ros.dji.protocol import broadcast_parts as parts
+from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
 
 #: NovAtel's numbers, which DJI uses: narrow-lane integer, narrow-lane float, single point, none.
 _POSITION_FLAGS = {

@@ -10,7 +10,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, AircraftClock
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame, parse_key
-from tirgeo_ros.dji.protocol import broadcast_parts as parts
+from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
