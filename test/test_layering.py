@@ -32,7 +32,7 @@ ORDER = {
     "core": "types frames config streams camera ground orthorectification map targets accuracy "
     "navigation calibration gimbal overlay checks",
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
-    "dji": "clocks protocol link host sources interpret simulator",
+    "dji": "clocks protocol link sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys "
     "targets video",
     "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "

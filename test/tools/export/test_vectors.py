@@ -21,7 +21,7 @@ from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, plac
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.columns import of_target
 from tirgeo_ros.io.targets.formats import exported as targets_as
-from tirgeo_ros.tools.evaluate.series import load_truth
+from tirgeo_ros.tools.evaluate.result import load_truth
 from tirgeo_ros.tools.export.vectors import Vectors
 
 CONFIDENCE = ConfidenceConfig()
