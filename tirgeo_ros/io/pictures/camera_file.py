@@ -86,12 +86,8 @@ def _number(path: PathLike, tree: Mapping[Any, Any], key: str) -> int:
 def _data(path: PathLike, tree: Mapping[Any, Any], key: str, count: int | None = None) -> Any:
     matrix = tree.get(key)
     data = matrix.get("data") if isinstance(matrix, Mapping) else None
-    if not isinstance(data, list) or not all(_is_number(value) for value in data):
+    if not isinstance(data, list) or {*map(type, data)} - {int, float}:
         raise CameraError(f"{path}: {key} needs data: a list of numbers")
     if count is not None and len(data) != count:
         raise CameraError(f"{path}: {key} needs {count} numbers in data, has {len(data)}")
     return data
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
