@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -24,15 +23,6 @@ _MOST_SURPLUS = 64
 def _store() -> Typestore:
     """Return the store, one for the process: it takes 0.25 s to make and is only read."""
     return get_typestore(Stores.ROS2_JAZZY)
-
-
-def _decoder(definition: Msgdef[Any], data: bytes) -> Callable[..., tuple[Any, int]]:
-    mark = data[:2]
-    if mark == b"\0\1":
-        return definition.deserialize_cdr_le
-    if mark == b"\0\0":
-        return definition.deserialize_cdr_be
-    raise ValueError("no plain CDR")
 
 
 def header_stamp_ns(data: bytes) -> int:
@@ -79,8 +69,11 @@ class Cdr:
     def deserialize(self, data: bytes, typename: str, topic: str = "") -> Any:
         """Decode CDR bytes. Raises MessageError naming ``topic`` if they are no such message."""
         definition = self._definition(typename)
+        orders = {b"\0\1": definition.deserialize_cdr_le, b"\0\0": definition.deserialize_cdr_be}
         try:
-            message, end = _decoder(definition, data)(data[4:], 0, definition.cls, self._store)
+            if data[:2] not in orders:
+                raise ValueError("no plain CDR")
+            message, end = orders[data[:2]](data[4:], 0, definition.cls, self._store)
         except UNREADABLE as error:
             raise MessageError(
                 f"{topic or typename}: {len(data)} bytes are no {typename}: {error}"
