@@ -240,12 +240,12 @@ class Ros1Bag:
         # A store for each type's definition: two wrappers may use one name for different types.
         key = message.typename, message.definition
         if key not in self._stores:
-            store = self._stores[key] = get_typestore(Stores.EMPTY)
-            try:
-                store.register(get_types_from_msg(message.definition, message.typename))
-                store.get_msgdef(message.typename)
-            except _UNDEFINED:
-                self._stores[key] = None
+            self._stores[key] = None
+            with suppress(*_UNDEFINED):
+                made = get_typestore(Stores.EMPTY)
+                made.register(get_types_from_msg(message.definition, message.typename))
+                made.get_msgdef(message.typename)
+                self._stores[key] = made
         store = self._stores[key]
         if store is None:
             raise MessageError(f"{message.topic}: the bag does not define {message.typename}")

@@ -149,9 +149,9 @@ def _node_state(document: dict[str, Any]) -> NodeState:
 
 def _topic_state(row: dict[str, Any]) -> TopicState:
     times = (row[name] for name in ("age_s", "latency_ms", "latency_p95_ms"))
-    known = (None if value is None else float(value) for value in times)
+    age_s, latency_ms, p95_ms = (None if value is None else float(value) for value in times)
     counts = (int(row[name]) for name in ("unreadable", "failed", "lost"))
-    return TopicState(_number(row["rate_hz"]), *known, *counts)
+    return TopicState(_number(row["rate_hz"]), age_s, latency_ms, p95_ms, *counts)
 
 
 def _picture(row: dict[str, Any]) -> PictureState:
