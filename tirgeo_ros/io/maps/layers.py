@@ -58,17 +58,15 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
             strict=True,
         )
     ]
-    chosen, unmet = _chosen(features, table, wanted)
     bare = len(table.rows) - len(with_shape)
     notes = [
         *table.notes,
         *_faults(table, texts),
         *([f"{table.where}: {bare} features without a geometry left out"] if bare else []),
         *remarks,
-        *unmet,
     ]
-    refusal = None if texts else _refusal(table)
-    return MapFeatures(chosen, tuple(map(shown, notes)), refusal)
+    refusal = None if texts or (wanted.condition and not table.rows) else _refusal(table)
+    return MapFeatures(features, tuple(map(shown, notes)), refusal)
 
 
 def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
@@ -172,23 +170,6 @@ def _fault(table: Table, number: int) -> str:
     return f"feature {number + 1}{f' ({name})' if name else ''}: {table.faults[number]}"
 
 
-def _chosen(
-    features: list[GeoFeature], table: Table, wanted: Wanted
-) -> tuple[list[GeoFeature], tuple[str, ...]]:
-    """Return the features that meet the condition, and notes.
-
-    There are notes if no feature meets it, or if it names an unknown property.
-    """
-    condition = wanted.condition
-    if condition is None or not features:
-        return features, ()
-    chosen = [f for f in features if condition.holds(table.rows[f.group])]
-    remarks = tuple(condition.unknown(table.fields, table.where))
-    if not chosen and not remarks:
-        remarks = (condition.unmet(table.rows, table.where),)
-    return chosen, remarks
-
-
 #: Files that belong to a shapefile.
 _SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
 #: A file of the map, and the entry of the style sheet that draws it.
@@ -256,7 +237,7 @@ def _sources(map_text: str, style: str) -> list[_Source]:
 
 def _layers(path: Path, entry: SheetLayer | None, label_field: str) -> list[MapLayer]:
     label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
-    wanted = Wanted(label, entry.condition if entry else None)
+    wanted = Wanted(label, entry.condition, f"{entry.where}: where") if entry else Wanted(label)
     tables = read_tables(path, entry.layer if entry else "", wanted)
     drawn = [laid(table, wanted, entry.crs if entry else "") for table in tables]
     refusals = [features.refusal for features in drawn if features.refusal is not None]
