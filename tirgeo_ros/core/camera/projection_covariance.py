@@ -83,7 +83,7 @@ def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[A
 
 def _turn_both(rotation: Array) -> Array:
     """Return the block-diagonal (6, 6) matrix that rotates position and phi alike."""
-    return np.kron(np.eye(2), rotation)
+    return np.asarray(np.kron(np.eye(2), rotation), float)
 
 
 def _factors(rays: Array) -> Array:

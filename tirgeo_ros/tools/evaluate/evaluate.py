@@ -17,7 +17,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import MapRenderer
+from tirgeo_ros.core.overlay.picture_painter import PicturePainter
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
@@ -82,9 +82,9 @@ def overlay_stills(
     ]
     terrain = setup.ground if isinstance(setup.ground, Terrain) else None
     layers = [*layers, MapLayer("control points", points, _CONTROL)]
-    drawing = MapRenderer(overlay, layers, terrain)
+    drawing = PicturePainter(overlay, layers, terrain)
     drawing.set_plane(plane)
-    drawing.set_camera(camera)
+    drawing.set_lens(camera, rectify=False)
     toner = ToneMapper(overlay.picture, overlay.palette)
     stills = []
     for stamp_ns, pixels in _pictures(reader, namespace, _chosen(given)):
