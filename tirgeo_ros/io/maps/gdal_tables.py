@@ -86,7 +86,6 @@ class Table:
     crs: str | None  # WKT or a code
     shapes: Shapes
     rows: Sequence[Mapping[str, Any]]  # the wanted properties of each feature, by wanted names
-    fields: Sequence[str]  # names of all properties
     faults: dict[int, str]  # features that are left out, wholly or in part, and why
     notes: list[str] = field(default_factory=list)
 
@@ -105,8 +104,8 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     try:
         _check_whole(path)
         with bounded_time():
-            notes = _checked_kml(path)
-            return _tables(pyogrio, path, layer, wanted, notes)
+            _check_kml(path)
+            return _tables(pyogrio, path, layer, wanted)
     except (MapError, ConfigError, MemoryError):
         raise
     except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
@@ -131,30 +130,19 @@ def _check_whole(path: Path) -> None:
         raise MapError(f"{path}: a damaged shapefile: {size} bytes, and its header says {length}")
 
 
-def _checked_kml(path: Path) -> list[str]:
-    """Return notes on a KML, a KMZ or the KML in a zip: what of it GDAL does not read.
+def _check_kml(path: Path) -> None:
+    """Refuse a KML, a KMZ or the KML in a zip with positions that are not numbers.
 
-    Raises MapError for positions that are not numbers: GDAL would read them as other ones.
+    GDAL would read them as other ones.
     """
-    suffix = path.suffix.lower()
+    suffix, texts = path.suffix.lower(), []
     if suffix == ".kml":
         texts = [path.read_bytes()]
     elif suffix in {".kmz", ".zip"}:
         with zipfile.ZipFile(path) as archive:
             names = [name for name in archive.namelist() if name.lower().endswith(".kml")]
             texts = [archive.read(name) for name in names]
-    else:
-        return []
-    for text in texts:
-        _check_positions(path, text)
-    if suffix == ".zip" or len(texts) < 2:
-        return []
-    read = "only doc.kml (else the first) is read, or what that links to"
-    return [f"{path}: of {len(texts)} .kml in it {read}; unpack the others"]
-
-
-def _check_positions(path: Path, text: bytes) -> None:
-    for block in _POSITIONS.finditer(_COMMENT.sub(b"", text)):
+    for block in itertools.chain(*(_POSITIONS.finditer(_COMMENT.sub(b"", t)) for t in texts)):
         words = block[2].split()
         positions = b" ".join(words).replace(b" ,", b",").replace(b", ", b",").split()
         for position in positions if block[1] else [b",".join(words)] if words else []:
@@ -171,7 +159,7 @@ def _crs_member(place: str) -> str | None:
     return match[1].decode(errors="replace") if match else None
 
 
-def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted, notes: list[str]) -> list[Table]:
+def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GDAL's remarks on the form of a file that it takes
         listed = [
@@ -183,14 +171,11 @@ def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted, notes: list[st
     names = [name for _, name, _ in drawn]
     if layer and layer not in names:
         raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, names)}")
-    tables = [
+    return [
         _table(pyogrio, path, place, name, wanted)
         for place, name, _ in drawn
         if layer in {"", name}
     ]
-    for table in tables[:1]:
-        table.notes += notes
-    return tables
 
 
 def _places(path: Path) -> list[str]:
@@ -216,10 +201,19 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
         )
     fields = list(map(str, info["fields"]))
     wanted.label.check(fields, where)
-    columns = own_names((*wanted.fields, *NAMES), fields)
+    columns = own_names((*wanted.label.fields, *NAMES), fields)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        meta, blobs, values = _read(pyogrio, place, name, sorted({*columns.values()}))
+        try:
+            read = _read(pyogrio, place, name, sorted({*columns.values()}), wanted.condition)
+        except ValueError as error:
+            if wanted.condition and "Invalid SQL" in str(error):
+                raise ConfigError(
+                    f"{wanted.source}: {wanted.condition!r} is no condition for {where}; write it "
+                    f"as kind = 'hydrant' and flow >= 60, of {', '.join(fields) or 'no property'}"
+                ) from None
+            raise
+        meta, blobs, values = read
     names = list(map(str, meta["fields"]))
     places = {key: names.index(column) for key, column in columns.items()}
     rows = [{key: row[at] for key, at in places.items()} for row in zip(*values, strict=True)]
@@ -228,10 +222,12 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
         f"{where}: {each.message}" for each in caught if _LOST.search(str(each.message))
     )
     crs = _crs_member(place) or meta["crs"]
-    table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), fields, faults)
+    table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), faults)
     table.notes += itertools.islice(remarks, _MOST_WARNINGS)
+    if wanted.condition and not len(blobs):
+        table.notes.append(f"{wanted.source}: no feature of {where} matches")
     if info.get("driver") == "GeoJSONSeq" and not place.startswith("/vsi"):
-        lost = len(_JSON_LINE.findall(Path(place).read_bytes())) - len(blobs)
+        lost = len(_JSON_LINE.findall(Path(place).read_bytes())) - info["features"]
         if lost > 0:
             table.notes.append(f"{where}: {lost} damaged lines left out")
     if place.lower().endswith(_KML):
@@ -242,14 +238,14 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
 
 
 def _read(
-    pyogrio: Any, place: str, name: str, columns: list[str]
+    pyogrio: Any, place: str, name: str, columns: list[str], condition: str
 ) -> tuple[dict[str, Any], Sequence[bytes | None], list[list[Any]]]:
     """Return description, geometries (WKB) and columns of a layer.
 
     Old shapefiles often declare another encoding than UTF-8, or none, and hold UTF-8.
     """
     options: dict[str, Any] = _COLUMNS if place.lower().endswith(_CSV) else {}
-    options = {"layer": name, "columns": columns, **options}
+    options = {"layer": name, "columns": columns, "where": condition or None, **options}
     try:
         meta, _, blobs, values = pyogrio.raw.read(place, encoding="utf-8", **options)
     except UnicodeDecodeError:
@@ -269,7 +265,9 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
     faults: dict[int, str] = {}
     for number, blob in enumerate(blobs):
         try:
-            geometry = _wkb_parts(bytes(blob)) if blob is not None else []
+            geometry: list[_Part] = []
+            if blob is not None:
+                _append_parts(bytes(blob), 0, geometry)
         except (ValueError, struct.error) as error:
             faults[number] = f"its geometry is damaged: {error}"
             continue
@@ -287,18 +285,11 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
     return Shapes(points, starts, feature, closed.astype(bool)), faults
 
 
-def _wkb_parts(data: bytes) -> list[_Part]:
-    """Return the points, lines and rings of a geometry in WKB as GDAL writes it; none if empty.
-
-    Raises ValueError for a type that cannot be drawn.
-    """
-    parts: list[_Part] = []
-    _append_parts(data, 0, parts)
-    return parts
-
-
 def _append_parts(data: bytes, at: int, parts: list[_Part]) -> int:
-    """Append the parts of the geometry at an offset, and return the offset of its end."""
+    """Append the points, lines and rings of the geometry at an offset; return that of its end.
+
+    It is in WKB as GDAL writes it. Raises ValueError for a type that cannot be drawn.
+    """
     (code,) = struct.unpack_from("<I", data, at + 1)
     thousands, kind = divmod(code & 0xFFFF, 1000)
     height = 3 if code >> 31 or thousands in {1, 3} else 2
