@@ -31,7 +31,7 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: (4, 3, 6): a camera that moves by dc and turns by phi sees a point displaced by ray x phi - dc / z
+#: (4, 3, 6): a camera that moves by dc and turns by phi sees a point displaced by ray x phi - dc/z
 #: in units of its depth z. These are the derivatives by dc and phi, as factors of x, y, 1 and 1/z.
 _MOVES = np.zeros((4, 3, 6))
 _MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
