@@ -158,7 +158,6 @@ NAMES_THEM = {
     "tirgeo_ros.io.messages.sensor_messages",
     "tirgeo_ros.nodes.aircraft_view",
     "tirgeo_ros.nodes.graph_node",
-    "tirgeo_ros.nodes.help",
     "tirgeo_ros.nodes.recordings",
     "tirgeo_ros.tools.graph.node_graph",
     "tirgeo_ros.tools.replay.process_outputs",

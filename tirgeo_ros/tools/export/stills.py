@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from tirgeo_ros.core.ground.camera_place import body_rpy, camera_place, height_above_m
-from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
+from tirgeo_ros.core.ground.camera_place import (
+    body_rpy,
+    camera_heading_rad,
+    camera_place,
+    height_above_m,
+)
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.files.whole_files import made_folder, write_files
 from tirgeo_ros.io.pictures.still_file import Still, ending_of, still_bytes
