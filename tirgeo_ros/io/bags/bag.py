@@ -136,10 +136,7 @@ class BagReader:
 
     @property
     def damage(self) -> str | None:
-        """Return in one line what could not be read, None if nothing was lost.
-
-        The line is complete after an iteration over all topics.
-        """
+        """Return in one line what was lost, else None; it is complete after an iteration."""
         losses = self._losses()
         read = sum(file.read for file in self._files)
         return f"{losses}; {read} messages were read" if losses else None
@@ -151,10 +148,7 @@ class BagReader:
         *,
         any_form: bool = False,
     ) -> Iterator[BagMessage]:
-        """Return the messages of these topics in order of log time, from a log time on.
-
-        Raises BagError if one of these topics is not in CDR, unless they may have ``any_form``.
-        """
+        """Return the messages of topics (None: all) by log time; BagError for one not in CDR."""
         streams = [
             (_span(file)[0], file.messages(topics, start_ns or 0, any_form=any_form))
             for file in self._files
@@ -262,10 +256,7 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: a file by its name, a folder by what is in it.
-
-    A folder without metadata is one if it has nothing but files of bags.
-    """
+    """Return whether a path looks like a bag: a file by its name, a folder by what is in it."""
     if path.is_dir():
         inside = list(path.iterdir())
         return path / METADATA in inside or (bool(inside) and all(map(_bag_name, inside)))

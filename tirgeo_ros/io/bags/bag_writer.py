@@ -109,10 +109,7 @@ class BagWriter:
         return number, typename
 
     def _schema(self, typename: str, form: TopicForm, *, copied: bool) -> int:
-        """Return the number of the recorded definition, else of the one that is known here.
-
-        It is 0, as MCAP has it, for a copied topic without a type.
-        """
+        """Return the number of a type's definition, recorded or known here; 0 without a type."""
         if copied and not typename:
             return 0
         key = typename, form.definition

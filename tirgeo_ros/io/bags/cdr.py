@@ -26,10 +26,7 @@ def _store() -> Typestore:
 
 
 def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp (ns) of a message that begins with a header, without decoding the rest.
-
-    Raises MessageError if the bytes end before it.
-    """
+    """Return the stamp (ns) of a message that begins with a header. Raises MessageError."""
     try:
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] else ">iI", data, 4)
     except (IndexError, struct.error):
@@ -47,10 +44,7 @@ class Cdr:
         self._store = _store()
 
     def types(self, typename: str) -> type:
-        """Return the message class.
-
-        Raises BagError for a type that is not in common_interfaces.
-        """
+        """Return the message class. Raises BagError for a type outside common_interfaces."""
         return self._definition(typename).cls
 
     def __contains__(self, typename: str) -> bool:
@@ -86,10 +80,7 @@ class Cdr:
         return message
 
     def from_ros1(self, data: bytes, typename: str, topic: str = "") -> bytes:
-        """Convert a message of ROS 1 to CDR. Raises MessageError if it is no such message.
-
-        The fields are those of ROS 2, without the ``seq`` of ROS 1's headers.
-        """
+        """Convert a message of ROS 1 to CDR. Raises MessageError if it is no such message."""
         self.types(typename)
         try:
             return bytes(self._store.ros1_to_cdr(data, typename))

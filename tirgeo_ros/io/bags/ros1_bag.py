@@ -233,10 +233,7 @@ class Ros1Bag:
         return self._cdr.from_ros1(message.data, message.typename, message.topic)
 
     def decoded(self, message: Ros1Message) -> Any:
-        """Decode the message by its definition in the bag; times have sec, nanosec.
-
-        Raises MessageError if its bytes are no such message, or its type is not defined.
-        """
+        """Decode the message by its definition in the bag. Raises MessageError."""
         # A store for each type's definition: two wrappers may use one name for different types.
         key = message.typename, message.definition
         if key not in self._stores:

@@ -88,10 +88,7 @@ def velocity_sample(msg: Any, source: Source) -> VelocitySample:
 
 
 def heading_sample(msg: Any) -> HeadingSample:
-    """Convert ``sensor_msgs/Imu`` of a dual-antenna receiver: ENU yaw to a heading in [0, 2 pi).
-
-    NaN, which the core refuses, if the message has no orientation.
-    """
+    """Convert ``sensor_msgs/Imu`` of a dual-antenna receiver: heading in [0, 2 pi), or NaN."""
     present = msg.orientation_covariance[0] != _ABSENT
     yaw = _enu_yaw(msg.orientation) if present else math.nan
     heading = (0.5 * math.pi - yaw) % math.tau

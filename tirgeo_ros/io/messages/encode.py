@@ -63,10 +63,7 @@ class FrameMessages(MessageParts):
         return self._transform(body.stamp_ns, link, (east, north, -down), turned)
 
     def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
-        """Return ``geometry_msgs/TransformStamped``, base_link -> camera, at the camera's stamp.
-
-        ``body`` is the pose that the camera's was composed with.
-        """
+        """Return ``TransformStamped``, base_link -> camera; the camera was composed with ``body``."""
         offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
         w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
         turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU
@@ -266,10 +263,7 @@ class Messages(FrameMessages):
         return self._map_pose(located.stamp_ns, located.point_n, NO_TURN, covariance)
 
     def image(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Any:
-        """Return ``sensor_msgs/Image``: mono8 (h, w), bgr8 (h, w, 3) or mono16 (h, w).
-
-        Raises ValueError for any other array.
-        """
+        """Return ``sensor_msgs/Image``: mono8, bgr8 or mono16. ValueError for any other array."""
         encoding = _ENCODINGS.get((pixels.dtype.str, pixels.ndim))
         if encoding is None or pixels.shape[2:] not in {(), (3,)}:
             raise ValueError(f"no image encoding for {pixels.dtype} {pixels.shape}")

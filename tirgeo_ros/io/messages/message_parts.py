@@ -105,10 +105,7 @@ class MessageParts:
         rate: tuple[Array, Array],
         force: tuple[Array, Array],
     ) -> Any:
-        """Return ``sensor_msgs/Imu`` of pairs of a value and its (9,) covariance.
-
-        The attitude is wxyz of FLU to ENU, rate (rad/s) and force (m/s2) are (3,) FRD.
-        """
+        """Return ``sensor_msgs/Imu``: attitude wxyz FLU to ENU, (3,) FRD; covariances (9,)."""
         (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
         return self.stamped(
             "sensor_msgs/msg/Imu",

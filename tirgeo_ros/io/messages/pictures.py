@@ -32,10 +32,7 @@ BEYOND = 1 << 16, 1 << 16
 
 
 def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | None:
-    """Return the pixels as ``cv2.imdecode`` with ``flags`` does; None if it is no picture.
-
-    Raises ValueError for one of more than ``most_pixels``.
-    """
+    """Return the pixels as ``cv2.imdecode``, None without; ValueError above ``most_pixels``."""
     pixels = math.prod(size_of(data))
     if pixels > most_pixels:
         raise ValueError(
@@ -140,10 +137,7 @@ def compressed_pixels(msg: Any) -> RawPixels:
 
 
 def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
-    """Convert ``sensor_msgs/CameraInfo`` to a camera; only K and D are used.
-
-    Raises CameraError naming ``topic`` if there is no calibration or it has an unknown model.
-    """
+    """Convert K and D of ``sensor_msgs/CameraInfo``. Raises CameraError naming ``topic``."""
     distortion, model = tuple(float(number) for number in msg.d), msg.distortion_model
     if model not in _MODELS and (distortion or model):
         known = " or ".join(_MODELS)

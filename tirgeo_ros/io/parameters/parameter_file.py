@@ -200,10 +200,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     bool_values = {**yaml.SafeLoader.bool_values, "y": True, "n": False}  # noqa: RUF012
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node; raise ComposerError for an alias.
-
-        rcl refuses aliases too: they may contain themselves or grow without bound.
-        """
+        """Compose a node; refuse, as rcl does, an alias, which may contain itself."""
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark
             raise yaml.composer.ComposerError(None, None, "aliases are not taken", mark)
@@ -264,10 +261,7 @@ for _tag, _pattern, _first in (
 
 
 def parameters_yaml(nodes: Mapping[str, Mapping[str, Value]], head: str) -> str:
-    """Return a ROS 2 parameter file: dotted names by node, under ``head`` as comment lines.
-
-    The empty name stands for all nodes.
-    """
+    """Return a ROS 2 parameter file: dotted names by node (empty: all), ``head`` as comment."""
     comment = "".join(f"# {line}".rstrip() + "\n" for line in head.splitlines())
     tree = {
         f"/**/{node}".rstrip("/"): {_MARK: {name: _plain(v) for name, v in values.items()}}

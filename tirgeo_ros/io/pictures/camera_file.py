@@ -49,10 +49,7 @@ def _matrix(values: Array) -> dict[str, object]:
 
 
 def load_camera(path: PathLike) -> Camera:
-    """Read a camera from a calibration file; only the matrix and the coefficients are used.
-
-    Raises CameraError naming the file, and the key that is absent or wrong.
-    """
+    """Read a camera from a calibration file. Raises CameraError naming file and key."""
     try:
         tree = load_yaml(str(path))
     except ConfigError as error:

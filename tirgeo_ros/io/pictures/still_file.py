@@ -96,10 +96,7 @@ def ending_of(pixels: RawPixels) -> str:
 
 
 def still_bytes(pixels: RawPixels, still: Still) -> bytes:
-    """Return the file of a picture: (h, w) of 8 or 16 bits, or (h, w, 3) BGR of 8.
-
-    The pixels of a TIFF are unchanged; those of a JPEG are of its best quality.
-    """
+    """Return a picture as a file: TIFF of 16 bits (h, w); JPEG of 8, (h, w) or BGR."""
     exif, out = still_exif(still), io.BytesIO()
     if pixels.dtype == np.uint16:
         exif[Base.XMLPacket] = still_xmp(still)

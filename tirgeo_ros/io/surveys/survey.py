@@ -57,10 +57,7 @@ class Mark:
 
 
 def load_survey(path: PathLike) -> list[SurveyPoint]:
-    """Load points of a GeoJSON file with property ``id``, or of a CSV file ``id,lat,lon,h``.
-
-    Latitude and longitude are WGS84 degrees in the file. Raises SurveyError naming file and place.
-    """
+    """Load points of GeoJSON with property ``id``, or CSV ``id,lat,lon,h``. Raises SurveyError."""
     text = read_text(path, SurveyError)
     if text.lstrip().startswith(("{", "[")):
         points = _geojson_points(path, text)

@@ -123,10 +123,7 @@ def aircraft_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element:
 
 
 def looks_at_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element | None:
-    """Return the sensor's point of interest, linked to the aircraft; None where it has none.
-
-    It is the ground in the picture's middle.
-    """
+    """Return the ground in the picture's middle as an event, linked to the aircraft, or None."""
     view = state.view
     if view is None or not all(map(math.isfinite, view.centre)):
         return None

@@ -369,10 +369,7 @@ def _record(target: Target) -> str:
 
 
 def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> Target | None:
-    """Return what a target was before a change of the journal, None of a new one.
-
-    Raises one of ``_DAMAGE`` for a record that cannot be.
-    """
+    """Return the target before a change, None of a new one; raise one of ``_DAMAGE``."""
     if action not in _UNDONE or (action == "add") != (text is None):
         raise ValueError(action)
     if text is None:

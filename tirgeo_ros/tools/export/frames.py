@@ -51,10 +51,7 @@ class Chosen(NamedTuple):
 
 
 class FlightPictures:
-    """Read the pictures of a bag: of the raw topic, or else of the compressed one.
-
-    Raise BagError if the bag has neither.
-    """
+    """Read a bag's pictures, of the raw topic or else the compressed one. Raise BagError."""
 
     def __init__(self, reader: BagReader, namespace: str) -> None:
         self._reader, self._cdr = reader, Cdr()
