@@ -40,8 +40,7 @@ from tirgeo_ros.tools.export.frames import (
     frames,
     register,
 )
-from tirgeo_ros.tools.export.orthophotos import Mosaic
-from tirgeo_ros.tools.export.rasters import RasterOptions, raster_setup
+from tirgeo_ros.tools.export.rasters import Mosaic, RasterOptions, raster_setup
 from tirgeo_ros.tools.presentation.progress import silent
 from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.node_configs import node_configs

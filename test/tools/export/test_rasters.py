@@ -22,8 +22,7 @@ from scenes import PLANE, camera_pose
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.tools.export import rasters
-from tirgeo_ros.tools.export.orthophotos import Mosaic, Orthophotos
-from tirgeo_ros.tools.export.rasters import RasterOptions, raster_setup
+from tirgeo_ros.tools.export.rasters import Mosaic, Orthophotos, RasterOptions, raster_setup
 
 rasterio = pytest.importorskip("rasterio")
 

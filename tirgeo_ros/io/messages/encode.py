@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,14 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem
-from tirgeo_ros.io.messages.json_codec import answer_text, targets_text
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io.messages.json_codec import (
+    NodeState,
+    answer_text,
+    findings_text,
+    state_text,
+    targets_text,
+)
 from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
     COVARIANCE_KNOWN,
@@ -48,8 +55,51 @@ from tirgeo_ros.io.messages.message_parts import (
     positive,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
 from tirgeo_ros.io.messages.pictures import calibration_of
+
+OK, WARN, ERROR = 0, 1, 2
+_LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosticItem:
+    """Hold one status of a ``diagnostic_msgs/DiagnosticArray``."""
+
+    name: str
+    level: int  # 0 OK, 1 WARN, 2 ERROR, 3 STALE
+    message: str
+    values: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def aircraft(self) -> str:
+        """Return the namespace in ``/uav1/node: subject``, and ``aircraft`` where it has none."""
+        return self.name.partition(":")[0].rpartition("/")[0].strip("/") or "aircraft"
+
+
+def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
+    """Convert the estimator's status: OK if it runs without warnings, an error once it is lost."""
+    values = {
+        "method": status.method,
+        "state": status.state.value,
+        "state_time_s": repr(float(status.state_s)),
+        "reason": status.reason,
+        "began_again": status.began_again.value if status.began_again else "",
+        "rtk_status": status.rtk_status.name.lower(),
+        "heading_sigma_deg": repr(math.degrees(status.heading_sigma_rad)),
+        "last_reset": status.last_reset,
+    }
+    values |= {f"count.{a}.{b}": str(n) for (a, b), n in sorted(status.counts.items())}
+    values |= {f"test_ratio.{a}": repr(float(r)) for a, r in sorted(status.test_ratios.items())}
+    values |= {f"reset.{a}": str(n) for a, n in sorted(status.resets.items())}
+    values |= {f"nis.{a}": repr(float(n)) for a, n in sorted(status.nis.items())}
+    values["process_noise"] = status.process_noise
+    values["vibration"] = " ".join(f"{density:.3g}" for density in status.vibration)
+    values |= {f"clipped.{name}": str(n) for name, n in sorted(status.clipped.items())}
+    warnings = values["warnings"] = "; ".join(status.warnings)
+    warned = warnings if status.state is FilterState.RUNNING else ""
+    level = WARN if warned else _LEVELS.get(status.state, WARN)
+    text = f"{status.state.value}: {warned or status.reason}".removesuffix(": ")
+    return DiagnosticItem(name, level, text, values)
 
 
 class FrameMessages(MessageParts):
@@ -63,7 +113,7 @@ class FrameMessages(MessageParts):
         return self._transform(body.stamp_ns, link, (east, north, -down), turned)
 
     def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
-        """Return ``TransformStamped``, base_link -> camera; the camera was composed with ``body``."""
+        """Return ``TransformStamped``, base_link -> camera; ``body`` it was composed with."""
         offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
         w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
         turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU

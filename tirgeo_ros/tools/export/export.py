@@ -27,8 +27,7 @@ from tirgeo_ros.tools.export.frames import (
     frames,
     register,
 )
-from tirgeo_ros.tools.export.orthophotos import Mosaic, Orthophotos
-from tirgeo_ros.tools.export.rasters import RasterOptions, raster_setup
+from tirgeo_ros.tools.export.rasters import Mosaic, Orthophotos, RasterOptions, raster_setup
 from tirgeo_ros.tools.export.stills import Stills
 from tirgeo_ros.tools.export.subtitles import Subtitles
 from tirgeo_ros.tools.export.vectors import Vectors
