@@ -29,7 +29,7 @@ from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
+from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.video.frame_metadata import ITEMS, FrameMetadata, ber, packet
 
@@ -195,22 +195,6 @@ def test_steep_attitudes_have_items_of_their_own(pitch, tilt, there, absent):
     assert not absent & values.keys()
     if 90 in values:
         assert values[90] == pytest.approx(pitch, abs=1e-3)  # the plane's origin is 22 m away
-
-
-def test_errors_and_views_are_those_of_the_geometry():
-    geometry = frame_geometry(SIGHT, CONFIG)
-    values = values_in(METADATA.packet(TIME_NS, SIGHT))
-    expected = {
-        16: math.degrees(geometry.fields_of_view[0]),
-        17: math.degrees(geometry.fields_of_view[1]),
-        21: geometry.slant_range_m,
-        22: geometry.width_m,
-        45: geometry.ce90_m,
-        46: geometry.le90_m,
-    }
-    for tag, value in expected.items():
-        assert values[tag] == pytest.approx(value, abs=step_of(tag) / 2 + 1e-9)
-    assert values[46] < values[45] < 2.0
 
 
 def test_texts_and_no_part_of_the_security_set():

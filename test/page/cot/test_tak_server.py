@@ -143,24 +143,3 @@ def test_who_comes_later_gets_no_deleted_target(server):
             return {event.get("uid") for event in newcomer.events}
 
         wait_until(lambda: newcomers_targets() == {"tirgeo-" + target(2).id})
-
-
-@pytest.mark.slow
-def test_a_server_that_dies_in_the_middle_of_many_loses_none(server, monkeypatch):
-    monkeypatch.setattr(link_module, "_AGAIN_S", 1e9)  # the new connection says all, no repeat
-    many = [target(number, latitude_deg=48 + number * 1e-5) for number in range(1, 401)]
-    with sharing(server.address) as link:
-        member = Member.of(server)
-        wait_until(lambda: link.status.connected)
-        link.targets(many)
-        member.got(of("tirgeo-" + many[50].id))
-        server.kill()
-        wait_until(lambda: not link.status.connected)
-        assert link.status.queued > 100
-        server.start()
-        member = Member.of(server)
-        missing = {"tirgeo-" + one.id: one.place.latitude_deg for one in many}
-        while missing:
-            event = member.got(lambda one: one.get("uid") in missing)
-            wanted = missing.pop(event.get("uid"))
-            assert float(event.find("point").get("lat")) == pytest.approx(wanted, abs=DEGREES)
