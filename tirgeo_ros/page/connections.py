@@ -83,8 +83,8 @@ class Connection(asyncio.Protocol):
         """Begin, with limits on the time to the first whole request, and to take all answers."""
         self.transport = transport
         self._timers = (
-            self._loop.call_later(_FIRST_REQUEST_S, lambda: self._asked or self.abort()),
-            self._loop.call_later(_ANSWERS_S, lambda: self._lasts or self.abort()),
+            self._loop.call_later(_FIRST_REQUEST_S, self._end_unless, "_asked"),
+            self._loop.call_later(_ANSWERS_S, self._end_unless, "_lasts"),
         )
         address = transport.get_extra_info("peername")
         self._listener.opened(self, str(address[0]) if address else "")
@@ -159,6 +159,10 @@ class Connection(asyncio.Protocol):
     def answered(self) -> None:
         """Note that the request has its answer."""
         self._frames = None
+
+    def _end_unless(self, good: str) -> None:
+        if not getattr(self, good):
+            self.abort()
 
     def abort(self) -> None:
         """End at once."""
@@ -260,8 +264,9 @@ class Listener:
 
 def listening_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens; raises OSError."""
-    flags = {"type": socket.SOCK_STREAM, "flags": socket.AI_PASSIVE}
-    family, *_, address = socket.getaddrinfo(host, port, **flags)[0]
+    family, *_, address = socket.getaddrinfo(
+        host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+    )[0]
     dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
     listening = socket.create_server(address, family=family, backlog=_BACKLOG, dualstack_ipv6=dual)
     listening.setblocking(False)
