@@ -17,9 +17,8 @@ from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.picture_painter import OverlayResult
+from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import shown
@@ -251,7 +250,7 @@ class OverlayNode(GraphNode):
         if result.camera is not None and self._info.get_subscription_count():
             self._info.publish(self.messages.camera_info(result.camera, result.stamp_ns))
         if self._footprint.get_subscription_count() and self._footprint_rate.due(result.stamp_ns):
-            outline_n = self._overlay.footprint(result.pose)
+            outline_n = self._overlay.painter.footprint(result.pose)
             self._footprint.publish(self.messages.footprint(result.stamp_ns, outline_n))
 
     def _items(self) -> list[DiagnosticItem]:
