@@ -79,37 +79,6 @@ def test_a_viewer_sees_what_operators_set_and_cannot_change_it(guarded, tablet):
 
 
 @pytest.mark.slow
-def test_what_another_typed_meanwhile_is_seen_and_not_undone_by_mistake(guarded, tablet):
-    one, other = tablet(guarded.url), tablet(guarded.url, DESK)
-    other.await_picture()
-    press(one)
-    for screen in (one, other):
-        screen.tap_on(".row")
-    note = "textarea[aria-label=Note]"
-    one.one(note).focus()
-    other.one(note).fill("am Ufer")
-    other.one(note).blur()
-    one.wait("() => document.querySelector('textarea').value === 'am Ufer'")
-    one.one(note).press_sequentially("!")
-    other.one(note).fill("im Wald")
-    other.one(note).blur()
-    one.reads(".texts .said", "Changed elsewhere meanwhile: im Wald")
-    one.one(note).fill("im Wald")
-    one.one(note).blur()
-    one.one("input[aria-label=Name]").fill("Anna")
-    one.one("input[aria-label=Name]").blur()
-    one.reads("#toast", "Target 1 changed")
-    press(other)
-    one.wait("() => document.querySelectorAll('.map-target').length === 2")
-    one.tap_on("#toast .primary")
-    one.reads("#toast", "Target 1 as before")
-    assert [(target.name, target.note) for target in guarded.targets] == [
-        ("", "im Wald"),
-        ("", ""),
-    ]
-
-
-@pytest.mark.slow
 def test_a_busy_server_is_asked_again_instead_of_a_token(guarded, tablet):
     screen = tablet(guarded.url)
     screen.await_picture()
