@@ -76,7 +76,7 @@ def calibrate_boresight(
     check_outputs(given, (output, plot), CalibrationError)
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
     reader = BagReader(bag_in)
-    configs, chosen = configs.fitting(reader, namespace)
+    configs, chosen = configs.fitting(reader.topics(), namespace)
     wanted = _wanted(estimate, hold, configs)
     read = read_flight(reader, namespace, configs, wanted, *observed, smooth=smooth)
     fitted, notes = _fitted(reader, read, wanted, strict=estimate is not None)

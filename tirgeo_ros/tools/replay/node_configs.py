@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
@@ -17,7 +17,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, named_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
-from tirgeo_ros.tools.replay.flight_topics import Topics, fitting_method
+from tirgeo_ros.tools.replay.flight_topics import fitting_method
 
 
 class NodeConfigs(NamedTuple):
@@ -34,14 +34,14 @@ class NodeConfigs(NamedTuple):
         one = self.overlay
         return [*map_files(one.map, one.style), *named_files(one.dem), one.camera]
 
-    def fitting(self, reader: Topics, namespace: str) -> tuple[NodeConfigs, list[str]]:
-        """Return the parameters for a bag, and a note if the method is not the default.
+    def fitting(self, topics: Collection[str], namespace: str) -> tuple[NodeConfigs, list[str]]:
+        """Return the parameters for a bag with these topics, and a note on another method.
 
-        Without a given method, the method is chosen by the topics of the bag.
+        Without a given method, the topics choose it; the note says why if it is not the default.
         """
         if "method" in self.given:
             return self, []
-        method, why = fitting_method(reader, namespace)
+        method, why = fitting_method(topics, namespace)
         fitted = self._replace(ekf=replace(self.ekf, method=method))
         return fitted, [why] if why else []
 
@@ -118,7 +118,7 @@ def open_flight(
     configs = node_configs(params, namespace, **options)
     check_outputs((bag, *inputs, *paths_of(params), *configs.files), outputs, error)
     reader = BagReader(bag)
-    configs, notes = configs.fitting(reader, namespace)
+    configs, notes = configs.fitting(reader.topics(), namespace)
     return OpenedFlight(reader, configs, params, namespace, notes)
 
 
