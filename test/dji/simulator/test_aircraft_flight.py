@@ -41,8 +41,12 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.evaluate.experiment import load_experiment
-from tirgeo_ros.tools.evaluate.result import ground_errors, locate_observations
-from tirgeo_ros.tools.evaluate.series import body_errors, load_truth
+from tirgeo_ros.tools.evaluate.result import (
+    body_errors,
+    ground_errors,
+    load_truth,
+    locate_observations,
+)
 from tirgeo_ros.tools.replay.registration import Registration
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -111,7 +115,7 @@ class Flight:
         self._overlay = params.config("overlay_node", OverlayConfig)
         self._truth = load_truth(folder / "truth.mcap")
         points = (folder / "survey.geojson", folder / "observations.csv")
-        self._given = load_experiment(*points, "gauss-krueger")
+        self._given = load_experiment(*points)
         self._camera = read_camera(folder / "flight.mcap")
         cdr, bag = Cdr(), BagReader(folder / "flight.mcap")
         self.samples = [
@@ -185,7 +189,7 @@ def test_heading_and_ground_are_as_good_as_the_bags(flight, bag, by_joints):
 
 @pytest.mark.slow
 def test_the_reported_attitude_is_as_good_as_the_bags(flight, bag):
-    samples, _ = flight.heard(gimbal="reported", layout="legacy")
+    samples, _ = flight.heard(gimbal="reported")
     serial = flight.judged(samples)
     assert serial.heading_deg <= AS_GOOD * bag.heading_deg
     assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]

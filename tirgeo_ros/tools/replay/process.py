@@ -83,7 +83,7 @@ def process(
         setup = _set_up(opened, images=images, draws=draws)
         begun_s = time.perf_counter()
         if setup.overlay is not None:
-            stage.begin(opened.configs.overlay, setup.overlay.ground, keeps_images=wanted)
+            stage.begin(opened.configs.overlay, setup.overlay.painter.ground, keeps_images=wanted)
         files = (bag_out, video, progress, stage)
         flight, outputs, film = _run(setup, *files, raw_images=raw_images, smooth=smooth)
     elapsed_s = time.perf_counter() - begun_s

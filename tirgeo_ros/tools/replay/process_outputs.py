@@ -161,7 +161,7 @@ class PictureOutputs:
         """Draw a picture of an overlay; ``body_at`` gives the aircraft's pose at an instant."""
         due = self._footprint_rate.due(picture.stamp_ns)
         packet = self._film.packet(picture, body_at) if self._film is not None else b""
-        self._stage.send(picture, overlay.scene, with_outline=due)
+        self._stage.send(picture, overlay.painter.scene, with_outline=due)
         self._waiting.append(_Picture(picture.stamp_ns, picture.camera, packet, log_time_ns))
         self._under_way += 1
         while self._under_way > self._stage.most_under_way:
@@ -220,7 +220,7 @@ class OverlayFilm:
         if camera is not None and pose is not None and plane is not None:
             body = body_at(pose.stamp_ns)
             known = None if isinstance(body, Miss) else body
-            sight = Sight(camera, pose, plane, self._overlay.ground, known, picture.rates)
+            sight = Sight(camera, pose, plane, self._overlay.painter.ground, known, picture.rates)
         return self._metadata.packet(exposure_ns(picture.stamp_ns, self._latency_s), sight)
 
 
@@ -303,8 +303,8 @@ class ProcessOutputs:
         self._poses.new_plane(plane, stamp_ns, log_time_ns)
         if self._overlay is not None:
             self._overlay.set_plane(plane)
-            if self._overlay.map_given and self._overlay.draped is not None:
-                self._checks.map(self._overlay.draped)
+            if self._overlay.map_given and self._overlay.painter.draped is not None:
+                self._checks.map(self._overlay.painter.draped)
 
     def set_camera(self, camera: Camera) -> None:
         """Take a calibration of the bag."""
