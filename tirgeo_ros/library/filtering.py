@@ -132,7 +132,7 @@ class FilteredFlight:
         return PicturePose(int(stamp_ns), found[0], self.plane, found[1])
 
 
-_WHY_NOT = {
+_WHY_NOT: Mapping[object, str] = {
     Miss.EMPTY: "the flight has none; give filter_flight joints or camera_attitude",
     Miss.TOO_OLD: "that is before the first",
     Miss.GAP: "the poses on both sides are too far apart",

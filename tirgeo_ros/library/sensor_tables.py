@@ -56,7 +56,8 @@ def _flat(value: Any) -> list[float]:
         return [math.nan] * 4
     if np.ndim(value) == 2:
         return [*value.diagonal().tolist(), *(float(value[place]) for place in _PLACES)]
-    return np.atleast_1d(np.asarray(value, float)).tolist()
+    numbers: list[float] = np.atleast_1d(np.asarray(value, float)).tolist()
+    return numbers
 
 
 def _angle(name: str, meaning: str, largest: float = math.tau) -> Column:
@@ -105,7 +106,8 @@ def _imu(stamp_ns: int, row: Sequence[float]) -> ImuSample:
 def _position(source: Source, stamp_ns: int, row: Sequence[float]) -> PositionSample:
     known = row[0] in {status.value for status in FixStatus}
     status = FixStatus(int(row[0])) if known else FixStatus.NONE
-    return PositionSample(stamp_ns, source, status, *row[1:4], _matrix(row[4:]))
+    place = row[1], row[2], row[3]
+    return PositionSample(stamp_ns, source, status, *place, _matrix(row[4:]))
 
 
 def _velocity(source: Source, stamp_ns: int, row: Sequence[float]) -> VelocitySample:
@@ -173,7 +175,7 @@ SENSORS: Mapping[str, Form] = {
             _angle("pitch", "gimbal pitch, camera up"),
             Column("computed", "1: of reported attitudes, not of encoders", 0.0),
         ),
-        lambda stamp_ns, row: JointSample(stamp_ns, *row[:3], computed=bool(row[3])),
+        lambda stamp_ns, row: JointSample(stamp_ns, row[0], row[1], row[2], computed=bool(row[3])),
         ("yaw_rad", "roll_rad", "pitch_rad", "computed"),
     ),
     "gimbal/attitude": Form(

@@ -150,7 +150,6 @@ _BORESIGHT = "calibrate boresight a.mcap --survey s --observations o -o y"
         ("process a -o b --workers 2", "--workers and --scheduler are for several flights"),
         ("process a -o b --scheduler a:1", "--workers and --scheduler are for several flights"),
         ("process a -o b --video", "--video needs a name, as OUT.mp4"),
-        (f"{_LENS} --max-views 3", "--max-views must be 4 or more"),
         (f"{_LENS} --k3 --model rational", "--k3 is part of"),
         (f"{_BORESIGHT} --estimate roll --hold roll", "roll: either --estimate or --hold"),
         (f"{_BORESIGHT} --estimate ,", "nothing to estimate"),
