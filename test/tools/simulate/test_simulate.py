@@ -262,12 +262,13 @@ OTHER = "pitch-yaw-roll"
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """Folders by order, from the verb."""
+    """Folders by order of the joints."""
     folder = tmp_path_factory.mktemp("orders")
-    (folder / "scenario.yaml").write_text("duration_s: 40.0\nroute: {hover_s: 2.0}\n")
     for order in (USUAL_ORDER, OTHER):
-        given = ["-o", str(folder / order), "--no-images", "--joint-order", order]
-        assert main(["simulate", str(folder / "scenario.yaml"), *given]) == 0
+        scenario = folder / f"{order}.yaml"
+        gimbal = f"gimbal: {{joint_order: {order}}}"
+        scenario.write_text(f"duration_s: 40.0\nroute: {{hover_s: 2.0}}\n{gimbal}\n")
+        simulate(scenario, folder / order, images=False)
     return {order: folder / order for order in (USUAL_ORDER, OTHER)}
 
 

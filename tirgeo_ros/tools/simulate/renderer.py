@@ -21,7 +21,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
-from tirgeo_ros.tools.simulate.park import LEVEL, Park, Relief, Spot, collection, point_feature
+from tirgeo_ros.tools.simulate.park import LEVEL, Park, Relief, collection, point_feature
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario import ParkScenario, Scenario, VideoScenario
 
@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float32]
 #: Grey level of the grass, and grey levels per kelvin.
 GRASS, GREY_PER_K = 92.0, 10.0
 _PAVING, _KERB, _SOIL = 158.0, 192.0, 118.0
-_BED_SPAN, _PLANT_SPAN, _SHRUB_SPAN, _HOT = 58.0, 16.0, 34.0, 150.0
+_BED_SPAN, _HOT = 58.0, 150.0
 _KERB_M, _SLAB_M = 0.2, 2.0
 _LEVELS = 4
 _SHIFT = 4  # drawing to a sixteenth of a cell
@@ -61,14 +61,10 @@ def paint(park: Park, scenario: ParkScenario, seed: int) -> Ground:
         for ring in rings:
             canvas.line(ring, 2 * _KERB_M, _KERB, closed=True)
         canvas.fill(rings, _SOIL + _BED_SPAN * bed.warmth)
-    for plant in park.plants:
-        canvas.tint(plant, _PLANT_SPAN * plant.warmth)
-    for shrub in park.shrubs:
-        canvas.disc(shrub, GRASS + _SHRUB_SPAN * shrub.warmth)
-    for hydrant in park.hydrants:
-        canvas.disc(Spot(hydrant.center, 0.3, 0.0), 30.0)
-    for spot in park.hot:
-        canvas.disc(spot, 105.0 + _HOT * spot.warmth)
+    for center in park.hydrants.values():
+        canvas.disc(center, 0.3, 30.0)
+    for lamp in park.lamps:
+        canvas.disc(lamp.center, lamp.radius_m, 105.0 + _HOT * lamp.warmth)
     levels = [_textured(canvas.grey, scenario, seed)]
     for _ in range(_LEVELS - 1):
         finer = levels[-1]
@@ -121,16 +117,9 @@ class _Canvas:
         width = max(1, round(width_m / self.resolution_m))
         cv2.polylines(self.grey, [self._cells(line)], closed, grey, width, cv2.LINE_AA, _SHIFT)
 
-    def tint(self, spot: Spot, change: float) -> None:
-        """Lighten or darken a disc by a change in grey."""
-        column, row = self._cells(spot.center[None, :])[0] >> _SHIFT
-        under = float(self.grey[row, column])
-        self.disc(spot, min(max(under + change, 0.0), 255.0))
-
-    def disc(self, spot: Spot, grey: float) -> None:
-        center = self._cells(spot.center[None, :])[0]
-        radius = round(spot.radius_m / self.resolution_m * 2**_SHIFT)
-        x, y = int(center[0]), int(center[1])
+    def disc(self, center: Array, radius_m: float, grey: float) -> None:
+        x, y = self._cells(center[None, :])[0].tolist()
+        radius = round(radius_m / self.resolution_m * 2**_SHIFT)
         cv2.circle(self.grey, (x, y), radius, min(grey, 255.0), -1, cv2.LINE_AA, _SHIFT)
 
 
@@ -225,29 +214,19 @@ def draw_targets(picture: Floats, targets: Sequence[Target], north: Floats, east
     if not targets:
         return
     middle = slice(picture.shape[1] // 2, picture.shape[1] // 2 + 2)
-    pixel_m = _pixel_m(north[:, middle], east[:, middle])
+    ground = north[:, middle], east[:, middle]
+    sides = [np.hypot(*(np.gradient(of, axis=axis) for of in ground)) for axis in (0, 1)]
+    pixel_m = (sides[0] + sides[1])[:, :1]  # longest extent of a pixel of each row
     for target in targets:
         reach_m = pixel_m + target.size_m
         near = np.abs(north - target.center[0]) < reach_m
         near &= np.abs(east - target.center[1]) < reach_m
         near &= pixel_m < _COARSEST_M
         if near.any():
-            rows, columns = (_around(near.any(axis=axis)) for axis in (1, 0))
-            part = picture[rows, columns]
-            share = _share(target, north[rows, columns], east[rows, columns])
-            part += share * (GRASS + GREY_PER_K * target.warmer_k - part)
-
-
-def _pixel_m(north: Floats, east: Floats) -> Floats:
-    """Return the longest extent (h, 1), m, on the ground of a pixel of each row."""
-    sides = [np.hypot(*(np.gradient(of, axis=axis) for of in (north, east))) for axis in (0, 1)]
-    return np.asarray((sides[0] + sides[1])[:, :1])
-
-
-def _around(marked: npt.NDArray[np.bool_]) -> slice:
-    """Return the range of the marked items, with one more on either side."""
-    places = np.flatnonzero(marked)
-    return slice(max(int(places[0]) - 1, 0), int(places[-1]) + 2)
+            marked = [np.flatnonzero(near.any(axis=axis)) for axis in (1, 0)]
+            part = tuple(slice(max(int(k[0]) - 1, 0), int(k[-1]) + 2) for k in marked)
+            share = _share(target, north[part], east[part])
+            picture[part] += share * (GRASS + GREY_PER_K * target.warmer_k - picture[part])
 
 
 def _share(target: Target, north: Floats, east: Floats) -> Floats:
