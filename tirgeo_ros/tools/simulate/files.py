@@ -21,6 +21,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.io.surveys.survey import save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.park import WGS84_TEXT, Relief, elevation_text, lay_out, map_text
 from tirgeo_ros.tools.simulate.processes import generator
@@ -218,9 +219,7 @@ def parameters_text(scenario: Scenario) -> str:
     """Return a ROS 2 parameter file: the aircraft for all nodes, then each node's own part."""
     site, order = scenario.site, scenario.gimbal.joint_order
     noise = values_of(scenario.imu.noise).items()
-    imu = {name: _plain(value) for name, value in noise if name not in _PRIORS}
-    if scenario.imu.averages:
-        imu["delay_s"] = 0.5 / scenario.imu.rate_hz  # its group delay
+    imu = {name: plain(value) for name, value in noise if name not in _PRIORS}
     joints: dict[str, object] = {} if order == USUAL_ORDER else {"joint_order": order}
     straight = not any(scenario.gimbal.boresight_rpy_deg)
     # For ground that is not level the user gives --dem.
@@ -229,7 +228,7 @@ def parameters_text(scenario: Scenario) -> str:
     places = values_of(scenario.aircraft).items()
     nodes: dict[str, dict[str, object]] = {
         # An empty list has no type in a parameter file.
-        "/**": {"aircraft": {name: _plain(value) for name, value in places if value != ()}},
+        "/**": {"aircraft": {name: plain(value) for name, value in places if value != ()}},
         "/**/dji_node": {
             **undulation,
             "rtk": {"delay_s": scenario.rtk.arrival_delay_s},
@@ -246,7 +245,3 @@ def parameters_text(scenario: Scenario) -> str:
     tree = {pattern: {"ros__parameters": values} for pattern, values in nodes.items() if values}
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
     return _HEAD.format(name=scenario.name) + body
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value

@@ -54,7 +54,16 @@ def paint(park: Park, scenario: ParkScenario, seed: int) -> Ground:
         canvas.line(path.line, path.width_m + 2 * _KERB_M, _KERB)
     for path in park.paths:
         canvas.line(path.line, path.width_m, _PAVING)
-    _lay_slabs(canvas, park, generator(seed, "slabs"))
+    rng = generator(seed, "slabs")  # of different grey levels
+    for path in park.paths:
+        ahead = path.line[1] - path.line[0]
+        length_m = float(np.linalg.norm(ahead))
+        along = ahead / length_m
+        aside = np.array([-along[1], along[0]]) * 0.5 * path.width_m
+        for at in np.arange(0.0, length_m - _SLAB_M, _SLAB_M):
+            first, last = path.line[0] + along * at, path.line[0] + along * (at + _SLAB_M - 0.1)
+            slab = np.array([first - aside, first + aside, last + aside, last - aside])
+            canvas.fill([slab], _PAVING + rng.normal(0.0, 5.0))
     for bed in park.beds:
         # The map's outline is the border between bed and kerb.
         rings = [bed.outline, *bed.holes]
@@ -71,19 +80,6 @@ def paint(park: Park, scenario: ParkScenario, seed: int) -> Ground:
         half = cv2.resize(finer, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         levels.append(half.astype(np.uint8))
     return Ground(levels, canvas.north_edge_m, canvas.west_edge_m, scenario.resolution_m)
-
-
-def _lay_slabs(canvas: _Canvas, park: Park, rng: np.random.Generator) -> None:
-    """Paint the paving as slabs with different grey levels."""
-    for path in park.paths:
-        ahead = path.line[1] - path.line[0]
-        length_m = float(np.linalg.norm(ahead))
-        along, width = ahead / length_m, 0.5 * path.width_m
-        aside = np.array([-along[1], along[0]]) * width
-        for at in np.arange(0.0, length_m - _SLAB_M, _SLAB_M):
-            first, last = path.line[0] + along * at, path.line[0] + along * (at + _SLAB_M - 0.1)
-            slab = np.array([first - aside, first + aside, last + aside, last - aside])
-            canvas.fill([slab], _PAVING + rng.normal(0.0, 5.0))
 
 
 class _Canvas:
@@ -287,18 +283,15 @@ class Renderer:
         depth = np.asarray(height / np.where(on_ground, loss, np.float32(1)), np.float32)
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
-        picture = self._sampled(north, east, self._footprints(depth, rays_p))
+        middle = slice(self._shape[1] // 2, None, self._shape[1])
+        # A pixel's size on the ground in every row: its sides' geometric mean. Along the view it
+        # is stretched by the cosecant of the depression angle.
+        slope = rays_p[middle, 2] / np.linalg.norm(rays_p[middle], axis=1)
+        footprint = depth[middle] * self._pixel_angle / np.sqrt(np.maximum(slope, 1e-3))
+        picture = self._sampled(north, east, footprint)
         draw_targets(picture, self._targets, north, east)
         picture[~on_ground.reshape(self._shape)] = _SKY
         return self._sensed(picture, rng)
-
-    def _footprints(self, depth: Floats, rays_p: Floats) -> Floats:
-        """Return a pixel's size on the ground in every row (h,), m: its sides' geometric mean."""
-        middle = slice(self._shape[1] // 2, None, self._shape[1])
-        across = depth[middle] * self._pixel_angle
-        # Along the view a pixel is stretched by the cosecant of the depression angle.
-        slope = rays_p[middle, 2] / np.linalg.norm(rays_p[middle], axis=1)
-        return np.asarray(across / np.sqrt(np.maximum(slope, 1e-3)))
 
     def _sampled(self, north: Floats, east: Floats, footprint: Floats) -> Floats:
         """Sample the ground row by row, at the level whose cells have a pixel's size."""
