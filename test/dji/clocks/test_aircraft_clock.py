@@ -288,7 +288,6 @@ def test_a_settled_counter_keeps_its_milliseconds():
 def test_diagnostics():
     clock = AircraftClock(CONFIG)
     assert clock.state == "waiting"
-    assert "clock spread [ms]" not in clock.diagnostics
     flown = link(100, 60, exponential(2), drift_ppm=20, seed=19, start_s=100.0)
     for number, (tick, arrival, extra) in enumerate(flown.messages()):
         clock.stamp_ns(tick, arrival, extra)
@@ -298,14 +297,6 @@ def test_diagnostics():
     offset_s = (flown.truth_ns[-1] - flown.ticks[-1] * MS - flown.extra_ns[-1]) / 1e9
     assert float(found["clock offset [s]"]) == pytest.approx(offset_s, abs=1e-4)
     assert float(found["clock drift [ppm]"]) == pytest.approx(20, abs=3)
-    median, p95, highest = (
-        float(part.split()[-1]) for part in found["clock spread [ms]"].split(",")
-    )
-    # Of the exponential distribution: 2 ms ln 2, 2 ms ln 20, and 2 ms ln 2000 for 2000 messages
-    # with a standard deviation of 2.6 ms.
-    assert median == pytest.approx(2 * math.log(2), rel=0.15)
-    assert p95 == pytest.approx(2 * math.log(20), rel=0.15)
-    assert highest == pytest.approx(2 * math.log(2000), abs=8)
 
 
 count = st.integers(0, 2**32 - 1)

@@ -49,7 +49,6 @@ def test_an_open_port_without_bytes_is_silent_after_two_seconds():
     assert re.search(
         "ttyUSB0: open but no bytes for 2 s.*the cable.*'API control' is ticked", report.message
     )
-    assert report.since_s == pytest.approx(1000.0 + STEP_S + 2.0, abs=STEP_S)
 
 
 @pytest.mark.parametrize(
@@ -74,8 +73,6 @@ def test_an_aircraft_that_is_switched_off_is_silence_and_not_a_wrong_rate():
     scene.pass_(STEP_S, bytes_=120)  # a cut frame
     scene.pass_(5.0)
     assert scene.conditions == ["waiting", "receiving", "silent"]
-    assert scene.watch.report.frames_per_s == 0.0
-    assert scene.watch.report.bytes_per_s == 0.0
 
 
 @pytest.mark.parametrize("state", list(LinkState))
@@ -205,9 +202,6 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
         def fileno(self):
             return self.reader
 
-        def write(self, _):
-            raise OSError(errno.EIO, "gone")
-
         def close(self):
             os.close(self.reader)
 
@@ -280,17 +274,6 @@ def test_a_port_that_another_one_holds_is_busy_until_it_is_given_back(cable, ope
     opened(second)
 
 
-def test_close_while_another_thread_reads(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    found = []
-    thread = threading.Thread(target=lambda: found.append(link.read(0.5)))
-    thread.start()
-    time.sleep(0.05)
-    link.close()
-    thread.join(PATIENCE_S)
-    assert found == [b""]
-
-
 def test_every_byte_comes_through_raw(cable, open_link):
     # All 256 values: none is eaten or changed as by a terminal for people (^C, ^S, CR, NL).
     link = opened(open_link(str(cable.path), BAUD))
@@ -300,5 +283,3 @@ def test_every_byte_comes_through_raw(cable, open_link):
     data, _ = read_until(link, lambda data: len(data) >= len(sent))
     thread.join()
     assert data == sent
-    assert link.write(bytes(range(256)))
-    assert cable.read() == bytes(range(256))

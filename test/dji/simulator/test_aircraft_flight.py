@@ -189,7 +189,7 @@ def test_heading_and_ground_are_as_good_as_the_bags(flight, bag, by_joints):
 
 @pytest.mark.slow
 def test_the_reported_attitude_is_as_good_as_the_bags(flight, bag):
-    samples, _ = flight.heard(gimbal="reported", layout="legacy")
+    samples, _ = flight.heard(gimbal="reported")
     serial = flight.judged(samples)
     assert serial.heading_deg <= AS_GOOD * bag.heading_deg
     assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]

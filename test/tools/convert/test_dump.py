@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.types.errors import ConfigError, DjiError
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
-from tirgeo_ros.dji.protocol.broadcast_parts import Rtk, Velocity
+from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Rtk, Velocity
 from tirgeo_ros.dji.protocol.subscription import Package, Push, encode_push
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.convert.dump import CaptureDump
