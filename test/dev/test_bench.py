@@ -152,3 +152,19 @@ def test_frames_without_a_picture_are_lost_and_strange_pictures_do_not_count():
 def test_a_run_that_measured_nothing_is_an_error(shown, lines, message):
     with pytest.raises(GraphError, match=message):
         run(shown, lines=lines)
+
+
+@pytest.mark.parametrize(
+    ("value", "wanted", "expected"),
+    [
+        (1.71, ">= 1.7", False),
+        (1.69, ">= 1.7", True),
+        (0.0, "= 0", False),
+        (1.0, "= 0", True),
+        (math.nan, "<= 4", True),
+        (5.0, "about 0", False),
+        (5.0, "", False),
+    ],
+)
+def test_what_is_missed(value, wanted, expected):
+    assert Figure("a figure", value, "", wanted).missed == expected
