@@ -327,9 +327,12 @@ def camera_info(bag, head):
 @pytest.mark.parametrize(
     ("pictures", "message"),
     [
-        (Pictures("/none"), r"/none is not there; of type sensor_msgs/msg/Image or .* are: none"),
-        (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is sensor_msgs/msg/Imu; of type"),
-        (Pictures(camera_info="/x"), r"/x is not there; of type sensor_msgs/msg/CameraInfo are"),
+        (
+            Pictures("/none"),
+            r"/none is not there; thermal/image_raw takes .*: no topic of the bag",
+        ),
+        (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is of type sensor_msgs/msg/Imu; th"),
+        (Pictures(camera_info="/x"), r"/x is not there; thermal/camera_info takes"),
     ],
 )
 def test_pictures_that_are_not_there(empty_folder, pictures, message):
