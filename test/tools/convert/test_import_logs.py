@@ -197,16 +197,6 @@ def test_the_command(folder, capsys):
             main(wrong)
 
 
-def test_the_template(folder, capsys):
-    assert main(["import", "--example"]) == 0
-    text = capsys.readouterr().out
-    path = folder / "columns.yaml"
-    assert main(["import", "--example", "-o", str(path)]) == 0
-    assert path.read_text() == text
-    assert main(["import", "--example", "-o", str(path)]) == 1
-    assert "is there already" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("off_s", [-20.0, 20.0])
 def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s):
     """One IMU row in another time would be between others of another attitude."""

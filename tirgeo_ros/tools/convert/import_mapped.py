@@ -366,7 +366,7 @@ def import_mapped(
     mapped: MappedTopics,
     aircraft: AircraftConfig,
     progress: Report,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Import the topics that are named; return what to report of them. Raise BagError."""
     bag = any_bag(path)
     run = _Import(bag, sink, mapped, aircraft)

@@ -156,7 +156,7 @@ def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
 
 def import_ros1(
     path: Path, sink: ImportSink, namespace: str, pictures: Pictures, progress: Report
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Import a bag; return what to report of it."""
     bag = Ros1Bag(path)
     run = _Import(bag, namespace, pictures)
