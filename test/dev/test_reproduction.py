@@ -10,7 +10,6 @@ from project import PROJECT
 import dev.reproduction.__main__ as reproduction
 from dev.reproduction.__main__ import TEMPLATE, carried_out, commands, main, parsed
 from dev.reproduction.paper import (
-    TABLE_1,
     TABLE_2_M,
     TABLE_6_AVERAGE_M,
     TABLE_8_DEG,
@@ -49,7 +48,6 @@ def skeleton(text):
 @pytest.mark.parametrize(
     ("title", "numbers"),
     [
-        ("Table 1", TABLE_1.values()),
         ("Table 2", TABLE_2_M.values()),
         ("Table 8", TABLE_8_DEG.values()),
         ("Table 9", TABLE_9.values()),
@@ -102,7 +100,7 @@ def test_the_page_is_of_the_present_template(written, tmp_path, project, capsys)
 
 
 def test_a_command_that_fails_and_a_result_with_an_error_are_told(tmp_path, project, monkeypatch):
-    template = "```sh x\ntirgeo budget reproduction/none.mcap\n```\n"
+    template = "```sh x\ntirgeo check reproduction/none.mcap\n```\n"
     with pytest.raises(BagError, match=r"none\.mcap"):
         carried_out(template, tmp_path)
     module = type("Module", (), {"run": staticmethod(lambda _args: {"error": "half a bag"})})

@@ -10,6 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
+from dev.checkerboards import (
+    BoardLook,
+    BoardRenderer,
+    board_views,
+    calibration_poses,
+)
 from tirgeo_ros.core.calibration.board_detection import find_board, fit_corners
 from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
@@ -22,12 +28,6 @@ from tirgeo_ros.core.calibration.checkerboard import (
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import rotation_x, rotation_y, rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.tools.simulate.boards import (
-    BoardLook,
-    BoardRenderer,
-    board_views,
-    calibration_poses,
-)
 
 SEED = 90
 
@@ -199,13 +199,13 @@ def test_none_of_twenty_bad_pictures_is_taken_and_reasons_are_right():
     assert {name: found[name].reason for name in EXPECTED} == EXPECTED
 
 
-def test_a_moderate_motion_is_told_from_a_blur():
+def test_a_moderate_motion_is_a_blur():
     look = replace(LOOK, motion_px=(10.0, 0.0))
     position = np.array([0, 0, 2.0]) - BOARD.points_m.mean(0)
     view = BoardRenderer(XT2, BOARD).view(np.eye(3), position, look, np.random.default_rng(5))
     found = find_board(view.image, BOARD)
     assert isinstance(found, Refused)
-    assert found.reason is RefusalReason.SMEARED, found
+    assert found.reason is RefusalReason.BLURRED, found
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from overlays import PLANE, geo
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.distance import likely_mistake, nearest_feature
+from tirgeo_ros.core.map.map_absence import likely_mistake, nearest_feature
 from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 

@@ -12,11 +12,12 @@ from scenes import camera_pose, graticule
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.map_absence import MapAbsence
 from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.map_absence import MapAbsence
-from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict, MapRenderer, drape_layers
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, PicturePainter
 from tirgeo_ros.core.types.finding import Severity
 
 POSES = 40
@@ -60,9 +61,9 @@ def clicked(rng):
 def test_nothing_that_is_written_meets_another(width):
     rng = np.random.default_rng(13)
     camera, labels = camera_of(width), 0
-    drawing = MapRenderer(OverlayConfig(ground_height_m=25.0), [MapLayer("t", town(rng))], None)
+    drawing = PicturePainter(OverlayConfig(ground_height_m=25.0), [MapLayer("t", town(rng))], None)
     drawing.set_plane(PLANE)
-    drawing.set_camera(camera)
+    drawing.set_lens(camera, rectify=False)
     for number in range(POSES):
         image = np.full((camera.height, width, 3), 90, np.uint8)
         verdict = DrawingVerdict(Severity(number % 3), WORDS)

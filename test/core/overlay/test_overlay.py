@@ -134,7 +134,7 @@ def test_a_click_needs_no_map(layers, failure, notice, untrusted):
     overlay.map_failed(failure or overlay.no_map_yet)
     result = pictured(overlay)
     assert result.notice == notice
-    assert len(overlay.footprint(result.pose)) > 2
+    assert len(overlay.painter.footprint(result.pose)) > 2
     assert not (ink_on(result.image)[:, 1] > 150).any()  # no line
     at_px = tuple(
         XT2.project((SQUARE_N[:1] - [0, 0, -20]) @ matrix_from_quat(pose_at(0).q_nc))[0][0]

@@ -7,7 +7,6 @@ import random
 import re
 import tracemalloc
 import warnings
-import zipfile
 
 import numpy as np
 import pytest
@@ -186,15 +185,6 @@ def test_what_gdal_would_draw_in_a_wrong_place_is_refused(tmp_path, name, conten
     path.write_text(content)
     with pytest.raises(MapError, match=message):
         load_layers(str(path))
-
-
-def test_a_kmz_of_several_kml_says_that_one_is_read(tmp_path):
-    with zipfile.ZipFile(tmp_path / "a.kmz", "w") as archive:
-        for name in ("doc.kml", "other.kml"):
-            archive.writestr(name, kml(mark(name, LINE)))
-    (layer,) = load_layers(str(tmp_path / "a.kmz"))
-    assert [f.label for f in layer.features] == ["doc.kml"]
-    assert "of 2 .kml in it only doc.kml (else the first) is read" in layer.left_out[0]
 
 
 def test_a_map_gets_nothing_of_its_reader_s_input(tmp_path):

@@ -13,9 +13,8 @@ from project import child_of
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.picture_painter import Unpainted
+from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, Unpainted
 from tirgeo_ros.core.types.errors import PictureError
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages

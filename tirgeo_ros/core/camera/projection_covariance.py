@@ -4,9 +4,9 @@ The drawn place has errors from the camera's pose, the time of exposure, the len
 Each is propagated to pixels with the derivative of the projection at the point (Coelho, MacIntyre
 and Julier, OSGAR, ISMAR 2004). The full 6x6 covariance of the pose is used.
 
-A time error moves the pose along the camera's own motion. A height error of the ground acts like
-one of the camera in the opposite direction. Both are added to the pose's 6x6 covariance once for
-each frame. Horizontal errors of the map are added for each point.
+A time error moves the pose along the camera's own motion. An error of the map or of the ground's
+height acts like one of the camera in the opposite direction. All are added to the pose's 6x6
+covariance once for each frame.
 
 The propagation is of first order. Where the second order is not small against it (the relative
 error of a point's depth is large, or the attitude is poorly known), ``linear`` is False.
@@ -15,7 +15,7 @@ error of a point's depth is large, or the attitude is poorly known), ``linear`` 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,89 +28,15 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
     skew,
 )
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: (4, 3, 6): derivatives of displacement / depth by position and phi; the factors of x, y, 1, 1/z.
-MOVES = np.zeros((4, 3, 6))
-MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
-MOVES[3, :, :3] = -np.eye(3)
-_FIRST, _SECOND = np.triu_indices(4)  # which two of x, y, 1 and 1/z make each product
-_ROWS, _COLUMNS = np.triu_indices(3)  # upper triangle of the displacement's covariance
-_LEVEL = np.where(_ROWS == _COLUMNS, 1.0, 0.0)  # the upper triangle of I
-_TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)  # squares are counted twice in _WEIGHTS
-
-
-def _parts(first: IntArray, second: IntArray) -> Array:
-    """Return (10, 6, 6, 6): product by triangle entry by the pose covariance's row and column.
-
-    An entry is the factor of one entry of the pose's covariance in one entry of the upper
-    triangle, for one product.
-    """
-    rows, columns = MOVES[first][:, _ROWS], MOVES[second][:, _COLUMNS]
-    return np.asarray(rows[..., :, None] * columns[..., None, :])
-
-
-# (60, 36): maps the flattened covariance of the pose to the weights that ``moves_of`` returns.
-_WEIGHTS = _TIMES[:, None, None, None] * (_parts(_FIRST, _SECOND) + _parts(_SECOND, _FIRST))
-_WEIGHTS = _WEIGHTS.transpose(1, 0, 2, 3).reshape(60, 36)
-
-Slopes: TypeAlias = tuple[Array, ...]  # what Camera.slopes returns
-Spread: TypeAlias = tuple[Array, ...]  # (N,) variance, covariance, variance
-
-
-def both(rotation: Array) -> Array:
-    """Return the block-diagonal (6, 6) matrix that rotates position and phi alike."""
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = rotation
-    return turn
-
-
-def products(rays: Array) -> Array:
-    """Return the ten products (10, N) of x, y, 1 and 1/z for rays (3, N); the last is 1/z^2."""
-    factors = np.ones((4, rays.shape[1]))
-    factors[:2], factors[3] = rays[:2], rays[2]
-    return np.asarray(factors.take(_FIRST, axis=0) * factors.take(_SECOND, axis=0))
-
-
-def moves_of(covariance_c: Array) -> Array:
-    """Return the weights (6, 10) of ``products`` in the displacement's covariance over depth^2.
-
-    The rows are the upper triangle of that covariance (3, 3). ``covariance_c`` (6, 6) is the
-    pose's, in c.
-    """
-    return np.asarray((_WEIGHTS @ covariance_c.ravel()).reshape(6, 10))
-
-
-def level_moves(rotation_cn: Array) -> Array:
-    """Return the covariance of a horizontal error of 1 m in north and east, in c.
-
-    It is I - down down', given as its upper triangle (6,).
-    """
-    down_c = rotation_cn[:, 2]
-    return np.asarray(_LEVEL - down_c[_ROWS] * down_c[_COLUMNS])
-
-
-def on_plane(rays: Array, moves: Array) -> Spread:
-    """Project displacement covariances to the plane z = 1: var x, cov x y, var y, each (N,).
-
-    ``moves`` (6, N) is the covariance of the displacement over the depth. x changes by the
-    displacement along x minus x times that along z, both over the depth.
-    """
-    x, y = rays[:2]
-    xx, xy, xz, yy, yz, zz = moves
-    x_z, y_z = xz - x * zz, yz - y * zz
-    return xx - x * (xz + x_z), xy - x * yz - y * x_z, yy - y * (yz + y_z)
-
-
-def on_lens(spread: Spread, slopes: Slopes) -> Spread:
-    """Convert covariances on the plane z = 1 to pixels: var column, cov, var row, px2."""
-    xx, xy, yy = spread
-    ux, uy, vx, vy = slopes
-    u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # covariances of the column with x and y
-    v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
-    return u_x * ux + u_y * uy, u_x * vx + u_y * vy, v_x * vx + v_y * vy
-
+#: (4, 3, 6): a camera that moves by dc and turns by phi sees a point displaced by ray x phi - dc/z
+#: in units of its depth z. These are the derivatives by dc and phi, as factors of x, y, 1 and 1/z.
+_MOVES = np.zeros((4, 3, 6))
+_MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
+_MOVES[3, :, :3] = -np.eye(3)
+_ROWS, _COLUMNS = np.triu_indices(3)  # the upper triangle of the displacement's covariance
 
 #: 95 % quantile of chi-square with two degrees of freedom, 5.991: the squared radius, in standard
 #: deviations, that holds 95 % of a two-dimensional normal distribution.
@@ -121,8 +47,7 @@ CHI2_95 = -2 * math.log(0.05)
 MOST_DEPTH_SIGMA, MOST_BEND = 0.1, 0.2
 _ROUNDING = 1e-4  # rounding error of correlations in float32 messages and sums
 _LEAST_VARIANCE = 1e-18
-#: Points at a time: NumPy runs larger matrix products in threads, which is slower here.
-_BLOCK = 2500
+_BLOCK = 2500  # points at a time: NumPy runs larger matrix products in threads, which is slower
 _LEAST_RADIUS2 = 1e-12  # squared radius on the plane z = 1: about a thousandth of a pixel
 
 
@@ -148,12 +73,24 @@ def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[A
     NEAR_M along the optical axis, or outside the lens model.
     """
     rays = rays_to(camera, pose, points_n)
-    x, y, nearness = rays
-    moved = np.einsum("kie,kn->nie", MOVES, np.stack([x, y, np.ones_like(x), nearness]))
+    slopes = np.stack(camera.slopes(rays[0], rays[1]), axis=-1).reshape(-1, 2, 2)
+    turn = _turn_both(matrix_from_quat(pose.q_nc).T)
+    moved = np.einsum("kie,kn->nie", _MOVES, _factors(rays))
     on_plane = moved[:, :2] - rays[:2].T[:, :, None] * moved[:, 2:]
-    slopes = np.stack(camera.slopes(x, y), axis=-1).reshape(-1, 2, 2)
-    by_pose = slopes @ on_plane @ both(matrix_from_quat(pose.q_nc).T)
+    by_pose = slopes @ on_plane @ turn
     return by_pose, -by_pose[:, :, :3]
+
+
+def _turn_both(rotation: Array) -> Array:
+    """Return the block-diagonal (6, 6) matrix that rotates position and phi alike."""
+    return np.asarray(np.kron(np.eye(2), rotation), float)
+
+
+def _factors(rays: Array) -> Array:
+    """Return x, y, 1 and 1/z (4, N) of rays (3, N)."""
+    factors = np.ones((4, rays.shape[1]))
+    factors[:2], factors[3] = rays[:2], rays[2]
+    return factors
 
 
 def rays_to(camera: Camera, pose: CameraPose, points_n: Array) -> Array:
@@ -204,16 +141,19 @@ class FrameConfidence:
         rates: CameraRates | None = None,
     ) -> None:
         self.camera = camera
-        self._map_sigma_m = config.map_sigma_m
+        self._map_variance = config.map_sigma_m**2
         self._lens_variance = config.lens_sigma_px**2
         rotation_cn = matrix_from_quat(pose.q_nc).T
         covariance_n = timed_covariance(pose, rates, config.latency_sigma_s)
+        covariance_n[[0, 1], [0, 1]] += self._map_variance
         covariance_n[2, 2] += config.ground_sigma_m**2
-        turn = both(rotation_cn)
+        turn = _turn_both(rotation_cn)
         covariance_c = turn @ covariance_n @ turn.T
         self._axis_variance = covariance_c[5, 5]
-        self._moves_of = moves_of(covariance_c)
-        self._level = level_moves(rotation_cn)
+        by_factors = np.einsum("kie,ef,ljf->ijkl", _MOVES, covariance_c, _MOVES)
+        #: (6, 16): the displacement's covariance by the products of two factors.
+        self._weights = by_factors[_ROWS, _COLUMNS].reshape(6, 16)
+        self._level = (rotation_cn[:, :2] @ rotation_cn[:, :2].T)[_ROWS, _COLUMNS]
 
     def spread(
         self, rays: Array, sigma_m: Array | float | None = None, closely: int = 0
@@ -223,59 +163,52 @@ class FrameConfidence:
         The covariances are (3, N): variance of the column, covariance, variance of the row, px2.
         The second result, (closely,), is computed for the first ``closely`` points alone.
         """
-        count = rays.shape[1]
-        sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
-        parts = [slice(start, start + _BLOCK) for start in range(0, max(count, 1), _BLOCK)]
-        done = [
-            self._spread(
-                rays[:, part], None if sigma is None else sigma[part], max(closely - part.start, 0)
-            )
-            for part in parts
-        ]
-        spread = np.concatenate(done, axis=1)
-        return spread[:3], spread[3, :closely] > 0
+        sigma = np.full(rays.shape[1], math.nan)
+        if sigma_m is not None:
+            sigma[:] = sigma_m
+        more = np.where(np.isnan(sigma), 0.0, sigma**2 - self._map_variance)
+        starts = range(0, max(len(more), 1), _BLOCK)
+        blocks = [slice(start, start + _BLOCK) for start in starts]
+        done = [self._spread(rays[:, b], more[b], max(closely - b.start, 0)) for b in blocks]
+        spreads, linear = zip(*done, strict=True)
+        return np.concatenate(spreads, axis=1), np.concatenate(linear)
 
-    def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
-        """Return (4, N): the covariances as in ``spread``, then 1 where first order is enough."""
-        # The least horizontal variance of the map, m2, is added for all points at once.
-        least, beyond = self._map_sigma_m**2, None
-        if sigma_m is not None and len(sigma_m):
-            variance = np.where(np.isnan(sigma_m), self._map_sigma_m, sigma_m) ** 2
-            least = float(variance.min())
-            beyond = variance - least
-        factors, weights = products(rays), self._moves_of.copy()
-        weights[:, -1] += least * self._level
-        # Upper triangles of the covariances of the displacements in c over the depth, (6, N).
-        moves = weights @ factors
-        if beyond is not None and beyond.any():
-            moves += self._level[:, None] * (beyond * factors[-1])
-        plane = on_plane(rays, moves)
-        slopes = self.camera.slopes(rays[0], rays[1])
-        uu, uv, vv = on_lens(plane, slopes)
-        spread = np.zeros((4, rays.shape[1]))
-        spread[0], spread[1], spread[2] = uu + self._lens_variance, uv, vv + self._lens_variance
-        if closely:
-            first = slice(closely)
-            near = tuple(each[first] for each in slopes)
-            on_axis_plane = tuple(each[first] for each in plane)
-            spread[3, first] = self._linear(rays[:, first], moves[5, first], on_axis_plane, near)
-        return spread
+    def _spread(self, rays: Array, more: Array, closely: int) -> tuple[Array, BoolArray]:
+        """Return as ``spread``; ``more`` (N,) is the map's variance beyond ``map_sigma_m``, m2."""
+        factors = _factors(rays)
+        products = (factors[:, None] * factors).reshape(16, -1)
+        moves = self._weights @ products
+        if more.any():
+            moves += self._level[:, None] * (more * products[-1])
+        # x changes by the displacement along x minus x times that along z, y likewise.
+        (x, y), (dxx, dxy, dxz, dyy, dyz, depth) = rays[:2], moves
+        xz, yz = dxz - x * depth, dyz - y * depth
+        xx, xy, yy = dxx - x * (dxz + xz), dxy - x * dyz - y * xz, dyy - y * (dyz + yz)
+        ux, uy, vx, vy = slopes = self.camera.slopes(rays[0], rays[1])
+        u_x, u_y = ux * xx + uy * xy, ux * xy + uy * yy  # covariances of the column with x and y
+        v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
+        spread = np.array([u_x * ux + u_y * uy, u_x * vx + u_y * vy, v_x * vx + v_y * vy])
+        spread[::2] += self._lens_variance
+        few = (np.asarray(each)[..., :closely] for each in (rays, depth, (xx, xy, yy), slopes))
+        return spread, self._linear(*few)
 
-    def _linear(self, rays: Array, depth: Array, spread: Spread, slopes: Slopes) -> BoolArray:
-        """Return (N,) whether first order is enough; ``depth`` is var(depth) / depth^2, (N,)."""
+    def _linear(self, rays: Array, depth: Array, plane: Array, slopes: Array) -> BoolArray:
+        """Return (N,) whether first order is enough; ``depth`` is var(depth) / depth^2, (N,).
+
+        ``plane`` (3, N) are the covariances of x and y on the plane z = 1.
+        """
         # The ratio of the second order to the first is the relative error of the depth. This also
         # holds for rotations across the optical axis, where the tangent is not linear. For a
         # rotation about the optical axis the ratio is half its angle.
         with np.errstate(invalid="ignore"):
             linear = depth + self._axis_variance / 4 <= MOST_DEPTH_SIGMA**2
-        inside, scale = _outermost(rays, spread, self.camera.max_radius)
-        here = np.array(slopes)
-        change = np.array(self.camera.slopes(rays[0] * scale, rays[1] * scale)) - here
-        bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
+        inside, scale = _outermost(rays, plane, self.camera.max_radius)
+        change = np.array(self.camera.slopes(rays[0] * scale, rays[1] * scale)) - slopes
+        bent = (change * change).sum(axis=0) > MOST_BEND**2 * (slopes * slopes).sum(axis=0)
         return np.asarray(linear & inside & ~bent)
 
 
-def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArray, Array]:
+def _outermost(rays: Array, plane: Array, max_radius: float) -> tuple[BoolArray, Array]:
     """Return whether each 95 % ellipse lies inside the lens model, and how far out it reaches.
 
     Both are (N,). The second is the distance from the axis of the ellipse's outermost point, in
@@ -283,7 +216,7 @@ def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArra
     A lens distorts more the farther from its axis, so this point shows the largest change.
     """
     x, y = rays[:2]
-    xx, xy, yy = spread
+    xx, xy, yy = plane
     squared = np.maximum(x * x + y * y, _LEAST_RADIUS2)
     radial = np.maximum(x * x * xx + 2 * x * y * xy + y * y * yy, 0.0)
     outwards = np.sqrt(CHI2_95 * radial) / squared

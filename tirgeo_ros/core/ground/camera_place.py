@@ -32,6 +32,7 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 _MAPPING_OPTICAL = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 #: Nearer to the pitch at which yaw and roll fall together (cosine), their sigmas mean nothing.
 _LEAST_COSINE = 0.05
+_STEEP = math.cos(math.radians(10))  # steeper than this, the optical axis' heading is ill-defined
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,3 +125,16 @@ def rpy_of(rotation: Array) -> Vector:
     """Return roll, pitch and yaw of a rotation (3, 3), rad."""
     roll, pitch, yaw = euler_from_matrix(rotation).tolist()
     return roll, pitch, yaw
+
+
+def camera_heading_rad(pose: CameraPose) -> float:
+    """Return the camera's heading: 0 is north, clockwise, 0 to 2 pi.
+
+    It is the azimuth of the optical axis. As the axis comes within 10 degrees of straight down,
+    the azimuth of the picture's upper edge gains weight.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    ahead, up = rotation_nc[:, 2], -rotation_nc[:, 1]
+    steep = min(max((ahead[2] - _STEEP) / (1 - _STEEP), 0.0), 1.0)
+    north, east = ahead[:2] + steep * up[:2]
+    return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0

@@ -18,20 +18,19 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
-from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.map_layers import MapLayer
 from tirgeo_ros.core.overlay.camera_motion import FIT_S, TRIAL_S, predicted, rates_up_to
 from tirgeo_ros.core.overlay.clicks import Clicks
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.overlay.picture_painter import (
+    DrawingVerdict,
     OverlayResult,
     PicturePainter,
-    Scene,
     Unpainted,
 )
 from tirgeo_ros.core.streams.stamps import exposure_ns
-from tirgeo_ros.core.types.arrays import Array, RawPixels
+from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
@@ -132,6 +131,7 @@ class Overlay:
     large map. With None the map is draped elsewhere, again for each plane, and given to
     ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` wait for
     a pose or to be taken; ``poses`` are the camera's; ``plane`` is the map's, once it is known.
+    ``painter`` has the camera and the map.
     """
 
     def __init__(
@@ -140,14 +140,14 @@ class Overlay:
         layers: Sequence[MapLayer] | None,
         terrain: Terrain | None = None,
     ) -> None:
-        self._painter = PicturePainter(config, layers or (), terrain)
+        self.painter = PicturePainter(config, layers or (), terrain)
         self._draped_elsewhere = layers is None
         #: Whether there is, or will be, a map to draw.
         self.map_given = layers is None or len(layers) > 0
         #: Why the map that is draped elsewhere is not here yet.
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
-        self.clicks.set_ground(self._painter.ground)
+        self.clicks.set_ground(self.painter.ground)
         self.frames = FrameQueue()
         self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
@@ -161,13 +161,13 @@ class Overlay:
     def configure(self, config: OverlayConfig) -> None:
         """Take the parameters that are live, also others in flight; CameraError as set_camera."""
         if self._camera is not None and config.rectify is not self._rectify:
-            self._painter.set_lens(self._camera, rectify=config.rectify)
+            self.painter.set_lens(self._camera, rectify=config.rectify)
         self._rectify = config.rectify
         self._latency_s = config.video_latency_s
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
         self.poses.keep(max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S)
-        self._painter.configure(config)
+        self.painter.configure(config)
         self.clicks.confidence = config.confidence
 
     @property
@@ -190,16 +190,7 @@ class Overlay:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return notes for the operator about the map as draped on the ground."""
-        return self.draped.map.notes if self.draped else ()
-
-    @property
-    def ground(self) -> Ground:
-        """Return the elevation model or the ellipsoidal height, m; nan if it is not given."""
-        return self._painter.ground
-
-    def footprint(self, pose: CameraPose | None) -> Array:
-        """Return the outline (N, 3) on the ground, NED, m, of a picture with a result's pose."""
-        return self._painter.footprint(pose)
+        return self.painter.draped.map.notes if self.painter.draped else ()
 
     @property
     def no_map_yet(self) -> str:
@@ -211,26 +202,21 @@ class Overlay:
         if plane != self.plane:
             self.plane = plane
             self.poses.clear()
-            self._painter.set_plane(plane)
+            self.painter.set_plane(plane)
             self._map_not_ready = _READING if self._draped_elsewhere else ""
             self.clicks.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
         """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
         if camera != self._camera:
-            self._painter.set_lens(camera, rectify=self._rectify)
+            self.painter.set_lens(camera, rectify=self._rectify)
             self._camera = camera
-
-    @property
-    def draped(self) -> DrapedMap | None:
-        """Return the map as draped in the plane, once both are known."""
-        return self.scene.draped
 
     def set_map(self, new: DrapedMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
         if new.plane == self.plane:
             self._draped_elsewhere, self.map_given, self._map_not_ready = True, True, ""
-            self._painter.set_map(new)
+            self.painter.set_map(new)
 
     def map_failed(self, why: str) -> None:
         """Record why the map from elsewhere does not come; a map that is drawn stays."""
@@ -252,11 +238,6 @@ class Overlay:
         """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take."""
         self.frames.put(Frame(stamp_ns, pixels, now_ns))
 
-    @property
-    def scene(self) -> Scene:
-        """Return what the next picture has in common with others."""
-        return self._painter.scene
-
     def take(self, now_ns: int) -> OverlayResult | None:
         """Return the newest picture that need not wait any longer, or None.
 
@@ -264,7 +245,7 @@ class Overlay:
         is the clock of the stamps.
         """
         picture = self.take_unpainted(now_ns)
-        return None if picture is None else self._painter.paint(picture)
+        return None if picture is None else self.painter.paint(picture)
 
     def take_unpainted(self, now_ns: int) -> Unpainted | None:
         """Return the picture of ``take`` as it is before a PicturePainter painted it."""
@@ -310,7 +291,7 @@ class Overlay:
     ) -> Unpainted:
         pose, predicted_s, notice = self._trusted(frame, looked_up, obstacle)
         rates = None if pose is None else rates_up_to(pose, self.poses)
-        camera = self.scene.camera
+        camera = self.painter.scene.camera
         if camera is not None:
             self.clicks.show(frame.stamp_ns, camera, pose, rates)
         return Unpainted(
@@ -348,7 +329,7 @@ class Overlay:
     def _notice(self, no_pose: str) -> str:
         """Return why there is no map, or no trusted pose for the reason given; else empty."""
         no_map = self._map_not_ready
-        if not no_map and self.map_given and not self._painter.has_features:
+        if not no_map and self.map_given and not self.painter.has_features:
             no_map = "the map has no features"
         if no_map == _READING and not no_pose:
             return f"NO MAP YET: {_READING}"

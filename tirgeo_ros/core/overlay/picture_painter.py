@@ -12,26 +12,48 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground, is_given
+from tirgeo_ros.core.ground.camera_place import camera_heading_rad, height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.frame_geometry import footprint
 from tirgeo_ros.core.map.map_layers import MapLayer
-from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
+from tirgeo_ros.core.map.vector_map import check_heights
+from tirgeo_ros.core.map.visibility import View, farthest_m
+from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, MapRenderer, drape_layers
+from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m, place_rose, place_scale_bar
 from tirgeo_ros.core.overlay.status_and_notices import (
     VERDICT_BGR,
+    PlacedText,
     paint_notice,
     paint_status,
     place_notice,
+    status_box,
     status_line,
 )
+from tirgeo_ros.core.overlay.text_rendering import Box
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
+
+
+class DrawingVerdict(NamedTuple):
+    """Hold the checks' verdict; ``GO`` has no words in the picture."""
+
+    severity: Severity = Severity.NOTE
+    words: str = ""
+
+
+_GO = DrawingVerdict()
 
 
 class Scene(NamedTuple):
@@ -73,59 +95,92 @@ class OverlayResult:
     predicted_s: float = 0.0  # how far the pose was extrapolated
 
 
+class Drawn(NamedTuple):
+    """Hold what a picture shows."""
+
+    notice: str  # why none of the map is drawn, else empty
+    above_m: float  # the camera's height over the given ground; nan without one below
+    boxes: tuple[Box, ...]  # of everything that is written; they do not overlap
+
+
 class PicturePainter:
     """Paint pictures in order of time. Raises ConfigError if map heights are unknown.
 
-    ``ground`` is an elevation model, an ellipsoidal height, or nan if it is not given.
+    The map lies at ``ground_height_m`` if that is given, else on the terrain if there is one,
+    else at its own heights. ``ground`` is the first two of these, or nan.
     """
 
     def __init__(
         self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None
     ) -> None:
-        self._renderer = MapRenderer(config, layers, terrain)
-        self._toner = ToneMapper(config.picture, config.palette)
+        height_m = config.ground_height_m
+        self.ground: Ground = height_m if terrain is None or math.isfinite(height_m) else terrain
+        check_heights(layers, self.ground)
+        self.draped: DrapedMap | None = None  # the map with its plane; None without a plane
+        self._layers = layers
         self._rectifier: Rectifier | None = None
-        self.ground = self._renderer.ground
+        self._view: View | None = None
+        self._toner = ToneMapper(config.picture, config.palette)
+        self._confidence = config.confidence
+        self._renderer: MapRenderer | None = None  # made when the map is first drawn
 
     @property
     def scene(self) -> Scene:
         """Return what the next picture has in common with others."""
-        return Scene(self._renderer.camera, self._rectifier, self._renderer.draped)
+        return Scene(self._view.camera if self._view else None, self._rectifier, self.draped)
 
     @property
     def has_features(self) -> bool:
         """Return whether there is anything of a map that could be drawn."""
-        return not self._renderer.empty
+        if self.draped:
+            return self.draped.features > 0
+        return any(layer.features for layer in self._layers)
+
+    @property
+    def _level(self) -> Ground:
+        """Return the given ground, else the middle height of the map's own; nan without any."""
+        own_m = self.draped.level_m if self.draped else math.nan
+        return self.ground if is_given(self.ground) else own_m
 
     def footprint(self, pose: CameraPose | None) -> Array:
-        """Return the outline (N, 3) on the ground of a picture, NED, m, as the renderer does."""
-        return self._renderer.footprint(pose)
+        """Return the picture's outline on the ground (N, 3), NED in the plane, m.
+
+        It is cut where lines end, and empty without pose, camera, plane or ground.
+        """
+        level = self._level
+        if pose is None or self._view is None or self.draped is None or not is_given(level):
+            return np.empty((0, 3))
+        plane, camera = self.draped.plane, self._view.camera
+        far_m = farthest_m(camera, height_above_m(pose, plane, level))
+        return footprint(camera, pose, plane, level, far_m)
 
     def configure(self, config: OverlayConfig) -> None:
         """Take the parameters that are live, also others in flight."""
         self._toner.configure(config.picture, config.palette)
-        self._renderer.set_confidence(config.confidence)
+        self._confidence = config.confidence
+        if self._renderer is not None:
+            self._renderer.confidence = config.confidence
 
     def set_plane(self, plane: TangentPlane) -> None:
         """Drape the layers in a plane; a map that was draped elsewhere is dropped."""
-        self._renderer.set_plane(plane)
+        self.draped, self._renderer = drape_layers(self._layers, plane, self.ground), None
 
     def set_map(self, draped: DrapedMap) -> None:
         """Draw a map that was draped elsewhere, in the present plane."""
-        self._renderer.set_map(draped)
+        self._layers, self.draped, self._renderer = (), draped, None
 
     def set_lens(self, camera: Camera, *, rectify: bool) -> None:
         """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
-        self._rectifier = Rectifier(camera) if rectify else None
-        self._renderer.set_camera(self._rectifier.camera if self._rectifier else camera)
+        rectifier = Rectifier(camera) if rectify else None
+        self.set_scene(Scene(rectifier.camera if rectifier else camera, rectifier))
 
     def set_scene(self, scene: Scene) -> None:
         """Paint with this camera and map from now on; without a map the present one stays."""
         self._rectifier = scene.rectifier
-        if scene.camera is not None:
-            self._renderer.set_camera(scene.camera)
+        if scene.camera is not None and (not self._view or scene.camera != self._view.camera):
+            self._view = View(scene.camera)
         if scene.draped is not None:
-            self._renderer.set_map(scene.draped)
+            self.set_map(scene.draped)
 
     def paint(self, picture: Unpainted) -> OverlayResult:
         """Return the finished picture."""
@@ -134,36 +189,80 @@ class PicturePainter:
             image = self._rectifier.rectified(image)
         notice, above_m = picture.notice, math.nan
         if picture.pose is None:
-            _write_notice(image, picture)
+            least_top = 0
+            for placed in _notices(image, picture.verdict, "", None):
+                placed.paint(image)
+                least_top = placed.box.bottom
+            paint_notice(image, notice, least_top)
         else:
             scene = picture.pose, picture.rates, picture.markers, picture.verdict
-            drawn = self._renderer.draw(image, *scene, notice)
-            notice, above_m = drawn.notice, drawn.above_m
-        _write_status(image, picture, above_m)
+            notice, above_m, _ = self.draw(image, *scene, notice)
+        fields = status_line(
+            picture.status,
+            picture.age_s,
+            picture.rate_hz,
+            picture.predicted_s,
+            picture.replaced,
+            above_m,
+            picture.verdict.severity,
+        )
+        paint_status(image, fields)
         return OverlayResult(
             picture.stamp_ns, image, picture.pose, notice, picture.camera, picture.predicted_s
         )
 
+    def draw(
+        self,
+        image: Pixels,
+        pose: CameraPose,
+        rates: CameraRates | None = None,
+        markers: Sequence[Marker] = (),
+        verdict: DrawingVerdict = _GO,
+        notice: str = "",
+    ) -> Drawn:
+        """Draw map and markers into (h, w, 3) BGR; a camera and a plane must be set.
 
-def _write_notice(image: Pixels, picture: Unpainted) -> None:
-    """Write why there is no map, below the checks' verdict."""
-    severity, words = picture.verdict
-    below = 0
-    if severity:
-        verdict = place_notice(image, words, VERDICT_BGR[severity])
-        verdict.paint(image)
-        below = verdict.box.bottom
-    paint_notice(image, picture.notice, below)
+        ``rates`` are the camera's at the pose, or None. The ``verdict`` of the checks, and the
+        ``notice``, else the reason why none of the map is in view, are written at the top.
+        """
+        assert self._view is not None
+        assert self.draped is not None
+        camera = self._view.camera
+        scene = camera, pose, self.draped.plane, self._level
+        if self._renderer is None:
+            self._renderer = MapRenderer(self._confidence, self.draped)
+        renderer = self._renderer
+        scale_m_px = ground_sample_m(*scene) if renderer.minds_scale else math.nan
+        above_m = height_above_m(*scene[1:])
+        far_m = farthest_m(camera, above_m)
+        in_view = renderer.visible(self._view, pose, scale_m_px, far_m)
+        notice = notice or renderer.why_absent(in_view, camera, pose, scale_m_px, far_m)
+        bar = place_scale_bar(image, *scene) if self._confidence.scale_bar else None
+        wants_rose = self._confidence.heading_rose
+        rose = place_rose(image, camera_heading_rad(pose)) if wants_rose else None
+        notices = _notices(image, verdict, notice, rose.box if rose else None)
+        written = [each for each in (bar, rose, *notices) if each]
+        taken = [status_box(image), *(each.box for each in written)]
+        placed = PlacedMarkers(image, camera, pose, markers, taken) if markers else None
+        if placed:
+            taken += placed.boxes
+        labels = renderer.paint(image, self._view, pose, rates, in_view, taken)
+        if placed:
+            placed.paint(image, renderer.lines)
+        for each in written:
+            each.paint(image)
+        return Drawn(notice, above_m if is_given(self.ground) else math.nan, (*taken, *labels))
 
 
-def _write_status(image: Pixels, picture: Unpainted, above_m: float) -> None:
-    fields = status_line(
-        picture.status,
-        picture.age_s,
-        picture.rate_hz,
-        picture.predicted_s,
-        picture.replaced,
-        above_m,
-        picture.verdict.severity,
-    )
-    paint_status(image, fields)
+def _notices(
+    image: Pixels, verdict: DrawingVerdict, notice: str, beside: Box | None
+) -> list[PlacedText]:
+    """Place the notices one below the other, at the top of the picture, left of the rose."""
+    notices = []
+    if verdict.severity:
+        colour = VERDICT_BGR[verdict.severity]
+        notices.append(place_notice(image, verdict.words, colour, beside=beside))
+    if notice:
+        top = notices[0].box.bottom if notices else 0
+        notices.append(place_notice(image, notice, top=top, beside=beside))
+    return notices

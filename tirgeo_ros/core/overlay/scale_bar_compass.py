@@ -30,7 +30,6 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 _LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, limits of the bar
 _SAMPLES = 33
-_STEEP = math.cos(math.radians(10))  # steeper than this, the optical axis' heading is ill-defined
 _NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # (right, north)
 _NEEDLE_TIMES = 1.1  # half the needle's length, in text sizes
 _LETTER_TIMES = 1.75  # the letter's distance from the needle's middle, in text sizes
@@ -118,19 +117,6 @@ def _away_m(
         return uv[:, 0], np.full(len(ways), np.nan)
     away = points_c - points_c[0]
     return uv[:, 0], np.sqrt((away * away).sum(axis=1))
-
-
-def camera_heading_rad(pose: CameraPose) -> float:
-    """Return the camera's heading: 0 is north, clockwise, 0 to 2 pi.
-
-    It is the azimuth of the optical axis. As the axis comes within 10 degrees of straight down,
-    the azimuth of the picture's upper edge gains weight.
-    """
-    rotation_nc = matrix_from_quat(pose.q_nc)
-    ahead, up = rotation_nc[:, 2], -rotation_nc[:, 1]
-    steep = min(max((ahead[2] - _STEEP) / (1 - _STEEP), 0.0), 1.0)
-    north, east = ahead[:2] + steep * up[:2]
-    return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0
 
 
 @dataclass(frozen=True, slots=True)

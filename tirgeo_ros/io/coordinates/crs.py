@@ -32,31 +32,20 @@ _ROUNDING_DEG = 1e-9  # a tenth of a millimetre
 _NO_DATUM = re.compile(r"unknown|not.?specified|undefined|unnamed|\bnone\b", re.IGNORECASE)
 
 
-def known(name: str) -> bool:
-    """Return whether a name is that of a system on the Earth's surface."""
-    return _system(name) is not None
-
-
 def checked_system(name: str, where: str) -> pyproj.CRS:
     """Return the system of a code, a WKT or a PROJ text.
 
     Raises MapError if it is unknown, or is not on the Earth's surface.
     """
-    system = _system(name)
-    if system is not None:
-        return system
-    other = _any_system(name)
-    if other is not None:
+    system = _any_system(name)
+    if system is None:
+        raise MapError(f"{where}: unknown coordinate reference system {_short(name)!r}; {_REMEDY}")
+    if not system.is_geographic and not system.is_projected:
         raise MapError(
-            f"{where}: {_short(name)!r} is a {other.type_name}, and a map needs longitudes and "
+            f"{where}: {_short(name)!r} is a {system.type_name}, and a map needs longitudes and "
             f"latitudes or a plane; {_REMEDY}"
         )
-    raise MapError(f"{where}: unknown coordinate reference system {_short(name)!r}; {_REMEDY}")
-
-
-def _system(name: str) -> pyproj.CRS | None:
-    system = _any_system(name)
-    return system if system and (system.is_geographic or system.is_projected) else None
+    return system
 
 
 @lru_cache(maxsize=32)
@@ -103,20 +92,30 @@ def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ..
 def _shift_remarks(
     transformer: pyproj.Transformer, system: pyproj.CRS, where: str
 ) -> tuple[str, ...]:
-    """Return remarks on the accuracy of the datum shift.
+    """Return remarks on the datum shift that PROJ used for the last point transformed.
 
-    The shift is the one that PROJ used for the last point transformed.
+    Where none is known, a datum as large as WGS84's is taken for it. Raises MapError for another
+    one, which is hundreds of metres off.
     """
     try:
         step = transformer.get_last_used_operation()
     except ProjError:  # there is only one operation, which changes no number
         step = transformer
-    if "Ballpark" in step.description:
-        return _ballpark_remarks(system, where)
-    exact = _PLATE_M if _of_a_plate(system) else _EXACT_M
-    if step.accuracy > exact:
-        return (f"{where}: from {system.name} to WGS84 is known only to {step.accuracy:g} m",)
-    return ()
+    if "Ballpark" not in step.description:
+        exact = step.accuracy <= (_PLATE_M if _of_a_plate(system) else _EXACT_M)
+        remark = f"{where}: from {system.name} to WGS84 is known only to {step.accuracy:g} m"
+        return () if exact else (remark,)
+    if not _as_large(system):
+        raise MapError(
+            f"{where}: the transformation from the datum of {system.name} to WGS84 is not known; "
+            f"give its EPSG code or +towgs84 under crs in the style sheet"
+        )
+    if _of_a_plate(system):
+        return ()
+    datum = system.datum.name if system.datum else ""
+    if not datum or _NO_DATUM.search(datum):
+        return (f"{where}: {system.name} names no datum: {ASSUMED}",)
+    return (f"{where}: the datum {_short(datum)!r} of {system.name} is not known: {ASSUMED}",)
 
 
 def _of_a_plate(system: pyproj.CRS) -> bool:
@@ -133,24 +132,6 @@ def _of_a_plate(system: pyproj.CRS) -> bool:
 def _as_large(system: pyproj.CRS) -> bool:
     ellipsoid = system.ellipsoid
     return ellipsoid is not None and abs(ellipsoid.semi_major_metre - _WGS84_AXIS_M) < 1.0
-
-
-def _ballpark_remarks(system: pyproj.CRS, where: str) -> tuple[str, ...]:
-    """Return remarks where no datum shift is known: a datum as large as WGS84's is taken for it.
-
-    Raises MapError for another one, which is hundreds of metres off.
-    """
-    if not _as_large(system):
-        raise MapError(
-            f"{where}: the transformation from the datum of {system.name} to WGS84 is not known; "
-            f"give its EPSG code or +towgs84 under crs in the style sheet"
-        )
-    datum = system.datum.name if system.datum else ""
-    if _of_a_plate(system):
-        return ()
-    if not datum or _NO_DATUM.search(datum):
-        return (f"{where}: {system.name} names no datum: {ASSUMED}",)
-    return (f"{where}: the datum {_short(datum)!r} of {system.name} is not known: {ASSUMED}",)
 
 
 def in_range(points: Array) -> BoolArray:
@@ -182,8 +163,16 @@ class Plane:
     """
 
     def __init__(self, name: str | None, degrees: Array) -> None:
-        self.system = _named(name) if name else _utm(degrees)
-        self._way = pyproj.Transformer.from_crs("EPSG:4326", self.system, always_xy=True)
+        if not name:
+            # Also beyond latitude 84 deg, where UTM proper ends.
+            longitude, latitude = np.median(degrees, axis=0).tolist()
+            name = f"EPSG:{utm_zone(latitude, longitude)[1]}"
+        self.system = system = checked_system(name, "--crs").to_2d()
+        if not system.is_projected or any(axis.unit_name != "metre" for axis in system.axis_info):
+            raise MapError(
+                f"--crs {name}: {system.name} is not a projected system in metres; give one"
+            )
+        self._way = pyproj.Transformer.from_crs("EPSG:4326", system, always_xy=True)
 
     @property
     def name(self) -> str:
@@ -200,21 +189,6 @@ class Plane:
         """Return longitudes and latitudes (n, 2) in degrees of x, y (n, 2) in metres."""
         x, y = metres.T
         return np.stack(self._way.transform(x, y, direction="INVERSE"), axis=1)
-
-
-def _named(name: str) -> pyproj.CRS:
-    system = checked_system(name, "--crs").to_2d()
-    if not system.is_projected or any(axis.unit_name != "metre" for axis in system.axis_info):
-        raise MapError(
-            f"--crs {name}: {system.name} is not a projected system in metres; give one"
-        )
-    return system
-
-
-def _utm(degrees: Array) -> pyproj.CRS:
-    """Return the UTM zone of the median, also beyond latitude 84 deg, where UTM proper ends."""
-    longitude, latitude = np.median(degrees, axis=0).tolist()
-    return pyproj.CRS.from_epsg(utm_zone(latitude, longitude)[1])
 
 
 def utm_zone(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
@@ -242,12 +216,22 @@ class Written(NamedTuple):
 
 def written(latitude_deg: float, longitude_deg: float) -> Written:
     """Return a place on WGS84, latitude -90 to 90 and longitude -180 to 180, as texts."""
-    square = _mgrs(latitude_deg, longitude_deg)
+    utm = ""
+    with _ONE_AT_A_TIME:
+        square = str(mgrs.MGRS().toMGRS(latitude_deg, longitude_deg))
+        at = 1  # near a pole there is no number of a zone
+        if square[0].isdigit():
+            # In the zone of the square, which in Norway is not always the nearest.
+            square, at = square.zfill(15), 3
+            way = _to_utm(int(square[:2]), north=square[2] >= "N")
+            utm = "{} {:.1f} {:.1f}".format(
+                square[:3], *way.transform(longitude_deg, latitude_deg)
+            )
     return Written(
         f"{latitude_deg:.6f}, {longitude_deg:.6f}",
         f"{_dms(latitude_deg, 'NS')} {_dms(longitude_deg, 'EW')}",
-        _spaced(square),
-        _utm_text(square[:3], latitude_deg, longitude_deg),
+        f"{square[:at]} {square[at : at + 2]} {square[at + 2 : -5]} {square[-5:]}",
+        utm,
     )
 
 
@@ -259,29 +243,7 @@ def _dms(degrees: float, hemispheres: str) -> str:
     return f"{whole}\N{DEGREE SIGN}{minutes:02}'{hundredths / 100:05.2f}\"{side}"
 
 
-def _mgrs(latitude_deg: float, longitude_deg: float) -> str:
-    """Return the square of 1 m; with two digits of a zone unless it is near a pole."""
-    with _ONE_AT_A_TIME:
-        text = str(mgrs.MGRS().toMGRS(latitude_deg, longitude_deg))
-    return text.zfill(15) if text[0].isdigit() else text
-
-
-def _spaced(square: str) -> str:
-    at = 3 if square[0].isdigit() else 1
-    return f"{square[:at]} {square[at : at + 2]} {square[at + 2 : -5]} {square[-5:]}"
-
-
-def _utm_text(zone: str, latitude_deg: float, longitude_deg: float) -> str:
-    """Return UTM in the zone of the MGRS square, which in Norway is not always the nearest."""
-    if not zone[0].isdigit():
-        return ""
-    way = _way(int(zone[:2]), north=zone[2] >= "N")
-    with _ONE_AT_A_TIME:
-        easting_m, northing_m = way.transform(longitude_deg, latitude_deg)
-    return f"{zone} {easting_m:.1f} {northing_m:.1f}"
-
-
 @lru_cache(maxsize=8)
-def _way(zone: int, *, north: bool) -> pyproj.Transformer:
+def _to_utm(zone: int, *, north: bool) -> pyproj.Transformer:
     code = (32600 if north else 32700) + zone
     return pyproj.Transformer.from_crs("EPSG:4326", f"EPSG:{code}", always_xy=True)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -33,121 +32,31 @@ _MOST_NODES = 64_000_000
 _AT_ONCE = 12_000_000  # nodes read from a file at once
 #: Largest offset in pixels between the grids of two tiles. The surface moves by as much.
 _OFF_PIXELS = 0.01
-
-Heights = npt.NDArray[np.floating]
-#: Converts errors on reading a named file into those of this package.
-Guard = Callable[[str], AbstractContextManager[None]]
-
-
-@dataclass(frozen=True, slots=True)
-class Tile:
-    """Hold an open file and the conversion of its numbers to metres above the ellipsoid."""
-
-    name: str
-    source: Any  # of rasterio
-    scale: float
-    offset_m: float
-
-
-class _Placed(NamedTuple):
-    tile: Tile
-    column: int  # of its first pixel on the grid
-    row: int
-
-
-def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
-    """Return heights (rows, columns) of tiles on one grid, nan where absent, and its transform.
-
-    Where tiles overlap, the first that has a height is used. Raises ElevationError, naming the
-    tile, for one of another system or another grid than the first one's, and for a grid too large.
-    """
-    corners = [_corner(tile, tiles[0]) for tile in tiles]
-    left, top = (min(each) for each in zip(*corners, strict=True))
-    placed = [
-        _Placed(tile, column - left, row - top)
-        for tile, (column, row) in zip(tiles, corners, strict=True)
-    ]
-    columns = max(each.column + each.tile.source.width for each in placed)
-    rows = max(each.row + each.tile.source.height for each in placed)
-    if rows * columns > _MOST_NODES:
-        raise ElevationError(
-            f"{tiles[0].name}: {columns} x {rows} pixels, more than the {_MOST_NODES / 1e6:g} "
-            "million allowed; cut out the area of the flight (gdal_translate -projwin)"
-        )
-    heights = np.full((rows, columns), np.nan, np.result_type(*map(_dtype, tiles)))
-    for each in reversed(placed):
-        with guard(each.tile.name):
-            _paste(each, heights)
-    transform = tiles[0].source.transform
-    return heights, transform * type(transform).translation(left, top)
-
-
-def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
-    """Return column and row of a tile's first pixel on the first one's grid."""
-    source = tile.source
-    if source.crs != first.source.crs:
-        raise ElevationError(
-            f"{tile.name}: a different coordinate system from that of {first.name}; "
-            "convert the tiles to one (gdalwarp -t_srs)"
-        )
-    to_grid = ~first.source.transform * source.transform
-    places = [(0, 0), (source.width, 0), (0, source.height)]
-    moves = np.array([to_grid * place for place in places]) - places
-    moves[:, 0] -= _turn(first.source, moves[0, 0])
-    corner = moves[0].round()
-    if np.abs(moves - corner).max() > _OFF_PIXELS:
-        raise ElevationError(
-            f"{tile.name}: its pixels are not on the grid of {first.name}; merge the "
-            "tiles (gdalwarp A.tif B.tif OUT.tif)"
-        )
-    column, row = corner.astype(int).tolist()
-    return column, row
-
-
-def _turn(source: Any, columns: float) -> float:
-    """Return the part of ``columns`` that is whole turns of the Earth, for tiles at 180 deg."""
-    a, b = (float(x) for x in tuple(source.transform)[:2])
-    if not source.crs.is_geographic or b:
-        return 0.0
-    return round(columns * a / 360) * 360 / a
-
-
-def _dtype(tile: Tile) -> type[np.floating]:
-    """Return a type as wide as the file's; float32 resolves 0.5 mm on a high mountain."""
-    return np.float64 if tile.source.dtypes[0] == "float64" else np.float32
-
-
-def _paste(placed: _Placed, heights: Heights) -> None:
-    """Copy a tile's finite heights into the grid, some rows at a time."""
-    source = placed.tile.source
-    step = max(_AT_ONCE // source.width, 1)
-    columns = slice(placed.column, placed.column + source.width)
-    for first in range(0, source.height, step):
-        window = ((first, min(first + step, source.height)), (0, source.width))
-        part = _heights(placed.tile, source.read(1, masked=True, window=window))
-        row = placed.row + first
-        place = heights[row : row + len(part), columns]
-        np.copyto(place, part, where=np.isfinite(part))
-
-
-def _heights(tile: Tile, band: Any) -> Heights:
-    """Convert numbers of a file to metres above the ellipsoid; nan where there is no height."""
-    heights: Heights = np.ma.filled(band.astype(_dtype(tile), copy=False), np.nan)
-    if (tile.scale, tile.offset_m) != (1.0, 0.0):
-        heights = (heights * tile.scale + tile.offset_m).astype(heights.dtype, copy=False)
-    heights[~np.isfinite(heights)] = np.nan
-    return heights
-
-
 #: Cache of what GDAL has unpacked: each pixel is read once. By default it is 5 % of all memory.
 _CACHE_MB = 64
 #: Metres in a unit of height, by the names that files use.
 _UNITS_M = {
-    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("", "m", "metre", "meter", "metres", "meters"), 1.0),
     "cm": 0.01,
     **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
     **dict.fromkeys(("us survey foot", "us-ft", "ftus"), 1200 / 3937),
 }
+
+
+class _Tile(NamedTuple):
+    """Hold an open file and the conversion of its numbers to metres above the ellipsoid."""
+
+    name: str
+    source: Any  # of rasterio
+    system: pyproj.CRS
+    scale: float
+    offset_m: float
+    notes: list[str]  # for a person
+
+    @property
+    def dtype(self) -> type[np.floating]:
+        """Return a type as wide as the file's; float32 resolves 0.5 mm on a high mountain."""
+        return np.float64 if self.source.dtypes[0] == "float64" else np.float32
 
 
 def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = False) -> Terrain:
@@ -174,30 +83,6 @@ def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = Fa
         raise ElevationError(f"{paths[0]}: does not fit into memory") from None
 
 
-def _loaded(paths: list[str], undulation_m: float) -> Terrain:
-    rasterio = imported_rasterio(f"{paths[0]}: elevation models need", ElevationError)
-    with ExitStack() as opened:
-        opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
-        tiles, notes = [], []
-        for path in paths:
-            with _readable(rasterio, path):
-                source = opened.enter_context(rasterio.open(path))
-            tile, remarks = _tile(path, source, undulation_m)
-            tiles.append(tile)
-            notes += remarks
-        return _terrain(rasterio, tiles, _joined(notes))
-
-
-@contextmanager
-def _readable(rasterio: Any, path: str) -> Iterator[None]:
-    try:
-        yield
-    except (rasterio.errors.RasterioError, OSError) as error:
-        first = str(error).partition("\n")[0]
-        hint = elsewhere(f"{path} {first}")
-        raise ElevationError(f"{path}: cannot be read as a raster: {first}{hint}") from None
-
-
 def ground_of(config: OverlayConfig) -> Ground | None:
     """Return the ground under the map by the parameters; None if neither of them is set.
 
@@ -210,38 +95,25 @@ def ground_of(config: OverlayConfig) -> Ground | None:
     return load_terrain(config.dem, config.dem_undulation_m, network=config.network)
 
 
-def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple[str, str]]]:
-    """Return an open file as a tile, and notes on it as (file, note)."""
-    if source.crs is None or source.transform.is_identity:
-        raise ElevationError(f"{path}: no coordinate system; give it one (gdal_edit -a_srs)")
-    a, b, c, d, e, f = (float(x) for x in tuple(source.transform)[:6])
-    if not all(map(math.isfinite, (c, f, a * e - b * d))) or not a * e - b * d:
-        raise ElevationError(f"{path}: its pixels cover no ground; place it (gdal_edit -a_ullr)")
-    if source.dtypes[0].startswith("complex"):
-        raise ElevationError(f"{path}: complex numbers are not heights")
-    system = _system(path, source)
-    unit_m, unit_note = _unit(source)
-    bands = f"{source.count} bands; the first is used" if source.count > 1 else ""
-    notes = [bands, unit_note, _datum_note(system, undulation_m)]
-    scale, offset_m = source.scales[0] * unit_m, source.offsets[0] * unit_m + undulation_m
-    return Tile(path, source, scale, offset_m), [(path, note) for note in notes if note]
-
-
-def _joined(notes: list[tuple[str, str]]) -> tuple[str, ...]:
-    """Return one line for each note, however many files it applies to."""
+def _loaded(paths: list[str], undulation_m: float) -> Terrain:
+    rasterio = imported_rasterio(f"{paths[0]}: elevation models need", ElevationError)
+    with ExitStack() as opened:
+        opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
+        tiles = []
+        for path in paths:
+            with _readable(rasterio, path):
+                source = opened.enter_context(rasterio.open(path))
+            tiles.append(_tile(path, source, undulation_m))
+        heights, transform = _read_grid(rasterio, tiles)
     owners: dict[str, list[str]] = {}
-    for path, note in notes:
-        owners.setdefault(note, []).append(path)
-    return tuple(
-        f"{paths[0]}{f' and {len(paths) - 1} more' if len(paths) > 1 else ''}: {note}"
-        for note, paths in owners.items()
+    for tile in tiles:
+        for note in tile.notes:
+            owners.setdefault(note, []).append(tile.name)
+    notes = tuple(
+        f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {note}"
+        for note, names in owners.items()
     )
-
-
-def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrain:
-    name = tiles[0].name
-    heights, transform = read_grid(tiles, partial(_readable, rasterio))
-    system = _system(name, tiles[0].source)
+    name, system = tiles[0].name, tiles[0].system
     try:
         return Terrain(heights, _grid_of(system, transform, heights.shape), notes)
     except ElevationError as error:
@@ -253,12 +125,105 @@ def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrai
         ) from None
 
 
-def _system(name: str, source: Any) -> pyproj.CRS:
+@contextmanager
+def _readable(rasterio: Any, path: str) -> Iterator[None]:
     try:
-        return checked_system(source.crs.to_wkt(), name)
+        yield
+    except (rasterio.errors.RasterioError, OSError) as error:
+        first = str(error).partition("\n")[0]
+        hint = elsewhere(f"{path} {first}")
+        raise ElevationError(f"{path}: cannot be read as a raster: {first}{hint}") from None
+
+
+def _tile(path: str, source: Any, undulation_m: float) -> _Tile:
+    """Return an open file as a tile. Raises ElevationError if it has no place or no heights."""
+    remedy = "give it one (gdal_edit -a_srs)"
+    if source.crs is None or source.transform.is_identity:
+        raise ElevationError(f"{path}: no coordinate system; {remedy}")
+    a, b, c, d, e, f = (float(x) for x in tuple(source.transform)[:6])
+    if not all(map(math.isfinite, (c, f, a * e - b * d))) or not a * e - b * d:
+        raise ElevationError(f"{path}: its pixels cover no ground; place it (gdal_edit -a_ullr)")
+    if source.dtypes[0].startswith("complex"):
+        raise ElevationError(f"{path}: complex numbers are not heights")
+    try:
+        system = checked_system(source.crs.to_wkt(), path)
     except MapError as error:
-        first = str(error).partition(";")[0]
-        raise ElevationError(f"{first}; give it one (gdal_edit -a_srs)") from None
+        raise ElevationError(f"{str(error).partition(';')[0]}; {remedy}") from None
+    notes = [f"{source.count} bands; the first is used"] if source.count > 1 else []
+    unit = (source.units[0] or "").strip()
+    unit_m = _UNITS_M.get(unit.lower())
+    if unit_m is None:
+        notes.append(f"heights in {unit!r}, which is not known; they are taken as metres")
+        unit_m = 1.0
+    elif unit_m != 1.0:
+        notes.append(f"heights in {unit}; they are converted to metres")
+    vertical = [part for part in system.sub_crs_list if part.is_vertical]
+    if vertical and not undulation_m:
+        datum = vertical[0].name
+        notes.append(f"heights above {datum}, not the ellipsoid; set dem_undulation_m")
+    scale, offset_m = source.scales[0] * unit_m, source.offsets[0] * unit_m + undulation_m
+    return _Tile(path, source, system, scale, offset_m, notes)
+
+
+def _read_grid(rasterio: Any, tiles: Sequence[_Tile]) -> tuple[npt.NDArray[np.floating], Any]:
+    """Return heights (rows, columns) of tiles on one grid, nan where absent, and its transform.
+
+    Where tiles overlap, the first that has a height is used. Raises ElevationError, naming the
+    tile, for one of another system or another grid than the first one's, and for a grid too large.
+    """
+    corners = np.array([_corner(tile, tiles[0]) for tile in tiles])
+    left, top = corners.min(axis=0).tolist()
+    sizes = [(tile.source.width, tile.source.height) for tile in tiles]
+    columns, rows = ((corners + sizes).max(axis=0) - [left, top]).tolist()
+    if rows * columns > _MOST_NODES:
+        raise ElevationError(
+            f"{tiles[0].name}: {columns} x {rows} pixels, more than the {_MOST_NODES / 1e6:g} "
+            "million allowed; cut out the area of the flight (gdal_translate -projwin)"
+        )
+    heights = np.full((rows, columns), np.nan, np.result_type(*(tile.dtype for tile in tiles)))
+    for tile, (column, row) in reversed(list(zip(tiles, corners.tolist(), strict=True))):
+        with _readable(rasterio, tile.name):
+            _paste(tile, heights[row - top :, column - left :])
+    transform = tiles[0].source.transform
+    return heights, transform * type(transform).translation(left, top)
+
+
+def _corner(tile: _Tile, first: _Tile) -> tuple[int, int]:
+    """Return column and row of a tile's first pixel on the first one's grid."""
+    source = tile.source
+    if source.crs != first.source.crs:
+        raise ElevationError(
+            f"{tile.name}: a different coordinate system from that of {first.name}; "
+            "convert the tiles to one (gdalwarp -t_srs)"
+        )
+    to_grid = ~first.source.transform * source.transform
+    places = [(0, 0), (source.width, 0), (0, source.height)]
+    moves = np.array([to_grid * place for place in places]) - places
+    a, b = (float(x) for x in tuple(first.source.transform)[:2])
+    if source.crs.is_geographic and not b:  # whole turns of the Earth, for tiles at 180 deg
+        moves[:, 0] -= round(moves[0, 0] * a / 360) * 360 / a
+    corner = moves[0].round()
+    if np.abs(moves - corner).max() > _OFF_PIXELS:
+        raise ElevationError(
+            f"{tile.name}: its pixels are not on the grid of {first.name}; merge the "
+            "tiles (gdalwarp A.tif B.tif OUT.tif)"
+        )
+    column, row = corner.astype(int).tolist()
+    return column, row
+
+
+def _paste(tile: _Tile, heights: npt.NDArray[np.floating]) -> None:
+    """Copy a tile's heights into the upper left of a grid, some rows at a time."""
+    source = tile.source
+    step = max(_AT_ONCE // source.width, 1)
+    for first in range(0, source.height, step):
+        window = ((first, min(first + step, source.height)), (0, source.width))
+        band = source.read(1, masked=True, window=window)
+        part = np.ma.filled(band.astype(tile.dtype, copy=False), np.nan)
+        if (tile.scale, tile.offset_m) != (1.0, 0.0):
+            part = (part * tile.scale + tile.offset_m).astype(part.dtype, copy=False)
+        place = heights[first : first + len(part), : source.width]
+        np.copyto(place, part, where=np.isfinite(part))
 
 
 def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> GridOf:
@@ -268,46 +233,18 @@ def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> Grid
     for files of points too.
     """
     flat = pyproj.Transformer.from_crs("EPSG:4326", system.to_2d(), always_xy=True)
-    to_pixel = ~transform
-    a, b, c, d, e, f = (float(x) for x in tuple(to_pixel)[:6])
-    unwrapped = _unwrapped(system, transform, shape)
+    a, b, c, d, e, f = (float(x) for x in tuple(~transform)[:6])
+    middle, _ = transform * (shape[1] / 2, shape[0] / 2)
+    turn = math.inf
+    if system.is_geographic:  # longitudes are wrapped to the file's, which may go beyond 180
+        turn = 2 * np.pi / system.axis_info[0].unit_conversion_factor  # radians in a unit
 
     def grid_of(latitude_rad: Array, longitude_rad: Array) -> tuple[Array, Array]:
         x, y = flat.transform(np.degrees(longitude_rad), np.degrees(latitude_rad))
-        x = unwrapped(np.where(np.isfinite(x), x, np.nan))
+        x = np.where(np.isfinite(x), x, np.nan)
+        if math.isfinite(turn):
+            x = middle + (x - middle + turn / 2) % turn - turn / 2
         y = np.where(np.isfinite(y), y, np.nan)
         return a * x + b * y + (c - 0.5), d * x + e * y + (f - 0.5)
 
     return grid_of
-
-
-def _unwrapped(
-    system: pyproj.CRS, transform: Any, shape: tuple[int, ...]
-) -> Callable[[Array], Array]:
-    """Return the function that wraps a longitude to the file's range: 0 to 360, or beyond 180."""
-    if not system.is_geographic:
-        return lambda x: x
-    unit = system.axis_info[0].unit_conversion_factor  # radians in a unit
-    turn = 2 * np.pi / unit
-    a, b, c = (float(x) for x in tuple(transform)[:3])
-    middle = a * shape[1] / 2 + b * shape[0] / 2 + c
-    return lambda x: middle + (x - middle + turn / 2) % turn - turn / 2
-
-
-def _unit(source: Any) -> tuple[float, str]:
-    """Return the metres in a unit of the file's heights, and a note on it."""
-    name = (source.units[0] or "").strip()
-    unit_m = _UNITS_M.get(name.lower())
-    if unit_m is None and name:
-        return 1.0, f"heights in {name!r}, which is not known; they are taken as metres"
-    if unit_m not in {None, 1.0}:
-        return unit_m or 1.0, f"heights in {name}; they are converted to metres"
-    return 1.0, ""
-
-
-def _datum_note(system: pyproj.CRS, undulation_m: float) -> str:
-    """Return a note if the file's heights are not ellipsoidal and nothing corrects them."""
-    vertical = [part for part in system.sub_crs_list if part.is_vertical]
-    if not vertical or undulation_m:
-        return ""
-    return f"heights above {vertical[0].name}, not the ellipsoid; set dem_undulation_m"

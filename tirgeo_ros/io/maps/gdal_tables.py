@@ -105,8 +105,8 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     try:
         _check_whole(path)
         with bounded_time():
-            notes = _checked_kml(path)
-            return _tables(pyogrio, path, layer, wanted, notes)
+            _check_kml(path)
+            return _tables(pyogrio, path, layer, wanted)
     except (MapError, ConfigError, MemoryError):
         raise
     except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
@@ -131,30 +131,19 @@ def _check_whole(path: Path) -> None:
         raise MapError(f"{path}: a damaged shapefile: {size} bytes, and its header says {length}")
 
 
-def _checked_kml(path: Path) -> list[str]:
-    """Return notes on a KML, a KMZ or the KML in a zip: what of it GDAL does not read.
+def _check_kml(path: Path) -> None:
+    """Refuse a KML, a KMZ or the KML in a zip with positions that are not numbers.
 
-    Raises MapError for positions that are not numbers: GDAL would read them as other ones.
+    GDAL would read them as other ones.
     """
-    suffix = path.suffix.lower()
+    suffix, texts = path.suffix.lower(), []
     if suffix == ".kml":
         texts = [path.read_bytes()]
     elif suffix in {".kmz", ".zip"}:
         with zipfile.ZipFile(path) as archive:
             names = [name for name in archive.namelist() if name.lower().endswith(".kml")]
             texts = [archive.read(name) for name in names]
-    else:
-        return []
-    for text in texts:
-        _check_positions(path, text)
-    if suffix == ".zip" or len(texts) < 2:
-        return []
-    read = "only doc.kml (else the first) is read, or what that links to"
-    return [f"{path}: of {len(texts)} .kml in it {read}; unpack the others"]
-
-
-def _check_positions(path: Path, text: bytes) -> None:
-    for block in _POSITIONS.finditer(_COMMENT.sub(b"", text)):
+    for block in itertools.chain(*(_POSITIONS.finditer(_COMMENT.sub(b"", t)) for t in texts)):
         words = block[2].split()
         positions = b" ".join(words).replace(b" ,", b",").replace(b", ", b",").split()
         for position in positions if block[1] else [b",".join(words)] if words else []:
@@ -171,7 +160,7 @@ def _crs_member(place: str) -> str | None:
     return match[1].decode(errors="replace") if match else None
 
 
-def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted, notes: list[str]) -> list[Table]:
+def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GDAL's remarks on the form of a file that it takes
         listed = [
@@ -183,14 +172,11 @@ def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted, notes: list[st
     names = [name for _, name, _ in drawn]
     if layer and layer not in names:
         raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, names)}")
-    tables = [
+    return [
         _table(pyogrio, path, place, name, wanted)
         for place, name, _ in drawn
         if layer in {"", name}
     ]
-    for table in tables[:1]:
-        table.notes += notes
-    return tables
 
 
 def _places(path: Path) -> list[str]:
@@ -269,7 +255,9 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
     faults: dict[int, str] = {}
     for number, blob in enumerate(blobs):
         try:
-            geometry = _wkb_parts(bytes(blob)) if blob is not None else []
+            geometry: list[_Part] = []
+            if blob is not None:
+                _append_parts(bytes(blob), 0, geometry)
         except (ValueError, struct.error) as error:
             faults[number] = f"its geometry is damaged: {error}"
             continue
@@ -287,18 +275,11 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
     return Shapes(points, starts, feature, closed.astype(bool)), faults
 
 
-def _wkb_parts(data: bytes) -> list[_Part]:
-    """Return the points, lines and rings of a geometry in WKB as GDAL writes it; none if empty.
-
-    Raises ValueError for a type that cannot be drawn.
-    """
-    parts: list[_Part] = []
-    _append_parts(data, 0, parts)
-    return parts
-
-
 def _append_parts(data: bytes, at: int, parts: list[_Part]) -> int:
-    """Append the parts of the geometry at an offset, and return the offset of its end."""
+    """Append the points, lines and rings of the geometry at an offset; return that of its end.
+
+    It is in WKB as GDAL writes it. Raises ValueError for a type that cannot be drawn.
+    """
     (code,) = struct.unpack_from("<I", data, at + 1)
     thousands, kind = divmod(code & 0xFFFF, 1000)
     height = 3 if code >> 31 or thousands in {1, 3} else 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,23 +29,17 @@ _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 _MOST_NAMED = 3
 
 
-@dataclass(frozen=True, slots=True)
-class MapFeatures:
-    """Hold the features of a table that are drawn, and notes on the others."""
+def _drawn(
+    table: Table, wanted: Wanted, entry: SheetLayer | None
+) -> tuple[MapLayer | None, str | None]:
+    """Convert the features of a table to WGS84: the layer, or None if there is nothing to say.
 
-    features: list[GeoFeature]
-    notes: tuple[str, ...]  # a line each
-    refusal: str | None  # why nothing of the table can be drawn ("": it is empty); None if it can
-
-
-def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
-    """Convert the features of a table to WGS84.
-
-    ``crs`` takes precedence over the table's own system. A feature with a vertex that is not
+    The second result says why nothing of the table can be drawn ("": it is empty); None if it can.
+    The entry's system takes precedence over the table's own. A feature with a vertex that is not
     finite or not on the Earth is left out. Raises MapError for a system that is unknown.
     """
     with_shape = set(table.shapes.feature.tolist()) | table.faults.keys()
-    shapes, remarks = _on_earth(table, crs)
+    shapes, remarks = _on_earth(table, entry.crs if entry else "")
     shapes = _without_repeats(shapes, table.faults)
     drawn = dict.fromkeys(shapes.feature.tolist())
     texts = {number: wanted.label.text(table.rows[number]) for number in drawn}
@@ -62,13 +56,20 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
     bare = len(table.rows) - len(with_shape)
     notes = [
         *table.notes,
-        *_faults(table, texts),
+        *_fault_notes(table, texts),
         *([f"{table.where}: {bare} features without a geometry left out"] if bare else []),
         *remarks,
         *unmet,
     ]
-    refusal = None if texts else _refusal(table)
-    return MapFeatures(chosen, tuple(map(shown, notes)), refusal)
+    refusal = None
+    if not texts:
+        count = len(table.faults)
+        rest = f" (none of {count} features can be drawn)" if count > 1 else ""
+        refusal = f"{table.where}: {_fault(table, min(table.faults))}{rest}" if count else ""
+    if not chosen and not notes:
+        return None, refusal
+    style, sigma_m = (entry.style, entry.sigma_m) if entry else (LayerStyle(), None)
+    return MapLayer(table.name, chosen, style, sigma_m, tuple(map(shown, notes))), refusal
 
 
 def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
@@ -145,7 +146,7 @@ def _without_repeats(shapes: Shapes, faults: dict[int, str]) -> Shapes:
     return _selected(replace(shapes, points=points[keep], starts=starts), ~flat)
 
 
-def _faults(table: Table, drawn: Collection[int]) -> Iterator[str]:
+def _fault_notes(table: Table, drawn: Collection[int]) -> Iterator[str]:
     """Yield a line for each of the first features at fault, and one for the rest."""
     first = sorted(table.faults)[:_MOST_NAMED]
     for number in first:
@@ -154,15 +155,6 @@ def _faults(table: Table, drawn: Collection[int]) -> Iterator[str]:
     more = len(table.faults) - len(first)
     if more:
         yield f"{table.where}: {more} more features left out, wholly or in part"
-
-
-def _refusal(table: Table) -> str:
-    """Return why nothing of a table can be drawn; "" if no feature is at fault."""
-    count = len(table.faults)
-    if not count:
-        return ""
-    rest = f" (none of {count} features can be drawn)" if count > 1 else ""
-    return f"{table.where}: {_fault(table, min(table.faults))}{rest}"
 
 
 def _fault(table: Table, number: int) -> str:
@@ -258,23 +250,14 @@ def _layers(path: Path, entry: SheetLayer | None, label_field: str) -> list[MapL
     label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
     wanted = Wanted(label, entry.condition if entry else None)
     tables = read_tables(path, entry.layer if entry else "", wanted)
-    drawn = [laid(table, wanted, entry.crs if entry else "") for table in tables]
-    refusals = [features.refusal for features in drawn if features.refusal is not None]
-    if len(refusals) == len(drawn):
-        raise MapError(next(filter(None, refusals), _empty(path)))
-    style, sigma_m = (entry.style, entry.sigma_m) if entry else (LayerStyle(), None)
-    return [
-        MapLayer(table.name, features.features, style, sigma_m, features.notes)
-        for table, features in zip(tables, drawn, strict=True)
-        if features.features or features.notes
-    ]
-
-
-def _empty(path: Path) -> str:
-    """Return the message for a map without a geometry."""
-    linked = path.suffix.lower() == ".kml" and b"<NetworkLink" in path.read_bytes()
-    what = ": it links to other files; open it in Google Earth or QGIS and save the places"
-    return f"{path}: the map has no feature with a geometry{what if linked else ''}"
+    layers, refusals = zip(*(_drawn(table, wanted, entry) for table in tables), strict=True)
+    if None not in refusals:
+        what = ""
+        if path.suffix.lower() == ".kml" and b"<NetworkLink" in path.read_bytes():
+            what = ": it links to other files; open it in Google Earth or QGIS and save the places"
+        empty = f"{path}: the map has no feature with a geometry{what}"
+        raise MapError(next(filter(None, refusals), empty))
+    return [layer for layer in layers if layer is not None]
 
 
 def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the parameter's name
@@ -290,12 +273,11 @@ def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the param
         except ConfigError:
             entries = []
         paths += [file for each in entries for file in (each.file, each.crs_file) if file]
-    return list(dict.fromkeys(each for path in paths for each in (path, *_companions(path))))
-
-
-def _companions(path: Path) -> list[Path]:
-    """Return the files that are read together with a map file."""
-    if path.suffix.lower() == ".shp":
-        return [path.with_suffix(each) for each in _SIDECARS]
-    # The write-ahead log, which exists while a program writes the package.
-    return [path.with_name(path.name + "-wal")] if path.suffix.lower() == ".gpkg" else []
+    files = []
+    for path in paths:
+        files.append(path)
+        if path.suffix.lower() == ".shp":
+            files += [path.with_suffix(each) for each in _SIDECARS]
+        elif path.suffix.lower() == ".gpkg":  # the log, while a program writes the package
+            files.append(path.with_name(path.name + "-wal"))
+    return list(dict.fromkeys(files))

@@ -164,7 +164,7 @@ def _run(
     begun_s = time.perf_counter()
     if job.drawn is not None:
         keeps_images = raw_images or video is not None
-        stage.begin(job.configs.overlay, job.drawn.ground, keeps_images=keeps_images)
+        stage.begin(job.configs.overlay, job.drawn.painter.ground, keeps_images=keeps_images)
     with contextlib.ExitStack() as stack:
         film = _film(job, stack.enter_context(VideoFile(video))) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
@@ -184,7 +184,9 @@ def _run(
     return {
         **result,
         "findings": finding_items(findings),
-        "video": None if film is None else film.described,
+        "video": None
+        if film is None
+        else {"frames": film.video.frames, "rate_hz": film.video.rate_hz},
         "error": _error(job.reader, result) or stop_line(findings),
     }
 

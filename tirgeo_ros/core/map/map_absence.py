@@ -1,4 +1,4 @@
-"""Find how far away and in which direction a map lies, and guess why it is far away."""
+"""Find how far away and in which direction a map lies, and say why no part of it is in view."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import azimuth
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.frames.rotations import azimuth, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, ecef_from_geodetic
+from tirgeo_ros.core.ground.camera_place import camera_heading_rad
 from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import HORIZON_ROWS
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 #: A map farther away than this does not belong to the flight.
 ELSEWHERE_M = 20_000.0
@@ -19,6 +23,8 @@ ELSEWHERE_M = 20_000.0
 _CANDIDATES = 16  # pieces of lines to search: the nearest box may not have the nearest line
 _HINT_M = 50_000.0  # a guessed mistake is likely if undoing it brings the map this near
 _ZONE_DEG = 6.0  # width of a UTM zone
+_MOVED_M, _MOVED_PART = 1.0, 0.05  # of the distance to the map: then it is searched again
+_GRID = 5  # pixels along each side of the picture, to look for the horizon
 _WORDS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"]
 
 
@@ -41,7 +47,11 @@ def nearest_feature(
     for piece in np.argsort(details.boxes.distance(position_n))[:_CANDIDATES].tolist():
         first = details.first[0, piece]
         vertices = details.points[:, first : first + details.count[0, piece]]
-        points.append(_on_segments(vertices, position_n))
+        # The horizontally nearest point on each segment.
+        start, along = vertices[:, :-1], np.diff(vertices, axis=1)
+        way = (along[:2] * (position_n[:2, None] - start[:2])).sum(axis=0)
+        share = np.clip(way / ((along[:2] ** 2).sum(axis=0) + 1e-9), 0.0, 1.0)
+        points.append(start + share * along)
     candidates = np.concatenate(points, axis=1)
     if not candidates.size:
         if first_n is None:
@@ -49,27 +59,11 @@ def nearest_feature(
         candidates = first_n[:, None]
     away = candidates - position_n[:, None]
     away_n = away[:, np.argmin((away[:2] ** 2).sum(axis=0))]
-    return Nearest(_over_ground(away_n), azimuth(away_n), position_n + away_n)
-
-
-def _on_segments(vertices: Array, position_n: Array) -> Array:
-    """Return the horizontally nearest point (3, N) on each segment of a line (3, N + 1)."""
-    start, along = vertices[:, :-1], np.diff(vertices, axis=1)
-    squared = (along[:2] ** 2).sum(axis=0) + 1e-9
-    to_place = position_n[:2, None] - start[:2]
-    share = np.clip((along[:2] * to_place).sum(axis=0) / squared, 0.0, 1.0)
-    return np.asarray(start + share * along)
-
-
-def _over_ground(away_n: Array) -> float:
-    """Return the distance (m) over a spherical Earth; near by, the horizontal distance.
-
-    Near by, differences of height do not count.
-    """
-    level, chord = math.hypot(away_n[0], away_n[1]), float(np.linalg.norm(away_n))
-    if level < ELSEWHERE_M and chord < 2 * ELSEWHERE_M:
-        return level
-    return 2 * SEMI_MAJOR_AXIS_M * math.asin(min(chord / (2 * SEMI_MAJOR_AXIS_M), 1.0))
+    level_m, chord_m = math.hypot(away_n[0], away_n[1]), float(np.linalg.norm(away_n))
+    if level_m >= ELSEWHERE_M or chord_m >= 2 * ELSEWHERE_M:  # over a spherical Earth
+        half = min(chord_m / (2 * SEMI_MAJOR_AXIS_M), 1.0)
+        level_m = 2 * SEMI_MAJOR_AXIS_M * math.asin(half)
+    return Nearest(level_m, azimuth(away_n), position_n + away_n)
 
 
 def compass_word(azimuth_rad: float) -> str:
@@ -125,3 +119,49 @@ def _apart_m(first: tuple[float, float], second: tuple[float, float]) -> float:
         return math.inf
     apart = ecef_from_geodetic(*first, 0.0) - ecef_from_geodetic(*second, 0.0)
     return float(np.linalg.norm(apart))
+
+
+class MapAbsence:
+    """Explain why one map is not in view; search it again once the camera has moved."""
+
+    def __init__(
+        self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
+    ) -> None:
+        """Set the map; ``first_n`` (3,) is a point of it, used if nothing lies on the ground."""
+        self._map, self._first_n = vector_map, first_n
+        self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
+        self._plane = plane
+        self._searched_from_n = np.full(3, np.inf)
+        self._nearest: Nearest | None = None
+
+    def why(self, camera: Camera, pose: CameraPose, far_m: float) -> str:
+        """Return the reason for a pose in the map's plane; ground is drawn up to ``far_m``."""
+        moved_m = math.dist(pose.position_n, self._searched_from_n)
+        near_m = self._nearest.distance_m if self._nearest else 0.0
+        if moved_m > max(_MOVED_M, _MOVED_PART * near_m):
+            self._nearest = nearest_feature(self._map, pose.position_n, self._first_n)
+            self._searched_from_n = pose.position_n
+        if self._nearest is None:
+            return "it has no place"
+        distance_m, azimuth_rad, point_n = self._nearest
+        lead = f"map {way_words(distance_m, azimuth_rad)}"
+        if distance_m > ELSEWHERE_M:
+            question = likely_mistake(self._plane, point_n)
+            return f"{lead}; {question}" if question else lead
+        if self._off_ground:
+            return "none of the map lies on the elevation model"
+        if _looks_above_horizon(camera, pose):
+            return "the camera looks above the horizon"
+        if distance_m > far_m:
+            return f"{lead}; it is drawn up to {distance_words(far_m)}"
+        return f"{lead}; the camera looks {compass_word(camera_heading_rad(pose))}"
+
+
+def _looks_above_horizon(camera: Camera, pose: CameraPose) -> bool:
+    """Return whether no pixel's ray points far enough down that ground is drawn there."""
+    across = np.linspace(0, camera.width - 1, _GRID)
+    down = np.linspace(0, camera.height - 1, _GRID)
+    uv = np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)
+    north, east, below = matrix_from_quat(pose.q_nc) @ camera.rays(uv).T
+    # Rays beyond the lens limit are nan and compare false.
+    return not bool((below > np.hypot(north, east) * (HORIZON_ROWS / camera.fy)).any())
