@@ -191,8 +191,11 @@ def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:
             contents.refused[gnss.name, f"fix type {fix}: no position in three dimensions"] += 1
             continue
         horizontal, vertical = (_known(sigma_m) ** 2 for sigma_m in gnss.sigma_m[row])
-        place = Source.RTK_POSITION, _FIXES[fix], *gnss.geodetic[row].tolist()
-        add(PositionSample(stamp_ns, *place, np.diag([horizontal, horizontal, vertical])))
+        covariance_n = np.diag([horizontal, horizontal, vertical])
+        latitude_rad, longitude_rad, height_m = gnss.geodetic[row].tolist()
+        place = latitude_rad, longitude_rad, height_m
+        source, status = Source.RTK_POSITION, _FIXES[fix]
+        add(PositionSample(stamp_ns, source, status, *place, covariance_n))
         velocity_n = gnss.velocity_n[row]
         if not np.isnan(velocity_n).any():
             covariance_n = np.eye(3) * _known(gnss.velocity_sigma_m_s[row]) ** 2

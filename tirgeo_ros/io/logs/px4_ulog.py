@@ -87,10 +87,11 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     try:
         gnss = None if receiver is None else _gnss(path, receiver, options)
         pressures = None if air is None else (air.time_us, air.column("baro_pressure_pa"))
-        q_nb = attitude and AttitudeTable(
-            attitude.time_us, attitude.columns(*(f"q[{k}]" for k in range(4)))
-        )
-        add_samples(contents, _imu(imu), q_nb, gnss, pressures)
+        attitudes = None
+        if attitude is not None:
+            q_nb = attitude.columns(*(f"q[{k}]" for k in range(4)))
+            attitudes = AttitudeTable(attitude.time_us, q_nb)
+        add_samples(contents, _imu(imu), attitudes, gnss, pressures)
         if receiver is not None:
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
     except KeyError as error:
