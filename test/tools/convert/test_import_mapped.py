@@ -351,33 +351,6 @@ def plain(message):
     return message.tolist() if isinstance(message, np.ndarray) else message
 
 
-@pytest.mark.slow
-def test_a_ground_robots_bag_field_by_field(bags, tmp_path):
-    """Each message as it was, at its time; its wheels' odometry turned by its attitude."""
-    path, out = bags / "ros1" / "husky_imu_fix.bag", tmp_path / "out.mcap"
-    odom = "/husky_velocity_controller/odom"
-    pairs = (("/imu/data", "imu/data"), ("/fix", "gps/fix"), (odom, "gps/vel"))
-    result = import_flight(path, out, mapped=MappedTopics(pairs))
-    kinds = ("sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix", "nav_msgs/msg/Odometry")
-    theirs = source_of(path, kinds)
-    for topic, name in (("/imu/data", "/imu/data"), ("/fix", "/gps/fix")):
-        ours = imported(out, name)
-        assert len(ours) == len(theirs[topic])
-        for (at_ns, one), (their_ns, other) in zip(ours, theirs[topic], strict=True):
-            assert (at_ns, plain(one)) == (their_ns, plain(other))
-    ours = imported(out, "/gps/vel")
-    for (at_ns, one), (their_ns, other) in zip(ours, theirs[odom], strict=True):
-        assert (at_ns, plain(one.header.stamp)) == (their_ns, plain(other.header.stamp))
-        q, forward = other.pose.pose.orientation, other.twist.twist.linear.x
-        yaw = 2 * math.atan2(q.z, q.w)
-        expected = forward * math.cos(yaw), forward * math.sin(yaw)
-        # The robot's attitude has a tilt of rounding alone; 1 m/s at most.
-        linear = one.twist.twist.linear
-        assert (linear.x, linear.y) == pytest.approx(expected, abs=1e-9)
-    assert "gravity is on +y at the beginning" in result["warning"]
-    assert "--imu-rpy 91 0 YAW" in result["warning"]
-
-
 def test_mavros_names_field_by_field(bags, tmp_path):
     path, out = bags / "ros1" / "made_mavros.bag", tmp_path / "out.mcap"
     pairs = (
