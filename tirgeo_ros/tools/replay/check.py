@@ -20,7 +20,7 @@ from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.registration import SAMPLES, FlightFilter, Registered, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 
 def check(
@@ -53,9 +53,7 @@ def check(
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
     flight = Flight(reader, namespace, camera=lens, checks=checks, **wanted)
     heights = _Heights()
-    poses = FlightPoses(
-        FlightFilter(fitted.ekf), fitted.gimbal, SAMPLES, (), [checks.watch, heights.watch]
-    )
+    poses = FlightPoses(fitted.ekf, fitted.gimbal, SAMPLES, (), [checks.watch, heights.watch])
     flight.add_poses(poses)
     flight.read_all(progress)
     findings += [*damage_findings(reader.damage), *checks.findings()]

@@ -37,7 +37,6 @@ from tirgeo_ros.tools.replay.flight_topics import PICTURES, done_without, inputs
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import OverlayFilm, ProcessOutputs
-from tirgeo_ros.tools.replay.registration import FlightFilter
 
 #: A larger refused share of one kind of measurement is not chance: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
@@ -169,7 +168,7 @@ def _run(
         film = _film(job, stack.enter_context(VideoFile(video))) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
         flight = Flight(job.reader, job.namespace, checks=job.checks, needs_camera=False)
-        given = FlightFilter(job.configs.ekf), job.configs.gimbal, job.topics.values()
+        given = job.configs.ekf, job.configs.gimbal, job.topics.values()
         poses = flight.add_poses(FlightPoses(*given), smooth=smooth)
         chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks, stage)
         outputs = ProcessOutputs(flight, poses, job.topics, *chain, raw_images=raw_images)
