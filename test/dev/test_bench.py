@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 
 import numpy as np
@@ -12,6 +13,7 @@ from dev.bench import dji as bench_dji
 from dev.bench import filters
 from dev.bench.graph import times_of
 from dev.bench.pyins import pyins_is_installed, pyins_run
+from dev.judging import Figure
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.dji.link.framing import FrameReader
