@@ -120,7 +120,7 @@ setup(
     ],
     extras_require={
         "ros": [
-            "ros-jazzy-rclpy<8",  # test_ekf_node.py says why
+            "ros-jazzy-rclpy>=7.1.6,<8",  # test_ekf_node.py says why
             "ros-jazzy-common-interfaces",
             "ros-jazzy-rmw-fastrtps-cpp",
         ],

@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import PROFILES, GraphSetup, await_words, run_graph
-from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
+from tirgeo_ros.tools.presentation.progress import Progress, Report
 
 RECORDED = (
     *("tirgeo/odometry", "tirgeo/fix", "tirgeo/camera_pose", "tirgeo/overlay/image"),
@@ -33,10 +33,8 @@ _FASTER = 3.0  # than real time: what repeats by the clock (heartbeats) counts a
 _PLAYER_S = 120.0
 
 
-def rows(
-    bag: Path, folder: Path, wanted: Sequence[str] = (), progress: Report = silent
-) -> list[str]:
-    """Return a row of Markdown for each topic of a bag, or those wanted: rate, size, kbit/s."""
+def rows(bag: Path, folder: Path, progress: Report) -> list[str]:
+    """Return a row of Markdown for each topic of a bag: rate, size, kbit/s."""
     reader = BagReader(bag)
     counts, sizes = Counter[str](), Counter[str]()
     for item in reader.messages():
@@ -44,14 +42,13 @@ def rows(
         sizes[item.topic] += len(item.data)
     span_s = (reader.span_ns[1] - reader.span_ns[0]) * 1e-9
     lines = []
-    topics = [one for one in counts if not wanted or one.strip("/") in wanted]
-    for done, topic in enumerate(sorted(topics), 1):
+    for done, topic in enumerate(sorted(counts), 1):
         rate_hz, mean = counts[topic] / span_s, sizes[topic] / counts[topic]
         on_wire = _bytes_on_loopback(bag, topic, folder) / counts[topic]
         kbit_s = rate_hz * on_wire * 8e-3
         cells = (f"{rate_hz:.1f}", f"{mean:.0f}", f"{on_wire:.0f}", f"{kbit_s:.0f}")
         lines.append(f"| `{topic.lstrip('/')}` | {' | '.join(cells)} |")
-        progress(done, len(topics))
+        progress(done, len(counts))
     return lines
 
 
@@ -93,29 +90,21 @@ def _carried() -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m dev.bandwidth", description=__doc__)
-    parser.add_argument("--jpeg-quality", type=int, default=80)
-    parser.add_argument("--topics", nargs="*", default=(), help="these alone, as tirgeo/odometry")
-    parser.add_argument("--rate", type=float, default=100.0, help="compressed_rate_hz")
-    args = parser.parse_args(argv)
+    argparse.ArgumentParser(prog="python -m dev.bandwidth", description=__doc__).parse_args(argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return exit_code("bandwidth", lambda: _run(args.jpeg_quality, args.rate, args.topics))
+    return exit_code("bandwidth", _run)
 
 
-def _run(jpeg_quality: int, rate_hz: float, topics: Sequence[str]) -> int:
+def _run() -> int:
     sample = find_resource("bags/sample")
     assert sample is not None
     with tempfile.TemporaryDirectory() as made, Progress("measuring") as bar:
-        folder = Path(made)
-        values = {"jpeg_quality": jpeg_quality, "compressed_rate_hz": rate_hz}
-        more = folder / "more.yaml"
-        more.write_text(f"/**/overlay_node: {{ros__parameters: {values}}}\n")
-        bag, params, map_file = (
-            sample / name for name in ("flight.mcap", "params.yaml", "map.geojson")
+        folder, bag = Path(made), sample / "flight.mcap"
+        setup = GraphSetup(
+            bag, folder, sample / "params.yaml", sample / "map.geojson", topics=RECORDED
         )
-        setup = GraphSetup(bag, folder, params, map_file, topics=RECORDED, more_params=[more])
         run = run_graph(setup, 30.0)
-        lines = rows(run.recording, folder, topics, bar) + rows(bag, folder, topics, bar)
+        lines = rows(run.recording, folder, bar) + rows(bag, folder, bar)
     head = "| topic | Hz | bytes of a message | bytes on the network | kbit/s |"
     return print_report([head, "| --- | --- | --- | --- | --- |", *lines], 0)
 

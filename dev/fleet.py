@@ -2,7 +2,7 @@
 
 ``python -m dev.fleet --aircraft 10 --seconds 60``: each aircraft has a namespace, its own place
 and heading, an IMU at 100 Hz, RTK and heading at 5 Hz, joints at 50 Hz. Exit code 1 where a sample
-got no pose, or one that stems from another aircraft, or the nodes use more cores than ``--cores``.
+got no pose, or one that stems from another aircraft, or the nodes use more than two cores.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ _OFF_M = 1.0
 #: The last poses come within the wait of the gimbal; lost parts are sent again every 3 s.
 _SETTLE_S = 3.5
 _POLL_S = 0.1
+_MOST_CORES = 2.0
 
 
 @dataclass
@@ -51,7 +52,7 @@ class Outputs:
 
 
 def read_outputs(recording: Path, names: Sequence[str]) -> dict[str, Outputs]:
-    """Return what each aircraft's graph gave, from the witness's bag."""
+    """Return what each aircraft's graph gave, from the recording."""
     cdr, fleet = Cdr(), {name: Outputs() for name in names}
     for item in BagReader(recording).messages():
         name, _, topic = item.topic.lstrip("/").partition("/")
@@ -65,33 +66,30 @@ def read_outputs(recording: Path, names: Sequence[str]) -> dict[str, Outputs]:
     return fleet
 
 
-@dataclass(frozen=True)
-class Judged:
-    """Hold the verdict on one aircraft."""
-
-    name: str
-    imu_sent: int
-    aligned_s: float  # from the first sample of the IMU to the first odometry; nan: never
-    odometry: int
-    odometry_lost: int  # samples of the IMU since then without odometry
-    poses: int  # of the camera
-    poses_lost: int  # joint samples between the first odometry and the last one without a pose
-    crossed: int  # messages that stem from another aircraft's sample, or lie off the own truth
-    error_m: float  # the largest distance from the truth; nan: no odometry
+#: The columns of the table, with the least and the most of each.
+_COLUMNS = {
+    "IMU sent": (-math.inf, math.inf),
+    "aligned s": (-math.inf, math.inf),  # from the first sample of the IMU to the first odometry
+    "odometry": (1, math.inf),
+    "odometry lost": (-math.inf, 0),  # samples of the IMU since then without odometry
+    "poses": (1, math.inf),  # of the camera
+    "poses lost": (-math.inf, 0),  # of joint samples between the first odometry and the last one
+    "crossed": (-math.inf, 0),  # messages of another aircraft's sample, or off the own truth
+    "off m": (-math.inf, math.inf),  # the largest distance from the truth
+}
 
 
-def judge(flight: FleetFlight, shift_ns: int, outputs: Outputs) -> Judged:
-    """Compare what an aircraft's graph gave with what was played to it."""
+def judge(flight: FleetFlight, shift_ns: int, outputs: Outputs) -> dict[str, float]:
+    """Return, by column, what an aircraft's graph gave of what was played to it."""
     sent = _sent(flight, shift_ns)
     imu, joints = sent["/imu/data"], sent["/gimbal/joint_states"]
     odometry, cameras = outputs.stamps_ns[_ODOMETRY], outputs.stamps_ns[_CAMERA]
-    first_ns = min(odometry, default=0)
+    first_ns, last_ns = min(odometry, default=0), max(odometry, default=0)
     errors = _errors_m(flight, shift_ns, outputs)
     # A camera's pose needs the body's before and after it.
-    due = {stamp for stamp in joints if first_ns <= stamp <= max(odometry, default=0)}
+    due = {stamp for stamp in joints if first_ns <= stamp <= last_ns}
     foreign = len(set(odometry) - imu) + len(set(cameras) - joints)
-    return Judged(
-        flight.name,
+    values = (
         len(imu),
         (first_ns - min(imu)) * 1e-9 if odometry else math.nan,
         len(odometry),
@@ -101,6 +99,7 @@ def judge(flight: FleetFlight, shift_ns: int, outputs: Outputs) -> Judged:
         foreign + int((errors > _OFF_M).sum()),
         float(errors.max(initial=0.0)) if odometry else math.nan,
     )
+    return dict(zip(_COLUMNS, values, strict=True))
 
 
 def _sent(flight: FleetFlight, shift_ns: int) -> dict[str, set[int]]:
@@ -126,20 +125,14 @@ def _errors_m(flight: FleetFlight, shift_ns: int, outputs: Outputs) -> Array:
 class FleetRun:
     """Hold what a fleet cost and what came of each aircraft."""
 
-    cores: dict[str, float]  # by kind of process, while the flights were played
+    cores: float  # of all nodes, while the flights were played
     memory_mb: float  # of all nodes, shared pages divided among those that share them
-    judged: list[Judged]
-
-    @property
-    def node_cores(self) -> float:
-        """Return the cores that the product's nodes used."""
-        return sum(cores for name, cores in self.cores.items() if not name.startswith("fleet_"))
+    judged: dict[str, dict[str, float]]  # by aircraft and column
 
 
 def run_fleet(
     folder: Path,
     flights: Sequence[FleetFlight],
-    nodes: Sequence[str] = NODES,
     *,
     together: bool = False,
     rate: float = 1.0,
@@ -151,86 +144,73 @@ def run_fleet(
     of real time. The nodes of an aircraft are a process each, or one ``together``, as ``tirgeo
     run`` has them. Raise GraphError for a node that ends early.
     """
-    programs = {"one_process": ("--", *nodes)} if together else dict.fromkeys(nodes, ())
+    programs = {"one_process": ("--", *NODES)} if together else dict.fromkeys(NODES, ())
     recording, shifts = folder / "recording.mcap", folder / "shifts.json"
-    names = [flight.name for flight in flights]
     bags = ",".join(str(flight.bag) for flight in flights)
     with started_graph(folder) as graph:
         for flight in flights:
             words = ("--params-file", str(flight.params), "-r", f"__ns:=/{flight.name}")
             for name, more in programs.items():
                 graph.start(name, words=[*words, *more], log=f"{flight.name}_{name}")
-        graph.start("fleet_witness", {"aircraft": ",".join(names), "output": recording})
-        player = graph.start("fleet_player", {"bags": bags, "output": shifts, "rate": rate})
+        values = {"bags": bags, "shifts": shifts, "recording": recording, "rate": rate}
+        player = graph.start("fleet_player", values)
         await_words(graph.processes, "ready")
-        cores, memory_mb = _watch(graph.processes, player, rate, progress)
-    moved_ns, outputs = read_json(shifts), read_outputs(recording, names)
-    judged = [judge(flight, moved_ns[flight.name], outputs[flight.name]) for flight in flights]
+        cores, memory_mb = _watch(graph.processes[:-1], player, rate, progress)
+    moved_ns = read_json(shifts)
+    outputs = read_outputs(recording, [flight.name for flight in flights])
+    judged = {f.name: judge(f, moved_ns[f.name], outputs[f.name]) for f in flights}
     return FleetRun(cores, memory_mb, judged)
 
 
 def _watch(
-    processes: Sequence[NodeProcess], player: NodeProcess, rate: float, progress: Report
-) -> tuple[dict[str, float], float]:
-    """Wait for the end of the flights; return the cores by kind of node, and the memory (MB).
+    nodes: Sequence[NodeProcess], player: NodeProcess, rate: float, progress: Report
+) -> tuple[float, float]:
+    """Wait for the end of the flights; return the nodes' cores and memory (MB).
 
     Cores are processor time (s) by time flown (s).
     """
-    begin_s, before = time.monotonic(), [0.0] * len(processes)
-    playing = False
-    while not player.said("played"):
-        if not playing and player.said("playing"):
-            playing, begin_s = True, time.monotonic()
-            before = [process.cpu_s() for process in processes]
-        for process in processes:
-            process.check_running()
-        progress(time.monotonic() - begin_s, None)
-        time.sleep(_POLL_S)
-    cores: dict[str, float] = {}
-    flown_s = (time.monotonic() - begin_s) * rate
-    for process, spent_s in zip(processes, before, strict=True):
-        used = (process.cpu_s() - spent_s) / flown_s
-        cores[process.name] = cores.get(process.name, 0.0) + used
-    memory_mb = sum(map(_proportional_mb, processes))
+
+    def until(word: str) -> tuple[float, float]:
+        """Return when the player said a word, and the nodes' processor time by then (s)."""
+        while not player.said(word):
+            for process in (*nodes, player):
+                process.check_running()
+            progress(time.monotonic() - begin_s, None)
+            time.sleep(_POLL_S)
+        return time.monotonic(), sum(process.cpu_s() for process in nodes)
+
+    begin_s = time.monotonic()
+    (begin_s, used_s), (end_s, used_at_end_s) = until("playing"), until("played")
+    memory_mb = sum(map(_proportional_mb, nodes))
     time.sleep(_SETTLE_S)
-    return cores, memory_mb
+    return (used_at_end_s - used_s) / ((end_s - begin_s) * rate), memory_mb
 
 
 def _proportional_mb(process: NodeProcess) -> float:
-    """Return the memory of a product's node (proc(5), smaps_rollup: Pss); 0 of the others'."""
-    if process.name.startswith("fleet_"):
-        return 0.0
+    """Return the memory of a process (proc(5), smaps_rollup: Pss)."""
     text = Path(f"/proc/{process.pid}/smaps_rollup").read_text()
     return int(text.partition("\nPss:")[2].split()[0]) / 1024
 
 
-_HEAD = ("IMU sent ", "aligned s ", "odometry ", "lost ", "poses ", "lost ", "crossed ", "off m ")
-
-
-def report(run: FleetRun, cores: float) -> tuple[list[str], int]:
+def report(run: FleetRun) -> tuple[list[str], int]:
     """Return a line for each aircraft, the cost of all, and the number of missed figures."""
-    table = MarkedTable(16, 12)
-    lines = [table.row("aircraft", _HEAD)]
-    for one in run.judged:
-        cells = [f"{one.imu_sent} ", f"{one.aligned_s:.1f} "]
-        for came, lost in ((one.odometry, one.odometry_lost), (one.poses, one.poses_lost)):
-            cells += [table.cell(came, 1, digits=0), table.cell(lost, high=0, digits=0)]
-        cells += [table.cell(one.crossed, high=0, digits=0), table.cell(one.error_m)]
-        lines.append(table.row(one.name, cells))
-    lines += [table.row(name, [f"{used:.2f} "]) + " cores" for name, used in run.cores.items()]
-    whole = table.row("all nodes", [table.cell(run.node_cores, high=cores)])
+    table = MarkedTable(12, 15)
+    lines = [table.row("aircraft", [f"{name} " for name in _COLUMNS])]
+    for aircraft, values in run.judged.items():
+        cells = [table.cell(values[name], *bounds) for name, bounds in _COLUMNS.items()]
+        lines.append(table.row(aircraft, cells))
+    whole = table.row("all nodes", [table.cell(run.cores, high=_MOST_CORES)])
     return [*lines, f"{whole} cores, {run.memory_mb:.0f} MB"], table.missed
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(aircraft: int, seconds: float, *, together: bool) -> int:
     with tempfile.TemporaryDirectory() as made:
-        folder = (args.out or Path(made)).absolute()
+        folder = Path(made)
         with Progress("simulating the flights") as bar:
-            flights = make_fleet(folder, args.aircraft, args.seconds, bar)
-        nodes, how = args.nodes.split(","), {"together": args.together, "rate": args.rate}
+            flights = make_fleet(folder, aircraft, seconds, bar)
         with Progress("flying", "s") as bar:
-            run = run_fleet(folder, flights, nodes, **how, progress=bar)
-    return print_report(*report(run, args.cores))
+            run = run_fleet(folder, flights, together=together, progress=bar)
+    return print_report(*report(run))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -238,18 +218,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m dev.fleet", description=__doc__)
     parser.add_argument("--aircraft", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="of flight")
-    parser.add_argument("--cores", type=float, default=2.0, help="that the nodes may use in all")
-    parser.add_argument(
-        "--rate", type=float, default=1.0, help="less than 1 where the machine has other work"
-    )
-    parser.add_argument("--nodes", default=",".join(NODES), help="of each aircraft")
     parser.add_argument("--together", action="store_true", help="each aircraft's in one process")
-    parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="for logs and recording")
     args = parser.parse_args(argv)
     if args.aircraft < 1 or args.seconds < 10:
         parser.error("at least one --aircraft and ten --seconds")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return exit_code("fleet", lambda: _run(args))
+    return exit_code("fleet", lambda: _run(args.aircraft, args.seconds, together=args.together))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import signal
@@ -85,12 +84,6 @@ def await_end(node: NodeProcess, limit_s: float) -> None:
 def read_json(path: Path) -> Any:
     """Return what a node wrote at its end."""
     return json.loads(path.read_text())
-
-
-def cpu_s(pid: int) -> float:
-    """Return the processor time of a process so far (proc(5), stat)."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(int(ticks) for ticks in fields[11:13]) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager

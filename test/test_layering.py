@@ -33,8 +33,8 @@ ORDER = {
     "navigation calibration gimbal overlay checks",
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link host sources interpret simulator",
-    "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
-    "geopackage targets video",
+    "io": "files coordinates parameters elevation messages logs pictures bags maps surveys "
+    "targets video",
     "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
     "graph cli",
 }

@@ -19,12 +19,12 @@ from dev.bench.graph import graph_figures
 from dev.bench.overlay import click_speeds, overlay_times
 from dev.bench.pyins import pyins_is_installed
 from dev.judging import Figure, exit_code, print_figures
+from dev.static_imu import write_static
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.simulate.scenario import Scenario
-from tirgeo_ros.tools.simulate.static_imu import write_static
 
 #: The fastest of several runs is the one least slowed by other processes.
 _RUNS = 3

@@ -31,7 +31,6 @@ from tirgeo_ros.nodes.runner import run
 JUMPS_S = (-20, 300, -400, 40)
 FRAMES = "/thermal/image_raw/compressed"
 _MS = 1_000_000
-_CLOCK_HZ = 100.0
 
 
 class SoakPlayer(GraphNode):
@@ -75,7 +74,7 @@ class SoakPlayer(GraphNode):
         await_readers(self, self._topics.values(), self._wait_for, 60.0, stop)
         self.get_logger().info("playing")
         self._note(f"epoch {self._epoch} {self._shift_ns}")
-        clock = PlayClock(self._rate, _CLOCK_HZ, self._tick)
+        clock = PlayClock(self._rate, self._tick)
         for rounds in count():
             flown_ns = rounds * self._period_ns
             for due_ns, topic, data in self._flight:

@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import json
 import multiprocessing
-import tempfile
 import time
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from dataclasses import replace
@@ -38,15 +37,14 @@ _CHANGES, _MOST_TRIES, _GIVE_UP_S = 40, 20, 5.0
 _CALM_S, _SETTLE_S, _LONGEST_S = 4.0, 3.0, 60.0
 
 
-def flood_figures(seconds: float) -> Iterator[Figure]:
+def flood_figures(work: Path, seconds: float) -> Iterator[Figure]:
     """Yield the figures of a page under all floods at once."""
-    with tempfile.TemporaryDirectory() as folder:
-        pictures = Path(folder) / "pictures"
-        pictures.mkdir()
-        noise = np.random.default_rng(1).integers(0, 90, (512, 640), np.uint8)
-        cv2.imwrite(str(pictures / "0.jpg"), noise)
-        with ServedPage(pictures, Path(folder), _CONFIG) as page:
-            yield from asyncio.run(_measured(page, min(seconds, _LONGEST_S)))
+    pictures = work / "pictures"
+    pictures.mkdir()
+    noise = np.random.default_rng(1).integers(0, 90, (512, 640), np.uint8)
+    cv2.imwrite(str(pictures / "0.jpg"), noise)
+    with ServedPage(pictures, work, _CONFIG) as page:
+        yield from asyncio.run(_measured(page, min(seconds, _LONGEST_S)))
 
 
 async def _measured(page: ServedPage, seconds: float) -> list[Figure]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
-import os
 import threading
 import time
 from collections.abc import Sequence
@@ -56,15 +55,10 @@ class ServedPage:
         self._ours.send("cpu")
         return float(self._ours.recv())
 
-    def memory_bytes(self) -> int:
-        """Return what the process has in memory."""
-        statm = Path(f"/proc/{self._process.pid}/statm").read_text()
-        return int(statm.split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-    def most_memory_bytes(self) -> int:
-        """Return the most that the process had in memory."""
+    def memory_mib(self, field: str) -> float:
+        """Return ``VmRSS`` or ``VmHWM`` of the process: what it has in memory, or had at most."""
         status = Path(f"/proc/{self._process.pid}/status").read_text()
-        return int(status.partition("VmHWM:")[2].split()[0]) * 1024
+        return int(status.partition(f"{field}:")[2].split()[0]) / 1024
 
 
 class _Level:
@@ -91,16 +85,11 @@ class _Level:
         return b"" if aircraft else b"{}"
 
 
-def draw_pictures(flight: Path, work: Path, pictures: Path) -> Path:
-    """Write the overlay's pictures of a flight to a folder; return it."""
-    bag = work / "overlay.mcap"
-    process(
-        flight / "flight.mcap",
-        bag,
-        params=flight / "params.yaml",
-        map=flight / "map.geojson",
-        images=True,
-    )
+def draw_pictures(flight: Path, work: Path) -> Path:
+    """Write the overlay's pictures of a flight to a folder below ``work``; return it."""
+    bag, pictures = work / "overlay.mcap", work / "pictures"
+    given = {"params": flight / "params.yaml", "map": flight / "map.geojson"}
+    process(flight / "flight.mcap", bag, images=True, **given)
     pictures.mkdir()
     topic = "/tirgeo/overlay/image/compressed"
     for count, message in enumerate(BagReader(bag).messages([topic])):

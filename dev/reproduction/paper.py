@@ -9,14 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-#: Table 1: RMSE of GPS against RTK, and of the autopilot's heading against the filtered one.
-TABLE_1: Mapping[str, float] = {
-    "E_Xcam_m": 1.2846,
-    "E_Ycam_m": 0.9342,
-    "E_hcam_m": 2.8017,
-    "E_beta_deg": 1.7972,
-}
-
 #: Table 2: registration errors due to Table 1's, means over the field of view, m.
 TABLE_2_M: Mapping[str, float] = {
     "CamPosition": 1.5884,

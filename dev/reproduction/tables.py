@@ -10,7 +10,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from dev.reproduction.paper import (
-    TABLE_1,
     TABLE_2_M,
     TABLE_5,
     TABLE_6_AVERAGE_M,
@@ -55,27 +54,13 @@ def p_value(value: float | None) -> str:
 
 
 def ground_factors(results: Results) -> dict[str, object]:
-    """Return Tables 1 and 2."""
-    measured = results["flight budget"]["flight"]
-    rows = []
-    for name, unit, key in (
-        ("E_Xcam (east)", "m", "east_error_m"),
-        ("E_Ycam (north)", "m", "north_error_m"),
-        ("E_hcam (height)", "m", "height_error_m"),
-        ("E_beta (heading)", "deg", "heading_error_deg"),
-    ):
-        paper = TABLE_1[f"{name.split()[0]}_{unit}"]
-        # The simulator is given the paper's own numbers.
-        numbers = [f"{fixed(value, 4)} {unit}" for value in (paper, paper, measured[key])]
-        rows.append([name, *numbers, f"{measured[key] / paper:.2f}"])
-    first = table(["error", "paper", "put in", "here", "here / paper"], rows)
+    """Return Table 2."""
     names = ("Position", "Height", "Position3D", "Yaw")
     columns = [[TABLE_2_M[f"Cam{name}"] for name in names]]
     for run, form in (
         ("budget", "closed"),
         ("centred budget", "closed"),
         ("budget", "general"),
-        ("flight budget", "closed"),
     ):
         means = {r["factor"]: r["mean_m"] for r in results[run]["rows"] if r["form"] == form}
         columns.append([means[one] for one in ("position", "height", "position 3d", "heading")])
@@ -87,12 +72,9 @@ def ground_factors(results: Results) -> dict[str, object]:
     both = [math.hypot(*column[:2]) for column in columns]
     last = f"{both[1] / columns[0][2]:.2f}"
     rows.append(["hypotenuse of the first two", *(fixed(one, 4) for one in both), last])
-    forms = ("paper", "Eq. 15-21", "same, centred", "covariance", "flight's own errors")
+    forms = ("paper", "Eq. 15-21", "same, centred", "covariance")
     head = ["mean over the field of view, m", *forms, "Eq. 15-21 / paper"]
     return {
-        "sensor_errors": first,
-        "positions": measured["positions"],
-        "headings": measured["headings"],
         "ground_factors": table(head, rows),
         "height_off": f"{100 * (ratios[1] - 1):.1f} %",
         "heading_off": f"{100 * (ratios[3] - 1):.1f} %",
@@ -212,7 +194,7 @@ def _mean(result: Mapping[str, Any], method: str) -> float:
 
 
 def located(results: Results) -> dict[str, object]:
-    """Return Table 6: its averages by way, the gains, and every point."""
+    """Return Table 6: its averages by way, and the gains."""
     seeds = [
         name.split()[1] for name in results if name.startswith("flight ") and name[-1].isdigit()
     ]
@@ -254,23 +236,12 @@ def located(results: Results) -> dict[str, object]:
     )
     return values | {
         "gains": table(["less than `raw` by", "paper", *ways], rows),
-        "points": _points(results["paper"]),
         "calibrated": calibrated,
     }
 
 
 def _share(value: float, raw: float) -> str:
     return f"{100 * (1 - value / raw):.0f} %"
-
-
-def _points(result: Mapping[str, Any]) -> str:
-    methods = list(METHODS)[:4]
-    rows = []
-    for number, (name, point) in enumerate(result["points"].items(), 1):
-        paper = [fixed(TABLE_6_M[method].get(str(number)), 2) for method in methods]
-        here = [fixed(point["rmse_m"][method], 2) for method in methods]
-        rows.append([str(number), *paper, name, *here])
-    return table(["no.", *(f"paper: {name}" for name in methods), "point", *methods], rows)
 
 
 def askew(results: Results) -> dict[str, object]:

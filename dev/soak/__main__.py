@@ -10,7 +10,6 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
@@ -31,7 +30,17 @@ from dev.soak.account import (
     read_record,
     witnessed,
 )
-from dev.soak.run import GUEST, WITNESS, Event, Life, SoakRun, run_soak, schedule
+from dev.soak.run import (
+    GUEST,
+    LEDGER,
+    RECORD,
+    WITNESS,
+    Event,
+    Life,
+    Lives,
+    run_soak,
+    schedule,
+)
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.cli.main import unwind_on_signals
@@ -46,34 +55,22 @@ _BLOCK_S = 15.0
 #: on a machine with much other work takes many more to start and to be found.
 _SILENCE = "<= 60"
 _GROWTH, _SIGMAS, _NONE = "<= 2", "<= 4", "<= 0"
-Sample = tuple[float, int, int]  # seconds of life, bytes resident, bytes of them shared
 
 
-@dataclass(frozen=True)
-class Growth:
-    """Hold how much more memory a process has later than after its first minute: parts of that.
+def growth(samples: Sequence[tuple[float, int]]) -> float:
+    """Return how much more memory a life has later than after its first minute: a part of that.
 
-    A process's own memory is judged: what is resident, less the pages of shared memory. These are
-    all of Fast DDS's segments, each of which the process that makes it fills whole at its start; a
-    reader counts those pages of a peer's segment as resident that it has ever read from.
-    docs/soak.md tells why they become more where a peer is killed, and the table how many did.
+    ``samples``: seconds of life, and the bytes of its own, without the pages of Fast DDS's shared
+    memory, of which docs/soak.md tells. Return nan where it was too short to have a later block.
     """
-
-    own: float
-    resident: float  # with the pages of shared memory that it has touched
-
-
-def growth(samples: Sequence[Sample]) -> Growth | None:
-    """Return the growth of one life, None where it was too short to have a later block."""
-    means: list[Array] = []  # own and resident bytes of each block
+    means: list[float] = []  # of each block
     for number in count():
         begin_s = _SETTLED_S + number * _BLOCK_S
-        block = [sample for sample in samples if begin_s <= sample[0] < begin_s + _BLOCK_S]
+        block = [held for at_s, held in samples if begin_s <= at_s < begin_s + _BLOCK_S]
         if not block or samples[-1][0] < begin_s + _BLOCK_S:
             break
-        _, resident, shared = np.mean(block, axis=0)
-        means.append(np.array([resident - shared, resident]))
-    return Growth(*(np.max(means[1:], axis=0) / means[0] - 1)) if len(means) > 1 else None
+        means.append(float(np.mean(block)))
+    return max(means[1:]) / means[0] - 1 if len(means) > 1 else math.nan
 
 
 def memory_figures(lives: Sequence[Life], *, short: bool = False) -> Iterator[Figure]:
@@ -82,39 +79,26 @@ def memory_figures(lives: Sequence[Life], *, short: bool = False) -> Iterator[Fi
     A short soak cannot tell.
     """
     for node in dict.fromkeys(life.node for life in lives if life.node != GUEST):
-        grown = [one for life in lives if life.node == node and (one := growth(life.memory))]
-        own = max((one.own for one in grown), default=math.nan)
-        resident = max((one.resident for one in grown), default=math.nan)
-        judged = node != WITNESS and not (short and not grown)
+        grown = [growth(life.memory) for life in lives if life.node == node]
+        most = max((one for one in grown if not math.isnan(one)), default=math.nan)
+        judged = node != WITNESS and not (short and math.isnan(most))
         asked = _GROWTH if judged else ""
-        yield Figure(f"{node}: memory grown after its first minute", 100 * own, "%", asked)
-        yield Figure("  with the pages of shared memory that it has touched", 100 * resident, "%")
+        yield Figure(f"{node}: memory grown after its first minute", 100 * most, "%", asked)
 
 
-def leftover_figures(run: SoakRun) -> Iterator[Figure]:
-    """Yield what is left, and who went without being asked.
-
-    A killed process's ports (0.1 MB each) stay until the next one takes their numbers: to remove
-    one might cut off that next one.
-    """
-    ports = sum("port" in name for name in run.left_files)
-    ended = len(run.lives.by_themselves)
-    yield Figure("segments left in shared memory", len(run.left_files) - ports, "", _NONE)
-    yield Figure("  files of ports left there", ports)
-    yield Figure("processes left", len(run.left_processes), "", _NONE)
+def leftover_figures(lives: Lives) -> Iterator[Figure]:
+    """Yield what is left, and who went without being asked."""
+    ended = len(lives.by_themselves)
+    yield Figure("segments left in shared memory", len(lives.left_files()), "", _NONE)
+    yield Figure("processes left", len(lives.left_processes()), "", _NONE)
     yield Figure("nodes that ended by themselves or with an error", ended, "", _NONE)
 
 
-def frame_figures(frames: Balance) -> Iterator[Figure]:
-    """Yield the balance of the frames."""
-    yield Figure("frames sent", frames.sent)
-    for key, words in FATES.items():
-        yield Figure(f"  {words}", frames.fates[key])
-    yield Figure("  sent while overlay_node was down or had not found the sender", frames.down)
-    yield Figure("  after the last report of a killed overlay_node", frames.died)
-    yield Figure("  last and first frames of a killed player and its successor", frames.changed)
-    lost = frames.unaccounted + abs(frames.sent - frames.accounted)
-    yield Figure("  without account", lost, "", _NONE)
+def frame_figures(frames: Balance, sent: int) -> Iterator[Figure]:
+    """Yield what became of the frames."""
+    yield Figure("frames sent", sent)
+    yield from (Figure(f"  {fate}", frames.fates[fate]) for fate in FATES)
+    yield Figure("  without account", frames.unaccounted, "", _NONE)
     yield Figure("reports that contradict themselves", len(frames.contradictions), "", _NONE)
     yield Figure("lives of overlay_node of 20 s and more without a line", frames.blind, "", _NONE)
 
@@ -137,7 +121,7 @@ def picture_figures(record: Record, lives: Sequence[Life]) -> Iterator[Figure]:
     """Yield the pictures with lines, and those of them that had no pose."""
     latency_ns = round(OverlayConfig().video_latency_s * 1e9)
     gimbals = [life.began_s for life in lives if life.node == "gimbal_node"]
-    judged = witnessed(record.pictures, record.poses, gimbals, latency_ns)
+    judged = witnessed(record.pictures, record.poses, gimbals)
     wrong = lines_without_pose(judged, record.poses.stamps_ns, latency_ns)
     came_s = np.array([picture.came_s for picture in record.pictures])
     yield Figure("pictures with lines", sum(map(has_lines, judged)))
@@ -152,17 +136,17 @@ def _silence_s(came_s: Array) -> float:
     return float(np.diff(came_s).max()) if len(came_s) > 1 else math.inf
 
 
-def judged(run: SoakRun, flight: SoakFlight, *, short: bool) -> list[Figure]:
+def judged(lives: Lives, folder: Path, flight: SoakFlight, *, short: bool) -> list[Figure]:
     """Return all figures of a soak."""
-    ledger, record, lives = read_ledger(run.ledger), read_record(run.record), run.lives.all
-    overlays = [life for life in lives if life.node == "overlay_node"]
+    ledger, record = read_ledger(folder / LEDGER), read_record(folder / RECORD)
+    overlays = [life for life in lives.all if life.node == "overlay_node"]
     spans = [(life.began_s, life.ended_s or math.inf, life.killed) for life in overlays]
     return [
-        *memory_figures(lives, short=short),
-        *leftover_figures(run),
-        *frame_figures(balance(ledger, record.reports, spans)),
+        *memory_figures(lives.all, short=short),
+        *leftover_figures(lives),
+        *frame_figures(balance(ledger, record.reports, spans), len(ledger.stamps_ns)),
         *pose_figures(record, ledger, flight),
-        *picture_figures(record, lives),
+        *picture_figures(record, lives.all),
     ]
 
 
@@ -178,32 +162,16 @@ def soak(
     Raises GraphError for a node that does not start.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    run = run_soak(flight, events, folder, duration_s, progress)
-    figures = judged(run, flight, short=duration_s < _SHORT_S)
-    _save(folder, run, events, figures)
-    return figures
-
-
-def _save(folder: Path, run: SoakRun, events: Sequence[Event], figures: Sequence[Figure]) -> None:
+    lives = run_soak(flight, events, folder, duration_s, progress)
+    figures = judged(lives, folder, flight, short=duration_s < _SHORT_S)
     result = {
-        "figures": [
-            figure._asdict()
-            | {
-                "value": figure.value if math.isfinite(figure.value) else None,
-                "missed": figure.missed,
-            }
-            for figure in figures
-        ],
+        "figures": [figure._asdict() | {"missed": figure.missed} for figure in figures],
         "events": [[e.at_s, e.kind.value, e.node, e.lasts_s] for e in events],
-        "ended_by_themselves": run.lives.by_themselves,
-        "left_files": run.left_files,
-        "left_processes": run.left_processes,
-        "memory": [
-            {"node": life.node, "s_rss_shared": life.memory, "killed": life.killed}
-            for life in run.lives.all
-        ],
+        "ended_by_themselves": lives.by_themselves,
+        "memory": [{"node": life.node, "s_bytes": life.memory} for life in lives.all],
     }
     (folder / "soak.json").write_text(json.dumps(result, indent=2) + "\n")
+    return figures
 
 
 def _run(minutes: float, seed: int, folder: Path) -> int:

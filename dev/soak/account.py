@@ -1,10 +1,9 @@
 """Account for a soak by what was written down: the player's ledger and the witness's record.
 
 overlay_node counts the frames since the first that came (``frames_sent``, by the numbers of their
-sender) and what became of them. Between two reports of one life, as many frames must have been
-counted as were sent between the newest frames that they name, and every one must have a fate.
-What no report can tell: the frames after the last report of a life that was killed, and those
-before the first that the next life, or a new sender, was heard of with.
+sender) and what became of them. Between two reports of one life and one sender, as many frames
+must have been counted as were sent between the newest frames that they name, and every one must
+have a fate. A life that was not killed reports its last frame.
 """
 
 from __future__ import annotations
@@ -32,26 +31,9 @@ EPOCHS = 1000
 class Ledger:
     """Hold what the players have sent, in order."""
 
-    shift_ns: dict[int, int] = field(default_factory=dict)  # by epoch
+    shift_ns: dict[int, int]  # by epoch
     stamps_ns: list[int] = field(default_factory=list)  # of each frame
     sent_s: list[float] = field(default_factory=list)  # when, by the steady clock
-
-    def place(self, stamp_ns: int) -> int | None:
-        """Return which frame of all it is, from 0 on; None for one that was not sent."""
-        return self._places.get(stamp_ns)
-
-    def __post_init__(self) -> None:
-        self._places: dict[int, int]
-        places = {stamp: place for place, stamp in enumerate(self.stamps_ns)}
-        object.__setattr__(self, "_places", places)
-
-    def player(self, place: int) -> int:
-        """Return which of the players, from 0 on, has sent a frame."""
-        return epoch_of(self.stamps_ns[place]) // EPOCHS
-
-    def sent_before(self, time_s: float) -> int:
-        """Return how many frames had been sent at a time."""
-        return bisect_right(self.sent_s, time_s)
 
 
 def epoch_of(stamp_ns: int) -> int:
@@ -130,15 +112,8 @@ def poses_of(rows: Iterable[tuple[float, int, list[float]]]) -> Poses:
     return Poses(came_s, stamps, *np.split(numbers, [3, 7], axis=1))
 
 
-#: The name of the count, and what it counts.
-FATES = {
-    "drawn": "drawn",
-    "notices": "published with a notice instead of the map",
-    "replaced": "replaced by a newer frame while waiting for a pose",
-    "frames_missed": "replaced in the queue, or lost by the transport",
-    "out_of_order": "rejected: not newer than the previous one",
-    "invalid": "rejected: not a picture",
-}
+#: overlay_node's counts of what became of a frame.
+FATES = ("drawn", "notices", "replaced", "frames_missed", "out_of_order", "invalid")
 #: Reports, one a second.
 _LONG = 20
 
@@ -147,19 +122,10 @@ _LONG = 20
 class Balance:
     """Hold where the frames are."""
 
-    sent: int
-    fates: Counter[str] = field(default_factory=Counter)  # by the keys of FATES
-    died: int = 0  # counted, if at all, after the last report of a life that was killed
-    down: int = 0  # sent while overlay_node was down, or had not found its sender
-    changed: int = 0  # the last of a sender that was killed, the first of the next one
+    fates: Counter[str] = field(default_factory=Counter)  # by FATES, of all lives
     unaccounted: int = 0
     blind: int = 0  # lives that have reported for long and never drawn a line
     contradictions: list[str] = field(default_factory=list)
-
-    @property
-    def accounted(self) -> int:
-        """Return all that have a place; equal to ``sent`` where the books are right."""
-        return self.fates.total() + self.died + self.down + self.changed + self.unaccounted
 
 
 @dataclass(frozen=True)
@@ -168,75 +134,59 @@ class _Count:
 
     came_s: float
     place: int
+    player: int
     received: int
     fates: Counter[str]
-    waiting: int
 
 
 def balance(
     ledger: Ledger, reports: Iterable[Report], lives: Sequence[tuple[float, float, bool]]
 ) -> Balance:
-    """Return the fates of all frames.
+    """Return the fates of the frames.
 
     ``lives``: begin and end of each life of overlay_node, in order, by the steady clock, and
     whether it was killed.
     """
-    frames = Balance(len(ledger.stamps_ns))
+    frames = Balance()
     counts = _counts(reports, ledger, frames)
-    done = 0  # frames before this place have their fate
-    for number, (began_s, ended_s, killed) in enumerate(lives):
-        next_s = lives[number + 1][0] if number + 1 < len(lives) else float("inf")
+    ends_s = [*(began_s for began_s, _, _ in lives[1:]), float("inf")]
+    for (began_s, ended_s, killed), next_s in zip(lives, ends_s, strict=True):
         own = [count for count in counts if began_s <= count.came_s < next_s]
-        if own:
-            done = _add_life(frames, own, ledger, done)
-        untold = max(0, ledger.sent_before(ended_s) - done) if own else 0
-        if killed:
-            frames.died += untold
-        else:
-            frames.unaccounted += untold
-        done += untold
-    frames.down += frames.sent - done
+        if not own:
+            continue
+        for before, after in pairwise(own):
+            if before.player == after.player:
+                counted = after.received - before.received
+                frames.unaccounted += abs(after.place - before.place - counted)
+        if not killed:
+            sent = bisect_right(ledger.sent_s, ended_s)
+            frames.unaccounted += max(0, sent - own[-1].place - 1)
+        frames.fates += own[-1].fates
+        frames.blind += len(own) >= _LONG and not own[-1].fates["drawn"]
     return frames
 
 
 def _counts(reports: Iterable[Report], ledger: Ledger, frames: Balance) -> list[_Count]:
+    places = {stamp_ns: place for place, stamp_ns in enumerate(ledger.stamps_ns)}
     counts = []
     for report in reports:
         values, newest_ns = report.counts, report.newest_frame_ns
-        if not newest_ns:
-            continue
-        place = ledger.place(newest_ns)
-        if place is None:
+        if newest_ns and newest_ns not in places:
             frames.contradictions.append(f"newest frame {newest_ns} was never sent")
+        if newest_ns not in places:
             continue
         fates = Counter({key: values[key] for key in FATES})
         fates["invalid"] += report.refused
-        received, waiting = values["frames_sent"], values["waiting"]
-        counts.append(_Count(report.came_s, place, received, fates, waiting))
-        off = received - fates.total() - waiting
+        received, player = values["frames_sent"], epoch_of(newest_ns) // EPOCHS
+        counts.append(_Count(report.came_s, places[newest_ns], player, received, fates))
+        off = received - fates.total() - values["waiting"]
         if off:
             frames.contradictions.append(f"{off} of {received} frames have no fate: {values}")
     return counts
 
 
-def _add_life(frames: Balance, own: Sequence[_Count], ledger: Ledger, done: int) -> int:
-    """Account for one life by its reports; return the place behind their last frame."""
-    first, last = own[0], own[-1]
-    began = first.place + 1 - first.received
-    frames.down += max(0, began - done)
-    frames.unaccounted += max(0, done - began)  # more than were sent
-    for before, after in pairwise(own):
-        lacking = (after.place - before.place) - (after.received - before.received)
-        if lacking > 0 and ledger.player(before.place) != ledger.player(after.place):
-            frames.changed += lacking
-        else:
-            frames.unaccounted += abs(lacking)
-    frames.fates += last.fates
-    frames.blind += len(own) >= _LONG and not last.fates["drawn"]
-    frames.died += last.waiting
-    return last.place + 1
-
-
+#: A picture's exposure is at most so long before its coming.
+_MEET_S = 2.0
 #: Colour on so few pixels is no line.
 _LEAST_INK = 20
 #: Between two poses so far apart there is a pose, and so long after the last one a prediction:
@@ -278,25 +228,17 @@ def deviations(
 
 
 def witnessed(
-    pictures: Sequence[Picture], poses: Poses, gimbals_s: Sequence[float], latency_ns: int
+    pictures: Sequence[Picture], poses: Poses, gimbals_s: Sequence[float]
 ) -> list[Picture]:
     """Return the pictures whose poses the witness has, if there were any.
 
-    ``gimbals_s``: when each gimbal_node was started. overlay_node may have found it, and got its
+    ``gimbals_s``: when each gimbal_node was started. overlay_node may have met it, and got its
     poses, before the witness has.
     """
-    left_out: set[int] = set()
-    for began_s in gimbals_s:
-        first = int(np.searchsorted(poses.came_s, began_s))
-        exists = first < len(poses.stamps_ns)
-        came_s, stamp_ns = (poses.came_s[first], poses.stamps_ns[first]) if exists else (np.inf, 0)
-        for number, picture in enumerate(pictures):
-            early = epoch_of(picture.stamp_ns) == epoch_of(stamp_ns) and (
-                picture.stamp_ns - latency_ns < stamp_ns
-            )
-            if picture.came_s >= began_s and (picture.came_s <= came_s or early):
-                left_out.add(number)
-    return [picture for number, picture in enumerate(pictures) if number not in left_out]
+    firsts = [int(np.searchsorted(poses.came_s, began_s)) for began_s in gimbals_s]
+    met_s = [*poses.came_s, np.inf]
+    spans = [(began, met_s[k] + _MEET_S) for began, k in zip(gimbals_s, firsts, strict=True)]
+    return [p for p in pictures if not any(begin <= p.came_s <= end for begin, end in spans)]
 
 
 def lines_without_pose(

@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import random
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,6 +30,7 @@ NODES = ("ekf_node", "gimbal_node", "overlay_node", "soak_mute", "soak_player")
 WITNESS = "soak_witness"
 #: A second soak_mute, which lives to be killed in the minute in which others settle.
 GUEST = "soak_guest"
+LEDGER, RECORD = "ledger.txt", "record.jsonl"
 RATE = 2.0
 
 #: All nodes settle before the first, and after the last.
@@ -48,6 +50,7 @@ _AWAITED = "imu/data,thermal/camera_info,thermal/image_raw/compressed"
 _DEEP = {"/tirgeo/camera_pose": {"publisher": {"depth": 300}}}
 
 _SHARED = Path("/dev/shm")  # noqa: S108 where Fast DDS puts its files
+_SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}(_el)?")
 #: Names the soak in the environment of all that it starts, their children too.
 _MARK = "TIRGEO_SOAK"
 
@@ -134,8 +137,8 @@ class Life:
     began_s: float
     killed: bool = False
     ended_s: float | None = None
-    #: Seconds of life; bytes resident in all, and those of them that are shared with others.
-    memory: list[tuple[float, int, int]] = field(default_factory=list)
+    #: Seconds of life, and bytes resident but for those that are shared with others.
+    memory: list[tuple[float, int]] = field(default_factory=list)
 
 
 class Lives:
@@ -147,8 +150,7 @@ class Lives:
         self.by_themselves: list[str] = []  # last words of those that ended without being asked
         self._graph, self._arguments = graph, arguments
         graph.environment[_MARK] = str(os.getpid())
-        self._before = set(shared_files())
-        self._own: set[str] = set()
+        self._own: set[str] = set()  # segments that lives have made or used
 
     def start(self, node: str, *more: str) -> Life:
         """Begin a life."""
@@ -177,7 +179,7 @@ class Lives:
         for life in self.all:
             if life.ended_s is None and life.process.poll() is None:
                 with contextlib.suppress(OSError):
-                    life.memory.append((now_s - life.began_s, *_resident(life.process.pid)))
+                    life.memory.append((now_s - life.began_s, _own_bytes(life.process.pid)))
                     self._own |= held_by(life.process.pid)
 
     def ended(self) -> list[Life]:
@@ -190,87 +192,67 @@ class Lives:
             self.by_themselves.append(f"{life.node}: {life.process.why_ended()}")
         return new
 
-    def stop(self, timeout_s: float) -> None:
-        """End all that live as a user would, and note those that do not end well."""
+    def stop(self) -> None:
+        """End all that live as a user would, and note those that do not end well.
+
+        The player ends first, so that the others' last reports tell of its last frame.
+        """
+        player = self.current("soak_player")
+        player.process.signal(signal.SIGINT)
+        if player.process.wait(_STOP_S) is not None:
+            player.ended_s = time.monotonic()
+        time.sleep(_SETTLE_S)
+        self.sample()
         living = [life for life in self.all if life.ended_s is None]
         for life in living:
             life.process.signal(signal.SIGCONT)
             life.process.signal(signal.SIGINT)
         for life in living:
-            ended = life.process.wait(timeout_s)
+            ended = life.process.wait(_STOP_S)
             life.ended_s = time.monotonic()
             if ended is None or ended.exit_code:
-                how = f"exit code {ended.exit_code}" if ended else f"not in {timeout_s:g} s"
+                how = f"exit code {ended.exit_code}" if ended else f"not in {_STOP_S:g} s"
                 self.by_themselves.append(f"{life.node}: asked to stop: {how}")
 
     def left_files(self) -> list[str]:
-        """Return the files of shared memory that lives have made or used, and nobody uses now.
-
-        The ports from 7000 on are shared by all domains: another program may have them.
-        """
-        used = {_segment(name) for pid in _processes() for name in held_by(pid)}
-        left = (self._own - self._before) & set(shared_files())
-        return sorted(name for name in left if _segment(name) not in used)
+        """Return the segments of shared memory that lives have left."""
+        return sorted(self._own & shared_files())
 
     def left_processes(self) -> list[int]:
         """Return processes that bear the mark of this soak and still run."""
-        mark = f"{_MARK}={os.getpid()}".encode()
-        return [pid for pid in _processes() if mark in _environment(pid)]
+        mark, left = f"{_MARK}={os.getpid()}".encode(), []
+        for path in Path("/proc").glob("[0-9]*/environ"):
+            with contextlib.suppress(OSError):  # it may have ended, or be another user's
+                left += [int(path.parent.name)] * (mark in path.read_bytes().split(b"\0"))
+        return left
 
 
-def shared_files() -> list[str]:
-    """Return the files of Fast DDS in shared memory, of everybody on this machine."""
-    return [path.name for path in _SHARED.glob("*fastrtps*")]
+def shared_files() -> set[str]:
+    """Return Fast DDS's segments in shared memory and their locks, of everybody here.
+
+    Its ports, which all domains share and it renews itself, are left out.
+    """
+    return {path.name for path in _SHARED.iterdir() if _SEGMENT.fullmatch(path.name)}
 
 
 def held_by(pid: int) -> set[str]:
-    """Return the files in shared memory that a process has mapped or open."""
-    mapped, links = set(), []
-    with contextlib.suppress(OSError):  # it may have ended, or be another user's
-        maps = Path(f"/proc/{pid}/maps").read_text()
-        mapped = {line.partition("/")[2] for line in maps.splitlines() if f"{_SHARED}/" in line}
-        for entry in Path(f"/proc/{pid}/fd").iterdir():
-            with contextlib.suppress(OSError):
-                links.append(str(entry.readlink()).lstrip("/"))
-    names = {Path(name.removesuffix(" (deleted)")).name for name in (*mapped, *links)}
-    return {name for name in names if "fastrtps" in name}
+    """Return the segments and locks that a process has mapped or open."""
+    mapped = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    links = []
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(OSError):
+            links.append(str(entry.readlink()))
+    names = {line.removesuffix(" (deleted)").rpartition("/")[2] for line in (*mapped, *links)}
+    return {name for name in names if _SEGMENT.fullmatch(name)}
 
 
-def _segment(name: str) -> str:
-    """Return the segment or port that a file is of: itself, its locks, its mutex."""
-    name = name.removeprefix("sem.").removesuffix("_mutex")
-    return name.removesuffix("_el").removesuffix("_sl")
-
-
-def _resident(pid: int) -> tuple[int, int]:
-    """Return bytes resident in all, and those of shared memory (proc(5), status)."""
+def _own_bytes(pid: int) -> int:
+    """Return the bytes resident, less those of shared memory (proc(5), status)."""
     status = Path(f"/proc/{pid}/status").read_text()
-    all_kib, shared_kib = (
+    resident, shared = (
         int(status.partition(f"{name}:")[2].split()[0]) for name in ("VmRSS", "RssShmem")
     )
-    return 1024 * all_kib, 1024 * shared_kib
-
-
-def _processes() -> list[int]:
-    return [int(path.name) for path in Path("/proc").glob("[0-9]*")]
-
-
-def _environment(pid: int) -> list[bytes]:
-    try:
-        return Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
-    except OSError:
-        return []
-
-
-@dataclass(frozen=True)
-class SoakRun:
-    """Hold what is left of a soak: its files, and its processes' lives."""
-
-    lives: Lives
-    ledger: Path
-    record: Path
-    left_files: list[str]
-    left_processes: list[int]
+    return 1024 * (resident - shared)
 
 
 def run_soak(
@@ -279,33 +261,30 @@ def run_soak(
     folder: Path,
     duration_s: float,
     progress: Report = silent,
-) -> SoakRun:
+) -> Lives:
     """Start all, let the events happen, stop all. Whatever happens, no process is left.
 
-    Raises GraphError for a node that does not start.
+    LEDGER and RECORD are left in the folder. Raises GraphError for a node that does not start.
     """
-    ledger, record = folder / "ledger.txt", folder / "record.jsonl"
-    ledger.unlink(missing_ok=True)
+    (folder / LEDGER).unlink(missing_ok=True)
     with started_graph(folder / "logs") as graph:
-        lives = Lives(graph, _arguments(flight, folder, ledger, record))
+        lives = Lives(graph, _arguments(flight, folder))
         for node in (WITNESS, *NODES, GUEST):
             lives.start(node)
         await_words(graph.processes, "ready")
         await_words([lives.current("soak_player").process], "playing")
         _Soak(lives, events).last(duration_s, progress)
-        _stop(lives)
-    return SoakRun(lives, ledger, record, lives.left_files(), lives.left_processes())
+        lives.stop()
+    return lives
 
 
-def _arguments(
-    flight: SoakFlight, folder: Path, ledger: Path, record: Path
-) -> dict[str, list[str]]:
+def _arguments(flight: SoakFlight, folder: Path) -> dict[str, list[str]]:
     deep = folder / "deep.yaml"
     deep.write_text(f"/**: {json.dumps({'ros__parameters': {'qos_overrides': _DEEP}})}\n")
     sim = ["-p", "use_sim_time:=true"]
     common = [*sim, "--params-file", str(flight.folder / "params.yaml")]
-    player = {"bag": flight.bag, "rate": RATE, "period_s": SOAK_PERIOD_S, "ledger": ledger}
-    player |= {"wait_for": _AWAITED}
+    player = {"bag": flight.bag, "rate": RATE, "period_s": SOAK_PERIOD_S}
+    player |= {"wait_for": _AWAITED, "ledger": folder / LEDGER}
     return {
         "ekf_node": common,
         "gimbal_node": [*common, "--params-file", str(deep)],
@@ -313,19 +292,8 @@ def _arguments(
         "soak_player": [w for key, value in player.items() for w in ("-p", f"{key}:={value}")],
         "soak_mute": sim,
         GUEST: sim,
-        WITNESS: [*sim, "-p", f"output:={record}"],
+        WITNESS: [*sim, "-p", f"output:={folder / RECORD}"],
     }
-
-
-def _stop(lives: Lives) -> None:
-    """End the player first, so that the others' last reports tell of its last frame."""
-    player = lives.current("soak_player")
-    player.process.signal(signal.SIGINT)
-    if player.process.wait(_STOP_S) is not None:
-        player.ended_s = time.monotonic()
-    time.sleep(_SETTLE_S)
-    lives.sample()
-    lives.stop(_STOP_S)
 
 
 class _Soak:

@@ -10,10 +10,8 @@ from project import PROJECT
 import dev.reproduction.__main__ as reproduction
 from dev.reproduction.__main__ import TEMPLATE, carried_out, commands, main, parsed
 from dev.reproduction.paper import (
-    TABLE_1,
     TABLE_2_M,
     TABLE_6_AVERAGE_M,
-    TABLE_6_M,
     TABLE_8_DEG,
     TABLE_9,
 )
@@ -50,7 +48,6 @@ def skeleton(text):
 @pytest.mark.parametrize(
     ("title", "numbers"),
     [
-        ("Table 1", TABLE_1.values()),
         ("Table 2", TABLE_2_M.values()),
         ("Table 8", TABLE_8_DEG.values()),
         ("Table 9", TABLE_9.values()),
@@ -59,14 +56,6 @@ def skeleton(text):
 def test_the_paper_s_numbers_are_there(written, title, numbers):
     for number in numbers:
         assert f" {number:.4f}" in section(written, f"{title}:")
-
-
-def test_the_points_of_table_6_are_there(written):
-    rows = re.findall(r"^\| (\d+) +\|(.*)\|$", written, re.MULTILINE)
-    assert [number for number, _ in rows] == list(TABLE_6_M["raw"])
-    for number, row in rows:
-        cells = [cell.strip() for cell in row.split("|")]
-        assert cells[:4] == [f"{column[number]:.2f}" for column in TABLE_6_M.values()]
 
 
 def test_the_page_s_commands_are_the_template_s_and_parse(written):
@@ -111,7 +100,7 @@ def test_the_page_is_of_the_present_template(written, tmp_path, project, capsys)
 
 
 def test_a_command_that_fails_and_a_result_with_an_error_are_told(tmp_path, project, monkeypatch):
-    template = "```sh x\ntirgeo budget reproduction/none.mcap\n```\n"
+    template = "```sh x\ntirgeo check reproduction/none.mcap\n```\n"
     with pytest.raises(BagError, match=r"none\.mcap"):
         carried_out(template, tmp_path)
     module = type("Module", (), {"run": staticmethod(lambda _args: {"error": "half a bag"})})

@@ -18,7 +18,7 @@ from nav_msgs.msg import Odometry
 from process_bags import write_hover
 from project import PROJECT
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, NavSatFix
@@ -31,7 +31,6 @@ from tirgeo_ros.io.messages import body_pose, stamp_ns
 from tirgeo_ros.nodes.ekf_node import Inbox, StateLog
 from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.monitor import ERROR
-from tirgeo_ros.nodes.runner import make_executor
 
 KINDS = {"imu/data": Imu, "rtk/fix": NavSatFix}
 IMU, FIX = KINDS
@@ -41,7 +40,7 @@ S = 1_000_000_000
 class Listener:
     """A node with an inbox, and what its handler was given: topic, stamp in s."""
 
-    def __init__(self, domain: int, executor_of, depth: int = 100) -> None:
+    def __init__(self, domain: int, depth: int = 100) -> None:
         self.context = Context()
         rclpy.init(context=self.context, args=[], domain_id=domain)
         self.node = GraphNode("listener", context=self.context)
@@ -52,7 +51,7 @@ class Listener:
             self.inbox.subscribe(topic, self._taker(topic), sensor_input(depth))
         make = self.node.create_publisher
         self._publishers = {t: make(kind, t, output(1000)) for t, kind in KINDS.items()}
-        self._executor = executor_of(context=self.context)
+        self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.node)
         self.spin_until(lambda: all(p.get_subscription_count() for p in self._publishers.values()))
 
@@ -76,13 +75,13 @@ class Listener:
         self.context.try_shutdown()
 
 
-@pytest.fixture(params=[make_executor, SingleThreadedExecutor])
-def listen(request, environment):
+@pytest.fixture
+def listen(environment):
     """Make a listener: ``listen(depth=20)``."""
     made = []
 
     def make(**options) -> Listener:
-        made.append(Listener(int(environment["ROS_DOMAIN_ID"]), request.param, **options))
+        made.append(Listener(int(environment["ROS_DOMAIN_ID"]), **options))
         return made[-1]
 
     yield make
@@ -91,16 +90,15 @@ def listen(request, environment):
 
 
 @pytest.mark.graph
-def test_rclpy_has_no_public_way_to_take_a_message_share_a_clock_or_list_overrides():
-    """So ekf_node, runner and parameters use its inside; setup.py and package.xml bound it.
+def test_rclpy_has_no_public_way_to_take_a_message_or_list_overrides():
+    """So ekf_node and parameters use its inside; setup.py and package.xml bound it.
 
-    A callback gets one message of one topic in the executor's order, and each node has a
-    subscription to ``/clock`` of its own.
+    A callback gets one message of one topic in the executor's order.
     """
     assert not [name for name in dir(Subscription) if "take" in name]
     public = [name for name in dir(Node) if name[0] != "_"]
-    assert not [name for name in public if "time_source" in name or "override" in name]
-    assert '"ros-jazzy-rclpy<8"' in (PROJECT / "setup.py").read_text()
+    assert not [name for name in public if "override" in name]
+    assert '"ros-jazzy-rclpy>=7.1.6,<8"' in (PROJECT / "setup.py").read_text()
     assert 'version_lt="8.0.0">rclpy<' in (PROJECT / "package.xml").read_text()
 
 

@@ -255,13 +255,6 @@ def test_the_states_tell_of_the_flight(outputs):
     assert outputs.counts("overlay_node")["drawn"] >= 50
 
 
-def test_what_only_the_paper_needs_is_given_up_when_joints_drive(outputs):
-    rates_hz = [topic.rate_hz for topic in outputs.topic("gimbal_node", "imu/data")]
-    assert max(rates_hz) > 0
-    # Until the first joints, then to the end of the running second.
-    assert len(rates_hz) <= 10
-
-
 def ignore_interrupts() -> None:
     """As a shell does for what it starts in the background."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

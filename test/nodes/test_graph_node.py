@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import KeptLog
 from rclpy import event_handler
 from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
-from rclpy.exceptions import InvalidHandle
+from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -29,7 +29,6 @@ from tirgeo_ros.nodes.gimbal_node import GimbalNode
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.overlay_node import OverlayNode
-from tirgeo_ros.nodes.runner import _spin, make_executor
 from tirgeo_ros.nodes.viewer_node import ViewerNode
 
 
@@ -91,7 +90,7 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
     node.report_each_second(work)
     node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
     words = node.create_publisher(String, "words", 10)
-    executor = make_executor()
+    executor = EventsExecutor()
     executor.add_node(node)
     end_s = time.monotonic() + 30.0
 
@@ -115,21 +114,6 @@ def test_where_the_middleware_tells_of_no_losses_all_else_works(node, monkeypatc
 
     monkeypatch.setattr(event_handler, "EventHandler", unable)
     assert node.listen("imu/data", print, output()).topic_name == "/imu/data"
-
-
-def test_an_event_of_a_subscription_just_given_up_ends_no_node():
-    """The events executor raises where the handle went between the event and its turn."""
-    stop, turns = threading.Event(), []
-
-    class Executor:
-        def spin_once(self, timeout_sec: float) -> None:
-            turns.append(timeout_sec)
-            if len(turns) == 1:
-                raise InvalidHandle("destruction was requested")
-            stop.set()
-
-    assert _spin(Executor(), stop) == 0
-    assert len(turns) == 2
 
 
 def test_one_thread_reads_what_another_writes():
@@ -183,17 +167,6 @@ def test_rates_are_of_the_last_window(clock):
     item = monitor.report("x")
     assert item.values["imu/data rate [Hz]"] == "1.0"
     assert item.values["imu/data age [s]"] == "0.50"
-
-
-def test_a_topic_given_up_leaves_the_values(clock):
-    monitor = Monitor()
-    monitor.received("imu/data")
-    monitor.refused("imu/data", "no numbers")
-    monitor.lost("imu/data", 2)
-    monitor.forget("imu/data")
-    clock[0] += 1.0
-    assert monitor.topics() == {}
-    assert monitor.report("x").values.keys() == {"started"}
 
 
 def test_silence_of_what_is_needed_is_a_warning(clock):

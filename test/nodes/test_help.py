@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import subprocess
 import sys
@@ -13,14 +12,7 @@ from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
-from tirgeo_ros.io.messages import (
-    DJI_TOPICS,
-    FINDINGS_TOPIC,
-    NAVIGATION_INPUTS,
-    STATE_TOPIC,
-    TOPIC_TYPES,
-)
-from tirgeo_ros.nodes.help import TOPICS, as_yaml, help_text, parameters_page
+from tirgeo_ros.nodes.help import as_yaml, help_text, parameters_page
 
 BLOCKED = """
 import sys
@@ -28,16 +20,6 @@ sys.modules["rclpy"] = None
 from tirgeo_ros.nodes.start import start
 sys.exit(start(sys.argv.pop(1), sys.argv.pop(1)))
 """
-TF = ("/tf", "/tf_static")
-REPORTS = {STATE_TOPIC, FINDINGS_TOPIC, "/diagnostics"}
-#: Topics that the node's module has by another name, or through another module.
-ELSEWHERE = {
-    "dji_node": {*DJI_TOPICS},
-    "ekf_node": {*(t for t, _ in NAVIGATION_INPUTS.values()), *TF, "tirgeo/path"},
-    "gimbal_node": {"/tf"},
-    "overlay_node": {"tirgeo/overlay/camera_info", "tirgeo/footprint"},
-    "viewer_node": {topic for topics in TOPICS["viewer_node"] for topic in topics},
-}
 
 
 @pytest.mark.parametrize(
@@ -77,14 +59,6 @@ def test_defaults_are_written_as_in_a_parameter_file():
     assert f"  picture.stretch_percent  [1.0, 99.0] %{LIVE}\n" in text
     assert f"  rectify  false{LIVE}\n" in text
     assert "(white_hot, black_hot, iron, rainbow, arctic, lava)" in text
-
-
-@pytest.mark.parametrize("name", ELSEWHERE)
-def test_topics_are_those_that_the_node_has(name):
-    tree = ast.parse((PROJECT / "tirgeo_ros" / "nodes" / f"{name}.py").read_text())
-    constants = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
-    inputs, outputs = TOPICS[name]
-    assert {*inputs, *outputs} == constants & {*TOPIC_TYPES} | ELSEWHERE[name] | REPORTS
 
 
 def test_the_page_is_current_and_has_every_parameter():

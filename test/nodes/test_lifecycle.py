@@ -229,7 +229,7 @@ def test_links_are_not_followed(tmp_path):
 @pytest.mark.graph
 @pytest.mark.slow
 def test_a_killed_node_leaves_its_memory_to_the_next_one_to_remove(spawn):
-    before = set(shared_files())
+    before = shared_files()
     killed, stays = spawn("gimbal_node"), spawn("ekf_node")
     for node in (killed, stays):
         await_words(node, "ready")
@@ -239,19 +239,19 @@ def test_a_killed_node_leaves_its_memory_to_the_next_one_to_remove(spawn):
     time.sleep(2.5)  # what is younger may be in the making
     killed.signal(signal.SIGKILL)
     killed.wait(5)
-    assert segments & set(shared_files())
+    assert segments & shared_files()
     kept = held_by(stays.pid) - own
     after = spawn("gimbal_node")
     await_words(after, "ready")
-    assert not segments & set(shared_files())
-    assert kept <= set(shared_files()) | before  # those of the living are still there
+    assert not segments & shared_files()
+    assert kept <= shared_files() | before  # those of the living are still there
     for node in (after, stays):
         node.signal(signal.SIGINT)
         assert node.wait(15) is not None
     # The ports from 7000 on are shared by all domains: another program may have them by now.
     made = {name for name in own | kept if "port" not in name} - before
     assert made
-    assert not made & set(shared_files())
+    assert not made & shared_files()
 
 
 #: rviz2 is no part of the wheels; ``params`` is another word for ``params_file``.

@@ -157,7 +157,7 @@ def state_of(stranger) -> str:
 
 
 STEP_NS = 100_000_000
-ITEM, TOPICS = "/gimbal_node: camera pose", "/gimbal_node: topics"
+ITEM = "/gimbal_node: camera pose"
 
 
 class Aircraft:
@@ -193,14 +193,12 @@ def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, me
     await_words(gimbal, "ready")
     aircraft = Aircraft(observer)
 
-    def says(composition: str, listens: bool, joints: bool) -> bool:
+    def says(composition: str, joints: bool) -> bool:
         aircraft.step(joints=joints)
-        heard = "imu/data age [s]" in observer.diagnostic(TOPICS)
-        told = observer.diagnostic(ITEM).get("")
-        return told == f"composition: {composition}" and heard == listens
+        return observer.diagnostic(ITEM).get("") == f"composition: {composition}"
 
-    observer.spin_until(lambda: says("encoders", listens=False, joints=True))
-    observer.spin_until(lambda: says("paper", listens=True, joints=False))
+    observer.spin_until(lambda: says("encoders", joints=True))
+    observer.spin_until(lambda: says("paper", joints=False))
     values = observer.diagnostic(ITEM)
     assert (values["joints_steady"], values["joints_silent"]) == ("1", "1")
     assert float(values["north_sigma_deg"]) > 0
@@ -234,8 +232,6 @@ def test_a_bags_clock_stays_in_its_namespace(spawn, meet, flight_bag):
 
     stranger.spin_until(in_time)
     assert not stranger.received["/clock"]
-    second = spawn("bag_player", "-p", f"bag:={flight_bag}", *CLOCK)
-    await_words(second, "/uav1/clock has another publisher too: give each bag its own namespace")
 
 
 def test_a_camera_of_another_name_and_a_map_that_is_not_there_yet(spawn, meet, tmp_path):

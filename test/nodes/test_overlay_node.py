@@ -23,7 +23,7 @@ from overlay_flight import MESSAGES, Flight, has_lines, write_map
 from overlays import PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
 from project import reader_of
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import Image, NavSatFix
 from std_msgs.msg import Header, String
 
@@ -33,7 +33,6 @@ from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, ground_point, image_pixels, stamp_ns
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input
 from tirgeo_ros.nodes.overlay_node import FrameStatistics
-from tirgeo_ros.nodes.runner import make_executor
 
 NORTH_N = np.array([3.0, 0.0, 0.0])
 
@@ -127,7 +126,6 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     told = flown.next_diagnostics()
     assert told["reload_errors"] == "1"
     assert told[""] == "ok"
-    assert float(told["latency p95 [ms]"]) > 0
 
 
 @pytest.mark.parametrize("content", [None, "{ no map"], ids=["none given", "broken"])
@@ -292,15 +290,13 @@ def test_gaps_are_missed(numbers, sent, missed):
 def test_a_message_without_a_number_is_passed_on_all_the_same():
     taken, numbers = [], FrameStatistics()
     take = numbers.listening("x", taken.append)
-    take("one", {"publication_sequence_number": None})
-    take(("two", None))
-    assert taken == ["one", "two"]
+    take(("one", {"publication_sequence_number": None}))
+    assert taken == ["one"]
     assert numbers.sent == 0
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("executor_of", [make_executor, SingleThreadedExecutor])
-def test_what_gives_way_in_a_shallow_queue_is_counted(environment, executor_of):
+def test_what_gives_way_in_a_shallow_queue_is_counted(environment):
     context = Context()
     rclpy.init(context=context, args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
     node = GraphNode("numbered", context=context)
@@ -310,7 +306,7 @@ def test_what_gives_way_in_a_shallow_queue_is_counted(environment, executor_of):
         counted, kind = partial(numbers.listening, "x"), "std_msgs/msg/Header"
         node.listen("x", taken.append, sensor_input(1), kind, counted)
         sender = node.create_publisher(Header, "x", output(100))
-        executor = executor_of(context=context)
+        executor = EventsExecutor(context=context)
         executor.add_node(node)
         end_s = time.monotonic() + 20
         while not taken:  # until they have found each other

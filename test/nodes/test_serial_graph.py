@@ -25,8 +25,12 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import body_pose
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.evaluate.experiment import load_experiment
-from tirgeo_ros.tools.evaluate.result import ground_errors, locate_observations
-from tirgeo_ros.tools.evaluate.series import body_errors, load_truth
+from tirgeo_ros.tools.evaluate.result import (
+    body_errors,
+    ground_errors,
+    load_truth,
+    locate_observations,
+)
 from tirgeo_ros.tools.graph.demo import SETTLED_S
 from tirgeo_ros.tools.graph.node_graph import GraphRun, run_graph
 from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
@@ -76,7 +80,7 @@ def ground(outputs: Outputs, sample) -> GroundErrors:
         poses,
         outputs.plane,
         read_camera(sample / "flight.mcap"),
-        load_experiment(sample / "survey.geojson", sample / "observations.csv", "gauss-krueger"),
+        load_experiment(sample / "survey.geojson", sample / "observations.csv"),
         overlay.ground_height_m,
         overlay,
     )

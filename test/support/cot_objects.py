@@ -18,7 +18,7 @@ from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.cot.events import AircraftState
+from tirgeo_ros.io.targets.cot_events import AircraftState
 from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dev.static_imu import write_imu
 from tirgeo_ros.core.calibration.imu_record import ImuRecord
 from tirgeo_ros.io.bags.bag import BagWriter
-from tirgeo_ros.tools.simulate.static_imu import write_imu
 
 
 def white(rng, size, n, step_s):

@@ -41,7 +41,6 @@ from tirgeo_ros.io.messages import (
 )
 from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH, STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
-from tirgeo_ros.nodes.setup_checks import Restarts
 
 VIDEO, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"
 ODOMETRY, POSE, FOOTPRINT = "tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/footprint"
@@ -65,7 +64,6 @@ class Reports:
         self._states: dict[str, tuple[float, NodeState]] = {}  # by name
         self._navigation: tuple[float, NavigationStatus] | None = None
         self._picture: tuple[float, PictureState] | None = None
-        self.restarts = Restarts()
         self._findings: dict[str, tuple[float, list[Finding]]] = {}  # by node
 
     def take_state(self, now_s: float, message: Any) -> None:
@@ -74,7 +72,6 @@ class Reports:
         if state.name not in self._states and len(self._states) >= _MOST_NODES:
             return
         self._states[state.name] = now_s, state
-        self.restarts.take(state)
         if state.navigation is not None:
             self._navigation = now_s, state.navigation
         if state.picture is not None:

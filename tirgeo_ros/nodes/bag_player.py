@@ -10,7 +10,7 @@ import heapq
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
@@ -26,7 +26,6 @@ from std_msgs.msg import Header
 from tirgeo_ros.core.config import AircraftConfig, BagPlayerConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError, shown
-from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
@@ -45,6 +44,15 @@ from tirgeo_ros.nodes.runner import run
 _DEPTH = 100
 _STEADY_S = 1.0
 _POLL_S = 0.05
+_CLOCK_PERIOD_S = 0.01
+#: Time limit in total. A reader that lost nothing may acknowledge only at the next heartbeat,
+#: every 3 s.
+_ACKNOWLEDGE_S = 5.0
+#: A live bag starts this much later, so that its first messages are read and restamped in time.
+_LEAD_S = 0.5
+#: Log text before the number of nanoseconds.
+SHIFTED = "live: stamps are later than the bag's by"
+Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
 #: Topics that the running graph publishes itself; the recorded ones would conflict with them.
 _OUTPUTS = (
     *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose"),
@@ -66,7 +74,7 @@ def publishers_for(
     nothing to play.
     """
     publishers = {}
-    for topic in _chosen(topics, topic_names(wanted)):
+    for topic in _chosen(topics, wanted):
         if topic in otherwise:
             continue
         relative = topic.lstrip("/")
@@ -86,14 +94,15 @@ def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
 
     Raise BagError if there is none.
     """
-    chosen = _chosen(topics, topic_names(wanted))
+    chosen = _chosen(topics, wanted)
     types = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in DJI_TOPICS}
     if not types:
         raise BagError(f"the bag has none of the aircraft's topics: {', '.join(DJI_TOPICS)}")
     return types
 
 
-def _chosen(topics: Mapping[str, str], wanted: Sequence[str]) -> list[str]:
+def _chosen(topics: Mapping[str, str], listed: str) -> list[str]:
+    wanted = topic_names(listed)
     if not wanted:
         return [topic for topic in topics if not _made_by_graph(topic.lstrip("/"))]
     by_name = {topic.lstrip("/"): topic for topic in topics}
@@ -166,29 +175,29 @@ class SerialAircraft:
         self.terminal.write(self._aircraft.answer(self.terminal.read()))
         return self.terminal.is_open
 
-    def _send(self, data: bytes) -> None:
-        """Write a frame, as far as a program reads it, and answer the host."""
-        self.terminal.write(data)
-        self.attend()
-
-    def frames(
-        self, reader: BagReader, start_ns: int, shift_ns: int
-    ) -> Iterator[tuple[int, Callable[[], None]]]:
+    def frames(self, reader: BagReader, start_ns: int, shift_ns: int) -> Iterator[Due]:
         """Yield the bag times (ns) at which frames are due, and the calls that send them.
 
         Their stamps are shifted.
         """
+
+        def send(data: bytes) -> None:
+            self.terminal.write(data)
+            self.attend()
+
         for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
-            yield time_ns - shift_ns, partial(self._send, data)
+            yield time_ns - shift_ns, partial(send, data)
 
     @property
     def losses(self) -> str:
         """Return what of the flight was not transmitted, in one line, or an empty string."""
         counts = dict(self._aircraft.counts)
-        losses = {"invalid samples": counts.get("invalid", 0)}
-        losses["of imu/data not later than the one before"] = counts.get("imu_not_later", 0)
-        losses |= {f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()}
-        losses[f"bytes not read by anybody from {self.terminal.path}"] = self.terminal.dropped
+        losses = {
+            "invalid samples": counts.get("invalid", 0),
+            "of imu/data not later than the one before": counts.get("imu_not_later", 0),
+            **{f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()},
+            f"bytes not read by anybody from {self.terminal.path}": self.terminal.dropped,
+        }
         return ", ".join(f"{number} {what}" for what, number in losses.items() if number)
 
     def _samples(
@@ -211,14 +220,12 @@ class SerialAircraft:
 class PlayClock:
     """Run bag time at ``rate`` times real time from the first stamp that is waited for.
 
-    ``tick(bag_ns)`` is called every ``1 / tick_rate_hz`` of real time, between messages too. The
-    ticks never go back and never pass the message that is waited for.
+    ``tick(bag_ns)`` is called every 10 ms of real time, between messages too. The ticks never go
+    back and never pass the message that is waited for.
     """
 
-    def __init__(self, rate: float, tick_rate_hz: float, tick: Callable[[int], None]) -> None:
-        self._rate = rate
-        self._period_s = 1 / tick_rate_hz
-        self._tick = tick
+    def __init__(self, rate: float, tick: Callable[[int], None]) -> None:
+        self._rate, self._tick = rate, tick
         self._begin: tuple[float, int] | None = None  # real s, bag ns
         self._next_tick_s = 0.0
 
@@ -232,31 +239,22 @@ class PlayClock:
     def wait_until(self, bag_ns: int, stop: threading.Event) -> bool:
         """Sleep and tick until bag time reaches ``bag_ns``; return False if stopped before."""
         if self._begin is None:
-            self._begin = (time.monotonic(), bag_ns)
-        due_s = self._begin[0] + (bag_ns - self._begin[1]) * 1e-9 / self._rate
+            self.begin(bag_ns, 0.0)
+            return self.wait_until(bag_ns, stop)
+        begin_s, begin_ns = self._begin
+        due_s = begin_s + (bag_ns - begin_ns) * 1e-9 / self._rate
         while not stop.is_set():
             now_s = time.monotonic()
             if now_s >= self._next_tick_s:
-                self._next_tick_s += self._period_s
+                self._next_tick_s += _CLOCK_PERIOD_S
                 if self._next_tick_s <= now_s:  # missed ticks are skipped
-                    self._next_tick_s = now_s + self._period_s
-                elapsed_ns = max(0, round((now_s - self._begin[0]) * self._rate * 1e9))
-                self._tick(min(self._begin[1] + elapsed_ns, bag_ns))
+                    self._next_tick_s = now_s + _CLOCK_PERIOD_S
+                elapsed_ns = max(0, round((now_s - begin_s) * self._rate * 1e9))
+                self._tick(min(begin_ns + elapsed_ns, bag_ns))
             if now_s >= due_s:
                 return True
             stop.wait(min(due_s, self._next_tick_s) - now_s)
         return False
-
-
-#: Time limit in total. A reader that lost nothing may acknowledge only at the next heartbeat,
-#: every 3 s.
-_ACKNOWLEDGE_S = 5.0
-#: A live bag starts this much later, so that its first messages are read and restamped in time.
-_LEAD_S = 0.5
-#: Log text before the number of nanoseconds.
-SHIFTED = "live: stamps are later than the bag's by"
-
-Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
 
 
 class BagPlayer(GraphNode):
@@ -264,31 +262,25 @@ class BagPlayer(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("bag_player")
-        self._config = self.configured(BagPlayerConfig)
-        if not self._config.bag:
+        config = self._config = self.configured(BagPlayerConfig)
+        if not config.bag:
             raise ConfigError("parameter bag: no bag given: set it to a bag")
-        if self._config.live and self._config.rate != 1:
-            rate = self._config.rate
-            raise ConfigError(f"parameter rate: a live bag plays at rate 1, not {rate:g}")
-        if self._config.serial_port and not self._config.live:
+        if config.live and config.rate != 1:
+            raise ConfigError(f"parameter rate: a live bag plays at rate 1, not {config.rate:g}")
+        if config.serial_port and not config.live:
             raise ConfigError(
                 "parameter serial_port: needs live: true, because bytes are stamped when they "
                 "arrive"
             )
-        self._reader = BagReader(Path(self._config.bag))
-        topics, wanted = self._reader.topics(), self._config.topics
-        port = self._config.serial_port
-        spoken = aircraft_topics(topics, wanted) if port else {}
-        self._topics = publishers_for(self, topics, wanted, spoken)
-        self._clock_publisher = None if self._config.live else self.advertise("/clock", output())
-        if self._clock_publisher is not None:  # DDS finds the other one sooner or later
-            look = partial(self._look_for_rivals, self._clock_publisher.topic_name)
-            self._rival_timer = self.steady_timer("clock", 0.5, look)
-        config = self._config.simulated_aircraft, self._config.aircraft
-        self._aircraft = SerialAircraft(port, *config, spoken) if port else None
+        self._reader = BagReader(Path(config.bag))
+        topics, port = self._reader.topics(), config.serial_port
+        spoken = aircraft_topics(topics, config.topics) if port else {}
+        self._topics = publishers_for(self, topics, config.topics, spoken)
+        self._clock_publisher = None if config.live else self.advertise("/clock", output())
+        places = config.simulated_aircraft, config.aircraft
+        self._aircraft = SerialAircraft(port, *places, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
-        self._findings_now: list[Finding] = []
-        self.report_each_second(list, lambda: self._findings_now)
+        self.report_each_second(list)
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
@@ -300,25 +292,18 @@ class BagPlayer(GraphNode):
             self.log(WARN, f"playing without {missing}")
         self.log(OK, f"playing {config.bag}")
         self._play_once(stop)
-        while self._config.loop and not stop.is_set():
+        while config.loop and not stop.is_set():
             self._play_once(stop)
-        self._await_acknowledgement(stop)
+        end_s = time.monotonic() + _ACKNOWLEDGE_S
+        for publisher in topics:
+            left_s = end_s - time.monotonic()
+            if left_s > 0 and not stop.is_set():
+                publisher.wait_for_all_acked(Duration(seconds=left_s))
         if self._aircraft is not None and self._aircraft.losses:
             self.log(WARN, f"not played: {self._aircraft.losses}")
         if self._reader.damage:
-            raise BagError(f"{self._config.bag}: {self._reader.damage}")
+            raise BagError(f"{config.bag}: {self._reader.damage}")
         return 0
-
-    def _look_for_rivals(self, clock: str) -> None:
-        """Warn, once, of another publisher of the clock."""
-        if self.count_publishers(clock) > 1:
-            evidence = f"{clock} has another publisher too"
-            remedy = "give each bag its own namespace"
-            self._findings_now = [
-                Finding("clock", Severity.CAUTION, evidence, "bag_player", remedy)
-            ]
-            self.log(WARN, f"{evidence}: {remedy}")
-            self._rival_timer.cancel()
 
     def _attend(self) -> str:
         """Serve the simulated aircraft's host; return which reader is missing."""
@@ -326,35 +311,26 @@ class BagPlayer(GraphNode):
         return "" if heard else f"a reader of {self._config.serial_port}"
 
     def _play_once(self, stop: threading.Event) -> None:
-        clock = PlayClock(self._config.rate, self._config.clock_rate_hz, self._tick)
-        first_ns, last_ns = self._reader.span_ns
-        start_ns, shift_ns = first_ns + round(self._config.start_offset_s * 1e9), 0
-        if start_ns > last_ns:
-            raise BagError(
-                f"{self._config.bag}: start_offset_s {self._config.start_offset_s:g} is beyond "
-                f"the bag's {(last_ns - first_ns) * 1e-9:.1f} s"
-            )
+        clock = PlayClock(self._config.rate, self._tick)
+        (start_ns, _), shift_ns = self._reader.span_ns, 0
         if self._config.live:
             clock.begin(start_ns, _LEAD_S)
             shift_ns = time.time_ns() + round(_LEAD_S * 1e9) - start_ns
             self.get_logger().info(f"{SHIFTED} {shift_ns} ns")
+        due = self._published(start_ns, shift_ns)
+        if self._aircraft is not None:
+            spoken = self._aircraft.frames(self._reader, start_ns, shift_ns)
+            due = heapq.merge(spoken, due, key=itemgetter(0))
         count = 0
-        for due_ns, give in self._schedule(start_ns, shift_ns):
+        for due_ns, give in due:
             if not clock.wait_until(due_ns, stop):
                 break
             give()
             count += 1
         self.log(OK, f"played {count} messages of {self._config.bag}")
 
-    def _schedule(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
-        """Yield the calls to make, in order of bag time (ns)."""
-        published = self._published(start_ns, shift_ns)
-        if self._aircraft is None:
-            return published
-        spoken = self._aircraft.frames(self._reader, start_ns, shift_ns)
-        return heapq.merge(spoken, published, key=itemgetter(0))
-
     def _published(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
+        """Yield the calls that publish, in order of bag time (ns)."""
         for item in self._reader.messages(self._topics, start_ns):
             message = self._moved(item, shift_ns) if self._config.live else item.data
             if message is not None:
@@ -372,13 +348,6 @@ class BagPlayer(GraphNode):
         move_stamps(message, shift_ns)
         return message
 
-    def _await_acknowledgement(self, stop: threading.Event) -> None:
-        end_s = time.monotonic() + _ACKNOWLEDGE_S
-        for publisher in self._topics.values():
-            left_s = end_s - time.monotonic()
-            if left_s > 0 and not stop.is_set():
-                publisher.wait_for_all_acked(Duration(seconds=left_s))
-
     def _tick(self, bag_ns: int) -> None:
         if self._clock_publisher is not None:
             self._clock_publisher.publish(self.messages.clock(bag_ns))
@@ -388,11 +357,9 @@ def move_stamps(part: Any, shift_ns: int) -> None:
     """Add ``shift_ns`` to the stamps of all headers in a message, in place; 0 stays 0."""
     for name in part.get_fields_and_field_types():
         value = getattr(part, name)
-        if isinstance(value, Header):
-            stamp = stamp_ns(part)
-            if stamp:
-                sec, nanosec = divmod(stamp + shift_ns, 1_000_000_000)
-                part.header.stamp.sec, part.header.stamp.nanosec = sec, nanosec
+        if isinstance(value, Header) and (stamp := stamp_ns(part)):
+            sec, nanosec = divmod(stamp + shift_ns, 1_000_000_000)
+            part.header.stamp.sec, part.header.stamp.nanosec = sec, nanosec
         for item in value if isinstance(value, list) else [value]:
             if hasattr(item, "get_fields_and_field_types"):
                 move_stamps(item, shift_ns)

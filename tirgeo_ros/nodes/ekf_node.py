@@ -109,7 +109,7 @@ class Inbox:
                     message = take()
                     if message is None:
                         break
-                    put(*message)
+                    put(message)
         finally:
             self._taking = False
 

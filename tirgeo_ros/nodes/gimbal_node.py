@@ -50,8 +50,7 @@ class GimbalNode(GraphNode):
         if config.composition != "paper":
             self.listen("gimbal/joint_states", self._take_joints, sensor_input(), raw=True)
         self.listen("gimbal/attitude", self._take_attitude, sensor_input(), raw=True)
-        self._imu: Any = None  # the subscription, or None while there is none
-        self._listen_for_paper()
+        self.listen("imu/data", self._take_autopilot, sensor_input(), raw=True, decoded=False)
         self._logged_composition = ""
         self.report_each_second(
             self._items,
@@ -76,12 +75,19 @@ class GimbalNode(GraphNode):
 
     def _take_attitude(self, message: Any) -> None:
         sample = self._stamped("gimbal/attitude", camera_attitude(message))
-        if self._imu is not None:  # the checks below compare it with the joint angles in any case
+        if self._by_paper:  # the checks below compare it with the joint angles in any case
             self._publish(self._composer.add_attitude(sample))
         self._setup.take(self._checks.reported, sample)
 
-    def _take_autopilot(self, message: Any) -> None:
-        sample = self._stamped("imu/data", imu_sample(message))
+    @property
+    def _by_paper(self) -> bool:
+        """Return whether the composition "paper", which needs the IMU, may be wanted."""
+        return self._composer.composition != "encoders"
+
+    def _take_autopilot(self, data: bytes) -> None:
+        if not self._by_paper:
+            return
+        sample = self._stamped("imu/data", imu_sample(self.decoded(data, "imu/data")))
         if sample.autopilot_q_nb is not None:
             self._publish(self._composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb))
             self._setup.take(self._checks.autopilot, sample.stamp_ns, sample.autopilot_q_nb)
@@ -101,22 +107,9 @@ class GimbalNode(GraphNode):
         if composition != self._logged_composition:
             self.log(OK, f"composition: {composition}")
             self._logged_composition = composition
-        self._listen_for_paper()
         values = self._composer.diagnostics | self._arrivals.diagnostics
         item = self.item("camera pose", values, f"composition: {composition}")
         return [item, self._setup.report()]
-
-    def _listen_for_paper(self) -> None:
-        """Listen to the IMU, which the composition "paper" needs, unless encoders are used."""
-        needed = self._composer.composition != "encoders"
-        if needed and self._imu is None:
-            self._imu = self.listen("imu/data", self._take_autopilot, sensor_input())
-        elif not needed:
-            if self._imu is not None:
-                self.destroy_subscription(self._imu)
-                self._imu = None
-            # In each report: an executor may hand over what it had queued.
-            self.monitor.forget("imu/data")
 
 
 main = partial(run, "gimbal_node", GimbalNode)

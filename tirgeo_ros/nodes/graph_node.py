@@ -296,13 +296,10 @@ class GraphNode(Node):
 
 
 def with_info(work: Callable[[Any, Any], None]) -> Callable[..., None]:
-    """Return ``work(message, info)`` as the callback of a subscription, for any executor."""
+    """Return ``work(message, info)`` as the callback of a subscription."""
 
-    def take(message: Any, info: Any = None) -> None:
-        # The events executor passes both as one pair, the other executors as two arguments.
-        if isinstance(message, tuple):
-            message, info = message
-        work(message, info)
+    def take(both: tuple[Any, Any]) -> None:  # as the events executor passes them
+        work(*both)
 
     take.__signature__ = _WITH_INFO  # type: ignore[attr-defined]
     return take

@@ -1,4 +1,4 @@
-"""Print ``NODE --help`` and docs/parameters.md: what a node does, its topics, its parameters.
+"""Print ``NODE --help`` and docs/parameters.md: what a node does, and its parameters.
 
 ``make parameters``, or ``python -m tirgeo_ros.nodes.help docs/parameters.md``, writes the page. It
 needs no ROS.
@@ -11,7 +11,7 @@ import inspect
 import math
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from functools import reduce
 from importlib.resources import files
 from itertools import groupby
@@ -19,14 +19,6 @@ from pathlib import Path
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig, FramesConfig
 from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
-from tirgeo_ros.io.messages import (
-    DJI_TOPICS,
-    FINDINGS_TOPIC,
-    NAVIGATION_INPUTS,
-    SENSED_TOPICS,
-    STATE_TOPIC,
-    TOPIC_TYPES,
-)
 
 _HEAD = """\
 # Parameters
@@ -34,11 +26,10 @@ _HEAD = """\
 Made from the code by `make parameters`: do not edit this page, but the descriptions in
 `tirgeo_ros/core/config`.
 
-No file needs them all: a parameter that no file sets has its default. An owner edits the lines of
+A parameter that no file sets has its default. An owner edits the lines of
 [m600_xt2.yaml](../config/m600_xt2.yaml), [m300_h20t.yaml](../config/m300_h20t.yaml) or
-[generic.yaml](../config/generic.yaml), which is for an aircraft that is not DJI's. Any other
-parameter goes into the same file, or into a second one, under the name of its node, and the block
-`aircraft` and the frames' names under `/**`, for all nodes:
+[generic.yaml](../config/generic.yaml); any other parameter goes into the same file, or into a
+second one, under the name of its node, and `aircraft.*` and the frames' names under `/**`:
 
 ```yaml
 /**/ekf_node:
@@ -47,16 +38,13 @@ parameter goes into the same file, or into a second one, under the name of its n
 ```
 
 Give files to the launch file (`params_file:=a.yaml,b.yaml`), to a node (`--ros-args
---params-file`) and to the commands (`--params`); the last two may be repeated. Later files
-override earlier ones. An unknown name, a wrong type or a value out of range is refused at start.
+--params-file`) and to the commands (`--params`). Later files override earlier ones. An unknown
+name, a wrong type or a value out of range is refused at start.
 
-Where *in flight* says `yes`, a running node takes another value too, within the same range,
-from its next sample on, and logs the change: `ros2 param set /ekf_node
-rtk.position_sigma_floor_m 0.05`. The filter keeps its state; an alignment begins again. What
-was set is gone when the node ends: write it into the file. The others are read at start: they
-are measured before flight (`aircraft.*`), are opened once, or decide how the node is built.
-Setting one is refused with the reason. `ros2 param dump NODE` writes a file that loads again, once
-the secrets that it has as `***` are written into it.
+A parameter that is `live` can be set while the node runs, within the same range: `ros2 param set
+/ekf_node rtk.position_sigma_floor_m 0.05`. It counts from the next sample on; the filter keeps its
+state. The others are read at start, and setting one is refused with the reason. `ros2 param dump
+NODE` writes a file that loads again, once its secrets (`***`) are written into it.
 
 - Write a double with its point, also with an exponent: `5.0`, `1.0e-3`.
 - *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
@@ -65,8 +53,8 @@ the secrets that it has as `***` are written into it.
 - `NODE --help` prints the same for one node.
 """
 _COLUMNS = """\
-| parameter | type | unit | range | default | in flight | meaning |
-| --- | --- | --- | --- | --- | --- | --- |"""
+| parameter | takes | default | meaning |
+| --- | --- | --- | --- |"""
 _KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
 #: What is written once, for all nodes: a group, and names.
 _AIRCRAFT = "aircraft"
@@ -77,15 +65,13 @@ def parameters_page() -> str:
     """Return the page: the aircraft's group, then a section per node and a table per group."""
     links = ", ".join(f"[{node}](#{node})" for node in NODE_CONFIGS)
     parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
-    shared = (
-        parameter for parameter in parameters_of(EkfConfig) if _group_name(parameter) == _AIRCRAFT
-    )
+    shared = [p for p in parameters_of(EkfConfig) if _group_name(p) == _AIRCRAFT]
     parts += _group(_AIRCRAFT, AircraftConfig, "", shared)
     parts += ["### Frames\n\n[Outputs](outputs.md#the-frames) draws them.\n"]
     parts += _group("", None, "", parameters_of(FramesConfig))
     for node, kind in NODE_CONFIGS.items():
         parts.append(f"## {node}\n")
-        other = (parameter for parameter in parameters_of(kind) if parameter.name not in _FRAMES)
+        other = [p for p in parameters_of(kind) if p.name not in _FRAMES]
         for name, own in groupby(other, _group_name):
             if name != _AIRCRAFT:
                 holder = type(reduce(getattr, name.split("."), kind())) if name else None
@@ -106,30 +92,16 @@ def _group(name: str, holder: type | None, whose: str, own: Iterable[Parameter])
 
 
 def _row(parameter: Parameter) -> str:
-    kind = (
-        _KINDS.get(type(parameter.default)) or f"{' or '.join(map(str, parameter.sizes))} doubles"
-    )
+    sizes = f"{' or '.join(map(str, parameter.sizes))} doubles"
     text = as_yaml(parameter.default)
-    default = f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
-    live = "yes" if parameter.live else ""
-    cells = [
-        f"`{parameter.name}`",
-        kind,
-        parameter.unit,
-        _range(parameter),
-        default,
-        live,
-        parameter.description,
-    ]
+    between = ", ".join(parameter.choices)
+    if not between and math.isfinite(parameter.low) and math.isfinite(parameter.high):
+        between = f"{_bound(parameter.low)} to {_bound(parameter.high)}"
+    kind = _KINDS.get(type(parameter.default)) or sizes
+    takes = filter(None, (kind, parameter.unit, between, "live" * parameter.live))
+    default = f"*{text}*" if text in _NONE else f"`{text}`"
+    cells = [f"`{parameter.name}`", ", ".join(takes), default, parameter.description]
     return f"| {' | '.join(cells)} |"
-
-
-def _range(parameter: Parameter) -> str:
-    if parameter.choices:
-        return ", ".join(parameter.choices)
-    if math.isinf(parameter.low) or math.isinf(parameter.high):
-        return ""
-    return f"{_bound(parameter.low)} to {_bound(parameter.high)}"
 
 
 def _bound(value: float) -> str:
@@ -139,45 +111,13 @@ def _bound(value: float) -> str:
 
 
 _NONE = _UNSET, _EMPTY = "unset", "empty"
-_PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
-_REPORTS = (STATE_TOPIC, FINDINGS_TOPIC, "/diagnostics")
-
-#: Topics of the contract by node: inputs, then outputs.
-TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
-    "dji_node": ((), (*DJI_TOPICS, *_REPORTS)),
-    "ekf_node": (
-        [topic for topic, _ in NAVIGATION_INPUTS.values()],
-        (
-            *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
-            *("/tf", "/tf_static", *_REPORTS),
-        ),
-    ),
-    "gimbal_node": (
-        ("tirgeo/odometry", "gimbal/joint_states", "gimbal/attitude", "imu/data"),
-        ("tirgeo/camera_pose", "/tf", *_REPORTS),
-    ),
-    "overlay_node": (
-        (
-            *(*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", STATE_TOPIC, FINDINGS_TOPIC),
-            *("tirgeo/locate/pixel", "tirgeo/targets"),
-        ),
-        (
-            *("tirgeo/overlay/image", "tirgeo/overlay/image/compressed"),
-            *("tirgeo/overlay/camera_info", "tirgeo/footprint"),
-            *("tirgeo/locate/fix", "tirgeo/locate/point", "tirgeo/locate/answer"),
-            *_REPORTS,
-        ),
-    ),
-    "viewer_node": (
-        (
-            *("tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
-            *("tirgeo/odometry", "tirgeo/origin", "tirgeo/camera_pose", "tirgeo/footprint"),
-            *("tirgeo/path", "tirgeo/locate/answer", STATE_TOPIC, FINDINGS_TOPIC),
-        ),
-        ("tirgeo/locate/pixel", "tirgeo/targets", "tirgeo/targets/markers", *_REPORTS),
-    ),
-    "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES, *_REPORTS)),
-}
+_USAGE = """\
+How to set them, and to put the topics into a namespace:
+  {name} --ros-args -p {some}:={value} -r __ns:=/uav1
+  {name} --ros-args --params-file aircraft.yaml
+where aircraft.yaml contains
+  /**/{name}:
+    ros__parameters: {{{some}: {value}}}"""
 
 
 def help_text(name: str, package: str = "tirgeo_ros.nodes") -> str:
@@ -186,12 +126,10 @@ def help_text(name: str, package: str = "tirgeo_ros.nodes") -> str:
     source = files(package).joinpath(f"{name}.py").read_text(encoding="utf-8")
     docstring = ast.get_docstring(ast.parse(source)) or ""
     parts = [f"{name}: {docstring}".replace("``", "")]
-    for title, topics in zip(("in", "out"), TOPICS.get(name, ()), strict=False):
-        lines = [f"  {topic:<34}{TOPIC_TYPES[topic]}" for topic in topics]
-        parts += ["\n".join([f"Topics {title}:", *lines])] if lines else []
     if name in NODE_CONFIGS:
         own = parameters_of(NODE_CONFIGS[name])
-        parts += ["\n".join(["Parameters, with defaults:", *map(_parameter, own)]), _usage(name)]
+        parts.append("\n".join(["Parameters, with defaults:", *map(_parameter, own)]))
+        parts.append(_USAGE.format(name=name, some=own[0].name, value=as_yaml(own[0].default)))
     return "\n\n".join(parts) + "\n"
 
 
@@ -215,21 +153,6 @@ def as_yaml(value: Value) -> str:
     if isinstance(value, float):
         return _UNSET if math.isnan(value) else repr(value)
     return str(value) or _EMPTY
-
-
-def _usage(name: str) -> str:
-    own = parameters_of(NODE_CONFIGS[name])
-    some = next(
-        (parameter for parameter in own if as_yaml(parameter.default) not in _NONE), own[0]
-    )
-    value = as_yaml(some.default)
-    return (
-        "How to set them, and to put the topics into a namespace:\n"
-        f"  {name} --ros-args -p {some.name}:={value} -r __ns:=/uav1\n"
-        f"  {name} --ros-args --params-file aircraft.yaml\n"
-        "where aircraft.yaml contains\n"
-        f"  /**/{name}:\n    ros__parameters: {{{some.name}: {value}}}"
-    )
 
 
 if __name__ == "__main__":

@@ -41,16 +41,6 @@ class Monitor:
         with self._lock:
             self._expected_s[topic] = time.monotonic()
 
-    def forget(self, topic: str) -> None:
-        """Drop the counts and times of an input that the node no longer listens to.
-
-        A fault of the program on this topic stays in the diagnostics.
-        """
-        with self._lock:
-            counts = self._window, self._refused, self._reasons, self._lost
-            for table in (self._last_s, self._rates_hz, *counts):
-                table.pop(topic, None)  # type: ignore[attr-defined]
-
     def heard(self) -> frozenset[str]:
         """Return the topics of data from which a message has come."""
         with self._lock:
@@ -88,37 +78,32 @@ class Monitor:
     def report(self, name: str) -> DiagnosticItem:
         """End the window of rates and latencies, and return its diagnostic item."""
         with self._lock:
-            now = time.monotonic()
-            self._end_window(now)
-            level, message = self._judged(now)
-            return DiagnosticItem(name, level, message, self._values(now))
+            now_s = time.monotonic()
+            span_s = max(now_s - self._since_s, 1e-3)
+            topics = sorted({*self._expected_s, *self._last_s, *self._window})
+            self._rates_hz = {topic: self._window[topic] / span_s for topic in topics}
+            self._latencies_ms = {topic: _shares_ms(s) for topic, s in self._latency_s.items()}
+            self._since_s = now_s
+            self._window.clear()
+            self._latency_s.clear()
+            return DiagnosticItem(name, *self._judged(now_s), self._values(now_s))
 
     def topics(self) -> dict[str, TopicState]:
         """Return how each topic runs: rates and latencies of the last whole window, ages now."""
         with self._lock:
-            now = time.monotonic()
-            topics = {*self._expected_s, *self._last_s, *self._rates_hz}
-            return {topic: self._topic_state(topic, now) for topic in sorted(topics)}
-
-    def _end_window(self, now_s: float) -> None:
-        span = max(now_s - self._since_s, 1e-3)
-        topics = sorted({*self._expected_s, *self._last_s, *self._window})
-        self._rates_hz = {topic: self._window[topic] / span for topic in topics}
-        self._latencies_ms = {topic: _shares_ms(s) for topic, s in self._latency_s.items()}
-        self._since_s = now_s
-        self._window.clear()
-        self._latency_s.clear()
-
-    def _topic_state(self, topic: str, now_s: float) -> TopicState:
-        last_s = self._last_s.get(topic)
-        return TopicState(
-            round(self._rates_hz.get(topic, 0.0), 1),
-            None if last_s is None else round(now_s - last_s, 2),
-            *self._latencies_ms.get(topic, (None, None)),
-            self._refused[topic],
-            self._failed().get(topic, 0),
-            self._lost.get(topic, 0),
-        )
+            now_s, failed = time.monotonic(), self._failed()
+            ages_s = {topic: round(now_s - last, 2) for topic, last in self._last_s.items()}
+            return {
+                topic: TopicState(
+                    round(self._rates_hz.get(topic, 0.0), 1),
+                    ages_s.get(topic),
+                    *self._latencies_ms.get(topic, (None, None)),
+                    self._refused[topic],
+                    failed[topic],
+                    self._lost.get(topic, 0),
+                )
+                for topic in sorted({*self._expected_s, *self._last_s, *self._rates_hz})
+            }
 
     def _failed(self) -> Counter[str]:
         """Return the number of faults of the program by topic."""
@@ -153,6 +138,5 @@ class Monitor:
 def _shares_ms(times_s: list[float]) -> tuple[float, float]:
     """Return the median and the 95th percentile of times, ms."""
     ordered = sorted(times_s)
-    places = len(ordered) // 2, min(round(0.95 * len(ordered)), len(ordered) - 1)
-    median_ms, p95_ms = (round(1e3 * ordered[place], 1) for place in places)
-    return median_ms, p95_ms
+    p95 = min(round(0.95 * len(ordered)), len(ordered) - 1)
+    return round(1e3 * ordered[len(ordered) // 2], 1), round(1e3 * ordered[p95], 1)

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 import cv2
-import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.ground_checks import MapChecks
@@ -48,7 +47,7 @@ from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.runner import run, unless_stopped
-from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, Restarts, SetupChecks
 
 _CLICKS = 10
 #: Of an aircraft: their states come at once when this one starts.
@@ -59,7 +58,7 @@ _RELEASE_PERIOD_S = 0.02
 _FRAME_DEPTH = 1
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 _INFO = "thermal/camera_info"
-_MEASURED = 100  # newest pictures whose latency is measured
+_TIMED = 100  # newest frames whose arrival is kept
 
 
 class OverlayNode(GraphNode):
@@ -83,8 +82,9 @@ class OverlayNode(GraphNode):
         )
         info = [] if self._config.camera else [(_INFO,)]
         inputs = InputChecks(self, (_RAW, _COMPRESSED), *info)
+        self._restarts = Restarts()  # of the other nodes, whose states come here in any case
         checks = inputs, OtherPublishers(self), self._map_checks, self._picture_checks
-        self._setup = SetupChecks(self, *checks)
+        self._setup = SetupChecks(self, *checks, self._restarts)
         self._notice = ""  # of the newest picture: why it has no map
         self._verdicts: dict[str, DrawingVerdict] = {}  # by node
         self.heard_nodes: set[str] = set()  # those of its namespace, by name
@@ -189,6 +189,7 @@ class OverlayNode(GraphNode):
         state = node_state(message)
         if len(self.heard_nodes) < _MOST_NODES:
             self.heard_nodes.add(state.name)
+        self._restarts.take(state)
         if state.navigation is not None:
             self._overlay.set_status(state.navigation)
 
@@ -237,7 +238,7 @@ class OverlayNode(GraphNode):
         noticed, self._notice = bool(self._notice), result.notice
         if bool(result.notice) != noticed:  # at once: an operator is waiting for it
             self.report([self._overlay_item()])
-        self.monitor.published("tirgeo/overlay/image", self._frames.left(result.stamp_ns))
+        self.monitor.published("tirgeo/overlay/image", self._frames.took_s(result.stamp_ns))
         self._publish_geometry(result)
 
     def _publish_geometry(self, result: OverlayResult) -> None:
@@ -260,11 +261,11 @@ class OverlayNode(GraphNode):
         overlay, clicks = self._overlay, self._overlay.clicks.counts
         counts = overlay.counts | {"waiting": len(overlay.frames)} | self.resources.counts
         counts |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
-        return counts | self._frames.counts
+        frames = {"frames_sent": self._frames.sent, "frames_missed": self._frames.missed}
+        return counts | frames
 
     def _picture_state(self) -> PictureState:
-        config = self._config
-        newest_ns = self._frames.newest_ns
+        config, newest_ns = self._config, self._frames.newest_ns
         return PictureState(self._notice, config.video_latency_s, config.confidence, newest_ns)
 
     def _overlay_item(self) -> DiagnosticItem:
@@ -276,8 +277,7 @@ class OverlayNode(GraphNode):
             "notice": self._notice,
         }
         values |= {name: text for name, text in texts.items() if text}
-        values["frame rate [Hz]"] = f"{overlay.frames.rate_hz:.1f}"
-        values |= self._frames.latencies | self._arrivals.diagnostics
+        values |= self._arrivals.diagnostics
         waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""
         fine = "ok" if self._config.map else "ok; no map is given"
         level, message = (WARN, watch.error) if watch.error else (OK, waits or fine)
@@ -285,7 +285,7 @@ class OverlayNode(GraphNode):
 
 
 class FrameStatistics:
-    """Hold the latencies of the newest hundred pictures, and count frames sent and missed.
+    """Time the newest frames, and count those that were sent and missed.
 
     ``sent`` counts frames since the first that came, ``missed`` those of them that did not come.
     It shows only in the publication sequence numbers: a newer one replaced it in a shallow queue,
@@ -295,9 +295,9 @@ class FrameStatistics:
 
     def __init__(self) -> None:
         self.sent = self.missed = 0
+        self.newest_ns = 0  # stamp of the newest frame
         self._last: dict[str, int] = {}  # number of each topic's newest frame
-        self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_MEASURED)  # stamp (ns), time
-        self._took_s: deque[float] = deque(maxlen=_MEASURED)
+        self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_TIMED)  # stamp (ns), time
 
     def heard(self, topic: str, number: int) -> None:
         """Count the frame with this sequence number, and those missed before it."""
@@ -320,35 +320,13 @@ class FrameStatistics:
 
     def arrived(self, stamp_ns: int) -> None:
         """Record the arrival of a frame."""
+        self.newest_ns = stamp_ns
         self._arrived_s.append((stamp_ns, time.monotonic()))
 
-    def left(self, stamp_ns: int) -> float:
-        """Record that its picture was published; return seconds since arrival, 0 if unknown."""
+    def took_s(self, stamp_ns: int) -> float:
+        """Return the time since a frame's arrival; 0 if it is unknown."""
         now_s = time.monotonic()
-        took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
-        self._took_s.append(took_s)
-        return took_s
-
-    @property
-    def newest_ns(self) -> int:
-        """Return the stamp of the newest frame; 0 before the first."""
-        return self._arrived_s[-1][0] if self._arrived_s else 0
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return the counts of frames."""
-        return {"frames_sent": self.sent, "frames_missed": self.missed}
-
-    @property
-    def latencies(self) -> dict[str, str]:
-        """Return median and 95th percentile (ms), and the newest frame's stamp (s), as texts."""
-        values = {}
-        if self._arrived_s:
-            seconds = divmod(self._arrived_s[-1][0], 1_000_000_000)
-            values["newest_frame"] = "{}.{:09d}".format(*seconds)
-        for share in (50, 95) if self._took_s else ():
-            values[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
-        return values
+        return now_s - dict(self._arrived_s).get(stamp_ns, now_s)
 
 
 main = partial(run, "overlay_node", OverlayNode)

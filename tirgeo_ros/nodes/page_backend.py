@@ -26,8 +26,8 @@ from tirgeo_ros.core.ground.ground_point import (
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.cot.events import AircraftState
 from tirgeo_ros.io.messages import body_pose
+from tirgeo_ros.io.targets.cot_events import AircraftState
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_topics import ODOMETRY
 from tirgeo_ros.nodes.aircraft_view import AircraftView, velocity_n

@@ -7,7 +7,6 @@ two signals come within a tenth of a second. Here they are off: the signals stay
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import fcntl
 import os
@@ -23,8 +22,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import rclpy
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -37,6 +36,10 @@ _SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
 _LOCK = "_el"
 #: A younger file may still be in creation, and not locked yet.
 _YOUNG_S = 2.0
+_POLL_S, _START_POLL_S = 0.1, 0.05
+_RELEASE_PERIOD_S = 10.0
+T = TypeVar("T")
+Work = Callable[[Any, threading.Event], int]
 
 
 def remove_dead(folder: Path = FOLDER) -> list[str]:
@@ -45,24 +48,21 @@ def remove_dead(folder: Path = FOLDER) -> list[str]:
     Files of other users, and files that disappear meanwhile, are skipped.
     """
     names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
-    segments = filter(_SEGMENT.fullmatch, names)
     dead = []
-    for name in sorted(segments):
-        lock = folder / (name + _LOCK)
-        if not (_young(folder / name) or _young(lock) or _locked(lock)):
+    for name in sorted(filter(_SEGMENT.fullmatch, names)):
+        files = folder / name, folder / (name + _LOCK)
+        if not (any(map(_young, files)) or _locked(files[1])):
             dead.append(name)
-    for name in dead:
-        for file in (name, name + _LOCK):
-            with contextlib.suppress(OSError):
-                (folder / file).unlink()
+            for file in files:
+                with suppress(OSError):
+                    file.unlink()
     return dead
 
 
 def _young(path: Path) -> bool:
-    try:
+    with suppress(OSError):
         return time.time() - path.lstat().st_mtime < _YOUNG_S
-    except OSError:
-        return False
+    return False
 
 
 def _locked(path: Path) -> bool:
@@ -72,10 +72,8 @@ def _locked(path: Path) -> bool:
     """
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return False
-    except OSError:
-        return True
+    except OSError as error:
+        return not isinstance(error, FileNotFoundError)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -83,12 +81,6 @@ def _locked(path: Path) -> bool:
     finally:
         os.close(file)
     return False
-
-
-_POLL_S, _START_POLL_S = 0.1, 0.05
-_RELEASE_PERIOD_S = 10.0
-T = TypeVar("T")
-Work = Callable[[Any, threading.Event], int]
 
 
 class Part(NamedTuple):
@@ -116,7 +108,6 @@ def run_all(program: str, parts: Mapping[str, Part]) -> int:
             check_arguments(name, sys.argv)
         with _context(), ExitStack() as opened:
             nodes = [opened.enter_context(_node(part.build)) for part in parts.values()]
-            _share_clock(nodes)
             for node in nodes:
                 opened.enter_context(getattr(node, "resources", None) or nullcontext())
                 node.get_logger().info("ready")
@@ -124,20 +115,6 @@ def run_all(program: str, parts: Mapping[str, Part]) -> int:
     except TirgeoError as error:
         sys.stderr.write(f"{program}: {error}\n")
         return 1
-
-
-def make_executor(context: Any = None) -> Any:
-    """Return the events executor if rclpy has it, else the single-threaded one.
-
-    The single-threaded executor checks every entity at every message, and a node has a dozen in
-    its parameter services alone. CPU cores used on a flight at 100 Hz, events against
-    single-threaded: ekf_node 0.21 / 0.33, gimbal_node 0.13 / 0.28, recorder 0.07 / 0.23.
-    """
-    try:
-        from rclpy.experimental import EventsExecutor  # noqa: PLC0415  absent before Jazzy 7.1.4
-    except ImportError:
-        return SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
 
 
 @contextmanager
@@ -164,21 +141,11 @@ def _node(build: Callable[[], Node]) -> Iterator[Node]:
         node.destroy_node()
 
 
-def _share_clock(nodes: Sequence[Node]) -> None:
-    """Set the clocks of all nodes from the last node's subscription to ``/clock``.
-
-    Each node has one of its own, and each of its messages, at 100 Hz, costs as much as a sample
-    of the IMU. rclpy has no public access to what subscribes.
-    """
-    source = nodes[-1]._time_source  # noqa: SLF001  no public way
-    for node in nodes[:-1]:
-        node._time_source.detach_node()  # noqa: SLF001  no public way
-        source.attach_clock(node.get_clock())
-
-
 def _until_stopped(nodes: Sequence[Node], works: Sequence[Work | None]) -> int:
     stop = threading.Event()
-    executors = [make_executor() for _ in nodes]
+    # rclpy's older executor checks every entity at every message, and takes 1.6 to 3 times the
+    # processor time on a flight at 100 Hz.
+    executors = [EventsExecutor() for _ in nodes]
     with ThreadPoolExecutor(max_workers=2 * len(nodes)) as pool:
         jobs = []
         for executor, node, work in zip(executors, nodes, works, strict=True):
@@ -211,30 +178,21 @@ def _wait(jobs: list[Future[int]]) -> signal.struct_siginfo | None:
     released_s = time.monotonic()
     while not wait(jobs, _POLL_S, FIRST_COMPLETED).done:
         if time.monotonic() - released_s > _RELEASE_PERIOD_S:
-            _release_free_memory()
             released_s = time.monotonic()
+            # Free memory that glibc's malloc keeps, of the longest queues and of dead DDS peers,
+            # goes back to the system: 0.1 to 1.4 ms. Other C libraries have no malloc_trim.
+            with suppress(AttributeError):
+                ctypes.CDLL(None).malloc_trim(0)
         if not signal.sigpending().isdisjoint(STOP_SIGNALS):
             return signal.sigwaitinfo(STOP_SIGNALS)
     return None
-
-
-def _release_free_memory() -> None:
-    """Give back to the system the free memory that glibc's malloc keeps.
-
-    It is left by the longest queues and by dead DDS peers. Takes 0.1 to 1.4 ms. Other C libraries
-    have no ``malloc_trim``.
-    """
-    with suppress(AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _spin(executor: Any, stop: threading.Event) -> int:
     # In these versions of the events executor only spin_once delivers messages; spin() does not.
     with suppress(ExternalShutdownException):
         while not stop.is_set():
-            # An event of a subscription that was destroyed meanwhile ends no node.
-            with suppress(InvalidHandle):
-                executor.spin_once(timeout_sec=0.5)
+            executor.spin_once(timeout_sec=0.5)
     return 0
 
 

@@ -181,8 +181,7 @@ class ViewerNode(GraphNode):
         self._server.report(aircraft, state)
 
     def _findings_of(self, aircraft: str) -> list[Finding]:
-        own = [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
-        return [*own, *self._aircraft[aircraft].reports.restarts.findings()]
+        return [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
 
     def _all_findings(self) -> list[Finding]:
         names = self._aircraft

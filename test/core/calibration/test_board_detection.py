@@ -10,6 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
+from dev.checkerboards import (
+    BoardLook,
+    BoardRenderer,
+    board_views,
+    calibration_poses,
+)
 from tirgeo_ros.core.calibration.board_detection import find_board, fit_corners
 from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
@@ -22,12 +28,6 @@ from tirgeo_ros.core.calibration.checkerboard import (
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import rotation_x, rotation_y, rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.tools.simulate.boards import (
-    BoardLook,
-    BoardRenderer,
-    board_views,
-    calibration_poses,
-)
 
 SEED = 90
 

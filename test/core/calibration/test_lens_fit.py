@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dev.checkerboards import calibration_poses, gimbal_pose
 from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
     BoardTracker,
@@ -23,7 +24,6 @@ from tirgeo_ros.core.calibration.lens_fit import (
 )
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.tools.simulate.boards import calibration_poses, gimbal_pose
 
 BOARD = Checkerboard(9, 6, 0.1)
 SIZE = XT2.width, XT2.height

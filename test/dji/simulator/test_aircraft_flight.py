@@ -41,8 +41,12 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.evaluate.experiment import load_experiment
-from tirgeo_ros.tools.evaluate.result import ground_errors, locate_observations
-from tirgeo_ros.tools.evaluate.series import body_errors, load_truth
+from tirgeo_ros.tools.evaluate.result import (
+    body_errors,
+    ground_errors,
+    load_truth,
+    locate_observations,
+)
 from tirgeo_ros.tools.replay.registration import Registration
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -111,7 +115,7 @@ class Flight:
         self._overlay = params.config("overlay_node", OverlayConfig)
         self._truth = load_truth(folder / "truth.mcap")
         points = (folder / "survey.geojson", folder / "observations.csv")
-        self._given = load_experiment(*points, "gauss-krueger")
+        self._given = load_experiment(*points)
         self._camera = read_camera(folder / "flight.mcap")
         cdr, bag = Cdr(), BagReader(folder / "flight.mcap")
         self.samples = [

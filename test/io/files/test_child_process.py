@@ -1,4 +1,4 @@
-"""Child processes: their answers and ends, their modules, and arrays that they share."""
+"""Child processes: their answers and ends, and their modules."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from project import wait_until
 
@@ -18,7 +17,6 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess
 from tirgeo_ros.io.maps.map_process import MapProcess
 from tirgeo_ros.tools.graph.node_graph import NodeProcess
-from tirgeo_ros.tools.replay.picture_stage import SharedSlots
 
 _ECHO = """
 import pickle, sys
@@ -196,45 +194,3 @@ def test_a_node_ends_with_the_process_that_started_it(tmp_path):
     told = tmp_path / "told"
     wait_until(lambda: told.exists() and told.read_text(), 30)
     assert told.read_text() == "SIGTERM"
-
-
-_SUMS = """
-import pickle
-from tirgeo_ros.io.files.child_process import parent_pipes
-from tirgeo_ros.tools.replay.picture_stage import SharedSlots
-with parent_pipes() as (tasks, answers):
-    slots = SharedSlots(*pickle.load(tasks))
-    while True:
-        array = slots.get(pickle.load(tasks))
-        pickle.dump((array.shape, array.dtype.str, array.astype(int).sum()), answers)
-        answers.flush()
-"""
-
-
-@pytest.fixture
-def slots():
-    made = SharedSlots(3)
-    yield made
-    made.close()
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-@pytest.mark.parametrize("shape", [(5, 7), (4, 3, 3)])
-def test_a_child_sees_what_was_put(slots, shape, dtype):
-    rng = np.random.default_rng(7)
-    arrays = [rng.integers(0, 255, shape).astype(dtype)[:, ::-1] for _ in range(5)]
-    child = ChildProcess(_SUMS, [slots.descriptor])
-    child.send((slots.number, slots.descriptor))
-    for array in arrays:  # two more than there are slots
-        child.send(slots.put(array))
-        assert child.receive() == (array.shape, array.dtype.str, array.astype(int).sum())
-    child.close()
-
-
-def test_the_newest_stay_and_the_oldest_goes(slots):
-    places = [slots.put(np.full((2, 2), number)) for number in range(4)]
-    assert [int(slots.get(place)[0, 0]) for place in places] == [3, 1, 2, 3]
-
-
-def test_what_is_too_large_has_no_place(slots):
-    assert slots.put(np.broadcast_to(np.uint8(1), (1 << 13, 1 << 13))) is None

@@ -55,8 +55,6 @@ def still_at(where=(39.85, 116.7, 41.5), attitude=(0.0, -30.0, 20.0), **said):
         "body_rpy": (0.01, -0.02, 3.0),
         "above_ground_m": 30.0,
         "undulation_m": math.nan,
-        "model": "thermal",
-        "pixel_pitch_um": 17.0,
     }
     return Still(**known | said)
 
@@ -197,11 +195,6 @@ def test_what_is_not_known_is_not_said(written):
     assert not re.search("Flight|Relative|Rtk|Dewarp|Accuracy", " ".join(read.xmp))
     assert 0x1F not in read.gps  # GPSHPositioningError
     assert "nan" not in " ".join(read.xmp.values())
-
-
-def test_a_name_with_markup_is_a_name(written):
-    read = written(still_at(model="<\"&'> \u00e9"))
-    assert read.tags[272] == "<\"&'> ?"
 
 
 def test_the_names_and_forms_are_those_of_real_pictures(written, shared):

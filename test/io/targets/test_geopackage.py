@@ -319,35 +319,6 @@ def test_a_target_whose_clicks_are_gone_stays_and_is_named(path, changed, share)
     assert read_targets(path) == [left, same]
 
 
-def test_a_file_of_before_has_its_alternatives_and_what_is_on(path, changed):
-    """They were among the changes, with negative numbers in the column undone."""
-    one, _ = edited(path)
-    row = "INSERT INTO tirgeo_changes (at_ns, action, target, before, undone) VALUES"
-    alternative = f"(5, 'alternative', '{one.id}', '[\"note\", \"am Ufer\"]'"
-    changed(
-        "DROP TABLE IF EXISTS tirgeo_alternatives",
-        "DROP TABLE IF EXISTS tirgeo_switches",
-        f"{row} {alternative}, -1)",
-        f"{row} (5, 'alternative', '{one.id}', '[\"kind\", \"fire\"]', 4)",
-        f"{row} (5, 'alternative', '{one.id}', '[\"note', -1)",
-        f"{row} (NULL, 'on', 'record uav1', NULL, -2)",
-    )
-    for _ in range(2):
-        store = TargetStore(path)
-        assert store.alternatives() == {one.id: [["note", "am Ufer"]]}
-        assert store.switched_on() == ["record uav1"]
-        store.close()
-    store = TargetStore(path)
-    assert store.undo() == "target 1 as before"  # change 4, which settled the other
-    assert store.alternatives() == {one.id: [["note", "am Ufer"], ["kind", "fire"]]}
-    store.switch("record uav1", on=False)
-    store.close()
-    store = TargetStore(path)
-    assert store.switched_on() == []
-    assert store.undo() == "target 1 as before"
-    store.close()
-
-
 def test_a_damaged_byte_of_an_alternative_costs_a_letter(path, changed):
     one, _ = edited(path)
     store = TargetStore(path)

@@ -16,10 +16,9 @@ import numpy as np
 import pytest
 from klv_reader import by_klvdata, demuxed
 
-from tirgeo_ros.core.types.errors import ExportError, VideoError
+from tirgeo_ros.core.types.errors import VideoError
 from tirgeo_ros.io.video.frame_metadata import packet
 from tirgeo_ros.io.video.video_file import VideoFile
-from tirgeo_ros.tools.export.subtitles import SubtitleFile
 
 STEP_NS = 111_111_111  # 9 Hz
 TICK_S = 1 / 1000  # Matroska counts milliseconds, the finer MP4 has 1/90000 s
@@ -165,35 +164,6 @@ def test_a_growing_file_plays_as_far_as_it_was_written(tmp_path):
 
 
 S = 1_000_000_000
-
-
-def test_the_clock_counts_hours_and_rounds_to_milliseconds(tmp_path):
-    file = SubtitleFile(tmp_path / "out.srt")
-    file.add(0, 1_555_555_556, "first")
-    file.add(59_999_600_000, 3599 * S + 999_400_000, "second\nline \u00b0")
-    file.add(36_061 * S + 7_000_000, 360_000 * S, "third")
-    file.finish()
-    assert (tmp_path / "out.srt").read_text(encoding="utf-8") == (
-        "1\n00:00:00,000 --> 00:00:01,556\nfirst\n\n"
-        "2\n00:01:00,000 --> 00:59:59,999\nsecond\nline \u00b0\n\n"
-        "3\n10:01:01,007 --> 100:00:00,000\nthird\n\n"
-    )
-    assert [one.name for one in tmp_path.iterdir()] == ["out.srt"]
-
-
-def test_an_older_file_stays_until_the_new_one_is_complete(tmp_path):
-    (tmp_path / "out.srt").write_text("old")
-    file = SubtitleFile(tmp_path / "out.srt")
-    file.add(0, S, "new")
-    assert (tmp_path / "out.srt").read_text() == "old"
-    file.finish()
-    assert "new" in (tmp_path / "out.srt").read_text()
-
-
-def test_a_place_that_is_no_file_is_named(tmp_path):
-    (tmp_path / "out.srt").mkdir()
-    with pytest.raises(ExportError, match=r"out.srt: not a file"):
-        SubtitleFile(tmp_path / "out.srt")
 
 
 START_NS = 1_634_731_264_000_000_000

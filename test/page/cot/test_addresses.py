@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import re
 import socket
 import ssl
@@ -100,38 +99,23 @@ def test_a_key_that_does_not_open_is_refused_without_asking(tmp_path, ending, pa
         pytak_settings(CotParameters("tls://h", certificate=str(own), password=password))
 
 
-def distrust(message):
-    error = ssl.SSLCertVerificationError()
-    error.verify_message = message
-    wrapper = SyntaxError("Bypass with PYTAK_TLS_DONT_VERIFY=1")
-    wrapper.__cause__ = error
-    return wrapper
+WRONG_NAME = ssl.SSLCertVerificationError(1, "certificate verify failed: Hostname mismatch")
+WRAPPED = SyntaxError("Bypass with PYTAK_TLS_DONT_VERIFY=1")
+WRAPPED.__cause__ = WRONG_NAME
 
 
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (ConnectionRefusedError(errno.ECONNREFUSED, "refused"), "nobody answers"),
-        (ConnectionResetError("closed by the server"), "the server ended the connection"),
-        (BrokenPipeError(errno.EPIPE, "broken"), "the server ended the connection"),
+        (ConnectionRefusedError(111, "refused"), "refused; is the TAK server running"),
         (TimeoutError("no answer"), "no answer; is this computer in the team's network"),
-        (OSError(errno.ENETUNREACH, "unreachable"), "no way there"),
-        (socket.gaierror(socket.EAI_NONAME, "unknown"), "write its IP address in cot"),
-        (distrust("Hostname mismatch, certificate is not valid"), r"\?name=THAT_NAME"),
-        (distrust("certificate has expired"), "has expired; is the clock of this computer right"),
-        (distrust("certificate is not yet valid"), "not yet valid; is the clock of this"),
-        (
-            ssl.SSLError(1, "[SSL: SSLV3_ALERT_CERTIFICATE_EXPIRED] sslv3"),
-            "cot_certificate has expired; its server's owner makes a new one",
-        ),
-        (distrust("self-signed certificate in certificate chain"), "cot_ca must be"),
-        (ssl.SSLError(1, "[SSL: TLSV1_ALERT_UNKNOWN_CA] tlsv1"), "refuses cot_certificate"),
-        (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] wrong"), "is the port right"),
-        (OSError(errno.EACCES, "a broadcast"), "to all in a network: udp://239.2.3.1:6969"),
-        (OSError(errno.EPROTO, "\x1b[31mdenied"), "denied"),
+        (socket.gaierror(-2, "unknown"), "unknown; write its IP address in cot"),
+        (WRAPPED, "Hostname mismatch.*; look at cot_ca, cot_certificate, .*=THAT_NAME"),
+        (OSError(71, "\x1b[31mdenied"), "denied; is this computer"),
+        (RuntimeError("odd"), "odd$"),
     ],
 )
-def test_failures_are_said_in_plain_words(error, words):
+def test_failures_are_one_line_with_what_to_do(error, words):
     said = words_of(error, "tls://tak.example:8089")
     assert re.search(words, said)
     assert said.startswith("tls://tak.example:8089: ")

@@ -15,7 +15,7 @@ from tak_server import Member
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.page.cot import link as link_module
 from tirgeo_ros.page.cot.address import CotParameters
-from tirgeo_ros.page.cot.link import CotLink, Outbox, TeamPicture, aircraft_uid
+from tirgeo_ros.page.cot.link import CotLink, Outbox, aircraft_uid
 
 GROUP = "239.2.3.1"
 
@@ -28,8 +28,8 @@ def flush(outbox):
     """Send all that waits; return the uids."""
     uids = []
     while (entry := outbox.first()) is not None:
-        uids.append(entry.make(0).get("uid"))
-        outbox.sent(entry)
+        uids.append(entry[1](0).get("uid"))
+        outbox.sent(*entry)
     return uids
 
 
@@ -41,10 +41,10 @@ def test_the_newest_of_each_waits_and_kept_ones_wait_again():
     entry = outbox.first()
     assert entry == ("a", old)
     outbox.put("a", new, keep=True)
-    outbox.sent(entry)  # of the old one: the new one still waits, behind b
+    outbox.sent(*entry)  # of the old one: the new one still waits, behind b
     assert [outbox.first(), len(outbox)] == [("b", old), 2]
-    outbox.sent(outbox.first())
-    outbox.sent(outbox.first())
+    outbox.sent(*outbox.first())
+    outbox.sent(*outbox.first())
     assert outbox.first() is None
     outbox.all_again()
     assert [outbox.first(), len(outbox)] == [("a", new), 1]
@@ -55,39 +55,36 @@ def test_the_outbox_is_bounded_and_counts_what_it_drops(monkeypatch):
     outbox = Outbox()
     for number in range(5):
         outbox.put(str(number), object(), keep=False)
-    assert (len(outbox), outbox.dropped, outbox.first().uid) == (3, 2, "2")
+    assert (len(outbox), outbox.dropped, outbox.first()[0]) == (3, 2, "2")
 
 
 def test_a_target_that_never_went_out_needs_no_deletion_and_an_undone_one_none():
     outbox = Outbox()
-    picture = TeamPicture(outbox)
-    picture.targets([target(1)])
+    outbox.targets([target(1)])
     assert flush(outbox) == [uid(1)]
-    picture.targets([target(1), target(2)])
-    picture.targets([])
+    outbox.targets([target(1), target(2)])
+    outbox.targets([])
     assert flush(outbox) == [uid(1), uid(1) + "-deleted"]
     outbox.all_again()
     assert flush(outbox) == [uid(1) + "-deleted"]
-    picture.targets([target(1)])  # the deletion is undone
+    outbox.targets([target(1)])  # the deletion is undone
     outbox.all_again()
     assert flush(outbox) == [uid(1)]
 
 
 def test_targets_of_an_earlier_run_are_deleted_too():
     outbox = Outbox()
-    picture = TeamPicture(outbox)
-    picture.targets([target(1)])
-    picture.targets([])
+    outbox.targets([target(1)])
+    outbox.targets([])
     assert flush(outbox) == [uid(1), uid(1) + "-deleted"]
 
 
 def test_old_deletions_are_not_said_for_ever(monkeypatch):
     monkeypatch.setattr(link_module, "_DELETIONS_KEPT", 2)
     outbox = Outbox()
-    picture = TeamPicture(outbox)
-    picture.targets([target(number) for number in range(4)])
+    outbox.targets([target(number) for number in range(4)])
     flush(outbox)
-    picture.targets([])
+    outbox.targets([])
     assert len(flush(outbox)) == 8  # each goes once
     outbox.all_again()
     assert len(flush(outbox)) == 2
@@ -95,14 +92,13 @@ def test_old_deletions_are_not_said_for_ever(monkeypatch):
 
 def test_an_aircraft_is_said_once_a_second_with_its_own_time_and_never_without_a_place():
     outbox = Outbox()
-    picture = TeamPicture(outbox)
-    picture.aircraft("lost", dataclasses.replace(flying(), latitude_deg=math.nan))
+    outbox.aircraft("lost", dataclasses.replace(flying(), latitude_deg=math.nan))
     assert len(outbox) == 0
     before = utc(time.time_ns())
     for _ in range(20):
-        picture.aircraft("uav1", flying())
+        outbox.aircraft("uav1", flying())
     after = utc(time.time_ns())
-    event = outbox.first().make(time.time_ns() + 10**12)  # sent much later
+    event = outbox.first()[1](time.time_ns() + 10**12)  # sent much later
     assert before <= event.get("time") <= after
     assert flush(outbox) == [aircraft_uid("uav1"), aircraft_uid("uav1") + "-looks-at"]
     assert aircraft_uid("uav1") != aircraft_uid("uav2")
@@ -144,7 +140,7 @@ def test_it_ends_at_once(on):
     link.start()
     link.share(on)
     if on:
-        wait_until(lambda: "nobody answers" in link.status.error)
+        wait_until(lambda: "is the TAK server running" in link.status.error)
     thread = link._thread
     link.stop()
     assert not thread.is_alive()
@@ -160,6 +156,6 @@ def test_changes_are_told_once_and_not_each_attempt():
         wait_until(lambda: link.status.error)
         time.sleep(2.5)  # one or two attempts more
         assert len(told) == 1
-        assert "nobody answers" in told[0]
+        assert "is the TAK server running" in told[0]
     finally:
         link.stop()

@@ -62,7 +62,7 @@ def test_targets_aircraft_and_sight_arrive_and_what_waited_for_a_dead_server(ser
         server.kill()
         wait_until(lambda: not link.status.connected)
         link.targets([first])  # an edit and a deletion
-        wait_until(lambda: "nobody answers" in link.status.error)
+        wait_until(lambda: "is the TAK server running" in link.status.error)
         assert link.status.queued == 3  # the second one is withdrawn too
         server.start()
         member = Member.of(server)
@@ -108,7 +108,7 @@ def test_tls_with_a_clients_certificate_and_none_without(secure, tmp_path):
     other.mkdir()
     theirs = str(TakServer(other, tls=True).client("stranger"))
     with sharing(secure.address, certificate=theirs, ca=secure.ca) as link:
-        wait_until(lambda: "refuses cot_certificate" in link.status.error)
+        wait_until(lambda: "look at cot_ca, cot_certificate" in link.status.error)
         assert not link.status.connected
 
 

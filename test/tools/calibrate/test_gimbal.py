@@ -11,6 +11,7 @@ import pytest
 from picture_bags import picture_bag
 from recorded_bags import segments_of
 
+from dev.checkerboards import BoardLook, BoardRenderer, gimbal_pose
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
@@ -18,7 +19,6 @@ from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import Taken, thinned
 from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.simulate.boards import BoardLook, BoardRenderer, gimbal_pose
 
 pytestmark = pytest.mark.slow
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from picture_bags import picture_bag
 
+from dev.checkerboards import BoardLook, board_views
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
@@ -16,7 +17,6 @@ from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import files_of
 from tirgeo_ros.tools.calibrate.lens import calibrate_lens
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.simulate.boards import BoardLook, board_views
 
 BOARD = Checkerboard(9, 6, 0.1)
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")

@@ -87,9 +87,7 @@ def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
     assert share == pytest.approx(0.5, abs=0.02)  # the lens bends the far one a little more
 
 
-@pytest.mark.parametrize(
-    "verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow), "budget"]
-)
+@pytest.mark.parametrize("verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow)])
 def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys):
     """It would put each pixel elsewhere, and say so with a small ellipse."""
     half = replace(XT2, width=320, height=256)
@@ -101,7 +99,6 @@ def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys
             *("--survey", sample / "survey.geojson", "--observations", seen),
             *("-o", tmp_path / "evaluation"),
         ],
-        "budget": [],
     }[verb]
     given = ["--camera", tmp_path / "half.yaml", "--params", sample / "params.yaml"]
     arguments = [verb, sample / "flight.mcap", *given, *more]

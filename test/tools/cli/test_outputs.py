@@ -31,7 +31,7 @@ WRITTEN = {"output", "video", "kml", "cot", "plot", "csv", "residuals", "geotiff
 IN_FOLDERS = {
     "budget": ["budget.csv", "height.png"],
     "evaluate": ["observations.csv", "result.json", "report.html"],
-    "export": ["mosaic.tif", "mosaic.kml", "mosaic.png", "summary.json"],
+    "export": ["mosaic.tif", "summary.json"],
     "simulate": ["flight.mcap", "map.geojson", "params.yaml"],
     "demo": ["recording.mcap", "overlay.mp4", "still.png", "summary.json"],
 }

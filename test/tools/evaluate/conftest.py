@@ -20,7 +20,6 @@ def found(sample, tmp_path_factory):
         params=sample / "params.yaml",
         boresight=boresight,
         truth=sample / "truth.mcap",
-        map_path=sample / "map.geojson",
     )
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
-from xml.etree import ElementTree as ET
 
 import cv2
 import numpy as np
@@ -23,17 +21,11 @@ from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, plac
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.columns import of_target
 from tirgeo_ros.io.targets.formats import exported as targets_as
-from tirgeo_ros.tools.evaluate.series import load_truth
-from tirgeo_ros.tools.export import vectors
+from tirgeo_ros.tools.evaluate.result import load_truth
 from tirgeo_ros.tools.export.vectors import Vectors
 
 CONFIDENCE = ConfidenceConfig()
-LAYERS = [
-    getattr(vectors, name)
-    for name in ("FOOTPRINTS", "TRACK", "TRACK_POINTS", "TARGETS", "ELLIPSES")
-]
 EAST_20_M = np.array([0.0, 20.0, 0.0])
-SYMBOLS = {"Point": "marker", "LineString": "line", "Polygon": "fill"}
 
 
 @pytest.fixture(scope="module")
@@ -134,23 +126,6 @@ def test_targets_are_there_with_their_ellipses(path):
     for row, target in zip(rows_of(path, "ellipses"), TARGETS, strict=True):
         assert row["target"] == target.id
         assert_allclose(row["positions"][:, ::-1], target.place.outline())
-
-
-def test_styles_name_columns_that_are_there(path):
-    styles = {row["f_table_name"]: row["styleQML"] for row in rows_of(path, "layer_styles")}
-    assert (
-        set(styles) == {layer.name for layer in LAYERS} == set(layers_in(path)) - {"layer_styles"}
-    )
-    for layer in LAYERS:
-        root = ET.fromstring(styles[layer.name])
-        kinds = {symbol.get("type") for symbol in root.iter("symbol")}
-        assert kinds == {SYMBOLS[layer.geometry.partition(" ")[0]]}
-        named = {one.get("value") for one in root.iter("Option") if one.get("name") == "field"}
-        named |= {one.get("attr") for one in root.iter("renderer-v2") if one.get("attr")}
-        for text in root.iter("text-style"):
-            named |= set(re.findall(r'"(\w+)"', text.get("fieldName")))
-        assert named <= set(layer.columns)
-    assert "heading_deg" in styles["track_points"]
 
 
 def test_the_track_is_broken_where_there_is_no_pose(flight, tmp_path):

@@ -20,7 +20,7 @@ from project import PROJECT, wait_until
 
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.many_flights import dask_workers
-from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
+from tirgeo_ros.tools.many_flights.flight_process import FlightProgress
 from tirgeo_ros.tools.replay.process import process
 
 _LIMIT_S = 120.0
@@ -161,9 +161,8 @@ def test_a_worker_of_another_version_that_came_later_begins_nothing(tmp_path):
         dask_workers.run_on_worker(task)
 
 
-@pytest.mark.parametrize("noticed", [False, True])
-def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch, noticed):
-    """The client cancels all flights as soon as it has noticed; before, each request fails."""
+def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch):
+    """The client cancels all flights as soon as it has noticed."""
 
     def lost(*_):
         raise ConnectionResetError(104, "Connection reset by peer")
@@ -174,7 +173,6 @@ def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch, not
         wait_for_workers=lambda *_, **__: None,
         run=lambda *_, **__: {},
         submit=lambda *_, **__: cancelled,
-        processing=dict if noticed else lost,
         cancel=lost,
         status="connecting",
     )

@@ -13,11 +13,11 @@ from process_bags import rewritten
 from tirgeo_ros.tools.many_flights.flight_process import (
     ATTEMPTS,
     Stopped,
+    core_shares,
     remove_parts,
     run_flight,
 )
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, bag_stamps, made_from
-from tirgeo_ros.tools.many_flights.local_workers import core_shares
 from tirgeo_ros.tools.replay.process import process
 
 

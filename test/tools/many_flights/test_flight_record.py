@@ -17,7 +17,7 @@ from pyproj import Geod
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.many_flights import flight_record
-from tirgeo_ros.tools.many_flights.flight_facts import flight_facts
+from tirgeo_ros.tools.many_flights.flight_process import flight_facts
 from tirgeo_ros.tools.many_flights.flight_record import (
     FlightTask,
     bag_stamps,
@@ -25,7 +25,6 @@ from tirgeo_ros.tools.many_flights.flight_record import (
     is_done,
     made_from,
     read_records,
-    record_of,
     written_record,
 )
 from tirgeo_ros.tools.many_flights.many_flights import flight_names
@@ -99,7 +98,7 @@ def test_a_file_that_was_only_touched_is_the_same(made, tmp_path):
 
 def test_a_failed_flight_is_tried_again(made):
     task, _ = made
-    assert not is_done(record_of(task(), {"error": "no space"}, 1), task())
+    assert not is_done(written_record(task(), {"error": "no space"}, 1), task())
     assert not is_done(None, task())
 
 
@@ -143,68 +142,24 @@ def test_a_name_too_long_for_the_file_system_is_an_error_of_its_flight(made):
 
 
 def test_facts_of_a_flight(season, flights):
-    """The medians of the positions' sigmas are those of the odometry, which has ten times more."""
     folder, _, records = season
     facts = records["east_flight"]["season"]["facts"]
     begin = datetime.fromtimestamp(BagReader(flights[0]).span_ns[0] // 10**9, timezone.utc)
     assert facts["begin_utc"] == begin.isoformat().replace("+00:00", "Z")
-    odometry = [m for _, m in messages_of(folder / "east_flight.mcap", "/tirgeo/odometry")]
-    variances = [np.reshape(m.pose.covariance, (6, 6)).diagonal() for m in odometry]
-    level_m, up_m = np.median(
-        [(np.sqrt(east + north), np.sqrt(up)) for east, north, up, *_ in variances], axis=0
-    )
-    # Sigmas fall by some per cent from one fix to the next: the tenths have nearly their median.
-    assert facts["horizontal_sigma_m"] == pytest.approx(level_m, rel=0.05)
-    assert facts["vertical_sigma_m"] == pytest.approx(up_m, rel=0.05)
-    places = [m for _, m in messages_of(folder / "east_flight.mcap", "/tirgeo/fix")]
-    assert len(facts["track_deg"]) == len(places)  # fewer than 200
-    assert facts["track_deg"][-1] == pytest.approx(
-        [places[-1].latitude, places[-1].longitude], abs=1e-7
-    )  # seven digits
-
-
-def test_the_distance_is_that_over_the_ground(season):
-    folder, _, records = season
     fixes = [m for _, m in messages_of(folder / "east_flight.mcap", "/tirgeo/fix")]
-    begin_ns = convert.stamp_ns(fixes[0])
-    seconds = {(convert.stamp_ns(m) - begin_ns) // 10**9: m for m in reversed(fixes)}
+    assert facts["place_deg"] == [fixes[0].latitude, fixes[0].longitude]
+    seconds = {convert.stamp_ns(m) // 10**9: m for m in reversed(fixes)}
     chosen = [seconds[key] for key in sorted(seconds)]
     length_m = Geod(ellps="WGS84").line_length(
         [m.longitude for m in chosen], [m.latitude for m in chosen]
     )
     # By chords at height zero: of some metres the geodesics differ by far less than a millimetre.
-    assert records["east_flight"]["season"]["facts"]["distance_m"] == pytest.approx(
-        length_m, abs=1e-3
-    )
-
-
-def statuses_of(bag, topic):
-    return [convert.node_state(message).navigation for _, message in messages_of(bag, topic)]
-
-
-def test_heading_and_innovations_are_those_of_the_filters_states(season):
-    folder, _, records = season
-    found = statuses_of(folder / "east_flight.mcap", "/tirgeo/state")
-    facts = records["east_flight"]["season"]["facts"]
-    sigmas_deg = np.degrees([one.heading_sigma_rad for one in found])
-    assert facts["heading_sigma_deg"] == pytest.approx(np.nanmedian(sigmas_deg))
-    for source in ("rtk_position", "gps_position"):
-        ratios = [one.test_ratios.get(source, 0.0) for one in found]
-        assert facts["test_ratios"][source] == max(ratios)
-
-
-def test_an_output_of_a_version_without_states_is_read(season, tmp_path):
-    folder, _, records = season
-    bag, kept = folder / "east_flight.mcap", records["east_flight"]
-    old = rewritten(bag, tmp_path / "old.mcap", without=["/tirgeo/state"])
-    facts, _ = flight_facts(old, "", kept["duration_s"])
-    unknown = {"heading_sigma_deg": None, "nis": {}, "test_ratios": {}}
-    assert facts == kept["season"]["facts"] | unknown
+    assert facts["distance_m"] == pytest.approx(length_m, abs=1e-3)
 
 
 @pytest.mark.slow
 def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
-    """And the means of NIS are of all states; with a namespace."""
+    """With a namespace."""
     flight = rewritten(
         sample / "flight.mcap",
         tmp_path / "flight.mcap",
@@ -214,7 +169,7 @@ def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
     out = tmp_path / "out.mcap"
     given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
     process(flight, out, namespace="uav1", **given)
-    facts, jpeg = flight_facts(out, "uav1", 9.0)
+    _, jpeg = flight_facts(out, "uav1", 9.0)
     small = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert small.shape == (256, 320, 3)
     pictures = [
@@ -223,10 +178,6 @@ def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
     ]
     errors = [np.abs(one.astype(float) - small).mean() for one in pictures]
     assert abs(np.argmin(errors) - len(pictures) / 2) <= 5  # in the middle; the first are late
-    assert facts["nis"].keys() >= {"rtk_position", "rtk_velocity", "rtk_heading"}
-    found = [status.nis.get("rtk_position") for status in statuses_of(out, "/uav1/tirgeo/state")]
-    known = [nis for nis in found if nis is not None]
-    assert facts["nis"]["rtk_position"] == pytest.approx(np.mean(known))
 
 
 def record(bag, stamps=()):

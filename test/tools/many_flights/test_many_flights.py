@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import signal
@@ -14,10 +13,9 @@ from process_bags import rewritten
 
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.many_flights.flight_process import FlightProgress
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask
-from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.many_flights.many_flights import flights_summary, only_run, summary_lines
-from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
 
 NAMES = ["east_flight", "west_flight"]
@@ -205,33 +203,10 @@ def test_of_many_errors_the_first_are_named():
     assert good["error"] is None
 
 
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-def test_the_bar_has_all_flights_and_names_those_in_work():
-    times = iter([0.0, 10.0, 20.0])
-    terminal = Terminal()
-    bar = Progress("processing", "flights", stream=terminal, clock=lambda: next(times))
-    board = FlightProgress(8, bar)
-    for name in ("one", "two"):
-        board.done(name)
-    for name in ("four", "three"):
-        board.part(name, 0.5)
-    board.show()
-    assert "four, three [#######" in terminal.getvalue()
-    assert "3.00 of 8.00 flights" in terminal.getvalue()
-    board.in_work("abcde")
-    board.show()
-    assert "a, b, c and 2 more [#####" in terminal.getvalue()
-
-
-def test_a_board_without_a_bar_reports_numbers():
+def test_progress_counts_flights_and_the_parts_of_those_in_work():
     told = []
-    board = FlightProgress(2, lambda *amounts: told.append(amounts))
-    board.part("a", 0.25)
-    board.show()
-    board.done("a")
-    board.show()
-    assert told == [(0.25, 2), (1, 2)]
+    progress = FlightProgress(2, lambda *amounts: told.append(amounts))
+    for part in (0.25, 1.0):
+        progress.part("a", part)
+        progress.show()
+    assert told == [(0.25, 2), (1.0, 2)]

@@ -77,7 +77,7 @@ def test_the_errors_are_those_that_evaluate_finds(sample, tmp_path):
     found = list(errors_of(tmp_path / "points.geojson", sample))
     assert len(found) == len(expected.located) == summary["located"] == 24
     assert summary["refused"] == {expected.refused[0].reason: len(expected.refused)}
-    turn = evaluation.projection.local_axes(*np.radians([39.85, 116.7]))
+    turn = evaluation.experiment.projection.local_axes(*np.radians([39.85, 116.7]))
     for (name, error_n, _), other in zip(found, expected.located, strict=True):
         assert name == other.id
         # nine decimals of a degree are 0.1 mm

@@ -52,9 +52,7 @@ class BagPlayerConfig:
         "", "bag to play: a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
     )
     rate: float = param(1.0, "speed of playing, as a multiple of real time", ("", 0.01, 100))
-    start_offset_s: float = param(0.0, "time in the bag at which playing begins", ("s", 0, 1e6))
     loop: bool = param(False, "begin again at the end")
-    clock_rate_hz: float = param(100.0, "rate of /clock", ("Hz", 1, 100))
     wait_timeout_s: float = param(
         30.0, "longest wait for subscribers before the start", ("s", 0, 3600)
     )

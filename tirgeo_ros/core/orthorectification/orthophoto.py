@@ -21,11 +21,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
@@ -250,10 +249,6 @@ def _cropped(pixels: Floats, box: tuple[slice, slice]) -> Floats:
 
 
 _SQUARINGS = 5  # (best / score) to the power of 2^5
-_LEVELS_SHARE = 0.9
-#: Fewer pixels in common say nothing; nor does a picture of one grey level.
-_LEAST_PIXELS, _LEAST_SIGMA = 1000, 1.0
-_MOST_GAIN = 4.0
 
 
 @dataclass(frozen=True)
@@ -291,13 +286,6 @@ class MosaicTile:
         former_total = self.total[box][seen]
         self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values
 
-    def common(self, patch: Patch) -> tuple[RawPixels, Floats]:
-        """Return values (n, bands) of a view, and the mosaic's, where there are both."""
-        box = patch.rows, patch.columns
-        both = patch.seen & (self.weight[box] > 0)
-        values = patch.values.reshape(*patch.seen.shape, -1)
-        return values[both], self.total[box][both] / self.weight[box][both][:, None]
-
     def values(self) -> tuple[Floats, BoolArray]:
         """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""
         # The best view alone has the weight 1.
@@ -311,40 +299,3 @@ def _weight(best: Floats, score: Floats) -> Floats:
     for _ in range(_SQUARINGS):
         weight *= weight
     return weight
-
-
-class LevelMatch:
-    """Collect pixels that a picture and a mosaic have in common, and find the picture's levels.
-
-    An 8-bit thermal camera chooses brightness and contrast anew for each picture. Mean and
-    standard deviation of the picture are brought to those of the mosaic on the ground that both
-    show, by nine tenths of the way: the errors of many pictures then do not add up, and what the
-    camera changes for long is followed.
-    """
-
-    def __init__(self) -> None:
-        self._count, self._sums = 0, np.zeros((2, 2))  # of values and squares; picture, mosaic
-
-    def add(self, picture: npt.NDArray[Any], mosaic: npt.NDArray[Any]) -> None:
-        """Add values of the same places, in arrays of one size."""
-        for row, values in enumerate((picture, mosaic)):
-            exact = values.astype(float)
-            self._sums[row] += exact.sum(), np.square(exact).sum()
-        self._count += picture.size
-
-    def matched(self, values: npt.NDArray[Any]) -> Floats:
-        """Return values of the picture as they are in the mosaic."""
-        gain, offset = self._levels()
-        return (values * np.float32(gain) + np.float32(offset)).astype(np.float32)
-
-    def _levels(self) -> tuple[float, float]:
-        if self._count < _LEAST_PIXELS:
-            return 1.0, 0.0
-        means, squares = (self._sums / self._count).T
-        sigma, wanted = np.sqrt(np.maximum(squares - means**2, 0.0)).tolist()
-        gain = 1.0
-        if min(sigma, wanted) >= _LEAST_SIGMA:
-            gain = math.exp(_LEVELS_SHARE * math.log(wanted / sigma))
-            gain = min(max(gain, 1 / _MOST_GAIN), _MOST_GAIN)
-        mean = float(means[0])
-        return gain, mean + _LEVELS_SHARE * float(means[1] - means[0]) - gain * mean

@@ -132,12 +132,9 @@ class ChildEndedError(Exception):
 
 
 class ChildProcess:
-    """Run ``code`` in a child; it lives no longer than the thread that started it.
+    """Run ``code`` in a child; it lives no longer than the thread that started it."""
 
-    It inherits ``descriptors``, under the same numbers.
-    """
-
-    def __init__(self, code: str, descriptors: Sequence[int] = ()) -> None:
+    def __init__(self, code: str) -> None:
         self.said = ""  # its last lines on stderr, once it is closed
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  until ``close``
         self._process = subprocess.Popen(  # noqa: S603  this very Python
@@ -145,7 +142,6 @@ class ChildProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._stderr,
-            pass_fds=descriptors,
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None

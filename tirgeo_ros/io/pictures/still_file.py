@@ -46,7 +46,9 @@ _INCH, _CENTRED, _SRGB = 2, 1, 1
 _CENTIMETRE = 3  # the unit of the focal plane's resolution; of metric units all readers know it
 #: Never "DJI": OpenDroneMap adds 90 deg to the pitch of pictures by that maker, and takes the
 #: aircraft's heading for the camera's.
-MAKE = "tirgeo"
+MAKE, MODEL = "tirgeo", "thermal"
+#: The width of a pixel on the sensor is not known here; in pixels nothing changes with it.
+_PIXEL_MM = 0.012
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _FIRST = (b"\xff\xe0", b"\xff\xe1")  # the segments of JFIF and EXIF
@@ -63,8 +65,6 @@ class Still:
     body_rpy: Vector | None  # the aircraft's roll, pitch and heading, rad
     above_ground_m: float
     undulation_m: float  # of the geoid
-    model: str  # names the camera
-    pixel_pitch_um: float  # width of a pixel on the sensor
 
     @property
     def above_sea(self) -> bool:
@@ -91,8 +91,8 @@ class Still:
 
     @property
     def focal_mm(self) -> float:
-        """Return the focal length along the rows, by the pixels' width."""
-        return self.camera.fx * self.pixel_pitch_um * 1e-3
+        """Return the focal length along the rows, by a pixel of 12 um."""
+        return self.camera.fx * _PIXEL_MM
 
 
 def ending_of(pixels: RawPixels) -> str:
@@ -143,12 +143,12 @@ def _with_xmp(jpeg: bytes, packet: bytes) -> bytes:
 def still_exif(still: Still) -> Image.Exif:
     """Return the tags; numbers that are not known have none.
 
-    The focal length in mm follows from the pixels' width. In pixels it is, exactly, the product
-    of FocalLength and the focal plane's resolution, whatever that width is.
+    The focal length in mm follows from a pixel of 12 um. In pixels it is, exactly, the product
+    of FocalLength and the focal plane's resolution.
     """
     exif = Image.Exif()
     exif[Base.ImageDescription] = still.altitude_words
-    exif[Base.Make], exif[Base.Model] = MAKE, still.model.encode("ascii", "replace").decode()
+    exif[Base.Make], exif[Base.Model] = MAKE, MODEL
     exif[Base.Software] = f"tirgeo {__version__}"
     exif[Base.Orientation] = 1
     exif[Base.XResolution] = exif[Base.YResolution] = IFDRational(72)  # where there is none
@@ -271,12 +271,12 @@ def _dewarp(still: Still) -> dict[str, str]:
 
 
 def _as_pix4d(still: Still) -> dict[str, str]:
-    """Return the attributes that Pix4D defines; lengths in mm by the pixels' width.
+    """Return the attributes that Pix4D defines; lengths in mm by a pixel of 12 um.
 
     There is no distortion: that model has one focal length, ours has two. Nor is there a
     ModelType, by which OpenDroneMap would leave its own, better model.
     """
-    camera, place, mm = still.camera, still.place, still.pixel_pitch_um * 1e-3
+    camera, place = still.camera, still.place
     roll, pitch, yaw = map(math.degrees, place.mapping_rpy)
     angles = {"Yaw": yaw, "Pitch": pitch, "Roll": roll}
     roll, pitch, yaw = map(math.degrees, place.mapping_sigmas_rad)
@@ -286,8 +286,8 @@ def _as_pix4d(still: Still) -> dict[str, str]:
         **{key: f"{angle:.5f}" for key, angle in angles.items()},
         **_known({k: v for k, v in sigmas.items() if v < _LARGEST_SIGMA_DEG}, ".5f"),
         **_known({"GPSXYAccuracy": max(north_m, east_m), "GPSZAccuracy": down_m}, ".4f"),
-        "PerspectiveFocalLength": f"{(camera.fx + camera.fy) / 2 * mm:.6f}",
-        "PrincipalPoint": f"{(camera.cx + 0.5) * mm:.6f},{(camera.cy + 0.5) * mm:.6f}",
+        "PerspectiveFocalLength": f"{(camera.fx + camera.fy) / 2 * _PIXEL_MM:.6f}",
+        "PrincipalPoint": ",".join(f"{(c + 0.5) * _PIXEL_MM:.6f}" for c in (camera.cx, camera.cy)),
     }
 
 

@@ -1,14 +1,12 @@
 """Write targets, and the pixels that ``tirgeo locate`` located, in the formats of others.
 
-Read back what was written as GeoPackage, GeoJSON and CSV.
+Read back what was written as GeoPackage and GeoJSON.
 """
 
 from __future__ import annotations
 
 import contextlib
-import csv
 import html
-import io
 import json
 import re
 import sqlite3
@@ -22,10 +20,10 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.core.types.texts import legible, utc
-from tirgeo_ros.io.cot.events import target_event
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text, read_text
 from tirgeo_ros.io.surveys.survey import MOST_ROWS, Answered
 from tirgeo_ros.io.targets.columns import COLUMNS, Row, of_answers, of_targets, target_of_pixel
+from tirgeo_ros.io.targets.cot_events import target_event
 from tirgeo_ros.io.targets.geopackage import (
     explained,
     make_tables,
@@ -39,14 +37,11 @@ from tirgeo_ros.io.targets.geopackage import (
 Pictures = Callable[[str], bytes | None]
 #: Where a spreadsheet would compute, in cells by any separator; an apostrophe makes them texts.
 _FORMULA = re.compile(r"""(^|[;|\t\n])(?=['" ]*[=+\-@\t\r])""")
-_QUOTED = re.compile(r"""(^|[;|\t\n])'(?=['" ]*[=+\-@\t\r])""")
-#: By this Excel knows UTF-8.
-_MARK = "\ufeff"
 _KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
 _LINE = "ffff50ff"  # KML's colours are alpha, blue, green, red
 #: Some readers of GPX show its texts as HTML, others as they are.
 _NO_TAGS = str.maketrans("<>", "\u2039\u203a")
-_WRITTEN = "which tirgeo did not write; give a GeoPackage, GeoJSON or CSV of targets from tirgeo"
+_WRITTEN = "which tirgeo did not write; give a GeoPackage or GeoJSON of targets from tirgeo"
 
 
 def geojson(rows: Sequence[Row]) -> str:
@@ -55,32 +50,26 @@ def geojson(rows: Sequence[Row]) -> str:
     ``kind`` is ``point`` or ``ellipse`` (of 95 %, a polygon); a target's own kind is
     ``target_kind``. A refused pixel is a point without geometry; ``reason`` says why.
     """
-    features = [_point_feature(row) for row in rows]
-    features += [_ellipse_feature(row, row.target) for row in rows if row.target]
-    document = {"type": "FeatureCollection", "features": features}
+    points, ellipses = [], []
+    for cells, target, _ in rows:
+        point = {"type": "Feature", "properties": {"kind": "point"} | cells, "geometry": None}
+        points.append(point)
+        if target:
+            place = [cells["longitude_deg"], cells["latitude_deg"], cells["height_m"]]
+            point["geometry"] = {"type": "Point", "coordinates": place}
+            ring = [[longitude, latitude] for latitude, longitude in target.place.outline()]
+            own = {key: cells[key] for key in ("id", "stamp_ns")}
+            properties = {"kind": "ellipse"} | own | {"share": 0.95}
+            geometry = {"type": "Polygon", "coordinates": [ring]}
+            ellipses.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    document = {"type": "FeatureCollection", "features": points + ellipses}
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _point_feature(row: Row) -> dict[str, Any]:
-    cells, geometry = row.cells, None
-    if row.target:
-        coordinates = [cells["longitude_deg"], cells["latitude_deg"], cells["height_m"]]
-        geometry = {"type": "Point", "coordinates": coordinates}
-    return {"type": "Feature", "properties": {"kind": "point"} | cells, "geometry": geometry}
-
-
-def _ellipse_feature(row: Row, target: Target) -> dict[str, Any]:
-    own = {key: row.cells[key] for key in ("id", "stamp_ns")}
-    ring = [[longitude, latitude] for latitude, longitude in target.place.outline()]
-    geometry = {"type": "Polygon", "coordinates": [ring]}
-    properties = {"kind": "ellipse"} | own | {"share": 0.95}
-    return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def table(rows: Sequence[Row]) -> str:
     """Return CSV, a line for each row, with a mark by which Excel knows UTF-8."""
     header = list(rows[0].cells) if rows else list(COLUMNS)
-    return _MARK + csv_text([header, *(map(_cell, row.cells.values()) for row in rows)])
+    return "\ufeff" + csv_text([header, *(map(_cell, row.cells.values()) for row in rows)])
 
 
 def _cell(value: object) -> object:
@@ -96,43 +85,39 @@ def kml(rows: Sequence[Row]) -> str:
 
     KML's own heights are above sea level, so the ellipsoidal height is a property of the point.
     """
-    root = ET.Element("kml", xmlns=_KML)
-    document = ET.SubElement(root, "Document")
-    style = ET.SubElement(document, "Style", id="target")
-    _add(ET.SubElement(style, "LineStyle"), "color", _LINE)
-    _add(ET.SubElement(style, "PolyStyle"), "fill", "0")
-    # Balloons show HTML: this one shows the description alone, where all texts are escaped.
-    _add(ET.SubElement(style, "BalloonStyle"), "text", "$[description]")
-    for row in rows:
-        _add_placemark(document, row)
-    return _xml(root)
+    style = _node(
+        "Style",
+        _node("LineStyle", _node("color", _LINE)),
+        _node("PolyStyle", _node("fill", "0")),
+        # Balloons show HTML: this one shows the description alone, where all texts are escaped.
+        _node("BalloonStyle", _node("text", "$[description]")),
+        id="target",
+    )
+    return _xml(_node("kml", _node("Document", style, *map(_placemark, rows)), xmlns=_KML))
 
 
-def _add_placemark(document: ET.Element, row: Row) -> None:
-    mark = ET.SubElement(document, "Placemark")
+def _placemark(row: Row) -> ET.Element:
     name = row.target.title if row.target else row.cells["id"]
-    _add(mark, "name", name)
     texts = (name, row.cells.get("note"), row.words)
-    _add(mark, "description", "<br>".join(html.escape(text) for text in texts if text))
+    description = "<br>".join(html.escape(text) for text in texts if text)
+    values = {
+        key: str(value).lower() if isinstance(value, bool) else str(value)
+        for key, value in row.cells.items()
+        if value is not None
+    }
+    data = [_node("Data", _node("value", text), name=key) for key, text in values.items()]
+    mark = _node("Placemark", _node("name", name), _node("description", description))
     if row.target:
-        _add(ET.SubElement(mark, "TimeStamp"), "when", utc(row.target.place.stamp_ns))
-    _add(mark, "styleUrl", "#target")
-    extended = ET.SubElement(mark, "ExtendedData")
-    for key, value in row.cells.items():
-        if value is not None:
-            text = str(value).lower() if isinstance(value, bool) else str(value)
-            _add(ET.SubElement(extended, "Data", name=key), "value", text)
+        mark.append(_node("TimeStamp", _node("when", utc(row.target.place.stamp_ns))))
+    mark.extend([_node("styleUrl", "#target"), _node("ExtendedData", *data)])
     if row.target:
-        _add_kml_shapes(mark, row.target.place)
-
-
-def _add_kml_shapes(mark: ET.Element, place: Located) -> None:
-    both = ET.SubElement(mark, "MultiGeometry")
-    point = ET.SubElement(both, "Point")
-    _add(point, "coordinates", f"{place.longitude_deg:.9f},{place.latitude_deg:.9f}")
-    outer = ET.SubElement(ET.SubElement(both, "Polygon"), "outerBoundaryIs")
-    ring = " ".join(f"{longitude:.9f},{latitude:.9f}" for latitude, longitude in place.outline())
-    _add(ET.SubElement(outer, "LinearRing"), "coordinates", ring)
+        place = row.target.place
+        point = f"{place.longitude_deg:.9f},{place.latitude_deg:.9f}"
+        ring = " ".join(f"{lon:.9f},{lat:.9f}" for lat, lon in place.outline())
+        outer = _node("outerBoundaryIs", _node("LinearRing", _node("coordinates", ring)))
+        shapes = _node("Point", _node("coordinates", point)), _node("Polygon", outer)
+        mark.append(_node("MultiGeometry", *shapes))
+    return mark
 
 
 def gpx(rows: Sequence[Row]) -> str:
@@ -141,25 +126,24 @@ def gpx(rows: Sequence[Row]) -> str:
     Waypoints have no ``ele``: readers take it as above sea level, and the height here is above the
     ellipsoid. The description says it.
     """
-    root = ET.Element("gpx", version="1.1", creator="tirgeo", xmlns=_GPX)
-    for row in rows:
-        if row.target:
-            _add_waypoint(root, row.target, row.words)
-    return _xml(root)
+    points = [_waypoint(row.target, row.words) for row in rows if row.target]
+    return _xml(_node("gpx", *points, version="1.1", creator="tirgeo", xmlns=_GPX))
 
 
-def _add_waypoint(root: ET.Element, target: Target, words: str) -> None:
-    """Add a waypoint; the schema fixes the order of its children."""
+def _waypoint(target: Target, words: str) -> ET.Element:
+    """Return a waypoint; the schema fixes the order of its children."""
     place = target.place
     longitude = -180.0 if place.longitude_deg == 180 else place.longitude_deg  # below 180 there
-    where = {"lat": f"{place.latitude_deg:.9f}", "lon": f"{longitude:.9f}"}
-    point = ET.SubElement(root, "wpt", where)
-    _add(point, "time", utc(place.stamp_ns))
-    _add(point, "name", target.title.translate(_NO_TAGS))
-    text = f"{target.note}; {words}" if target.note else words
-    for tag in ("cmt", "desc"):  # devices show the one, programs the other
-        _add(point, tag, text.translate(_NO_TAGS))
-    _add(point, "type", target.kind)
+    text = (f"{target.note}; {words}" if target.note else words).translate(_NO_TAGS)
+    return _node(
+        "wpt",
+        _node("time", utc(place.stamp_ns)),
+        _node("name", target.title.translate(_NO_TAGS)),
+        *(_node("cmt", text), _node("desc", text)),  # devices show the one, programs the other
+        _node("type", target.kind),
+        lat=f"{place.latitude_deg:.9f}",
+        lon=f"{longitude:.9f}",
+    )
 
 
 def cot(answers: Sequence[Answered]) -> str:
@@ -167,15 +151,19 @@ def cot(answers: Sequence[Answered]) -> str:
 
     The events are those of targets, as the operator's page sends them; the time is the picture's.
     """
-    root = ET.Element("events")
     targets = [row.target for row in of_answers(answers) if row.target is not None]
-    root.extend([target_event(target, target.changed_ns) for target in targets])
-    return _xml(root)
+    return _xml(_node("events", *(target_event(one, one.changed_ns) for one in targets)))
 
 
-def _add(parent: ET.Element, tag: str, text: str) -> None:
-    """Add a child with a text on one line, without the characters that XML does not allow."""
-    ET.SubElement(parent, tag).text = legible(text).replace("\n", " ")
+def _node(_tag: str, *content: ET.Element | str, **attributes: str) -> ET.Element:
+    """Return an element with children, or with a text: on one line, of what XML allows."""
+    node = ET.Element(_tag, attributes)
+    for part in content:
+        if isinstance(part, str):
+            node.text = legible(part).replace("\n", " ")
+        else:
+            node.append(part)
+    return node
 
 
 def _xml(root: ET.Element) -> str:
@@ -246,53 +234,34 @@ def _encoded(form: Form, rows: Sequence[Row]) -> bytes:
 def read_targets(path: PathLike) -> list[Target]:
     """Return the targets of a file in its order, or by number (GeoPackage).
 
-    GeoJSON and CSV hold the average of the clicks, so their targets have one click. Pixels that
-    ``tirgeo locate`` located are targets too; refused ones are left out. Raises TargetError
-    naming the file.
+    GeoJSON holds the average of the clicks, so its targets have one click. Pixels that ``tirgeo
+    locate`` located are targets too; refused ones are left out. Raises TargetError naming the
+    file.
     """
     path = Path(path)
     with contextlib.suppress(OSError), path.open("rb") as file:
         if file.read(16) == b"SQLite format 3\0":
             return read_file(path)
-    text = read_text(path, TargetError)
-    rows = _json_rows(path, text) if text.lstrip().startswith("{") else _csv_rows(path, text)
+    try:
+        features = json.loads(read_text(path, TargetError))["features"]
+        every = [feature["properties"] for feature in features]
+        rows = [row for row in every if {"point": True, "ellipse": False}[row["kind"]]]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        raise TargetError(f"{path}: a file {_WRITTEN}") from None
     if len(rows) > MOST_ROWS:
         raise TargetError(f"{path}: {len(rows)} rows, more than the {MOST_ROWS} allowed")
     targets: list[Target] = []
     for line, row in enumerate(rows, 1):
-        if row.get("latitude_deg") in {None, ""}:
+        if row.get("latitude_deg") is None:
             continue  # a refused pixel
         try:
             targets.append(_target(row, len(targets) + 1))
-        except (KeyError, TypeError, ValueError, OverflowError, TargetError):
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError, TargetError):
             raise TargetError(f"{path}: row {line} is one {_WRITTEN}") from None
     for what in ("id", "number"):
         if len({getattr(target, what) for target in targets}) < len(targets):
             raise TargetError(f"{path}: two targets have the same {what}; remove one of them")
     return targets
-
-
-def _json_rows(path: Path, text: str) -> list[dict[str, Any]]:
-    """Return the properties of the points."""
-    try:
-        every = [feature["properties"] for feature in json.loads(text)["features"]]
-        return [row for row in every if {"point": True, "ellipse": False}[row["kind"]]]
-    except (KeyError, TypeError, ValueError, RecursionError):
-        raise TargetError(f"{path}: a file {_WRITTEN}") from None
-
-
-def _csv_rows(path: Path, text: str) -> list[dict[str, Any]]:
-    """Return the cells of the rows, as they were before the apostrophes."""
-    reader = csv.DictReader(io.StringIO(text, newline=""))
-    try:
-        rows = [
-            {key: cell and _QUOTED.sub(r"\1", cell) for key, cell in row.items()} for row in reader
-        ]
-    except (AttributeError, TypeError, csv.Error):
-        raise TargetError(f"{path}: line {reader.line_num} is one {_WRITTEN}") from None
-    if "covariance_enu" not in (reader.fieldnames or ()):
-        raise TargetError(f"{path}: a file {_WRITTEN}")
-    return rows
 
 
 def _target(row: Mapping[str, Any], place_in_file: int) -> Target:

@@ -16,7 +16,7 @@ from typing import Any
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.geopackage.layers import Layer, Positions, insert, make_file, make_layer
+from tirgeo_ros.io.files.geopackage_layers import Layer, Positions, insert, make_file, make_layer
 from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
 _WAIT_S = 2.0  # for a program that is just ending
@@ -41,6 +41,7 @@ ELLIPSES = Layer(
     {"target": "TEXT NOT NULL", "number": "INTEGER", "name": "TEXT"},
     "95 % ellipses of the places",
 )
+TARGET_LAYERS = TARGETS, ELLIPSES
 _CLICK_COLUMNS = {
     "stamp_ns": "INTEGER NOT NULL",
     **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
@@ -64,17 +65,11 @@ _JOURNAL = (
     "undone INTEGER NOT NULL)"
 )
 #: Texts that are still to be chosen from (undo of the change that ``settled`` one opens it again),
-#: and what is switched on. Older files hold both among the changes, by negative numbers.
-_OF_PAGE = """
-CREATE TABLE IF NOT EXISTS tirgeo_alternatives (target TEXT NOT NULL, field TEXT NOT NULL,
-    text TEXT NOT NULL, settled INTEGER);
-CREATE TABLE IF NOT EXISTS tirgeo_switches (what TEXT NOT NULL PRIMARY KEY);
-INSERT OR IGNORE INTO tirgeo_alternatives SELECT target, json_extract(before, '$[0]'),
-    json_extract(before, '$[1]'), nullif(undone, -1) FROM tirgeo_changes
-    WHERE action = 'alternative' AND json_valid(before);
-INSERT OR IGNORE INTO tirgeo_switches SELECT target FROM tirgeo_changes WHERE undone = -2;
-UPDATE tirgeo_changes SET before = NULL, undone = 1 WHERE action IN ('alternative', 'on');
-"""
+#: and what is switched on.
+_OF_PAGE = {
+    "alternatives": "target TEXT NOT NULL, field TEXT NOT NULL, text TEXT NOT NULL, settled INT",
+    "switches": "what TEXT NOT NULL PRIMARY KEY",
+}
 _CLICK = ", ".join(_CLICK_COLUMNS)
 
 
@@ -166,8 +161,8 @@ def opened(path: Path) -> tuple[sqlite3.Connection, list[Target]]:
         with transaction(db):
             if _is_empty(db):
                 make_tables(db)
-            for statement in _OF_PAGE.split(";\n")[:-1]:  # older files and exported ones lack them
-                db.execute(statement)
+            for name, columns in _OF_PAGE.items():  # exported files lack them
+                db.execute(f"CREATE TABLE IF NOT EXISTS tirgeo_{name} ({columns})")
             db.execute("UPDATE gpkg_contents SET srs_id = srs_id")  # can the file be written?
         targets = _load(db, path)
         db.text_factory = partial(str, encoding="utf-8", errors="replace")  # else one byte of the

@@ -48,8 +48,18 @@ def pytak_settings(parameters: CotParameters) -> SectionProxy:
         "PYTAK_RECONNECT_MAX": str(_LONGEST_WAIT_S),
         "PYTAK_RECONNECT_RESET": str(_SETTLED_S),
     }
-    options = dict(parse_qsl(url.query))
+    options = dict(parse_qsl(url.query, keep_blank_values=True))
+    if unknown := [name for name in options if name != _OPTIONS.get(url.scheme)]:
+        allowed = f"only ?{_OPTIONS[url.scheme]}=..." if url.scheme in _OPTIONS else "nothing"
+        raise ConfigError(f"cot: {url.scheme}:// takes {allowed} after the port, not {unknown[0]}")
     if "interface" in options:
+        try:
+            ipaddress.IPv4Address(options["interface"])
+        except ValueError:
+            raise ConfigError(
+                "cot: ?interface= is the IPv4 address of this computer in the team's network, "
+                f"not {options['interface']!r}"
+            ) from None
         settings["PYTAK_MULTICAST_LOCAL_ADDR"] = options["interface"]
     if url.scheme == "tls":
         settings |= _tls_settings(parameters, options.get("name"))
@@ -77,25 +87,7 @@ def _checked(cot: str) -> SplitResult:
         raise ConfigError(f"cot: {shown(cot, 200)!r} is no address: {_EXAMPLES}")
     if ":" in (url.hostname or ""):
         raise ConfigError(f"cot: {shown(cot, 200)!r}: write the host's name or IPv4 address")
-    _check_options(url)
     return url
-
-
-def _check_options(url: SplitResult) -> None:
-    allowed = _OPTIONS.get(url.scheme, "")
-    options = dict(parse_qsl(url.query, keep_blank_values=True))
-    unknown = [name for name in options if name != allowed]
-    if unknown:
-        instead = f"only ?{allowed}=..." if allowed else "nothing"
-        raise ConfigError(f"cot: {url.scheme}:// takes {instead} after the port, not {unknown[0]}")
-    if "interface" in options:
-        try:
-            ipaddress.IPv4Address(options["interface"])
-        except ValueError:
-            raise ConfigError(
-                "cot: ?interface= is the IPv4 address of this computer in the team's network, "
-                f"not {options['interface']!r}"
-            ) from None
 
 
 def _tls_settings(parameters: CotParameters, name: str | None) -> dict[str, str]:
@@ -127,14 +119,13 @@ def _tls_settings(parameters: CotParameters, name: str | None) -> dict[str, str]
 
 def _check_files(parameters: CotParameters, settings: SectionProxy) -> None:
     """Load the certificates as a connection will; raise ConfigError if that is impossible."""
-    if parameters.ca:
-        try:
+    try:
+        if parameters.ca:
             ssl.create_default_context(cafile=parameters.ca)
-        except (OSError, ValueError) as error:  # SSLError is an OSError
-            raise ConfigError(
-                f"cot_ca: {parameters.ca} is not the certificate of an authority in PEM "
-                f"({error}); of a .p12: openssl pkcs12 -in {parameters.ca} -nokeys -out ca.pem"
-            ) from None
+    except (OSError, ValueError) as error:  # SSLError is an OSError
+        raise ConfigError(
+            f"cot_ca: {parameters.ca} is no certificate of an authority in PEM ({error})"
+        ) from None
     try:
         get_ssl_ctx(get_tls_config(settings))
     except (ValueError, OSError, SyntaxError, SystemError, AttributeError) as error:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import logging
 import math
 import socket
@@ -17,11 +16,11 @@ import ssl
 import threading
 import time
 import uuid
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from configparser import SectionProxy
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytak
@@ -29,7 +28,7 @@ from pytak.client_functions import supervise_with_reconnect
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TirgeoError, shown
-from tirgeo_ros.io.cot.events import (
+from tirgeo_ros.io.targets.cot_events import (
     AircraftState,
     aircraft_event,
     deletion_event,
@@ -58,38 +57,35 @@ _AGAIN_S = 60.0
 #: A hundred events a second at most: a radio loses a burst of datagrams.
 _PACE_S = 0.01
 _LOOK_S, _STOP_S, _CHUNK = 0.1, 5.0, 65536
-_NO_WAY = {errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL}
-_IN_NETWORK = "is this computer in the team's network?"
-_CLOCK = "is the clock of this computer right?"
-_OUT_OF_DATE = ("expired", "not yet valid")
-_WORDS = {
-    socket.gaierror: "there is no computer of this name here; write its IP address in cot",
-    PermissionError: "this computer may not send there; to all in a network: udp://239.2.3.1:6969",
-    ConnectionRefusedError: "nobody answers; is the TAK server running, is the port right?",
-    ConnectionError: "the server ended the connection; is it running, is it tcp or tls there?",
-    TimeoutError: f"no answer; {_IN_NETWORK}",
-}
-
-
-class Entry(NamedTuple):
-    """Hold one thing to send."""
-
-    uid: str
-    make: Maker
+_DELETED = "-deleted"  # ends the uid of a deletion
+_OF_TLS = (
+    "look at cot_ca, cot_certificate, the port, the clock here and the server's name in cot "
+    "(or add ?name=THAT_NAME)"
+)
+#: What an operator can do about an error, of the first kind that fits.
+_REMEDIES = (
+    (ssl.SSLError, _OF_TLS),
+    (socket.gaierror, "write its IP address in cot"),
+    (ConnectionError, "is the TAK server running, is it tcp or tls there, is the port right?"),
+    (OSError, "is this computer in the team's network?"),
+)
 
 
 class Outbox:
-    """Hold the newest entry of each uid, in the order of sending; safe in all threads.
+    """Hold the newest event of each object, in the order of sending; safe in all threads.
 
-    A kept entry waits again after ``all_again``. Nothing that waits is lost but by ``forget`` or,
-    counted in ``dropped``, by ``drop`` and by more than _MOST entries: then the oldest goes.
+    Targets and their deletions are kept: they wait again after ``all_again``. Nothing that waits
+    is lost but, counted in ``dropped``, by ``drop`` and by more than _MOST entries: then the
+    oldest goes.
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._waiting: dict[str, Maker] = {}
         self._kept: dict[str, Maker] = {}
-        self._gone_out: set[str] = set()
+        self._gone_out: set[str] = set()  # targets and deletions that the team may have
+        self._targets: dict[str, Target] | None = None
+        self._flown_s: dict[str, float] = {}  # when each aircraft was taken
         self.shut = False  # nothing goes out
         self.dropped = 0
 
@@ -100,102 +96,31 @@ class Outbox:
     def put(self, uid: str, make: Maker, *, keep: bool) -> None:
         """Send an object's newest event next, instead of an older one that waits."""
         with self._lock:
-            self._waiting.pop(uid, None)
+            self._forget(uid)
             self._waiting[uid] = make
-            self._kept.pop(uid, None)
             if keep:
                 self._kept[uid] = make
             self._bound()
-
-    def forget(self, uid: str) -> None:
-        """Send no more of an object."""
-        with self._lock:
-            self._waiting.pop(uid, None)
-            self._kept.pop(uid, None)
-
-    def keep_no_more(self, uid: str) -> None:
-        """Send an object once at most, if it waits."""
-        with self._lock:
-            self._kept.pop(uid, None)
-
-    def all_again(self) -> None:
-        """Let all kept entries wait."""
-        with self._lock:
-            for uid, make in self._kept.items():
-                self._waiting.setdefault(uid, make)
-            self._bound()
-
-    def first(self) -> Entry | None:
-        """Return what is to be sent next, unless it is shut; it waits until ``sent``."""
-        with self._lock:
-            waiting = () if self.shut else self._waiting.items()
-            return next((Entry(uid, make) for uid, make in waiting), None)
-
-    def sent(self, entry: Entry) -> None:
-        """Let an entry wait no more, unless a newer one came meanwhile."""
-        with self._lock:
-            if self._waiting.get(entry.uid) is entry.make:
-                del self._waiting[entry.uid]
-            if entry.uid in self._kept:
-                self._gone_out.add(entry.uid)
-
-    def drop(self, entry: Entry) -> None:
-        """Send no more of an object whose numbers make no event; count it."""
-        self.forget(entry.uid)
-        self.dropped += 1
-
-    def assume_sent(self, uids: Iterable[str]) -> None:
-        """Count objects as sent, perhaps by an earlier run."""
-        with self._lock:
-            self._gone_out.update(uids)
-
-    def was_sent(self, uid: str) -> bool:
-        """Return whether an object that is kept may have gone out."""
-        return uid in self._gone_out
-
-    def _bound(self) -> None:
-        while len(self._waiting) > _MOST:
-            del self._waiting[next(iter(self._waiting))]
-            self.dropped += 1
-
-
-class TeamPicture:
-    """Put what changed into an outbox; safe in all threads."""
-
-    def __init__(self, outbox: Outbox) -> None:
-        self._outbox = outbox
-        self._lock = threading.Lock()
-        self._targets: dict[str, Target] | None = None
-        self._deleted: deque[str] = deque()
-        self._flown_s: dict[str, float] = {}
 
     def targets(self, targets: Sequence[Target]) -> None:
         """Take the whole list of targets, at each change of one."""
         now = {target_uid(target): target for target in targets}
         with self._lock:
             if self._targets is None:  # the team may have them from an earlier run
-                self._outbox.assume_sent(now)
+                self._gone_out.update(now)
             before, self._targets = self._targets or {}, now
             for uid, target in now.items():
                 if before.get(uid) != target:
-                    self._changed(uid, target)
+                    self._forget(uid + _DELETED)  # which was undone
+                    self.put(uid, partial(target_event, target), keep=True)
             for uid in before.keys() - now.keys():
-                self._gone(uid, before[uid])
-
-    def _changed(self, uid: str, target: Target) -> None:
-        self._outbox.forget(_deletion(uid))  # an undone one
-        self._outbox.put(uid, lambda now_ns: target_event(target, now_ns), keep=True)
-
-    def _gone(self, uid: str, target: Target) -> None:
-        if not self._outbox.was_sent(uid):
-            self._outbox.forget(uid)
-            return
-        self._outbox.put(uid, lambda now_ns: withdrawn_event(target, now_ns), keep=False)
-        deletion = _deletion(uid)
-        self._outbox.put(deletion, lambda now_ns: deletion_event(target, now_ns), keep=True)
-        self._deleted.append(deletion)
-        if len(self._deleted) > _DELETIONS_KEPT:
-            self._outbox.keep_no_more(self._deleted.popleft())
+                self._forget(uid)
+                if uid in self._gone_out:
+                    self.put(uid, partial(withdrawn_event, before[uid]), keep=False)
+                    self.put(uid + _DELETED, partial(deletion_event, before[uid]), keep=True)
+            deletions = [uid for uid in self._kept if uid.endswith(_DELETED)]
+            for uid in deletions[:-_DELETIONS_KEPT]:
+                del self._kept[uid]
 
     def aircraft(self, aircraft: str, state: AircraftState) -> None:
         """Take an aircraft's newest state, which is that of now; drop one without a place."""
@@ -208,19 +133,51 @@ class TeamPicture:
             self._flown_s[aircraft] = now_s
         # Its time is that of the state, also if it waits for the network.
         uid, now_ns = aircraft_uid(aircraft), time.time_ns()
-        self._outbox.put(uid, lambda _: aircraft_event(uid, state, now_ns), keep=False)
+        self.put(uid, lambda _: aircraft_event(uid, state, now_ns), keep=False)
         looks_at = looks_at_event(uid, state, now_ns)
         if looks_at is not None:
-            self._outbox.put(f"{uid}-looks-at", lambda _: looks_at, keep=False)
+            self.put(f"{uid}-looks-at", lambda _: looks_at, keep=False)
+
+    def all_again(self) -> None:
+        """Let all kept entries wait."""
+        with self._lock:
+            self._waiting = self._waiting | {
+                uid: make for uid, make in self._kept.items() if uid not in self._waiting
+            }
+            self._bound()
+
+    def first(self) -> tuple[str, Maker] | None:
+        """Return what is to be sent next, unless it is shut; it waits until ``sent``."""
+        with self._lock:
+            return None if self.shut else next(iter(self._waiting.items()), None)
+
+    def sent(self, uid: str, make: Maker) -> None:
+        """Let an entry wait no more, unless a newer one came meanwhile."""
+        with self._lock:
+            if self._waiting.get(uid) is make:
+                del self._waiting[uid]
+            if uid in self._kept:
+                self._gone_out.add(uid)
+
+    def drop(self, uid: str) -> None:
+        """Send no more of an object whose numbers make no event; count it."""
+        with self._lock:
+            self._forget(uid)
+        self.dropped += 1
+
+    def _forget(self, uid: str) -> None:
+        self._waiting.pop(uid, None)
+        self._kept.pop(uid, None)
+
+    def _bound(self) -> None:
+        while len(self._waiting) > _MOST:
+            del self._waiting[next(iter(self._waiting))]
+            self.dropped += 1
 
 
 def aircraft_uid(aircraft: str) -> str:
     """Return an aircraft's uid: the same in each run, and of this computer alone."""
     return f"tirgeo-{uuid.uuid5(uuid.NAMESPACE_OID, f'{uuid.getnode()}/{aircraft}')}"
-
-
-def _deletion(uid: str) -> str:
-    return f"{uid}-deleted"
 
 
 def _not_of_retries(record: logging.LogRecord) -> bool:
@@ -251,11 +208,12 @@ class CotLink:
         self._settings = pytak_settings(parameters)
         self.endpoint = endpoint(self._settings)
         self._outbox = Outbox()
-        self._picture = TeamPicture(self._outbox)
         self._say = say
         self._on, self._connected, self._ended = False, False, False
         self._error = ""
-        self._thread = threading.Thread(target=self._run, name="cursor-on-target", daemon=True)
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve()), name="cursor-on-target", daemon=True
+        )
 
     def start(self) -> None:
         """Begin; nothing is sent before ``share(True)``."""
@@ -281,12 +239,12 @@ class CotLink:
 
     def targets(self, targets: Sequence[Target]) -> None:
         """Take the whole list of targets, at the start and at each change of one."""
-        self._picture.targets(targets)
+        self._outbox.targets(targets)
 
     def aircraft(self, aircraft: str, state: AircraftState) -> None:
         """Take an aircraft's newest state, at any rate; about one a second is sent."""
         if self._on:
-            self._picture.aircraft(aircraft, state)
+            self._outbox.aircraft(aircraft, state)
 
     @property
     def status(self) -> CotStatus:
@@ -299,15 +257,12 @@ class CotLink:
             return CotStatus(on=False, connected=False, queued=0, error="")
         return CotStatus(self._on, self._connected, len(self._outbox), error)
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
     async def _serve(self) -> None:
         """Be connected while it is on."""
         sharing: asyncio.Task[None] | None = None
         while not self._ended:
             if self._on and sharing is None:
-                sharing = asyncio.create_task(self._share())
+                sharing = asyncio.create_task(supervise_with_reconnect(self._settings, self._once))
             elif not self._on and sharing is not None:
                 sharing.cancel()
                 await asyncio.gather(sharing, return_exceptions=True)
@@ -315,15 +270,15 @@ class CotLink:
             await asyncio.sleep(_LOOK_S)
         # asyncio.run cancels and awaits the rest.
 
-    async def _share(self) -> None:
-        await supervise_with_reconnect(self._settings, self._once)
-
     async def _once(self) -> None:
         """Send until the connection fails; raise ConnectionError: then PyTAK tries again."""
         try:
             await transmit(self._settings, self._outbox, self._note_connected)
         except Exception as error:
-            self._note(words_of(error, self.endpoint))
+            words = words_of(error, self.endpoint)
+            if words != self._error:
+                self._say(words)
+            self._error = words
             raise ConnectionError(self._error) from error
         finally:
             self._connected = False
@@ -334,18 +289,17 @@ class CotLink:
         self._error = ""
         self._say(f"{self.endpoint}: connected")
 
-    def _note(self, error: str) -> None:
-        if error != self._error:
-            self._say(error)
-        self._error = error
-
 
 async def transmit(settings: SectionProxy, outbox: Outbox, connected: Callable[[], None]) -> None:
     """Connect, call ``connected``, and send until the connection is lost: always raises."""
     reader, writer = await _patiently(pytak.protocol_factory(settings))
     tasks = [asyncio.create_task(_until_closed(reader))]
     try:
-        _notice_cuts(writer)
+        plug = writer.get_extra_info("socket") if hasattr(writer, "get_extra_info") else None
+        if plug is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
+            # The system ends a connection whose bytes nobody acknowledges.
+            patience_ms = round(_PATIENCE_S * 1e3)
+            plug.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, patience_ms)
         await _first_failure(tasks, _REFUSAL_S if reader else 0.0)
         connected()
         sender = pytak.TXWorker(asyncio.Queue(), settings, writer)
@@ -355,7 +309,10 @@ async def transmit(settings: SectionProxy, outbox: Outbox, connected: Callable[[
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        await _closed(writer)
+        writer.close()
+        if hasattr(writer, "wait_closed"):
+            with contextlib.suppress(OSError, asyncio.TimeoutError):
+                await asyncio.wait_for(writer.wait_closed(), 1.0)
 
 
 async def _until_closed(reader: asyncio.StreamReader | None) -> None:
@@ -374,22 +331,16 @@ async def _send(sender: pytak.TXWorker, outbox: Outbox) -> None:
             outbox.all_again()
             again_s = time.monotonic() + _AGAIN_S
         while (entry := outbox.first()) is not None:
-            data = _data(entry)
-            if data is None:
-                outbox.drop(entry)
+            uid, make = entry
+            try:
+                data = encoded(make(time.time_ns()))
+            except (ValueError, ArithmeticError, TirgeoError):  # the others must not wait for it
+                outbox.drop(uid)
                 continue
             await _patiently(sender.send_data(data))
-            outbox.sent(entry)
+            outbox.sent(uid, make)
             await asyncio.sleep(_PACE_S)
         await asyncio.sleep(_LOOK_S)
-
-
-def _data(entry: Entry) -> bytes | None:
-    """Return an entry's event; None where its numbers make none: the others must not wait."""
-    try:
-        return encoded(entry.make(time.time_ns()))
-    except (ValueError, ArithmeticError, TirgeoError):
-        return None
 
 
 async def _first_failure(tasks: list[asyncio.Task[None]], timeout_s: float | None) -> None:
@@ -406,60 +357,9 @@ async def _patiently(work: Any) -> Any:
         raise TimeoutError("no answer") from None
 
 
-def _notice_cuts(writer: Any) -> None:
-    """Let the system end a connection whose bytes nobody acknowledges."""
-    plug = writer.get_extra_info("socket") if hasattr(writer, "get_extra_info") else None
-    if plug is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
-        patience_ms = round(_PATIENCE_S * 1e3)
-        plug.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, patience_ms)
-
-
-async def _closed(writer: Any) -> None:
-    writer.close()
-    if hasattr(writer, "wait_closed"):
-        with contextlib.suppress(OSError, asyncio.TimeoutError):
-            await asyncio.wait_for(writer.wait_closed(), 1.0)
-
-
 def words_of(error: BaseException, endpoint: str) -> str:
-    """Return one line for the operator: what is wrong, and with which parameter."""
+    """Return one line for the operator: what is wrong, and what to do."""
     # PyTAK wraps a certificate that it distrusts.
     cause = error.__cause__ if isinstance(error.__cause__, ssl.SSLError) else error
-    return f"{endpoint}: {_words(cause)}"
-
-
-def _words(error: BaseException) -> str:
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return _distrusted(error)
-    if isinstance(error, ssl.SSLError):
-        return _refused(error)
-    if isinstance(error, OSError) and error.errno in _NO_WAY:
-        return f"no way there; {_IN_NETWORK}"
-    fitting = (words for kind, words in _WORDS.items() if isinstance(error, kind))
-    return next(fitting, shown(error, 200))
-
-
-def _distrusted(error: ssl.SSLCertVerificationError) -> str:
-    if "mismatch" in error.verify_message:
-        return (
-            "the server's certificate has another name; write in cot the name that it has, or "
-            "add ?name=THAT_NAME"
-        )
-    if any(words in error.verify_message for words in _OUT_OF_DATE):
-        return f"the server's certificate: {error.verify_message}; {_CLOCK}"
-    return (
-        f"the server's certificate is not trusted ({error.verify_message}); cot_ca must be that "
-        "of the authority that signed it"
-    )
-
-
-def _refused(error: ssl.SSLError) -> str:
-    reason = (getattr(error, "reason", None) or str(error)).lower().replace("_", " ")
-    if "expired" in reason:
-        return f"cot_certificate has expired; its server's owner makes a new one; {_CLOCK}"
-    if "alert" in reason or "certificate" in reason:
-        return (
-            f"the server refuses cot_certificate ({reason}); it must be one that the server's own "
-            "authority made"
-        )
-    return f"no TLS there ({reason}); is the port right?"
+    remedies = (text for kind, text in _REMEDIES if isinstance(cause, kind))
+    return "; ".join([f"{endpoint}: {shown(cause, 200)}", *remedies][:2])

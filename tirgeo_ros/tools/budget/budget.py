@@ -7,7 +7,6 @@ covariance.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 from collections.abc import Mapping
@@ -39,26 +38,10 @@ from tirgeo_ros.io.files.whole_files import (
 )
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.tools.budget.sensor_errors import MeasuredFlight, measured_flight
 from tirgeo_ros.tools.presentation.plots import figure, png
-from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 STEP_PX = 4
-#: Input errors of a budget.
-ERRORS = (
-    *("east_error_m", "north_error_m", "height_error_m"),
-    *("heading_error_deg", "roll_error_deg", "pitch_error_deg"),
-)
-#: Factor -> indices of the pose covariance: ahead, right, down and the rotations about them.
-_PARTS = {
-    "position": [0, 1],
-    "height": [2],
-    "position 3d": [0, 1, 2],
-    "heading": [5],
-    "tilt": [3, 4],
-    "pose": [0, 1, 2, 3, 4, 5],
-}
 
 
 @dataclass(frozen=True)
@@ -79,8 +62,6 @@ class Setting:
     roll_error_deg: float = 0.2704  # about the optical axis
     pitch_error_deg: float = 0.4839
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
-    #: (6, 6) covariance of a filter's poses, along ahead, right, down; None: use the errors.
-    pose_covariance_a: Array | None = None
 
     def __post_init__(self) -> None:
         """Check that the camera sees ground, and that the errors are valid."""
@@ -99,14 +80,11 @@ class Setting:
     @property
     def errors(self) -> dict[str, float]:
         """Return the input errors by name."""
-        return {name: getattr(self, name) for name in ERRORS}
+        return {name: value for name, value in vars(self).items() if "_error_" in name}
 
     @property
     def covariances_a(self) -> dict[str, Array]:
         """Return the covariances (6, 6) by factor, along ahead, right, down: m2, phi rad2."""
-        if self.pose_covariance_a is not None:
-            inside = {name: np.isin(range(6), which) for name, which in _PARTS.items()}
-            return {n: self.pose_covariance_a * np.outer(k, k) for n, k in inside.items()}
         # North is taken as ahead: the sum of both errors does not depend on it.
         sigmas = {
             "position": [self.north_error_m, self.east_error_m, 0, 0, 0, 0],
@@ -134,38 +112,31 @@ class Budget:
     closed: Mapping[str, Array]
     general: Mapping[str, Array]
 
-    @property
-    def ground_share(self) -> float:
-        """Return the share of the picture below the horizon; ``rows`` covers only that part."""
-        return float(np.isfinite(self.general["pose"]).mean())
-
     def rows(self) -> list[dict[str, object]]:
         """Return one row per factor and form: middle, mean, median, 95 % and largest error, m.
 
-        The middle is None if it is above the horizon.
+        The middle is None if it is above the horizon. Raise CalibrationError without any ground.
         """
         forms = {"closed": self.closed, "general": self.general}
-        return [
-            {"factor": factor, "form": form} | _statistics(pictures[factor])
-            for factor in dict.fromkeys([*self.closed, *self.general])
-            for form, pictures in forms.items()
-            if factor in pictures
-        ]
-
-
-def _statistics(picture: Array) -> dict[str, object]:
-    ground = picture[np.isfinite(picture)]
-    if not len(ground):
-        raise CalibrationError("the camera sees no ground: look further down")
-    rows, columns = picture.shape
-    at_middle = float(picture[rows // 2, columns // 2])
-    return {
-        "middle_m": at_middle if math.isfinite(at_middle) else None,
-        "mean_m": float(ground.mean()),
-        "median_m": float(np.median(ground)),
-        "percentile_95_m": float(np.percentile(ground, 95)),
-        "largest_m": float(ground.max()),
-    }
+        rows: list[dict[str, object]] = []
+        for factor in dict.fromkeys([*self.closed, *self.general]):
+            for form, pictures in forms.items():
+                if factor not in pictures:
+                    continue
+                picture = pictures[factor]
+                ground = picture[np.isfinite(picture)]
+                if not len(ground):
+                    raise CalibrationError("the camera sees no ground: look further down")
+                middle = float(picture[picture.shape[0] // 2, picture.shape[1] // 2])
+                figures = {
+                    "middle_m": middle if math.isfinite(middle) else None,
+                    "mean_m": float(ground.mean()),
+                    "median_m": float(np.median(ground)),
+                    "percentile_95_m": float(np.percentile(ground, 95)),
+                    "largest_m": float(ground.max()),
+                }
+                rows.append({"factor": factor, "form": form, **figures})
+        return rows
 
 
 def budget(setting: Setting) -> Budget:
@@ -227,66 +198,33 @@ _CONTOURS, _LEAST_SPAN_M = 7, 1e-6
 def make_budget(
     given: dict[str, float],
     *,
-    bag: PathLike | None = None,
     output: PathLike | None = None,
     params: Files = None,
     camera: PathLike | None = None,
     namespace: str = "",
-    progress: Report = silent,
 ) -> dict[str, object]:
-    """Compute the budget; with a bag, from the flight's own errors, view and camera.
+    """Compute the budget; ``given`` are values by the names of the fields of Setting.
 
-    ``given``, values by the names of the fields of Setting, and ``camera``, a calibration file,
-    override the bag's values. Write budget.csv and the maps to the folder ``output`` if it is
-    given. Raise BagError, CameraError, ConfigError, CalibrationError.
+    ``camera``, a calibration file, overrides that of the parameters. Write budget.csv and the maps
+    to the folder ``output`` if it is given. Raise CameraError, ConfigError, CalibrationError.
     """
     configs = node_configs(params, namespace, camera=camera)
-    ekf, gimbal, overlay, _ = configs
     if output is not None:
         outputs = [Path(output) / name for name in _NAMES]
-        check_outputs((bag, *paths_of(params), *configs.files), outputs, CalibrationError)
-    values: dict[str, Any] = {"confidence": overlay.confidence}
-    camera_given, flight = given_camera(overlay), None
-    if bag is not None:
-        flight = measured_flight(bag, ekf, gimbal, namespace, progress, camera=camera_given)
-        if math.isnan(overlay.ground_height_m) and "height_m" not in given:
-            why = "height of the ground not known: give --height, or ground_height_m in --params"
-            raise CalibrationError(f"{os.fspath(bag)}: {why}")
-        values |= _of_flight(flight, overlay.ground_height_m)
-    if camera_given is not None:
-        values["camera"] = camera_given
-    made = budget(Setting(**values | given))
-    result = _summary(made, flight)
+        check_outputs((*paths_of(params), *configs.files), outputs, CalibrationError)
+    lens = given_camera(configs.overlay)
+    values: dict[str, Any] = {"confidence": configs.overlay.confidence, **given}
+    made = budget(Setting(**values) if lens is None else Setting(camera=lens, **values))
+    result: dict[str, object] = {
+        "height_m": made.setting.height_m,
+        "depression_deg": made.setting.depression_deg,
+        "ground_share": float(np.isfinite(made.general["pose"]).mean()),
+        "errors": made.setting.errors,
+        "rows": made.rows(),
+    }
     if output is not None:
         result["output"] = _written(Path(output), made)
     return result
-
-
-def _summary(made: Budget, flight: MeasuredFlight | None) -> dict[str, object]:
-    """Return the budget, and with a flight that by the filter's covariance."""
-    setting = made.setting
-    result: dict[str, object] = {
-        "height_m": setting.height_m,
-        "depression_deg": setting.depression_deg,
-        "ground_share": made.ground_share,
-        "errors": setting.errors,
-        "rows": made.rows(),
-    }
-    if flight is not None:
-        filtered = dataclasses.replace(setting, pose_covariance_a=flight.track.covariance_a)
-        rows = [row for row in budget(filtered).rows() if row["form"] == "general"]
-        result |= {"flight": flight.errors, "rows_of_the_filter": rows, "warning": flight.warning}
-    return result
-
-
-def _of_flight(flight: MeasuredFlight, ground_m: float) -> dict[str, Any]:
-    """Return the flight's camera, view and errors, as far as it gives them."""
-    errors = {name: flight.errors[name] for name in ERRORS if name in flight.errors}
-    view = {"depression_deg": flight.track.depression_deg, "speed_m_s": flight.track.speed_m_s}
-    if math.isfinite(ground_m):
-        view["height_m"] = flight.track.height_m - ground_m
-    finite = {name: value for name, value in errors.items() if math.isfinite(value)}
-    return {"camera": flight.camera} | view | finite
 
 
 def _written(folder: Path, made: Budget) -> list[str]:

@@ -2,22 +2,19 @@
 
 The error budget over the picture: root mean square errors on level ground for each factor, by the
 closed form of Ren et al. 2022 (section 3.5, a pinhole camera) and by the full covariance of the
-pose, with the lens. Without a bag, errors, view and camera are those of the paper. With a bag they
-are measured in the flight: ordinary GPS against RTK, the autopilot's heading against the filter's
-(Eq. 22); a second table follows from the filter's own covariance.
+pose, with the lens. Errors, view and camera that are not given are those of the paper.
 
 example:
   tirgeo budget --height 60 --tilt 45 -o budget
-  tirgeo budget bags/sample/flight.mcap --params bags/sample/params.yaml
+  tirgeo budget --params bags/sample/params.yaml
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import ANY_BAG, NUMBER, PARAMETERS, call
+from tirgeo_ros.tools.cli._verb import NUMBER, PARAMETERS
 
 #: Option, metavar, help text, name of the value.
 _VALUES = (
@@ -32,7 +29,6 @@ _VALUES = (
     ("--pitch-error", "DEG", "of the camera's attitude", "pitch_error_deg"),
 )
 OPTIONS = (
-    ("bag", "BAG", f"a flight: {ANY_BAG}", {"nargs": "?"}),
     ("-o --output", "DIR", "for CSV and maps (PNG)"),
     *PARAMETERS,
     *((*option, NUMBER | {"dest": name}) for *option, name in _VALUES),
@@ -46,18 +42,15 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.budget.budget import make_budget  # noqa: PLC0415 heavy
 
     values = {name: getattr(args, name) for *_, name in _VALUES}
-    args.given = {name: value for name, value in values.items() if value is not None}
-    return call(make_budget, args, "reading, s", "given", "bag output params camera namespace")
+    given = {name: value for name, value in values.items() if value is not None}
+    files = {name: getattr(args, name) for name in ("output", "params", "camera", "namespace")}
+    return make_budget(given, **files)
 
 
 def describe(result: dict[str, Any]) -> str:
     """Return the tables for a person."""
     view = f"{result['height_m']:.4g} m above the ground, {result['depression_deg']:.4g} deg down"
     parts = [f"camera {view}"]
-    if "flight" in result:
-        lines = [f"{name:<20}{_measured(value)}" for name, value in result["flight"].items()]
-        title = "GPS against RTK, autopilot against filter (Eq. 22)"
-        parts.append("\n".join([title, *lines]))
     parts.append(f"errors on the ground, m\n{_table(result['rows'])}")
     sky = 1 - result["ground_share"]
     if sky > 0:
@@ -65,8 +58,6 @@ def describe(result: dict[str, Any]) -> str:
             f"{sky:.0%} of the picture lies above the horizon and is left out; just below "
             "the horizon errors grow without bound: use the median"
         )
-    if "rows_of_the_filter" in result:
-        parts.append(f"by the filter's own covariance, m\n{_table(result['rows_of_the_filter'])}")
     if "output" in result:
         parts.append("\n".join(result["output"]))
     return "\n\n".join(parts)
@@ -75,17 +66,8 @@ def describe(result: dict[str, Any]) -> str:
 def _table(rows: list[dict[str, Any]]) -> str:
     lines = [f"{'factor':<16}{'form':<9}" + "".join(f"{name:>14}" for name in _COLUMNS)]
     for row in rows:
-        numbers = (_number(row[f"{name.replace(' ', '_')}_m"]) for name in _COLUMNS)
-        cells = "".join(f"{number:>14}" for number in numbers)
-        lines.append(f"{row['factor']:<16}{row['form']:<9}{cells}")
+        values = [row[f"{name.replace(' ', '_')}_m"] for name in _COLUMNS]
+        cells = ["-" if v is None else f"{v:.3f}" if v < _WIDE else f"{v:.4g}" for v in values]
+        columns = "".join(f"{cell:>14}" for cell in cells)
+        lines.append(f"{row['factor']:<16}{row['form']:<9}{columns}")
     return "\n".join(lines)
-
-
-def _measured(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "not recorded: the paper's is used"
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.3f}" if value < _WIDE else f"{value:.4g}"

@@ -3,7 +3,7 @@ r"""Measure a flight's ground accuracy against surveyed points, by method.
 The paper's experiment: locates every observed control point under the methods raw, rtk, ekf and
 ekf_heading, and calibrated (ekf_heading with the boresight file) where one is given. Prints each
 point's error, their means and the paired t-test between the methods, and writes report.html with
-plots and stills, points.csv, observations.csv and result.json. A method is left out if the bag
+the error vectors, observations.csv and result.json. A method is left out if the bag
 lacks its topics. Without --dem and --ground-height the ground is the parameters', else the median
 of the observed points' heights.
 
@@ -18,17 +18,14 @@ import argparse
 
 from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, NEEDED, PARAMETERS, SMOOTH, SURVEY, call
 
-_PROJECTIONS = {"choices": ("gauss-krueger", "utm"), "default": "gauss-krueger"}
 OPTIONS = (
     *FLIGHT,
     *SURVEY,
     ("-o --output", "DIR", "for the report and its files", NEEDED),
     *PARAMETERS,
     ("--boresight", "YAML", "what calibrate boresight has written"),
-    ("--map", "MAP", "drawn on the stills; default: the parameters'"),
     *SMOOTH,
     *GROUND,
-    ("--projection", "P", "%(choices)s; default: %(default)s", _PROJECTIONS),
     ("--truth", "BAG", "truth.mcap of a simulated flight: adds the errors of the aircraft's pose"),
 )
 
@@ -38,9 +35,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation  # noqa: PLC0415  heavy
 
-    names = "output params boresight camera dem ground_height namespace projection truth smooth"
-    inputs, more = "bag survey observations", {"map_path": args.map}
-    evaluation = call(evaluate, args, "evaluating, s", inputs, names, **more)
+    names = "output params boresight camera dem ground_height namespace truth smooth"
+    evaluation = call(evaluate, args, "evaluating, s", "bag survey observations", names)
     return summary(evaluation) | {"output": write_evaluation(evaluation, args.output)}
 
 

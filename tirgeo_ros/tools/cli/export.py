@@ -1,10 +1,9 @@
 r"""Make products of a flight for GIS, photogrammetry and players.
 
 Registers the flight, and lays its pictures on the ground: each as an orthophoto (ortho), and all
-as one mosaic with the best view on top. Both are Cloud-Optimised GeoTIFFs; the mosaic is written
-for Google Earth too. stills have position and angles in EXIF and XMP; vectors are footprints,
-track and targets in one GeoPackage; subtitles (SRT) say where the camera was. Pictures without a
-trusted pose are left out and counted.
+as one mosaic with the best view on top. Both are Cloud-Optimised GeoTIFFs. stills have position
+and angles in EXIF and XMP; vectors are footprints, track and targets in one GeoPackage; subtitles
+(SRT) say where the camera was. Pictures without a trusted pose are left out and counted.
 
 example:
   tirgeo export bags/sample/flight.mcap -o products --params bags/sample/params.yaml
@@ -39,12 +38,7 @@ _GRAZING = "leave out ground that is seen flatter than this (default: %(default)
 _TARGETS = "targets to put into flight.gpkg, as the page or tirgeo locate wrote them"
 OPTIONS = (
     *FLIGHT,
-    (
-        "-o --output",
-        "DIR",
-        "folder for the products; those of an earlier run are replaced",
-        NEEDED,
-    ),
+    ("-o --output", "DIR", "folder for the products; replaces an earlier run's", NEEDED),
     *PARAMETERS,
     *METHOD,
     *SMOOTH,
@@ -57,11 +51,6 @@ OPTIONS = (
     ("--gsd", "M", "size of the rasters' pixels; default: by the pictures' own", NUMBER),
     ("--grazing", "DEG", _GRAZING, NUMBER | {"default": 15.0}),
     ("--nearest", None, "keep the video's own values: no means, and no feathering in the mosaic"),
-    (
-        "--even",
-        None,
-        "match the grey levels of the mosaic's pictures, for 8 bits with automatic gain",
-    ),
     ("--degrees", ("SCALE", "OFFSET"), _DEGREES, NUMBER | {"nargs": 2}),
 )
 
@@ -80,10 +69,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--grazing must be between 0 and 90")
     if not args.every >= 0:
         raise UsageError("--every must be 0 or more")
-    if args.even and (args.nearest or args.degrees):
-        raise UsageError("--even changes values: leave out --nearest and --degrees")
     degrees = tuple(args.degrees) if args.degrees else None
-    rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, args.even, degrees)
+    rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, degrees)
     window = Window(args.from_s, args.to_s, args.every)
     names = "params namespace method camera dem ground_height only targets smooth"
     more = {"window": window, "rasters": rasters}

@@ -2,7 +2,7 @@ r"""Locate pixels of a flight's pictures on the ground, or convert targets.
 
 Each point comes with its ellipse of 95 %. A pixel is given by its picture's stamp; one that cannot
 be located is written with its reason. ce and le of Cursor-on-Target are CE90 and LE90.
-Without --pixels, IN is a file of targets (.gpkg, .geojson or .csv, of tirgeo) that is written in
+Without --pixels, IN is a file of targets (.gpkg or .geojson, of tirgeo) that is written in
 another format.
 
 example:

@@ -21,7 +21,6 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
-from tirgeo_ros.io.coordinates.crs import utm_zone
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
@@ -37,14 +36,21 @@ _NAMED = 5  # most ids in a note
 
 @dataclass(frozen=True)
 class Projection:
-    """Project to a transverse Mercator plane."""
+    """Project to a Gauss-Krueger plane: a transverse Mercator zone of 3 degrees, scale 1."""
 
-    name: str
-    definition: str  # for PROJ
+    meridian_deg: float
+
+    @property
+    def name(self) -> str:
+        """Return the name of the plane, for a person."""
+        side = "W" if self.meridian_deg < 0 else "E"
+        return f"Gauss-Krueger, 3-degree zone of {abs(self.meridian_deg):g} deg {side}, WGS84"
 
     @cached_property
     def _proj(self) -> Any:
-        return pyproj.Proj(self.definition)
+        return pyproj.Proj(
+            f"+proj=tmerc +lon_0={self.meridian_deg:g} +k=1 +x_0=500000 +ellps=WGS84 +units=m"
+        )
 
     def project(self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike) -> Array:
         """Return east and north (..., 2), m, of positions (...)."""
@@ -62,76 +68,66 @@ class Projection:
         return np.array([[-sine, cosine], [cosine, sine]])
 
 
-def projection_of(kind: str, latitude_rad: Array, longitude_rad: Array) -> Projection:
-    """Return ``gauss-krueger`` (3-degree zones, scale 1) or ``utm`` for points (N,), N at least 1.
+def projection_of(latitude_rad: Array, longitude_rad: Array) -> Projection:
+    """Return the projection in whose zone the middle of points (N,) is, N at least 1.
 
-    The zone is that of the points' middle. Raise SurveyError too near a pole.
+    Raise SurveyError too near a pole.
     """
     latitude_deg = math.degrees(float(np.mean(latitude_rad)))
-    # The mean of directions, so that it is right for points on both sides of 180 degrees.
-    middle = np.arctan2(np.sin(longitude_rad).mean(), np.cos(longitude_rad).mean())
-    longitude_deg = math.degrees(float(middle))
     if abs(latitude_deg) > _MOST_LATITUDE_DEG:
         raise SurveyError(
             f"the survey lies at latitude {latitude_deg:.1f}: no transverse Mercator zone there"
         )
-    if kind == "utm":
-        zone, code = utm_zone(latitude_deg, longitude_deg)
-        half = "S" if latitude_deg < 0 else "N"
-        return Projection(f"UTM zone {zone}{half}, WGS84 (EPSG:{code})", f"EPSG:{code}")
-    meridian = 3.0 * math.floor(longitude_deg / 3 + 0.5)
-    side = "W" if meridian < 0 else "E"
-    return Projection(
-        f"Gauss-Krueger, 3-degree zone of {abs(meridian):g} deg {side}, WGS84",
-        f"+proj=tmerc +lon_0={meridian:g} +k=1 +x_0=500000 +ellps=WGS84 +units=m",
-    )
+    # The mean of directions, so that it is right for points on both sides of 180 degrees.
+    middle = np.arctan2(np.sin(longitude_rad).mean(), np.cos(longitude_rad).mean())
+    return Projection(3.0 * math.floor(math.degrees(float(middle)) / 3 + 0.5))
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Hold the surveyed points and their observations."""
+    """Hold the surveyed points, by id, and the observations, also of points not surveyed."""
 
     projection: Projection
-    control: Mapping[str, SurveyPoint]  # every surveyed point by its id
-    observations: Sequence[Observation]  # also of points that were not surveyed
+    survey: Mapping[str, SurveyPoint]
+    observations: Sequence[Observation]
 
     @property
     def heights_m(self) -> list[float]:
         """Return the ellipsoidal heights of the observed surveyed points, one for each point."""
-        seen = {one.id for one in self.observations}
-        return [point.height_m for name, point in self.control.items() if name in seen]
+        observed = {click.id for click in self.observations}
+        return [point.height_m for name, point in self.survey.items() if name in observed]
 
 
-def load_experiment(survey: PathLike, observations: PathLike, projection: str) -> Experiment:
-    """Load survey and observations from files, in a projected plane (``projection_of``).
+def experiment_of(points: Sequence[SurveyPoint], clicks: Sequence[Observation]) -> Experiment:
+    """Return the experiment in the projected plane of its survey. Raise SurveyError."""
+    latitude, longitude = np.array([(p.latitude_rad, p.longitude_rad) for p in points]).T
+    plane = projection_of(latitude, longitude)
+    return Experiment(plane, {point.id: point for point in points}, clicks)
+
+
+def load_experiment(survey: PathLike, observations: PathLike) -> Experiment:
+    """Load survey and observations from files.
 
     Raise SurveyError, also if no surveyed point was observed.
     """
-    points, seen = load_survey(survey), load_observations(observations)
-    if not seen:
-        raise SurveyError(f"{os.fspath(observations)}: has no observations")
-    if not {point.id for point in points} & {one.id for one in seen}:
+    experiment = experiment_of(load_survey(survey), load_observations(observations))
+    where, total = os.fspath(observations), len(experiment.observations)
+    if not total:
+        raise SurveyError(f"{where}: has no observations")
+    if not experiment.heights_m:
         raise SurveyError(
-            f"{os.fspath(observations)}: none of its {len(seen)} observations is of a point in "
-            f"{os.fspath(survey)}: the ids must be the same"
+            f"{where}: none of its {total} observations is of a point in {os.fspath(survey)}: "
+            "the ids must be the same"
         )
-    return experiment_of(points, seen, projection)
+    return experiment
 
 
-def experiment_of(
-    points: Sequence[SurveyPoint], seen: Sequence[Observation], projection: str
-) -> Experiment:
-    """Return the experiment with the surveyed points in a plane (``projection_of``)."""
-    latitude, longitude = np.array([(one.latitude_rad, one.longitude_rad) for one in points]).T
-    plane = projection_of(projection, latitude, longitude)
-    return Experiment(plane, {one.id: one for one in points}, seen)
-
-
-def input_notes(given: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:
+def input_notes(experiment: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:
     """Compare observations, survey and pictures, whose stamps (M,) may be empty."""
-    names, total = Counter(one.id for one in given.observations), len(given.observations)
-    unknown = [name for name in names if name not in given.control]
-    unobserved = [name for name in given.control if name not in names]
+    clicks = experiment.observations
+    names, total = Counter(click.id for click in clicks), len(clicks)
+    unknown = [name for name in names if name not in experiment.survey]
+    unobserved = [name for name in experiment.survey if name not in names]
     notes = []
     if unknown:
         notes.append(
@@ -141,9 +137,7 @@ def input_notes(given: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:
     if unobserved:
         notes.append(f"{len(unobserved)} surveyed points were never observed: {_some(unobserved)}")
     images = np.array(sorted(image_stamps_ns), np.int64)
-    apart_ns = [
-        int(np.abs(images - one.stamp_ns).min()) for one in given.observations if len(images)
-    ]
+    apart_ns = [int(np.abs(images - click.stamp_ns).min()) for click in clicks if len(images)]
     if any(apart_ns):
         notes.append(
             f"{np.count_nonzero(apart_ns)} of {total} observations have no picture's "
@@ -159,7 +153,7 @@ def _some(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class MethodSetup:
-    """Hold a method with its parameters."""
+    """Hold a method with its parameters and the ground, which is the same for all methods."""
 
     method: str
     configs: NodeConfigs
@@ -186,45 +180,39 @@ def method_setups(
     both. Without any ground it is level at the median of the survey's heights. Raise ConfigError,
     ElevationError.
     """
-    asked = [(name, name, paths_of(params)) for name in METHODS]
+    methods = [(name, name, paths_of(params)) for name in METHODS]
     if boresight is not None:
-        asked.append((CALIBRATED, "ekf_heading", [*paths_of(params), boresight]))
-    grounds: dict[str, Ground | None] = {}
-    setups = []
-    for name, method, files in asked:
-        configs = node_configs(
-            files, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
-        )
-        key = repr(configs.overlay)
-        if key not in grounds:  # an elevation model is large, so each is read once
-            grounds[key] = ground_of(configs.overlay)
-        ground, words = grounds[key], "level at {:.3f} m"
-        if ground is None:
-            ground, words = float(median(survey_heights_m)), f"{words}, the survey's median"
-            configs = configs._replace(overlay=replace(configs.overlay, ground_height_m=ground))
-        if isinstance(ground, Terrain):
-            words = f"elevation model {os.fspath(configs.overlay.dem)}"
-        else:
-            words = words.format(ground)
-        setups.append(MethodSetup(name, configs, ground, words))
-    return setups
+        methods.append((CALIBRATED, "ekf_heading", [*paths_of(params), boresight]))
+    places = {"dem": dem, "ground_height": ground_height, "camera": camera}
+    configs = [node_configs(files, namespace, method=m, **places) for _, m, files in methods]
+    overlay, median_m = configs[-1].overlay, float(median(survey_heights_m))
+    ground = ground_of(overlay)
+    if isinstance(ground, Terrain):
+        words = f"elevation model {os.fspath(overlay.dem)}"
+    elif ground is None:
+        ground, words = median_m, f"level at {median_m:.3f} m, the survey's median"
+        configs = [c._replace(overlay=replace(c.overlay, ground_height_m=ground)) for c in configs]
+    else:
+        words = f"level at {ground:.3f} m"
+    pairs = zip(methods, configs, strict=True)
+    return [MethodSetup(name, own, ground, words) for (name, *_), own in pairs]
 
 
 def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:
     """Return notes on grounds and methods, such as the survey's heights above level ground."""
     notes: list[str] = []
-    for setup in setups:
-        if isinstance(setup.ground, Terrain):
-            notes += setup.ground.notes
-        elif math.isfinite(setup.ground):
-            off = [height - setup.ground for height in survey_heights_m]
-            notes.append(
-                f"ground {setup.ground_words}; the observed points' heights are "
-                f"{min(off):+.2f} to {max(off):+.2f} m from it"
-            )
+    ground = setups[-1].ground
+    if isinstance(ground, Terrain):
+        notes += ground.notes
+    elif math.isfinite(ground):
+        off = [height - ground for height in survey_heights_m]
+        notes.append(
+            f"ground {setups[-1].ground_words}; the observed points' heights are "
+            f"{min(off):+.2f} to {max(off):+.2f} m from it"
+        )
     if setups[-1].method == CALIBRATED:
         notes.append(
             f"{CALIBRATED}: the accuracy is meaningful only on points that were not used for its "
             "boresight"
         )
-    return list(dict.fromkeys(notes))
+    return notes

@@ -1,50 +1,41 @@
 """Locate the observed control points under a method, and hold the results of the experiment.
 
-East and north are metres in one projected plane (``Evaluation.projection``). Stamps are int ns.
+East and north are metres in one projected plane (``Experiment.projection``). Stamps are int ns.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Ellipse, Refusal, ellipse_of, place
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.finding import Finding
-from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.surveys.survey import SurveyPoint
-from tirgeo_ros.tools.evaluate.experiment import Experiment, MethodSetup, Projection
-from tirgeo_ros.tools.evaluate.series import BodyErrors, Track
-from tirgeo_ros.tools.replay.flight import pose_at
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.tools.evaluate.experiment import Experiment, MethodSetup
+from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S, pose_at
 
 #: Differences within this are equal: a nanometre is rounding.
 _ALIKE_M = 1e-9
-
-
-class PixelMoves(NamedTuple):
-    """Hold one observation's pixel offset, and the effect on it of each cause of an error.
-
-    The causes are ``boresight`` (rad about the camera's right, down and forward), ``latency`` (s
-    later than assumed), ``datum`` (m east, north from the surveyed to the located points) and
-    ``height`` (m by which the assumed ground is too high).
-    """
-
-    offset_px: Array  # (2,) observed less predicted, column and row
-    by: Mapping[str, Array]  # (2, k) px per unit of the cause
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +50,6 @@ class LocatedPoint:
     error_en: Array  # (2,) located minus surveyed, m
     covariance_en: Array  # (2, 2) of the located point, as the method predicts it, m2
     ellipse: Ellipse  # 95 % ellipse; azimuth from the plane's north
-    moves: PixelMoves | None = None  # None if the camera cannot see the surveyed point
 
     @property
     def is_inside(self) -> bool:
@@ -70,8 +60,8 @@ class LocatedPoint:
 
 def ground_errors(located: Sequence[LocatedPoint]) -> GroundErrors:
     """Return the horizontal errors of located points."""
-    errors_en = np.array([one.error_en for one in located]).reshape(-1, 2)
-    return GroundErrors([one.id for one in located], errors_en)
+    errors_en = np.array([point.error_en for point in located]).reshape(-1, 2)
+    return GroundErrors([point.id for point in located], errors_en)
 
 
 class RefusedPoint(NamedTuple):
@@ -87,7 +77,7 @@ def locate_observations(
     poses: PoseBuffer[CameraPose],
     plane: TangentPlane,
     camera: Camera,
-    given: Experiment,
+    experiment: Experiment,
     ground: Ground,
     overlay: OverlayConfig,
 ) -> tuple[list[LocatedPoint], list[RefusedPoint]]:
@@ -96,66 +86,82 @@ def locate_observations(
     ``poses`` are in ``plane`` and cover the observations. The pose of an observation is that of
     its picture's exposure: the stamp minus ``overlay.video_latency_s``.
     """
-    located, refused = [], []
-    for seen in given.observations:
-        point, uv = given.control.get(seen.id), (seen.u, seen.v)
+    located: list[LocatedPoint] = []
+    refused: list[RefusedPoint] = []
+    project = experiment.projection.project
+    for click in experiment.observations:
+        point = experiment.survey.get(click.id)
         if point is None:
             continue
-        motion = pose_at(poses, exposure_ns(seen.stamp_ns, overlay.video_latency_s))
+        lead = click.id, click.stamp_ns, (click.u, click.v)
+        motion = pose_at(poses, exposure_ns(click.stamp_ns, overlay.video_latency_s))
         if motion is None:
-            refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, Reason.NO_POSE.value))
+            refused.append(RefusedPoint(*lead, Reason.NO_POSE.value))
             continue
         pose, rates = motion
-        found = place(camera, pose, uv, plane, ground, overlay.confidence, rates)
-        if isinstance(found, Refusal):
-            refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, found.reason.value))
+        result = place(camera, pose, lead[2], plane, ground, overlay.confidence, rates)
+        if isinstance(result, Refusal):
+            refused.append(RefusedPoint(*lead, result.reason.value))
             continue
-        here = found.latitude_rad, found.longitude_rad
-        place_en, axes = given.projection.project(*here), given.projection.local_axes(*here)
-        covariance_en = axes @ found.covariance_n[:2, :2] @ axes.T
-        there = point.latitude_rad, point.longitude_rad
-        surveyed_n = plane.ned_from_geodetic(*there, found.height_m)
-        located.append(
-            LocatedPoint(
-                seen.id,
-                seen.stamp_ns,
-                uv,
-                place_en,
-                found.height_m,
-                place_en - given.projection.project(*there),
-                covariance_en,
-                ellipse_of(covariance_en[::-1, ::-1]),
-                pixel_moves(camera, pose, rates, uv, surveyed_n),
-            )
-        )
+        place_en = project(result.latitude_rad, result.longitude_rad)
+        axes = experiment.projection.local_axes(result.latitude_rad, result.longitude_rad)
+        error_en = place_en - project(point.latitude_rad, point.longitude_rad)
+        covariance_en = axes @ result.covariance_n[:2, :2] @ axes.T
+        ellipse = ellipse_of(covariance_en[::-1, ::-1])
+        height_m = result.height_m
+        located.append(LocatedPoint(*lead, place_en, height_m, error_en, covariance_en, ellipse))
     return located, refused
 
 
-def pixel_moves(
-    camera: Camera,
-    pose: CameraPose,
-    rates: CameraRates | None,
-    uv: tuple[float, float],
-    surveyed_n: Array,
-) -> PixelMoves | None:
-    """Return one observation's moves; None if the camera cannot see the surveyed point.
+@dataclass(frozen=True)
+class TruePoses:
+    """Hold the true poses of a flight and their tangent plane."""
 
-    ``surveyed_n`` (3,) is the surveyed point at the height of the assumed ground, NED in the
-    pose's plane. Without ``rates`` latency is not considered.
-    """
-    rotation_nc = matrix_from_quat(pose.q_nc)
-    predicted, _ = camera.project((surveyed_n - pose.position_n)[None] @ rotation_nc)
-    by_pose, by_point = (both[0] for both in pixel_jacobian(camera, pose, surveyed_n))
-    if not (np.isfinite(predicted).all() and np.isfinite(by_pose).all()):
-        return None
-    by = {
-        "boresight": by_pose[:, 3:] @ rotation_nc,
-        "datum": by_point[:, [1, 0]],
-        "height": by_point[:, 2:],
-    }
-    if rates is not None:
-        by["latency"] = -(by_pose @ np.concatenate(rates))[:, None]
-    return PixelMoves(np.array(uv) - predicted[0], by)
+    plane: TangentPlane
+    bodies: PoseBuffer[BodyPose]
+
+
+def load_truth(path: Path) -> TruePoses:
+    """Read ``tirgeo/odometry`` and ``tirgeo/origin`` of a bag. Raise BagError without them."""
+    cdr, plane = Cdr(), None
+    bodies: PoseBuffer[BodyPose] = PoseBuffer(WHOLE_FLIGHT_S)
+    for item in BagReader(path).messages(["/tirgeo/origin", "/tirgeo/odometry"]):
+        message = cdr.deserialize(item.data, item.typename)
+        if item.topic == "/tirgeo/origin":
+            plane = convert.tangent_plane(message)
+        else:
+            bodies.add(convert.body_pose(message))
+    if plane is None or not len(bodies):
+        raise BagError(f"{path}: needed topic absent: /tirgeo/origin or /tirgeo/odometry")
+    return TruePoses(plane, bodies)
+
+
+@dataclass(frozen=True, slots=True)
+class BodyErrors:
+    """Hold root mean square errors against the truth."""
+
+    roll_rad: float
+    pitch_rad: float
+    heading_rad: float
+    position_m: float  # in space
+
+
+def body_errors(bodies: Sequence[BodyPose], truth: TruePoses, after_s: float) -> BodyErrors:
+    """Return the errors of poses in the truth's plane, from ``after_s`` after the first pose."""
+    pairs = [
+        (pose, true)
+        for pose in bodies
+        if pose.stamp_ns >= bodies[0].stamp_ns + after_s * 1e9
+        and isinstance(true := truth.bodies.at(pose.stamp_ns), BodyPose)
+    ]
+    if not pairs:
+        return BodyErrors(math.nan, math.nan, math.nan, math.nan)
+    angles, true_angles = (
+        euler_from_quat(np.array([pair[k].q_nb for pair in pairs])) for k in (0, 1)
+    )
+    roll, pitch, heading = np.sqrt(np.mean(wrap_pi(angles - true_angles) ** 2, axis=0)).tolist()
+    apart = np.array([pose.position_n - true.position_n for pose, true in pairs])
+    return BodyErrors(roll, pitch, heading, float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))))
 
 
 @dataclass(frozen=True)
@@ -167,7 +173,6 @@ class MethodResult:
     state: str  # the filter's at the end
     located: Sequence[LocatedPoint]
     refused: Sequence[RefusedPoint]
-    track: Track  # of the aircraft
     #: Errors of the body's poses after the filter has settled; None without a truth.
     against_truth: BodyErrors | None
 
@@ -189,27 +194,22 @@ class Evaluation:
     bag: str
     survey_path: str
     observations_path: str
-    projection: Projection
-    control: Mapping[str, SurveyPoint]  # every surveyed point by its id
-    receivers: Mapping[str, Track]  # of the antennas, by source
+    experiment: Experiment
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method -> the reason why it could not be run
-    tests: Sequence[PairedTest]  # each pair of ``methods`` once
-    stills: Sequence[tuple[str, bytes]]  # captions, JPEG; of the last method
     notes: Sequence[str]
     error: str | None  # what makes the run a failure although there is a result
     findings: Sequence[Finding]  # problems of set-up or sensors, the worst first
     smoothed: bool = False
 
     @cached_property
-    def places_en(self) -> Array:
-        """Return the places (P, 2) of the surveyed points."""
-        geodetic = [(one.latitude_rad, one.longitude_rad) for one in self.control.values()]
-        return self.projection.project(*np.transpose(geodetic))
+    def tests(self) -> list[PairedTest]:
+        """Return the comparison of each pair of methods."""
+        return paired_tests({each.method: each.errors.point_rmse_m for each in self.methods})
 
     def method(self, name: str) -> MethodResult | None:
         """Return a method by its name, or None if it is missing."""
-        return next((one for one in self.methods if one.method == name), None)
+        return next((each for each in self.methods if each.method == name), None)
 
 
 class PairedTest(NamedTuple):
@@ -231,7 +231,7 @@ def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> list[PairedTest
     tests = []
     for first, second in combinations(errors_m, 2):
         common = sorted(errors_m[first].keys() & errors_m[second].keys())
-        columns = [np.array([errors_m[one][point] for point in common]) for one in (first, second)]
+        columns = [np.array([errors_m[m][point] for point in common]) for m in (first, second)]
         apart_m = columns[0] - columns[1]
         mean_m = float(apart_m.mean()) if common else None
         t, p_value, note = None, None, ""
@@ -240,7 +240,7 @@ def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> list[PairedTest
         elif np.ptp(apart_m) <= _ALIKE_M:
             note = "all differences are alike"
         else:
-            found = stats.ttest_rel(*columns)
-            t, p_value = float(found.statistic), float(found.pvalue)
+            test = stats.ttest_rel(*columns)
+            t, p_value = float(test.statistic), float(test.pvalue)
         tests.append(PairedTest(first, second, len(common), mean_m, t, p_value, note))
     return tests

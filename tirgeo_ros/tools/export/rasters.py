@@ -8,11 +8,10 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import zstandard
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -25,9 +24,7 @@ from tirgeo_ros.core.orthorectification.ground_tiles import (
 )
 from tirgeo_ros.core.orthorectification.orthophoto import (
     FrameView,
-    LevelMatch,
     MosaicTile,
-    Patch,
     level_gsd_m,
     seeds,
 )
@@ -41,6 +38,7 @@ from tirgeo_ros.tools.export.frames import ExportFrame
 GRAZING_DEG = 15.0
 #: Sizes of pixels, times a power of ten.
 _STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+_FAR = 1 << 40  # pixels of the lattice, more than around the earth
 _LOOKED_AT = 200  # pictures from which the pixel size is derived, spread over the flight
 
 
@@ -52,7 +50,6 @@ class RasterOptions:
     gsd_m: float | None = None  # size of a pixel; None: by the pictures' own
     grazing_deg: float = GRAZING_DEG
     nearest: bool = False  # values of the video as they are: no means, no feathering
-    even: bool = False  # match the grey levels of the mosaic's pictures to each other
     #: Degrees Celsius are 16-bit values times the first plus the second; None: as they are.
     degrees: tuple[float, float] | None = None
 
@@ -93,32 +90,18 @@ def raster_setup(
     projected = Plane(options.crs, np.degrees(np.stack([longitude, latitude], axis=1)))
     pixel_m = options.gsd_m
     if pixel_m is None:
-        pixel_m = _rounded(_median_gsd_m(options, camera, some, plane, ground))
+        grazing_rad = math.radians(options.grazing_deg)
+        seen = [(pose, seeds(camera, pose, plane, ground)) for pose in some]
+        every = [level_gsd_m(camera, pose, plane, at_n, grazing_rad) for pose, at_n in seen]
+        gsd_m = np.concatenate(every)
+        gsd_m = gsd_m[np.isfinite(gsd_m)]
+        if not gsd_m.size:
+            raise MapError(
+                f"no picture sees the ground at {options.grazing_deg:g} deg or steeper: is its "
+                "height right? (--ground-height, --dem, --grazing)"
+            )
+        pixel_m = _rounded(float(np.median(gsd_m)))
     return RasterSetup(projected, GroundTiles(projected, pixel_m, plane, ground), options)
-
-
-def _median_gsd_m(
-    options: RasterOptions,
-    camera: Camera,
-    poses: Sequence[CameraPose],
-    plane: TangentPlane,
-    ground: Ground,
-) -> float:
-    """Return the median ground sample distance, m, over the pictures."""
-    grazing_rad = math.radians(options.grazing_deg)
-    gsd_m = np.concatenate(
-        [
-            level_gsd_m(camera, pose, plane, seeds(camera, pose, plane, ground), grazing_rad)
-            for pose in poses
-        ]
-    )
-    known = gsd_m[np.isfinite(gsd_m)]
-    if not known.size:
-        raise MapError(
-            f"no picture sees the ground at {options.grazing_deg:g} deg or steeper: is its height "
-            "right? (--ground-height, --dem, --grazing)"
-        )
-    return float(np.median(known))
 
 
 def _rounded(length_m: float) -> float:
@@ -130,175 +113,109 @@ def _rounded(length_m: float) -> float:
 
 #: Of tiles in memory. A picture covers some ten tiles of 3 MB.
 _MOST_BYTES = 128_000_000
-_QUICK = 1  # level of compression
 
 
 class TileStore:
     """Give tiles by their keys, new ones empty; ``bands`` of values each.
 
-    Files are in a folder of their own below ``folder``, made when it is needed. It goes with the
-    store: with ``clear``, at the latest when the program ends.
+    Those beyond 128 MB wait in files of a hidden folder below ``folder``, which goes with
+    ``clear``, at the latest when the program ends.
     """
 
     def __init__(self, folder: Path, bands: int) -> None:
         self._folder, self.bands = folder, bands
         self._most = max(_MOST_BYTES // (4 * TILE_PX * TILE_PX * (bands + 2)), 1)
         self._tiles: OrderedDict[TileKey, MosaicTile] = OrderedDict()
-        self._keys: set[TileKey] = set()
+        self.keys: set[TileKey] = set()
         self._disk: tempfile.TemporaryDirectory[str] | None = None
-
-    def __contains__(self, key: TileKey) -> bool:
-        """Return whether a tile was asked for before."""
-        return key in self._keys
-
-    def sorted_keys(self) -> list[TileKey]:
-        """Return the keys of all tiles, from north to south and west to east."""
-        return sorted(self._keys, key=lambda key: key[::-1])
 
     def tile(self, key: TileKey) -> MosaicTile:
         """Return a tile to look at or to add to, until the next one is asked for."""
         tile = self._tiles.pop(key, None)
-        if tile is None:
-            tile = self._read(key) if key in self._keys else MosaicTile.empty(self.bands)
-        self._keys.add(key)
-        self._tiles[key] = tile
+        if tile is None and key in self.keys:
+            with np.load(self._path(key)) as arrays:
+                tile = MosaicTile(**arrays)
+        self.keys.add(key)
+        self._tiles[key] = tile or MosaicTile.empty(self.bands)
         if len(self._tiles) > self._most:
-            self._write(*self._tiles.popitem(last=False))
-        return tile
+            oldest, layers = self._tiles.popitem(last=False)
+            np.savez(self._path(oldest), **vars(layers))
+        return self._tiles[key]
 
     def clear(self) -> None:
         """Forget all tiles, and remove their files."""
         self._tiles.clear()
-        self._keys.clear()
         if self._disk is not None:
             self._disk.cleanup()
-            self._disk = None
 
     def _path(self, key: TileKey) -> Path:
         if self._disk is None:
             self._disk = tempfile.TemporaryDirectory(dir=self._folder, prefix=".tiles-")
-        return Path(self._disk.name) / f"{key[0]}_{key[1]}"
-
-    def _write(self, key: TileKey, tile: MosaicTile) -> None:
-        layers = np.dstack([tile.total, tile.weight, tile.best])
-        packed = zstandard.ZstdCompressor(level=_QUICK).compress(layers.tobytes())
-        self._path(key).write_bytes(packed)
-
-    def _read(self, key: TileKey) -> MosaicTile:
-        data = zstandard.ZstdDecompressor().decompress(self._path(key).read_bytes())
-        layers = np.frombuffer(data, np.float32).reshape(TILE_PX, TILE_PX, -1)
-        total, weight, best = np.split(layers, [self.bands, self.bands + 1], axis=2)
-        return MosaicTile(total.copy(), weight[..., 0].copy(), best[..., 0].copy())
-
-
-class Box(NamedTuple):
-    """Hold columns and rows of the lattice, from ``left``, ``top`` up to ``right``, ``bottom``."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    @classmethod
-    def of(cls, key: TileKey, patch: Patch) -> Box:
-        """Return the box of what is seen of a tile."""
-        left, top = key[0] * TILE_PX + patch.columns.start, key[1] * TILE_PX + patch.rows.start
-        columns, rows = (np.flatnonzero(patch.seen.any(axis=axis)) for axis in (0, 1))
-        first, last = (int(columns[0]), int(rows[0])), (int(columns[-1]), int(rows[-1]))
-        return cls(left + first[0], top + first[1], left + last[0] + 1, top + last[1] + 1)
-
-    def with_(self, other: Box) -> Box:
-        """Return the box around both."""
-        return Box(*map(min, self[:2], other[:2]), *map(max, self[2:], other[2:]))
+        return Path(self._disk.name) / f"{key[0]}_{key[1]}.npz"
 
 
 class TiledRaster:
-    """Collect views; ``hard``: the best view alone counts, and values stay as they are.
+    """Collect views; ``hard``: the best view alone counts, and values stay as they are."""
 
-    ``even``: the grey levels of each view are matched to those of the views before.
-    """
-
-    def __init__(
-        self, setup: RasterSetup, folder: Path, *, hard: bool, even: bool = False
-    ) -> None:
-        self._setup, self._folder, self._hard, self._even = setup, folder, hard, even
+    def __init__(self, setup: RasterSetup, folder: Path, *, hard: bool) -> None:
+        self._setup, self._folder, self._hard = setup, folder, hard
         self._store: TileStore | None = None
-        self._box: Box | None = None
+        #: Column and row of the lattice of the first pixel that was seen, and behind the last.
+        self._first, self._end = np.full(2, _FAR), np.full(2, -_FAR)
         self._dtype = np.dtype(np.uint8)
 
     @property
     def size(self) -> tuple[int, int]:
         """Return width and height in pixels; zero if nothing was seen."""
-        box = self._box or Box(0, 0, 0, 0)
-        return box.right - box.left, box.bottom - box.top
+        width, height = np.maximum(self._end - self._first, 0).tolist()
+        return width, height
 
     def add(self, frame: ExportFrame) -> None:
         """Add what a frame shows; all frames have values of the same kind."""
         if self._store is None:
             self._dtype = frame.pixels.dtype
             self._store = TileStore(self._folder, 3 if frame.pixels.ndim == 3 else 1)
-        patches = self._setup.view(frame).patches()
-        for key, patch in self._evened(list(patches), self._store) if self._even else patches:
+        for key, patch in self._setup.view(frame).patches():
             self._store.tile(key).add(patch, hard=self._hard)
-            seen = Box.of(key, patch)
-            self._box = seen if self._box is None else self._box.with_(seen)
-
-    @staticmethod
-    def _evened(
-        patches: list[tuple[TileKey, Patch]], store: TileStore
-    ) -> list[tuple[TileKey, Patch]]:
-        """Return views with the grey levels of the mosaic that they overlap."""
-        match = LevelMatch()
-        for key, patch in patches:
-            if key in store:
-                match.add(*store.tile(key).common(patch))
-        return [(key, one._replace(values=match.matched(one.values))) for key, one in patches]
+            columns, rows = (np.flatnonzero(patch.seen.any(axis=axis)) for axis in (0, 1))
+            left = key[0] * TILE_PX + patch.columns.start
+            top = key[1] * TILE_PX + patch.rows.start
+            self._first = np.minimum(self._first, [left + columns[0], top + rows[0]])
+            self._end = np.maximum(self._end, [left + columns[-1] + 1, top + rows[-1] + 1])
 
     def write(self, path: Path, tags: Mapping[str, str]) -> None:
         """Write the raster as a Cloud-Optimised GeoTIFF and forget it; nothing if none is seen.
 
         Raise MapError.
         """
-        if self._store is None or self._box is None:
+        if self._store is None or not self.size[0]:
             return
-        write_cog(path, self._form(self._box, self._store.bands, tags), self._parts())
-        self.close()
-
-    def close(self) -> None:
-        """Forget what was collected."""
-        if self._store is not None:
-            self._store.clear()
-
-    def _form(self, box: Box, bands: int, tags: Mapping[str, str]) -> RasterForm:
         pixel_m, celsius = self._setup.tiles.pixel_m, self._setup.options.degrees is not None
-        return RasterForm(
+        left, top = self._first.tolist()
+        form = RasterForm(
             self._setup.projected.system.to_wkt(),
             pixel_m,
-            box.left * pixel_m,
-            -box.top * pixel_m,
+            left * pixel_m,
+            -top * pixel_m,
             *self.size,
-            bands,
+            self._store.bands,
             "float32" if celsius else self._dtype.name,
             "degC" if celsius else "",
             tags,
         )
+        write_cog(path, form, self._parts(self._store))
+        self._store.clear()
 
-    def _parts(self) -> Iterator[RasterPart]:
-        """Yield the tiles, cut to the box."""
-        assert self._store is not None
-        assert self._box is not None
-        box, (width, height) = self._box, self.size
-        for key in self._store.sorted_keys():
-            values, seen = self._store.tile(key).values()
-            left, top = key[0] * TILE_PX - box.left, key[1] * TILE_PX - box.top
+    def _parts(self, store: TileStore) -> Iterator[RasterPart]:
+        """Yield the tiles from north to south and west to east, cut to what was seen."""
+        width, height = self.size
+        for key in sorted(store.keys, key=lambda key: key[::-1]):
+            values, seen = store.tile(key).values()
+            left, top = (np.array(key) * TILE_PX - self._first).tolist()
             columns = slice(max(-left, 0), min(width - left, TILE_PX))
             rows = slice(max(-top, 0), min(height - top, TILE_PX))
-            yield RasterPart(
-                left + columns.start,
-                top + rows.start,
-                self._written(values[rows, columns]),
-                seen[rows, columns],
-            )
+            part = self._written(values[rows, columns]), seen[rows, columns]
+            yield RasterPart(left + columns.start, top + rows.start, *part)
 
     def _written(self, values: Floats) -> npt.NDArray[Any]:
         """Return values (h, w, bands) as they stand in the file: red first, or degrees."""

@@ -21,40 +21,17 @@ class Stills:
     """Write stills ``NNNNNN.jpg`` (8 bits) or ``.tif`` (16 bits) into a folder.
 
     ``undulation_m`` of the geoid makes their altitudes those above sea level; without it they are
-    ellipsoidal. ``model`` names the camera, ``pixel_pitch_um`` is the width of its pixels, by
-    which focal lengths in mm are computed. Raises ExportError naming a file that cannot be
-    written.
+    ellipsoidal. Raises ExportError naming a file that cannot be written.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        undulation_m: float = math.nan,
-        model: str = "thermal",
-        pixel_pitch_um: float = 12.0,
-    ) -> None:
+    def __init__(self, folder: Path, undulation_m: float = math.nan) -> None:
         self.folder = made_folder(folder, ExportError)
-        self._undulation_m, self._model, self._pitch_um = undulation_m, model, pixel_pitch_um
-        self._written = 0
+        self._undulation_m, self._written = undulation_m, 0
 
     def take(self, frame: ExportFrame) -> None:
         """Write a picture."""
-        path = self.folder / f"{frame.number:06}{ending_of(frame.pixels)}"
-        write_files({path: still_bytes(frame.pixels, self._still(frame))}, ExportError)
-        self._written += 1
-
-    def finish(self) -> dict[str, object]:
-        """Return the folder and the number of stills."""
-        above = "sea level" if math.isfinite(self._undulation_m) else "ellipsoid"
-        return {"folder": str(self.folder), "files": self._written, "altitude_above": above}
-
-    def close(self) -> None:
-        """Leave the stills: each is complete."""
-
-    def _still(self, frame: ExportFrame) -> Still:
         pose, plane = frame.pose, frame.plane
-        return Still(
+        still = Still(
             exposure_ns=pose.stamp_ns,
             camera=frame.camera,
             place=camera_place(pose, plane),
@@ -62,6 +39,12 @@ class Stills:
             body_rpy=body_rpy(frame.body, plane),
             above_ground_m=height_above_m(pose, plane, frame.ground),
             undulation_m=self._undulation_m,
-            model=self._model,
-            pixel_pitch_um=self._pitch_um,
         )
+        path = self.folder / f"{frame.number:06}{ending_of(frame.pixels)}"
+        write_files({path: still_bytes(frame.pixels, still)}, ExportError)
+        self._written += 1
+
+    def finish(self) -> dict[str, object]:
+        """Return the folder and the number of stills."""
+        above = "sea level" if math.isfinite(self._undulation_m) else "ellipsoid"
+        return {"folder": str(self.folder), "files": self._written, "altitude_above": above}

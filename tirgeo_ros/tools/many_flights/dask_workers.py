@@ -18,14 +18,13 @@ from typing import Any
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import ManyFlightsError, shown
-from tirgeo_ros.tools.many_flights.flight_process import run_flight
+from tirgeo_ros.tools.many_flights.flight_process import FlightProgress, run_flight
 from tirgeo_ros.tools.many_flights.flight_record import (
     FlightTask,
     Record,
     running_mark,
     written_record,
 )
-from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.presentation.progress import silent
 
 _SHOW_S = 0.2
@@ -52,7 +51,6 @@ def run_on_cluster(
         }
         try:
             while pending:
-                progress.in_work(_names(client, run))
                 progress.show()
                 time.sleep(_SHOW_S)
                 done = [future for future in pending if future.done()]
@@ -60,7 +58,7 @@ def run_on_cluster(
                     raise ConnectionError
                 for future in done:
                     task = pending.pop(future)
-                    progress.done(task.name)
+                    progress.part(task.name, 1.0)
                     yield task, _record(task, future)
         except OSError:  # Dask's own are of this kind
             raise ManyFlightsError(
@@ -85,17 +83,12 @@ def worker_sees(folder: str) -> tuple[str, bool]:
     return __version__, running_mark(Path(folder)).exists()
 
 
-def _dask() -> Any:
-    """Return the package; raises ModuleNotFoundError, which the command explains."""
-    return importlib.import_module("distributed")
-
-
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
     """Connect to a scheduler; raise ManyFlightsError if there is none."""
     if not _ADDRESS.fullmatch(scheduler):
         raise ManyFlightsError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
-    dask = _dask()
+    dask = importlib.import_module("distributed")  # ModuleNotFoundError is explained
     for name in ("distributed", "distributed.client"):  # the package gives each its own level
         logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here
     try:
@@ -113,7 +106,7 @@ def _check(client: Any, folder: str) -> None:
     """Raise ManyFlightsError unless there are workers, of this version, that see the folder."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
-    except _dask().TimeoutError:
+    except TimeoutError:
         raise ManyFlightsError(
             "the scheduler has no worker: start some with dask worker"
         ) from None
@@ -133,12 +126,6 @@ def _check(client: Any, folder: str) -> None:
 
 def _other_version(version: str) -> str:
     return f"has tirgeo {version}, another version than here; install the same one"
-
-
-def _names(client: Any, run: str) -> list[str]:
-    """Return the names of the flights that workers have in work."""
-    keys = [str(key) for some in client.processing().values() for key in some]
-    return [key.removesuffix(f"-{run}") for key in keys if key.endswith(run)]
 
 
 def _record(task: FlightTask, future: Any) -> Record:

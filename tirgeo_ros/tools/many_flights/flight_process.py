@@ -1,4 +1,4 @@
-"""Process a flight in a child process of this Python, and again if it is killed.
+"""Process flights on this computer, each in a child process, again if that is killed.
 
 The child answers numbers, the part that is done, and at last the flight's summary.
 """
@@ -7,22 +7,35 @@ from __future__ import annotations
 
 import os
 import pickle
+import queue
 import re
 import signal
 import sys
+import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, final
 
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.errors import ManyFlightsError, PictureError, TirgeoError, shown
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, written_record
-from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import error_line, plain
+from tirgeo_ros.tools.replay.flight_topics import resolved
+from tirgeo_ros.tools.replay.process import process
 
 #: How often a flight is begun whose process is killed.
 ATTEMPTS = 3
@@ -34,8 +47,71 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
 from tirgeo_ros.tools.many_flights.flight_process import run_child
 run_child()
 """
-_POLL_S, _REPORT_S = 0.2, 0.2
+_POLL_S = 0.2  # between two looks, or reports
 _END_S = 10.0  # a child that is told to end removes what it has begun
+_PICTURE = "tirgeo/overlay/image/compressed"
+_WIDTH_PX, _QUALITY = 320, 60  # of the small picture
+
+
+@final
+class FlightProgress:
+    """Collect from all threads what is done, and report it from one; flights count as 1."""
+
+    def __init__(self, total: int, progress: Report = silent) -> None:
+        self._total, self._progress = total, progress
+        self._parts: dict[str, float] = {}
+
+    def part(self, name: str, part: float) -> None:
+        """Set which part (0 to 1) of a flight is done; one that has failed is done too."""
+        self._parts[name] = part
+
+    def show(self) -> None:
+        """Report the present state."""
+        self._progress(sum(list(self._parts.values())), self._total)
+
+
+def run_here(
+    tasks: Sequence[FlightTask], workers: int | None, progress: FlightProgress
+) -> Generator[tuple[FlightTask, Record], None, None]:
+    """Yield each task with its record, in the order in which they end.
+
+    ``workers`` processes run at a time (None: as many as there are cores); each has its share of
+    the cores. When the generator is closed, those that run are ended.
+    """
+    shares: queue.SimpleQueue[list[int]] = queue.SimpleQueue()
+    for share in core_shares(workers, len(tasks)):
+        shares.put(share)
+    stopped = threading.Event()
+
+    def work(task: FlightTask) -> Record:
+        cores = shares.get()
+        try:
+            return run_flight(task, stopped.is_set, partial(progress.part, task.name), cores)
+        finally:
+            shares.put(cores)
+
+    with ThreadPoolExecutor(shares.qsize()) as pool:
+        try:
+            pending = {pool.submit(work, task): task for task in tasks}
+            while pending:
+                progress.show()
+                for future in wait(pending, _POLL_S, FIRST_COMPLETED).done:
+                    task = pending.pop(future)
+                    progress.part(task.name, 1.0)
+                    yield task, future.result()
+        finally:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
+
+
+def core_shares(workers: int | None, flights: int) -> list[list[int]]:
+    """Return the cores of each worker, evenly shared; there are never more workers than flights.
+
+    With more workers than cores, some share one.
+    """
+    cores = sorted(os.sched_getaffinity(0))
+    number = min(workers or len(cores), flights)
+    return [cores[k::number] or [cores[k % len(cores)]] for k in range(number)]
 
 
 class Stopped(Exception):  # noqa: N818  no error: the user has stopped the command
@@ -78,20 +154,16 @@ def _once(
                     return answer, ""
                 report(answer)
     except ChildEndedError as ended:
-        return None, _fault(ended)
+        how = f"exit code {ended.code}"
+        if ended.code < 0:
+            how = f"signal {-ended.code} ({signal.Signals(-ended.code).name})"
+        if ended.code == -signal.SIGKILL:
+            how += "; if memory ran out, use fewer --workers"
+        return None, how + ended.last
     finally:
         child.end(_END_S)
         remove_parts(task, child.number)
     raise Stopped
-
-
-def _fault(ended: ChildEndedError) -> str:
-    """Return how a child ended, with the last line that it wrote."""
-    how = f"exit code {ended.code}"
-    if ended.code < 0:
-        how = f"signal {-ended.code} ({signal.Signals(-ended.code).name})"
-    memory = "; if memory ran out, use fewer --workers" if ended.code == -signal.SIGKILL else ""
-    return f"{how}{memory}{ended.last}"
 
 
 def remove_parts(task: FlightTask, number: int | None = None) -> None:
@@ -129,7 +201,7 @@ def _reporting(answer: Callable[[object], None]) -> Report:
     def report(done: float, total: float | None) -> None:
         nonlocal next_s
         if time.monotonic() >= next_s and total:
-            next_s = time.monotonic() + _REPORT_S
+            next_s = time.monotonic() + _POLL_S
             answer(min(max(done / total, 0.0), 1.0))
 
     return report
@@ -157,11 +229,6 @@ def _outcome(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
 
 def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
     """Process the flight; return its summary, facts and sizes of outputs, in JSON's types."""
-    import cv2  # noqa: PLC0415  heavy, as the others
-
-    from tirgeo_ros.tools.many_flights.flight_facts import flight_facts  # noqa: PLC0415  heavy
-    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415  heavy
-
     cv2.setNumThreads(cores)
     video = task.path(task.video) if task.video else None
     bag_out, picture = task.path(".mcap"), task.path(".jpg")
@@ -177,3 +244,38 @@ def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
     whole = plain(summary | {"season": {"outputs": sizes, "facts": facts}})
     assert isinstance(whole, dict)
     return whole
+
+
+def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str, Any], bytes]:
+    """Return the facts of an output bag of ``process``, and a small JPEG; b"" without pictures.
+
+    They are the begin in UTC, ``duration_s`` before the bag's end; and of a flight with positions
+    the first one (degrees) and the way over the ground (m), from second to second. The picture is
+    the one in the middle or, where video ends before, the last.
+    """
+    reader, cdr = BagReader(bag), Cdr()
+    begin_ns, end_ns = reader.span_ns
+    fix, overlay = resolved("tirgeo/fix", namespace), resolved(_PICTURE, namespace)
+    places: dict[int, tuple[float, float]] = {}  # the first of each second
+    jpeg = None
+    for message in reader.messages({fix, overlay} & reader.topics().keys()):
+        if message.topic == fix:
+            content = cdr.deserialize(message.data, message.typename)
+            second = convert.stamp_ns(content) // 1_000_000_000
+            places.setdefault(second, (content.latitude, content.longitude))
+        elif jpeg is None or jpeg.log_time_ns < (begin_ns + end_ns) // 2:
+            jpeg = message
+    begin_s = (end_ns - round(duration_s * 1e9)) // 1_000_000_000
+    begin = datetime.fromtimestamp(begin_s, timezone.utc)
+    facts: dict[str, Any] = {"begin_utc": begin.strftime("%Y-%m-%dT%H:%M:%SZ")}
+    if places:
+        latitude, longitude = np.radians(list(places.values())).T
+        places_e = ecef_from_geodetic(latitude, longitude, np.zeros(len(places)))
+        distance_m = float(np.linalg.norm(np.diff(places_e, axis=0), axis=1).sum())
+        facts |= {"place_deg": next(iter(places.values())), "distance_m": distance_m}
+    if jpeg is None:
+        return facts, b""
+    pixels = convert.compressed_pixels(cdr.deserialize(jpeg.data, jpeg.typename))
+    scale = min(_WIDTH_PX / pixels.shape[1], 1.0)
+    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return facts, bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])

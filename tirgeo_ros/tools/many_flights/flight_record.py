@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +20,6 @@ from tirgeo_ros.core.types.errors import BagError, ManyFlightsError
 from tirgeo_ros.io.bags.bag import bag_files
 from tirgeo_ros.io.files.whole_files import PathLike, read_text, write_files
 from tirgeo_ros.tools.presentation.results import plain
-
-_PIECE = 1 << 20  # bytes of a file that are read at once
 
 #: Name, size in bytes and time of change (ns) of a file; None for what is not known.
 Stamp = list[str | int | None]
@@ -80,8 +78,8 @@ def made_from(
     contents, for they are small and are copied and edited; the flight's own files by size and
     time of change.
     """
-    flight, files = list(stamps), dict(digests)
-    return {"version": __version__, "flight": flight, "options": dict(options), "files": files}
+    flight = list(stamps)
+    return {"version": __version__, "flight": flight, "options": options, "files": digests}
 
 
 def digests_of(paths: Iterable[PathLike]) -> dict[str, Digest]:
@@ -103,7 +101,7 @@ def _digest(path: Path) -> Digest:
             return [_stamp(entry) for entry in sorted(path.iterdir())]
         digest = hashlib.sha256()
         with path.open("rb") as file:
-            while piece := file.read(_PIECE):
+            while piece := file.read(1 << 20):
                 digest.update(piece)
     except OSError:
         return None
@@ -125,21 +123,10 @@ def read_records(folder: Path) -> dict[str, Record]:
 
 
 def written_record(task: FlightTask, summary: Mapping[str, Any], attempts: int) -> Record:
-    """Write and return the record of a flight from its summary.
+    """Write and return the record of a flight from its summary, which may be an error alone.
 
     If it cannot be written, that is the record's error, unless the flight has one.
     """
-    record = record_of(task, summary, attempts)
-    text = json.dumps(plain(record), allow_nan=False, ensure_ascii=False, indent=1)
-    try:
-        write_files({task.path(".json"): text + "\n"}, ManyFlightsError)
-    except ManyFlightsError as error:
-        record["error"] = record["error"] or str(error)
-    return record
-
-
-def record_of(task: FlightTask, summary: Mapping[str, Any], attempts: int) -> Record:
-    """Return the record of a flight from its summary, which may be an error alone."""
     season = {
         "name": task.name,
         "bag": str(place_of(Path(task.working_folder, task.bag))),
@@ -149,7 +136,13 @@ def record_of(task: FlightTask, summary: Mapping[str, Any], attempts: int) -> Re
         "facts": {},
     }
     own = season | summary.get("season", {})
-    return {"input": task.bag, "output": None, **summary, "season": own}
+    record = {"input": task.bag, "output": None, **summary, "season": own}
+    text = json.dumps(plain(record), allow_nan=False, ensure_ascii=False, indent=1)
+    try:
+        write_files({task.path(".json"): text + "\n"}, ManyFlightsError)
+    except ManyFlightsError as error:
+        record["error"] = record["error"] or str(error)
+    return record
 
 
 def is_done(record: Record | None, task: FlightTask) -> bool:
@@ -157,26 +150,8 @@ def is_done(record: Record | None, task: FlightTask) -> bool:
     if record is None or not record["output"]:
         return False
     season = record["season"]
-    sizes = {name: _size(Path(task.folder, name)) for name in season["outputs"]}
+    sizes = {name: _stamp(Path(task.folder, name))[1] for name in season["outputs"]}
     return bool(season["made_from"] == task.made_from and sizes == season["outputs"])
-
-
-def same_place(record: Record, bag: Path) -> bool:
-    """Return whether a record is of the flight at this path."""
-    return bool(record["season"]["bag"] == str(place_of(bag)))
-
-
-def same_files(record: Record, stamps: Sequence[Stamp]) -> bool:
-    """Return whether a record is of these files, in whatever folder they were."""
-    there = all(size is not None for _, size, _ in stamps)
-    return there and bool(record["season"]["made_from"]["flight"] == stamps)
-
-
-def _size(path: Path) -> int | None:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return None
 
 
 def _is_record(tree: object) -> bool:

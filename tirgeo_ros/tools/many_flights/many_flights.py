@@ -12,7 +12,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from tirgeo_ros.io.bags.bag import METADATA
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import paths_of
-from tirgeo_ros.tools.many_flights.flight_process import remove_parts
+from tirgeo_ros.tools.many_flights.flight_process import FlightProgress, remove_parts, run_here
 from tirgeo_ros.tools.many_flights.flight_record import (
     FlightTask,
     Record,
@@ -34,11 +34,8 @@ from tirgeo_ros.tools.many_flights.flight_record import (
     place_of,
     read_records,
     running_mark,
-    same_files,
-    same_place,
 )
 from tirgeo_ros.tools.many_flights.flights_page import PAGE, write_page
-from tirgeo_ros.tools.many_flights.local_workers import FlightProgress, run_here
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.replay.node_configs import node_configs
@@ -51,7 +48,6 @@ _WORDS = {
     "in_part": "in part",
     "failed": "failed",
 }
-_OF_RECORD = ("output", "duration_s", "elapsed_s", "error")
 
 
 def process_flights(
@@ -68,9 +64,9 @@ def process_flights(
 
     ``options`` are the keywords of ``process``, but for ``progress``; ``video`` is the ending of
     the videos, with its dot. ``workers`` is the number of processes on this computer (None: one a
-    core), ``scheduler`` the address of a Dask scheduler to use instead. A ``progress`` bar names
-    the flights in work. The folder's page is made anew, also if the run is interrupted. Raises
-    ConfigError, BagError and ManyFlightsError for what concerns all flights.
+    core), ``scheduler`` the address of a Dask scheduler to use instead. The folder's page is made
+    anew, also if the run is interrupted. Raises ConfigError, BagError and ManyFlightsError for
+    what concerns all flights.
     """
     begun_s = time.perf_counter()
     place = made_folder(folder, ManyFlightsError)
@@ -105,22 +101,19 @@ def only_run(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise ManyFlightsError(f"{folder}: cannot be written: {error.strerror}") from None
     with file:
-        _lock(file.fileno(), folder)
         try:
-            yield
-        finally:
-            mark.unlink(missing_ok=True)
-
-
-def _lock(number: int, folder: Path) -> None:
-    with suppress(OSError):  # a file system without locks
-        try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ManyFlightsError(
                 f"{folder}: another tirgeo process works in this folder; "
                 "wait for it, or give another folder"
             ) from None
+        except OSError:  # a file system without locks
+            pass
+        try:
+            yield
+        finally:
+            mark.unlink(missing_ok=True)
 
 
 def flight_tasks(
@@ -137,36 +130,29 @@ def flight_tasks(
     keywords: dict[str, Any] = {"namespace": ""} | {
         name: plain(value) for name, value in options.items()
     }
-    used = _files(keywords)
-    digests, own = digests_of(used), keywords | {"video": video}
-    bags = {place_of(bag): os.fspath(bag) for bag in _each_once(flights)}
+    params, chosen = keywords.get("params"), ("method", "dem", "ground_height", "camera")
+    overrides = {key: keywords[key] for key in chosen if key in keywords}
+    configs = node_configs(params, keywords["namespace"], **overrides)
+    used = [*paths_of(params), *configs.files, *map_files(keywords.get("map") or "")]
+    once: dict[str, PathLike] = {}
+    for bag in flights:
+        once.setdefault(os.path.realpath(bag), bag)  # Path.resolve raises at a loop of links
+    bags = {place_of(bag): os.fspath(bag) for bag in once.values()}
     stamps = {path: bag_stamps(path) for path in bags}
     names = flight_names(stamps, records)
+    own, digests = keywords | {"video": video}, digests_of(used)
     places = os.fspath(folder.resolve()), os.fspath(Path.cwd())
-    tasks = []
-    for path, bag in bags.items():
-        made = made_from(stamps[path], own, digests)
-        tasks.append(FlightTask(names[path], bag, *places, keywords, video, made))
+    tasks = [
+        FlightTask(
+            *(names[path], bag, *places, keywords, video),
+            made_from(stamps[path], own, digests),
+        )
+        for path, bag in bags.items()
+    ]
     outputs = [path for task in tasks for path in task.outputs]
     others = [path for path in outputs if path.is_file() or not path.exists()]
     check_outputs([*bags.values(), *used], [folder / PAGE, *others], BagError)
     return tasks
-
-
-def _files(keywords: Mapping[str, Any]) -> list[PathLike]:
-    """Return the parameter files and what they and the options name. Raises ConfigError."""
-    params, keys = keywords.get("params"), ("method", "dem", "ground_height", "camera")
-    chosen = {key: keywords[key] for key in keys if key in keywords}
-    configs = node_configs(params, keywords["namespace"], **chosen)
-    return [*paths_of(params), *configs.files, *map_files(keywords.get("map") or "")]
-
-
-def _each_once(flights: Iterable[PathLike]) -> Iterable[PathLike]:
-    """Return each flight once, also one that is given by two names."""
-    once: dict[Path, PathLike] = {}
-    for bag in flights:
-        once.setdefault(Path(os.path.realpath(bag)), bag)  # resolve() raises at a loop of links
-    return once.values()
 
 
 def _run(
@@ -197,11 +183,21 @@ def flights_summary(
 
     ``error`` is None, or how many flights have an error, and the names of the first ones.
     """
-    flights = [_flight(task, records[task.name], task.name in kept) for task in tasks]
+    flights: list[dict[str, object]] = []
+    fates: Counter[str] = Counter()
+    for task in tasks:
+        record, is_kept = records[task.name], task.name in kept
+        own = {key: record.get(key) for key in ("output", "duration_s", "elapsed_s", "error")}
+        attempts = record["season"].get("attempts", 1)
+        lead = {"name": task.name, "input": task.bag, "kept": is_kept, "attempts": attempts}
+        flights.append(lead | own)
+        if record["error"] and not record["error"].startswith(NO_GO):
+            fates["in_part" if record["output"] else "failed"] += 1
+        else:
+            fates["kept" if is_kept else "processed"] += 1
     errors = [str(flight["name"]) for flight in flights if flight["error"]]
     more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
     first = f"{len(errors)} of {len(flights)} flights have an error: {', '.join(errors[:_NAMED])}"
-    fates = Counter(map(_fate, flights))
     return {
         "flights": flights,
         **{fate: fates[fate] for fate in _WORDS},
@@ -212,27 +208,11 @@ def flights_summary(
 def summary_lines(result: Mapping[str, Any]) -> str:
     """Return what was done, then a line for each flight with an error, then the page."""
     fates = ", ".join(f"{result[fate]} {word}" for fate, word in _WORDS.items() if result[fate])
-    times = f"{three(_flown_s(result))} s of flight in {three(result['elapsed_s'])} s"
+    flown_s = sum(x["duration_s"] or 0.0 for x in result["flights"] if not x["kept"])
+    times = f"{three(flown_s)} s of flight in {three(result['elapsed_s'])} s"
     lines = [f"  flights  {len(result['flights'])}: {fates}; {times}"]
     lines += [f"! {x['name']:<8} {x['error']}" for x in result["flights"] if x["error"]]
     return "\n".join([*lines, f"  page     {result['page']}"])
-
-
-def _fate(flight: Mapping[str, object]) -> str:
-    if flight["error"] and not str(flight["error"]).startswith(NO_GO):
-        return "in_part" if flight["output"] else "failed"
-    return "kept" if flight["kept"] else "processed"
-
-
-def _flown_s(result: Mapping[str, Any]) -> float:
-    """Return the length of the flights that were processed now."""
-    return float(sum(x["duration_s"] or 0 for x in result["flights"] if not x["kept"]))
-
-
-def _flight(task: FlightTask, record: Record, kept: bool) -> dict[str, object]:
-    own = {name: record.get(name) for name in _OF_RECORD}
-    attempts = record["season"].get("attempts", 1)
-    return {"name": task.name, "input": task.bag, "kept": kept, "attempts": attempts, **own}
 
 
 _ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
@@ -243,11 +223,18 @@ def flight_names(
 ) -> dict[Path, str]:
     """Return a name for each flight (its path, and the stamps of its files), all different.
 
-    A flight that has a record keeps its name, and no other flight gets it. The others have the
-    name of their file or folder; where several have the same, those of the folders around come
-    before it until they differ, and at last a number behind it.
+    A flight that has a record keeps its name, also if it was moved, and no other flight gets it.
+    The others have the name of their file or folder; where several have the same, those of the
+    folders around come before it until they differ, and at last a number behind it.
     """
-    names = _recorded(flights, records)
+    names: dict[Path, str] = {}
+    for name, record in records.items():
+        place, files = record["season"]["bag"], record["season"]["made_from"]["flight"]
+        rest = [path for path in flights if path not in names]
+        here = [path for path in rest if str(place_of(path)) == place]
+        there = [path for path in rest if all(size is not None for _, size, _ in flights[path])]
+        moved = [path for path in there if flights[path] == files]
+        names |= dict.fromkeys((here + moved)[:1], name)
     parts = {path: _parts(path) for path in flights if path not in names}
     taken = {*names.values(), *records}
     depths = dict.fromkeys(parts, 1)
@@ -259,21 +246,12 @@ def flight_names(
         for path in deeper:
             depths[path] += 1
         if not deeper:
-            return names | _numbered(made, taken)
-
-
-def _recorded(
-    flights: Mapping[Path, Sequence[Stamp]], records: Mapping[str, Record]
-) -> dict[Path, str]:
-    """Return the names of the flights that have a record; no two share one."""
-    names: dict[Path, str] = {}
-    for name, record in records.items():
-        rest = [path for path in flights if path not in names]
-        here = (path for path in rest if same_place(record, path))
-        moved = (path for path in rest if same_files(record, flights[path]))
-        path = next(here, None) or next(moved, None)
-        if path is not None:
-            names[path] = name
+            break
+    for path, name in made.items():
+        used, number = {*records, *names.values()}, 2
+        names[path] = name
+        while names[path] in used:
+            names[path], number = f"{name}-{number}", number + 1
     return names
 
 
@@ -282,13 +260,3 @@ def _parts(path: Path) -> list[str]:
     whole = place_of(path)
     *folders, last = (whole.parent if whole.name == METADATA else whole).parts[1:]
     return [*folders, _ENDINGS.sub("", last)]
-
-
-def _numbered(made: Mapping[Path, str], taken: set[str]) -> dict[Path, str]:
-    names: dict[Path, str] = {}
-    for path, name in made.items():
-        used, number = taken | set(names.values()), 2
-        names[path] = name
-        while names[path] in used:
-            names[path], number = f"{name}-{number}", number + 1
-    return names

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import math
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -46,27 +45,6 @@ def arrows(axes: Any, places: Any, moves: Any, colour: str, width: float) -> Non
     axes.quiver(
         *places.T, *moves.T, angles="xy", scale_units="xy", scale=1, color=colour, width=width
     )
-
-
-def logarithmic(axes: Any, which: str) -> None:
-    """Make an axis (``x`` or ``y``) logarithmic, with plain numbers that do not overlap.
-
-    Call it once everything is drawn: the number of ticks depends on the range.
-    """
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter  # noqa: PLC0415
-
-    axes.set(**{f"{which}scale": "log"})
-    axis = getattr(axes, f"{which}axis")
-    low, high = axis.get_view_interval()
-    decades = math.log10(high / low)
-    if decades < 0.5:
-        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    else:
-        axis.set_major_locator(
-            LogLocator(subs=(1, 2, 5)) if decades < 2 else LogLocator(numticks=5)
-        )
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def png(made: Figure) -> bytes:

@@ -184,7 +184,9 @@ def _run(
     return {
         **result,
         "findings": finding_items(findings),
-        "video": None if film is None else film.described,
+        "video": None
+        if film is None
+        else {"frames": film.video.frames, "rate_hz": film.video.rate_hz},
         "error": _error(job.reader, result) or stop_line(findings),
     }
 

@@ -8,7 +8,7 @@ the input that caused it. A picture may come out later than what follows it: tha
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
@@ -21,7 +21,6 @@ from tirgeo_ros.core.navigation.estimator.track import Track
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
-from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
@@ -45,8 +44,6 @@ from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 #: Between two reports of the state, as the nodes send them.
 REPORT_PERIOD_NS = 1_000_000_000
-#: Poses that are written together.
-_POSES_BLOCK = 32
 #: A track is sent whole each time, so it is written this often, and at the end.
 _TRACK_RATE_HZ = 0.1
 #: Messages that may wait for pictures: some 10 s without a picture, a few MB.
@@ -54,18 +51,12 @@ _MOST_WAITING = 4096
 
 #: Write a message to a contract topic: topic, message, log time (ns).
 Write = Callable[[str, object, int], None]
-
-
-class _Waiting(NamedTuple):
-    """Hold poses that are not written yet."""
-
-    found: Registered
-    bodies: Sequence[BodyPose | Miss]  # that the camera's poses are made of
-    log_time_ns: int
+#: Return the aircraft's pose at an instant (ns), or why there is none.
+BodyAt = Callable[[int], BodyPose | Miss]
 
 
 class PoseOutputs:
-    """Write the poses of a run, in order, and what follows from them."""
+    """Write the poses of a run and what follows from them: transforms, position and track."""
 
     def __init__(self, configs: NodeConfigs, messages: Messages, write: Write) -> None:
         self._messages, self._write = messages, write
@@ -73,13 +64,11 @@ class PoseOutputs:
         self._fix_rate = RateLimit(configs.ekf.fix_rate_hz)
         self._track = Track(messages.track_point)
         self._track_rate = RateLimit(_TRACK_RATE_HZ)
-        self._waiting: list[_Waiting] = []
         self._has_fixed = False
         self._newest_ns = 0
 
     def new_plane(self, plane: TangentPlane, stamp_ns: int, log_time_ns: int) -> None:
         """Write the origin, and with the first one what is fixed to the aircraft."""
-        self.flush()
         self._write("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
         if self._ekf.publish_tf and not self._has_fixed:
             fixed = self._messages.fixed_transforms(self._ekf.aircraft, stamp_ns)
@@ -87,32 +76,15 @@ class PoseOutputs:
             self._has_fixed = True
         self._track.clear()
 
-    def add(
-        self, found: Registered, body_at: Callable[[int], BodyPose | Miss], log_time_ns: int
-    ) -> None:
-        """Add poses; ``body_at`` gives the pose that a camera's pose is made of."""
-        stamps_ns = [pose.stamp_ns for pose in found.cameras] if self._with_camera_tf else []
-        self._waiting.append(_Waiting(found, [*map(body_at, stamps_ns)], log_time_ns))
-        if len(self._waiting) >= _POSES_BLOCK:
-            self.flush()
-
-    def flush(self) -> None:
-        """Write the poses that wait; the block is converted as a whole, then written."""
-        waiting, self._waiting = self._waiting, []
-        made = [(*made, one.log_time_ns) for one in waiting for made in self._messages_of(one)]
-        for topic, message, log_time_ns in made:
+    def add(self, registered: Registered, body_at: BodyAt, log_time_ns: int) -> None:
+        """Write poses; ``body_at`` gives the pose that a camera's pose is made of."""
+        for topic, message in self._messages_of(registered, body_at):
             self._write(topic, message, log_time_ns)
 
-    def finish(self, log_time_ns: int) -> None:
-        """Write what waits, and the whole track."""
-        self.flush()
-        points = self._track.points()
-        if points:
-            path = self._messages.path(self._newest_ns, points)
-            self._write("tirgeo/path", path, log_time_ns)
-
-    def _messages_of(self, one: _Waiting) -> Iterator[tuple[str, object]]:
-        solution, body, messages = one.found.solution, one.found.body, self._messages
+    def _messages_of(
+        self, registered: Registered, body_at: BodyAt
+    ) -> Iterator[tuple[str, object]]:
+        solution, body, messages = registered.solution, registered.body, self._messages
         if solution is not None and body is not None:
             yield "tirgeo/odometry", messages.odometry(solution, body)
             if self._ekf.publish_tf:
@@ -123,11 +95,18 @@ class PoseOutputs:
             self._newest_ns = body.stamp_ns
             if self._track_rate.due(body.stamp_ns):
                 yield "tirgeo/path", messages.path(body.stamp_ns, self._track.points())
-        for pose in one.found.cameras:
+        for pose in registered.cameras:
             yield "tirgeo/camera_pose", messages.camera_pose(pose)
-        for pose, made_of in zip(one.found.cameras, one.bodies, strict=False):
+        for pose in registered.cameras if self._with_camera_tf else ():
+            made_of = body_at(pose.stamp_ns)
             if not isinstance(made_of, Miss):
                 yield "/tf", messages.tf([messages.camera_transform(made_of, pose)])
+
+    def finish(self, log_time_ns: int) -> None:
+        """Write the whole track."""
+        if points := self._track.points():
+            path = self._messages.path(self._newest_ns, points)
+            self._write("tirgeo/path", path, log_time_ns)
 
 
 class _Message(NamedTuple):
@@ -175,7 +154,7 @@ class PictureOutputs:
         self,
         picture: Unpainted,
         overlay: Overlay,
-        body_at: Callable[[int], BodyPose | Miss],
+        body_at: BodyAt,
         log_time_ns: int,
     ) -> None:
         """Draw a picture of an overlay; ``body_at`` gives the aircraft's pose at an instant."""
@@ -206,7 +185,7 @@ class PictureOutputs:
         painted, made = self._stage.receive(), self._messages
         stamp_ns, camera, packet, log_time_ns = picture
         if self._film is not None and painted.image is not None:
-            self._film.add(stamp_ns, painted.image, packet)
+            self._film.video.add(stamp_ns, painted.image, packet)
         jpeg = made.compressed(stamp_ns, painted.jpeg)
         self._write("tirgeo/overlay/image/compressed", jpeg, log_time_ns)
         if self._raw_images and painted.image is not None:
@@ -220,44 +199,28 @@ class PictureOutputs:
 
 
 class OverlayFilm:
-    """Append finished pictures to a video file.
+    """Make the metadata of a video's pictures; heights above sea level if the undulation is known.
 
-    Heights above sea level are in its metadata if ``undulation_m`` is not nan.
+    ``undulation_m`` is that of the geoid, nan if it is not known.
     """
 
     def __init__(
         self, video: VideoFile, overlay: Overlay, config: OverlayConfig, undulation_m: float
     ) -> None:
-        self._video, self._overlay = video, overlay
+        self.video, self._overlay = video, overlay
         self._latency_s = config.video_latency_s
         self._metadata = FrameMetadata(config.confidence, undulation_m)
 
-    @property
-    def described(self) -> dict[str, object]:
-        """Return the number of pictures and their mean rate."""
-        return {"frames": self._video.frames, "rate_hz": self._video.rate_hz}
-
-    def packet(self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]) -> bytes:
-        """Return a picture's metadata; ``body_at`` gives the aircraft's pose at an instant."""
-        if not self._video.takes_metadata:
+    def packet(self, picture: Unpainted, body_at: BodyAt) -> bytes:
+        """Return a picture's metadata: only its time without a trusted pose."""
+        if not self.video.takes_metadata:
             return b""
-        sight = self._sight(picture, body_at)
+        sight, camera, pose, plane = None, picture.camera, picture.pose, self._overlay.plane
+        if camera is not None and pose is not None and plane is not None:
+            body = body_at(pose.stamp_ns)
+            known = None if isinstance(body, Miss) else body
+            sight = Sight(camera, pose, plane, self._overlay.painter.ground, known, picture.rates)
         return self._metadata.packet(exposure_ns(picture.stamp_ns, self._latency_s), sight)
-
-    def add(self, stamp_ns: int, image: Pixels, packet: bytes) -> None:
-        """Append a finished picture (h, w, 3) BGR with its metadata."""
-        self._video.add(stamp_ns, image, packet)
-
-    def _sight(
-        self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]
-    ) -> Sight | None:
-        """Return what is known of a picture; None without a trusted pose."""
-        camera, pose, plane = picture.camera, picture.pose, self._overlay.plane
-        if camera is None or pose is None or plane is None:
-            return None
-        body = body_at(pose.stamp_ns)
-        known = None if isinstance(body, Miss) else body
-        return Sight(camera, pose, plane, self._overlay.painter.ground, known, picture.rates)
 
 
 class ProcessOutputs:
@@ -287,7 +250,7 @@ class ProcessOutputs:
         self.written: Counter[str] = Counter()
         self.states_s: Counter[str] = Counter()
         self._flight, self._registered, self._overlay = flight, poses, overlay
-        self._checks, self._decoder = checks, stage.decoder
+        self._checks, self._stage = checks, stage
         self._messages = Messages(Cdr().types, configs.ekf.frame_ids)
         rate_hz = configs.overlay.footprint_rate_hz
         self._pictures = PictureOutputs(
@@ -307,7 +270,7 @@ class ProcessOutputs:
     def expect(self, topic: str, content: object) -> None:
         """Begin to decode a picture."""
         if self._overlay is not None:
-            self._decoder.begin(topic, content)
+            self._stage.decode_ahead(topic, content)
 
     def watch(self, _sample: Sample, registered: Registered) -> None:
         """Write what filter and gimbal computed from a sample."""
@@ -340,7 +303,7 @@ class ProcessOutputs:
             self._locate(self._overlay, content, arrival_ns)
             return
         self._overlay.set_status(self._registered.registration.navigation.status())
-        pixels, stamp_ns = self._decoder.pixels(topic, content), convert.stamp_ns(content)
+        pixels, stamp_ns = self._stage.pixels(topic, content), convert.stamp_ns(content)
         self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
         stamp_ns = self._flight.arrivals.stamp_ns(topic, stamp_ns, arrival_ns)
         self._overlay.add_frame(stamp_ns, pixels, arrival_ns)
@@ -375,13 +338,11 @@ class ProcessOutputs:
         """Output the frame, if any, that is drawn at ``now_ns``, after all poses."""
         picture = None if self._overlay is None else self._overlay.take_unpainted(now_ns)
         if picture is not None and self._overlay is not None:
-            self._poses.flush()
             body_at = self._registered.registration.composer.body_at
             self._pictures.add(picture, self._overlay, body_at, log_time_ns)
 
     def _write(self, topic: str, message: object, log_time_ns: int) -> None:
-        """Write an output under its resolved name, after all poses, which are older."""
-        self._poses.flush()
+        """Write an output, after the pictures that are older."""
         self._pictures.put(topic, message, log_time_ns)
 
     def _write_one(self, topic: str, message: object, log_time_ns: int) -> None:

@@ -18,7 +18,7 @@ from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.cot.events import (
+from tirgeo_ros.io.targets.cot_events import (
     COLOURS,
     UNKNOWN,
     AircraftState,

@@ -1,8 +1,8 @@
 """Write pictures and a video of a thermal checkerboard for ``tirgeo calibrate lens``, ``gimbal``.
 
-``python -m tirgeo_ros.tools.simulate.boards -o boards`` writes ``lens/``, pictures as for a lens
-calibration; ``wall.mcap``, a video of a board on a wall while the aircraft yaws to and fro (Ren et
-al. 2022, section 5.2); and ``wall.csv``, the camera's true angles in it.
+``python -m dev.checkerboards -o boards`` writes ``lens/``, pictures as for a lens calibration, and
+``wall.mcap``, a video of a board on a wall while the aircraft yaws to and fro (Ren et al. 2022,
+section 5.2).
 """
 
 from __future__ import annotations
@@ -19,22 +19,28 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from dev.judging import exit_code
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_euler, rotation_z
 from tirgeo_ros.core.types.arrays import Array, RawPixels
-from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
+from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.files.whole_files import csv_text, made_folder
+from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
-from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.sensors import ERROR_TIME_S
 
 Floats = npt.NDArray[np.float32]
+Pose = tuple[Array, Array]  # rotation (3, 3) board to optical frame; its first corner (3,), m
 
+BOARD = Checkerboard(9, 6, 0.1)
+RATE_HZ = 10.0  # of the video's pictures, as the paper took from its own
+#: The camera follows the airframe, which is turned to and fro by hand: Table 8's sigma.
+YAW_STD_DEG, YAW_PERIOD_S = 13.8857, 6.0
+_DISTANCE_M, _FOLLOWED = 2.2, 0.7  # so that the board stays in the picture
 _MARGIN_SQUARES = 1.5  # plain board around the outer squares
 _EDGE_PX = 8.0  # distance of corners from the picture's edge
 _TRIES = 2000
@@ -42,11 +48,7 @@ _TRIES = 2000
 
 @dataclass(frozen=True)
 class BoardLook:
-    """Hold how a board appears.
-
-    Levels are 8-bit grey values; for 16 bits they are multiplied by ``gain`` and shifted by
-    ``offset``.
-    """
+    """Hold how a board appears, in 8-bit grey levels; 16 bits are ``20000 + 40 * level``."""
 
     board: float = 118.0  # bare squares and margin
     foil: float = 92.0  # colder: copper mirrors the sky
@@ -58,17 +60,13 @@ class BoardLook:
     noise: float = 1.5  # standard deviation of a pixel
     vignetting: float = 0.12  # loss in the corners
     bits: int = 8
-    gain: float = 40.0  # for 16 bits: about 40 mK per grey value
-    offset: float = 20000.0
 
 
 class BoardView(NamedTuple):
-    """Hold a picture and the truth behind it."""
+    """Hold a picture and the board's true corners (count, 2) in it; nan outside the lens model."""
 
     image: RawPixels  # (h, w) uint8 or uint16
-    rotation_cb: Array  # (3, 3) board to optical frame
-    position_c: Array  # (3,) m, the board's first corner
-    corners_px: Array  # (count, 2) the board's corners; nan outside the lens model
+    corners_px: Array
 
 
 class BoardRenderer:
@@ -89,34 +87,23 @@ class BoardRenderer:
     def view(
         self, rotation_cb: Array, position_c: Array, look: BoardLook, rng: np.random.Generator
     ) -> BoardView:
-        """Render the board from a pose in the optical frame: rotation (3, 3), position (3,) m."""
-        levels = self._levels(look, rng)
-        column, row = self._met(rotation_cb, position_c)
-        drawn = _looked_up(levels, column, row, look)
-        image = self._sensed(drawn, look, rng)
-        points_c = self.board.points_m @ rotation_cb.T + position_c
-        return BoardView(image, rotation_cb, position_c, self.camera.project(points_c)[0])
-
-    def _met(self, rotation_cb: Array, position_c: Array) -> tuple[Floats, Floats]:
-        """Return where every ray meets the board's plane, in squares from the first corner."""
-        plane = np.column_stack([rotation_cb[:, :2] * self.board.square_m, position_c])
-        to_board = np.linalg.inv(plane).astype(np.float32)
-        x, y, w = np.moveaxis(self._rays @ to_board.T, -1, 0)
-        ahead = w > 1e-6  # nan outside the lens model
-        scale = np.where(ahead, w, np.float32(np.nan))
-        return x / scale, y / scale
-
-    def _levels(self, look: BoardLook, rng: np.random.Generator) -> Floats:
-        """Return the level (rows + 1, columns + 1) of every square, as a temperature."""
+        """Render the board from a pose in the optical frame."""
         shape = self.board.rows + 1, self.board.columns + 1
         row, column = np.indices(shape)
         levels = np.where((row + column) % 2 == 0, look.foil, look.board)
         levels = levels + look.gradient * (column / shape[1] - 0.5)
-        return np.asarray(levels + rng.normal(0, look.unevenness, shape), np.float32)
+        levels = np.asarray(levels + rng.normal(0, look.unevenness, shape), np.float32)
+        plane = np.column_stack([rotation_cb[:, :2] * self.board.square_m, position_c])
+        to_board = np.linalg.inv(plane).astype(np.float32)
+        x, y, w = np.moveaxis(self._rays @ to_board.T, -1, 0)
+        scale = np.where(w > 1e-6, w, np.float32(np.nan))  # nan outside the lens model
+        image = self._sensed(_drawn(levels, x / scale, y / scale, look), look, rng)
+        points_c = self.board.points_m @ rotation_cb.T + position_c
+        return BoardView(image, self.camera.project(points_c)[0])
 
     def _sensed(self, drawn: Floats, look: BoardLook, rng: np.random.Generator) -> RawPixels:
         parts = self._parts
-        blurred = cv2.GaussianBlur(drawn, (0, 0), look.blur_px * parts)
+        blurred: Any = cv2.GaussianBlur(drawn, (0, 0), look.blur_px * parts)
         if any(look.motion_px):
             blurred = _smeared(blurred, np.array(look.motion_px) * parts)
         height, width = self._falloff.shape
@@ -124,12 +111,11 @@ class BoardRenderer:
         levels = mean * (1 - look.vignetting * self._falloff)
         levels = levels + rng.normal(0, look.noise, levels.shape)
         if look.bits == 16:
-            raw = np.clip(np.rint(levels * look.gain + look.offset), 0, 65535)
-            return np.asarray(raw, np.uint16)
+            return np.asarray(np.clip(np.rint(levels * 40.0 + 20000.0), 0, 65535), np.uint16)
         return np.asarray(np.clip(np.rint(levels), 0, 255), np.uint8)
 
 
-def _looked_up(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> Floats:
+def _drawn(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> Floats:
     """Return the level at points of the board's plane; square (0, 0) is before the first corner.
 
     Each part of a pixel gets the mean over its own footprint, so that edges along the pixel rows
@@ -144,9 +130,9 @@ def _looked_up(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> 
     j, right = _edge(column, padded.shape[1])
     upper = padded[i, j] * (1 - right) + padded[i, j + 1] * right
     lower = padded[i + 1, j] * (1 - right) + padded[i + 1, j + 1] * right
-    drawn = upper * (1 - below) + lower * below
     with np.errstate(invalid="ignore"):
         on_board = beside < 1 + _MARGIN_SQUARES
+    drawn = upper * (1 - below) + lower * below
     return np.asarray(np.where(on_board, drawn, look.wall), np.float32)
 
 
@@ -180,8 +166,7 @@ def board_views(
     parts: int = 2,
 ) -> list[BoardView]:
     """Render views as for a calibration: all over the frame, tilted, near and far."""
-    renderer = BoardRenderer(camera, board, parts)
-    rng = np.random.default_rng(seed)
+    renderer, rng = BoardRenderer(camera, board, parts), np.random.default_rng(seed)
     poses = calibration_poses(camera, board, count, rng)
     return [renderer.view(*pose, look or BoardLook(), rng) for pose in poses]
 
@@ -192,65 +177,45 @@ def calibration_poses(
     count: int,
     rng: np.random.Generator,
     most_tilt_deg: float = 45.0,
-) -> Iterator[tuple[Array, Array]]:
-    """Yield poses (rotation_cb, position_c) with all corners visible, one in four upside down.
+) -> Iterator[Pose]:
+    """Yield poses with all corners visible, one in four upside down.
 
     Raise ValueError if the board does not fit into the picture.
     """
-    made, high = 0, np.array([camera.width, camera.height]) - _EDGE_PX
+    made, size = 0, np.array([camera.width, camera.height])
+    long_m = max(board.columns, board.rows) * board.square_m
     for _ in range(_TRIES * count):
         if made == count:
             return
-        pose = _pose(camera, board, rng, math.radians(most_tilt_deg), made % 4 == 3)
-        corners, valid = camera.project(board.points_m @ pose[0].T + pose[1])
-        if valid.all() and ((corners > _EDGE_PX) & (corners < high)).all():
+        turn = rng.normal(0, 0.25) + math.pi * (made % 4 == 3)
+        about = rng.uniform(0, 2 * math.pi)
+        tilt = rng.uniform(0, math.radians(most_tilt_deg))
+        axis = np.array([math.cos(about), math.sin(about), 0])
+        rotation = np.asarray(cv2.Rodrigues(tilt * axis)[0]) @ rotation_z(turn)
+        depth = long_m * camera.fx / (camera.width * rng.uniform(0.4, 0.85))
+        middle = camera.rays(rng.uniform([0, 0], size)[None])[0] * depth
+        position = middle - rotation @ board.points_m.mean(0)
+        corners, valid = camera.project(board.points_m @ rotation.T + position)
+        if valid.all() and ((corners > _EDGE_PX) & (corners < size - _EDGE_PX)).all():
             made += 1
-            yield pose
+            yield rotation, position
     if made < count:
         raise ValueError("the board does not fit into the picture")
 
 
-def _pose(
-    camera: Camera,
-    board: Checkerboard,
-    rng: np.random.Generator,
-    most_tilt_rad: float,
-    upside_down: bool,
-) -> tuple[Array, Array]:
-    """Return a random pose whose board's middle is somewhere in the picture."""
-    turn = rng.normal(0, 0.25) + math.pi * upside_down
-    about, tilt = rng.uniform(0, 2 * math.pi), rng.uniform(0, most_tilt_rad)
-    rotation = np.asarray(cv2.Rodrigues(tilt * np.array([math.cos(about), math.sin(about), 0]))[0])
-    rotation = rotation @ rotation_z(turn)
-    long_m = max(board.columns, board.rows) * board.square_m
-    depth = long_m * camera.fx / (camera.width * rng.uniform(0.4, 0.85))
-    pixel = rng.uniform([0, 0], [camera.width, camera.height])
-    middle = camera.rays(pixel[None])[0] * depth
-    return rotation, middle - rotation @ board.points_m.mean(0)
-
-
 def gimbal_pose(
     board: Checkerboard, angles_rad: Array, distance_m: float, followed: float = 0.0
-) -> tuple[Array, Array]:
-    """Return a board's pose (rotation_cb, position_c) on a wall for a camera's angles (3,).
+) -> Pose:
+    """Return a board's pose on a wall for a camera's roll, pitch, yaw from the board's normal.
 
-    The angles are roll, pitch, yaw of the camera relative to the board's normal. The camera is
-    straight in front of the board's middle and turns on the spot, or it is also moved around the
-    board by the share ``followed`` of each angle, so that the board stays in the picture.
+    The camera is straight in front of the board's middle and turns on the spot, or it is also
+    moved around the board by the share ``followed`` of each angle: the board stays in the picture.
     """
     rotation_gw = matrix_from_euler(*angles_rad).T
     rotation_cb = BODY_OPTICAL.T @ rotation_gw @ BODY_OPTICAL
     carried = matrix_from_euler(*(np.asarray(angles_rad) * [0.0, followed, followed]))
     away = BODY_OPTICAL.T @ carried @ [distance_m, 0.0, 0.0]
     return rotation_cb, rotation_cb @ (away - board.points_m.mean(0))
-
-
-BOARD = Checkerboard(9, 6, 0.1)
-RATE_HZ = 10.0  # of the video's pictures, as the paper took from its own
-#: The camera follows the airframe, which is turned to and fro by hand: Table 8's standard
-#: deviation.
-YAW_STD_DEG, YAW_PERIOD_S = 13.8857, 6.0
-_DISTANCE_M, _FOLLOWED = 2.2, 0.7  # so that the board stays in the picture
 
 
 def camera_angles(times_s: Array, duration_s: float, seed: int) -> Array:
@@ -265,14 +230,13 @@ def camera_angles(times_s: Array, duration_s: float, seed: int) -> Array:
     return np.column_stack([wander(times_s), yaw])
 
 
-def write_wall(path: Path, duration_s: float, seed: int, progress: Report = silent) -> Array:
+def write_wall(path: Path, duration_s: float, seed: int) -> Array:
     """Write the video; return the true angles (n, 3), rad, of its pictures. Raise BagError."""
     times_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
     angles = camera_angles(times_s, duration_s, seed)
     messages, draw = Messages(Cdr().types), BoardRenderer(XT2, BOARD)
     with BagWriter(path) as bag:
         for number, rpy in enumerate(angles):
-            progress(number / RATE_HZ, duration_s)
             stamp_ns = Scenario().start_ns + round(number * 1e9 / RATE_HZ)
             pose = gimbal_pose(BOARD, rpy, _DISTANCE_M, _FOLLOWED)
             view = draw.view(*pose, BoardLook(), generator(seed, f"picture {number}"))
@@ -286,9 +250,7 @@ def write_wall(path: Path, duration_s: float, seed: int, progress: Report = sile
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
-    made = argparse.ArgumentParser(
-        prog="python -m tirgeo_ros.tools.simulate.boards", description=__doc__
-    )
+    made = argparse.ArgumentParser(prog="python -m dev.checkerboards", description=__doc__)
     made.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
     made.add_argument("--views", type=int, default=40, metavar="N", help="default: %(default)s")
     made.add_argument("--seconds", type=float, default=30.0, metavar="S", help="of video")
@@ -298,37 +260,19 @@ def parser() -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Write all files; ``angles_std_deg`` in the result is the truth of the video."""
-    if not (args.views >= 1 and 1 <= args.seconds <= 3600 and args.seed >= 0):
-        raise CalibrationError("--views must be 1 or more, --seconds 1 to 3600, --seed 0 or more")
     lens = made_folder(args.output / "lens", CalibrationError)
-    wall, angles_csv = args.output / "wall.mcap", args.output / "wall.csv"
     for number, view in enumerate(board_views(XT2, BOARD, args.views, args.seed), 1):
         _, data = cv2.imencode(".png", view.image)
         (lens / f"view_{number:02d}.png").write_bytes(data.tobytes())
-    with Progress("rendering", unit="s") as bar:
-        angles = write_wall(wall, args.seconds, args.seed, bar)
-    rows = [
-        [f"{number / RATE_HZ:.3f}", *(f"{angle:.5f}" for angle in rpy)]
-        for number, rpy in enumerate(np.degrees(angles).tolist())
-    ]
-    text = csv_text([["time_s", "roll_deg", "pitch_deg", "yaw_deg"], *rows])
-    angles_csv.write_text(text, encoding="utf-8")
-    std = np.degrees(angles.std(0, ddof=1)).tolist()
-    return {
-        "output": [str(lens), str(wall), str(angles_csv)],
-        "views": args.views,
-        "angles_std_deg": dict(zip(("roll", "pitch", "yaw"), std, strict=True)),
-    }
+    std = np.degrees(write_wall(args.output / "wall.mcap", args.seconds, args.seed).std(0, ddof=1))
+    return {"angles_std_deg": dict(zip(("roll", "pitch", "yaw"), std.tolist(), strict=True))}
 
 
-def main(argv: Sequence[str] | None = None) -> None:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    try:
-        result = run(parser().parse_args(argv))
-    except (TirgeoError, OSError) as error:
-        sys.exit(f"boards: {error}")
-    sys.stdout.write("\n".join([*result["output"], ""]))  # type: ignore[misc]
+    args = parser().parse_args(argv)
+    return exit_code("checkerboards", lambda: 0 if run(args) else 1)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

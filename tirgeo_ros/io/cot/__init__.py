@@ -1,1 +1,0 @@
-"""Encode targets, aircraft and their cameras as Cursor-on-Target events."""
