@@ -50,7 +50,7 @@ def ready(features=None, *, layers=(), told=True, **config):
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
     if told:
-        overlay.set_status(status())
+        overlay.status = status()
     return overlay
 
 

@@ -136,7 +136,7 @@ def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
     for k, verdict in enumerate(
         (DrawingVerdict(), DrawingVerdict(Severity.STOP, "NO GO: gimbal"))
     ):
-        overlay.set_verdict(verdict)
+        overlay.verdict = verdict
         overlay.add_pose(pose_at(START + k * MS))
         overlay.add_frame(START + LATENCY + k * MS, GREY, START)
         pictures.append(overlay.take(START).image.astype(int))

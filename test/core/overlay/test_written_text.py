@@ -192,7 +192,7 @@ def is_within_a_pixel(one, other):
     return not (one & ~near).any()
 
 
-DEJAVU = text._pillow_font("DejaVuSans", 40).getname()[0] == "DejaVu Sans"
+DEJAVU = text._font("DejaVuSans", 40).getname()[0] == "DejaVu Sans"
 
 
 @pytest.mark.skipif(not (text.can_shape() and DEJAVU), reason="no libfribidi0 or no DejaVu Sans")

@@ -77,28 +77,23 @@ class FrameQueue:
 
     def put(self, frame: Frame) -> None:
         """Add a frame, or count why it is refused."""
-        pixels = frame.pixels
+        pixels, stamp_ns = frame.pixels, frame.stamp_ns
         is_picture = pixels.ndim in _SHAPES.get(pixels.dtype, ()) and pixels.size > 0
+        before_ns = self._stamps[-1] if self._stamps else stamp_ns - 1
         if not is_picture or (pixels.ndim == 3 and pixels.shape[2] != 3):
             self.counts["invalid"] += 1
         elif max(pixels.shape) > _LARGEST_PX:
             self.counts["too_large"] += 1
-        elif not self._in_order(frame.stamp_ns):
+        elif before_ns - _JUMP_NS <= stamp_ns <= before_ns:
             self.counts["out_of_order"] += 1
         else:
-            self._stamps.append(frame.stamp_ns)
+            if stamp_ns < before_ns:
+                self.counts["time_jumps"] += 1
+                self._stamps.clear()
+                self._replace(len(self._frames))
+            self._stamps.append(stamp_ns)
             self._frames.append(frame)
             self._replace(len(self._frames) - _MOST_WAITING)
-
-    def _in_order(self, stamp_ns: int) -> bool:
-        if not self._stamps or stamp_ns > self._stamps[-1]:
-            return True
-        if self._stamps[-1] - stamp_ns <= _JUMP_NS:
-            return False
-        self.counts["time_jumps"] += 1
-        self._stamps.clear()
-        self._replace(len(self._frames))
-        return True
 
     def take(self, frame: Frame) -> None:
         """Remove a frame, and all older ones, which count as replaced."""
@@ -153,8 +148,10 @@ class Overlay:
         self.plane: TangentPlane | None = None
         self._camera: Camera | None = None
         self._rectify = config.rectify
-        self._status: NavigationStatus | None = None
-        self._verdict = DrawingVerdict()
+        #: The estimator's, for the status line and the notices.
+        self.status: NavigationStatus | None = None
+        #: The checks' on the set-up, for the notice at the top and the status line.
+        self.verdict = DrawingVerdict()
         self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
         self.configure(config)
 
@@ -222,14 +219,6 @@ class Overlay:
         """Record why the map from elsewhere does not come; a map that is drawn stays."""
         self._map_not_ready = self._map_not_ready and why
 
-    def set_status(self, status: NavigationStatus) -> None:
-        """Set the estimator's status, for the status line and the notices."""
-        self._status = status
-
-    def set_verdict(self, verdict: DrawingVerdict) -> None:
-        """Set the checks' verdict on the set-up, for the notice at the top and the status line."""
-        self._verdict = verdict
-
     def add_pose(self, pose: CameraPose) -> None:
         """Add a camera pose, in order of time; an invalid one is counted."""
         self.poses.add(pose)
@@ -250,14 +239,14 @@ class Overlay:
     def take_unpainted(self, now_ns: int) -> Unpainted | None:
         """Return the picture of ``take`` as it is before a PicturePainter painted it."""
         for frame in self.frames:
-            pose = self.poses.at(exposure_ns(frame.stamp_ns, self._latency_s))
-            obstacle = self._no_view(frame.pixels)
+            exposed_ns = exposure_ns(frame.stamp_ns, self._latency_s)
+            pose, obstacle = self.poses.at(exposed_ns), self._no_view(frame.pixels)
             # Negative if the clock went back: without the lower limit it would wait for ever.
             has_time = 0 <= now_ns - frame.arrival_ns < self._wait_ns
             if obstacle or not (has_time and pose in (Miss.EMPTY, Miss.TOO_NEW)):
                 self.frames.take(frame)
                 self._results["late"] += now_ns - frame.arrival_ns >= self._wait_ns
-                return self._unpainted(frame, now_ns, pose, obstacle)
+                return self._unpainted(frame, now_ns, exposed_ns, pose, obstacle)
         return None
 
     def _no_view(self, pixels: RawPixels) -> str:
@@ -272,59 +261,48 @@ class Overlay:
             return self._not_navigating() or "no origin"
         return ""
 
-    def _why_no_pose(self, miss: Miss, exposed_ns: int) -> str:
-        newest_ns = self.poses.newest_ns
-        why = "camera poses are missing" if miss is Miss.GAP else "no pose at this frame"
-        if miss is Miss.TOO_NEW and newest_ns is not None:
-            why = f"pose {(exposed_ns - newest_ns) / 1e9:.1f} s old"
-        return self._not_navigating() or why
-
     def _not_navigating(self) -> str:
         """Return why the estimator does not navigate, else an empty text."""
-        if self._status is None or self._status.state.navigating:
+        if self.status is None or self.status.state.navigating:
             return ""
-        why = self._status.for_operator
+        why = self.status.for_operator
         return why[0].lower() + why[1:]
 
     def _unpainted(
-        self, frame: Frame, now_ns: int, looked_up: CameraPose | Miss, obstacle: str
+        self, frame: Frame, now_ns: int, exposed_ns: int, pose: CameraPose | Miss, obstacle: str
     ) -> Unpainted:
-        pose, predicted_s, notice = self._trusted(frame, looked_up, obstacle)
-        rates = None if pose is None else rates_up_to(pose, self.poses)
+        predicted_s, newest_ns = 0.0, self.poses.newest_ns
+        if not obstacle and pose is Miss.TOO_NEW:
+            pose, predicted_s = self._predicted(exposed_ns)
+        if not obstacle and isinstance(pose, Miss):
+            why = "camera poses are missing" if pose is Miss.GAP else "no pose at this frame"
+            if pose is Miss.TOO_NEW and newest_ns is not None:
+                why = f"pose {(exposed_ns - newest_ns) / 1e9:.1f} s old"
+            obstacle = self._not_navigating() or why
+        trusted = None if obstacle or isinstance(pose, Miss) else pose
+        self._results["notices" if trusted is None else "drawn"] += 1
+        self._results["predicted"] += trusted is not None and predicted_s > 0
+        rates = None if trusted is None else rates_up_to(trusted, self.poses)
         camera = self.painter.scene.camera
         if camera is not None:
-            self.clicks.show(frame.stamp_ns, camera, pose, rates)
+            self.clicks.show(frame.stamp_ns, camera, trusted, rates)
+            if frame.pixels.shape[:2] != (camera.height, camera.width):
+                camera = None
         return Unpainted(
             stamp_ns=frame.stamp_ns,
             pixels=frame.pixels,
-            camera=camera if self._fits(frame.pixels) else None,
-            pose=pose,
+            camera=camera,
+            pose=trusted,
             rates=rates,
-            notice=notice,
+            notice=self._notice(obstacle),
             predicted_s=predicted_s,
-            markers=() if pose is None else tuple(self.clicks.markers()),
-            verdict=self._verdict,
-            status=self._status,
+            markers=() if trusted is None else tuple(self.clicks.markers()),
+            verdict=self.verdict,
+            status=self.status,
             age_s=(now_ns - frame.stamp_ns) * 1e-9,
             rate_hz=self.frames.rate_hz,
             replaced=self.frames.counts["replaced"],
         )
-
-    def _trusted(
-        self, frame: Frame, pose: CameraPose | Miss, obstacle: str
-    ) -> tuple[CameraPose | None, float, str]:
-        """Return the trusted pose or None, how far it was predicted, s, and the notice."""
-        exposed_ns, predicted_s = exposure_ns(frame.stamp_ns, self._latency_s), 0.0
-        if not obstacle and pose is Miss.TOO_NEW:
-            pose, predicted_s = self._predicted(exposed_ns)
-        if not obstacle and isinstance(pose, Miss):
-            obstacle = self._why_no_pose(pose, exposed_ns)
-        if obstacle or isinstance(pose, Miss):
-            self._results["notices"] += 1
-            return None, predicted_s, self._notice(obstacle)
-        self._results["drawn"] += 1
-        self._results["predicted"] += predicted_s > 0
-        return pose, predicted_s, self._notice("")
 
     def _notice(self, no_pose: str) -> str:
         """Return why there is no map, or no trusted pose for the reason given; else empty."""
@@ -347,7 +325,3 @@ class Overlay:
         latest = self.poses.latest(FIT_S + TRIAL_S)
         pose = predicted(latest, exposed_ns, self.poses.max_gap_s)
         return (pose, ahead_ns * 1e-9) if pose is not None else (Miss.TOO_NEW, 0.0)
-
-    def _fits(self, pixels: RawPixels) -> bool:
-        camera = self._camera
-        return camera is not None and pixels.shape[:2] == (camera.height, camera.width)

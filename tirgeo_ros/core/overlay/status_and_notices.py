@@ -27,7 +27,6 @@ from tirgeo_ros.core.overlay.text_rendering import (
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 NOTICE_BGR: Colour = (80, 200, 255)
@@ -87,22 +86,16 @@ def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
     while excess_px() > 0 and kept[-1].spare:
         kept.pop()
     for number, field in enumerate(kept):
-        excess = excess_px()
-        if excess > 0 and field.detail:
-            kept[number] = _cut(field, _written(field, size_px).size[0] - excess, size_px)
+        if field.detail and excess_px() > 0:
+            width = _written(field, size_px).size[0] - excess_px()
+            lengths = range(_LEAST_DETAIL, min(len(field.detail), LONGEST))
+            details = [field.detail[:n].rstrip(" ,:") + "\u2026" for n in lengths]
+            cuts = [replace(field, detail=detail) for detail in details]
+            fits = bisect_right(cuts, width, key=lambda each: _written(each, size_px).size[0])
+            kept[number] = cuts[fits - 1] if fits else replace(field, detail="")
     while len(kept) > 1 and excess_px() > 0:
         kept.pop()
     return kept
-
-
-def _cut(field: Field, width_px: int, size_px: int) -> Field:
-    """Return the field with as much of its detail as fits, or with none."""
-    cut_fields = [
-        replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
-        for length in range(_LEAST_DETAIL, min(len(field.detail), LONGEST))
-    ]
-    fits = bisect_right(cut_fields, width_px, key=lambda each: _written(each, size_px).size[0])
-    return cut_fields[fits - 1] if fits else replace(field, detail="")
 
 
 def _written(field: Field, size_px: int) -> TextBitmap:
@@ -179,12 +172,6 @@ def _notice_lines(
     return tuple(passing_stamp(line, size_px, colour) for line in lines)
 
 
-_RTK_NAMES = {
-    FixStatus.NONE: "none",
-    FixStatus.SINGLE: "single",
-    FixStatus.FLOAT: "float",
-    FixStatus.FIXED: "fixed",
-}
 _METHODS = {
     "raw": "autopilot alone",
     "rtk": "RTK, autopilot's attitude",
@@ -199,11 +186,6 @@ VERDICT_BGR = {Severity.NOTE: TEXT_BGR, Severity.CAUTION: NOTICE_BGR, Severity.S
 _VERDICTS = {Severity.CAUTION: "CAUTION", Severity.STOP: "NO GO"}
 _CLOCK_STEP_S = 0.02
 _BELOW_M = 2.0  # tolerance: a camera on the landing gear, a ground height known to a metre
-
-
-def words_of(state: FilterState) -> str:
-    """Return a state's name as it is shown to a person."""
-    return state.value.replace("_", " ")
 
 
 def status_line(
@@ -221,47 +203,29 @@ def status_line(
     frames, ``above_m`` the camera's height above the ground, nan if unknown, and ``verdict`` that
     of the checks.
     """
-    lead = [Field(_VERDICTS[verdict], VERDICT_BGR[verdict])] if verdict else []
-    mark = [Field(f"predicted {predicted_s * 1e3:.0f} ms", _ORANGE_BGR)] if predicted_s else []
-    rate = "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"
-    video = [Field(_age(age_s), spare=True), Field(rate, spare=True)]
-    if dropped:
-        video.append(Field(f"dropped {dropped}", spare=True))
-    return [*lead, *mark, *_filter_fields(status, _height_fields(above_m)), *video]
-
-
-def _filter_fields(status: NavigationStatus | None, height: list[Field]) -> list[Field]:
+    fields = [Field(_VERDICTS[verdict], VERDICT_BGR[verdict])] if verdict else []
+    if predicted_s:
+        fields.append(Field(f"predicted {predicted_s * 1e3:.0f} ms", _ORANGE_BGR))
     if status is None:
-        return [Field("no filter status"), *height]
-    sigma_deg = math.degrees(status.heading_sigma_rad)
-    return [
-        *_state_fields(status),  # first, because the first fields stay on a small picture
-        Field(_METHODS.get(status.method, status.method)),
-        Field(f"RTK {_RTK_NAMES[status.rtk_status]}"),
-        *height,
-        *([] if math.isnan(sigma_deg) else [Field(f"heading sigma {sigma_deg:.2f} deg")]),
-    ]
-
-
-def _state_fields(status: NavigationStatus) -> list[Field]:
-    if status.state is FilterState.RUNNING:
-        return []
-    seconds = status.state_s
-    span = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-    text = f"{words_of(status.state)} {span}"
-    detail = f": {status.reason}" if status.reason else ""
-    return [Field(text, _COLOURS.get(status.state, NOTICE_BGR), detail=detail)]
-
-
-def _height_fields(above_m: float) -> list[Field]:
-    if math.isnan(above_m):
-        return []
+        fields.append(Field("no filter status"))
+    else:
+        if status.state is not FilterState.RUNNING:  # first: the first stay on a small picture
+            state, seconds = status.state.value.replace("_", " "), status.state_s
+            span = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+            detail = f": {status.reason}" if status.reason else ""
+            colour = _COLOURS.get(status.state, NOTICE_BGR)
+            fields.append(Field(f"{state} {span}", colour, detail=detail))
+        fields.append(Field(_METHODS.get(status.method, status.method)))
+        fields.append(Field(f"RTK {status.rtk_status.name.lower()}"))
     if above_m < -_BELOW_M:
-        return [Field(f"{-above_m:.0f} m below ground", _ORANGE_BGR)]
-    return [Field(f"{above_m:.0f} m above ground")]
-
-
-def _age(age_s: float) -> str:
+        fields.append(Field(f"{-above_m:.0f} m below ground", _ORANGE_BGR))
+    elif not math.isnan(above_m):
+        fields.append(Field(f"{above_m:.0f} m above ground"))
+    if status is not None and not math.isnan(status.heading_sigma_rad):
+        fields.append(Field(f"heading sigma {math.degrees(status.heading_sigma_rad):.2f} deg"))
     if -_CLOCK_STEP_S < age_s < 0:  # a bag's clock moves in steps and may be behind the frame
         age_s = 0.0
-    return f"age {age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"age {age_s:.0f} s"
+    age = f"age {age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"age {age_s:.0f} s"
+    rate = "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"
+    video = [age, rate, *([f"dropped {dropped}"] if dropped else [])]
+    return [*fields, *(Field(text, spare=True) for text in video)]

@@ -154,10 +154,6 @@ def coverage(text: str, size_px: int) -> Pixels:
     return _drawn(text, size_px, typeface(text))
 
 
-def _drawn(text: str, size_px: int, name: str) -> Pixels:
-    return (_by_opencv if name == _OPENCV else _by_pillow)(text, size_px, name)
-
-
 def writable(text: str) -> str:
     """Return what can be written of a text, cut at ``LONGEST``; controls become spaces.
 
@@ -199,41 +195,34 @@ def _has(name: str, letter: str) -> bool:
     return not np.array_equal(drawn, absent)
 
 
-def _by_opencv(text: str, size_px: int, name: str) -> Pixels:
+def _drawn(text: str, size_px: int, name: str) -> Pixels:
+    """Return the coverage by a typeface; texts of one size have one line height."""
     cv: Any = cv2  # of version 5
-    face = _opencv_face(name)
-    left, top, width, height = cv.getTextSize((0, 0), text, (0, 0), face, size_px, _WEIGHT)
-    image, base = _sheet(size_px, width, top, top + height)
-    cv.putText(image, text, (_halo_px(size_px) - left, base), (255,), face, size_px, _WEIGHT)
-    return image
-
-
-def _sheet(size_px: int, width: int, top: int, bottom: int) -> tuple[Pixels, int]:
-    """Return an empty bitmap and its base line's row; texts of one size have one line height."""
-    above, below = max(size_px, -top), max(size_px // 3, bottom)
     pad = _halo_px(size_px)
-    return np.zeros((above + below + 2 * pad, width + 2 * pad), np.uint8), above + pad
-
-
-@lru_cache(maxsize=1)
-def _opencv_face(name: str) -> Any:
-    cv: Any = cv2
-    return cv.FontFace(name)
-
-
-def _by_pillow(text: str, size_px: int, name: str) -> Pixels:
-    font = _pillow_font(name, size_px)
-    left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
-    sheet, base = _sheet(size_px, right - left, top, bottom)
+    font = _font(name, size_px)
+    if name == _OPENCV:
+        left, top, width, height = cv.getTextSize((0, 0), text, (0, 0), font, size_px, _WEIGHT)
+        bottom = top + height
+    else:
+        left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
+        width = right - left
+    above, below = max(size_px, -top), max(size_px // 3, bottom)
+    sheet = np.zeros((above + below + 2 * pad, width + 2 * pad), np.uint8)
+    at = pad - left, above + pad
+    if name == _OPENCV:
+        cv.putText(sheet, text, at, (255,), font, size_px, _WEIGHT)
+        return sheet
     image = Image.fromarray(sheet)
-    at = _halo_px(size_px) - left, base
     ImageDraw.Draw(image).text(at, text, fill=255, font=font, anchor="ls")
     return np.array(image)
 
 
 @lru_cache(maxsize=64)
-def _pillow_font(name: str, size_px: int) -> Any:
-    """Return a system typeface, else Pillow's own, which has few letters beyond ASCII."""
+def _font(name: str, size_px: int) -> Any:
+    """Return a typeface; of an absent one Pillow's own, which has few letters beyond ASCII."""
+    if name == _OPENCV:
+        face: Any = cv2
+        return face.FontFace(name)
     try:
         return ImageFont.truetype(name, size_px)
     except OSError:
