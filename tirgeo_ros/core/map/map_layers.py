@@ -18,8 +18,7 @@ class GeoFeature:
     label: str
     closed: bool  # an outline: its last point is joined to its first
     points: Array  # (N, 3) latitude, longitude (rad), ellipsoidal height (m), nan = unknown
-    group: int = -1  # parts of one feature share a number >= 0 and one label; closed parts inside
-    # others are holes (even-odd rule)
+    group: int = -1  # parts of one feature share a number >= 0 and one label
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +27,6 @@ class LayerStyle:
 
     line_bgr: Colour = (0, 255, 255)
     width_px: int = 1  # 1 to 5
-    fill_bgr: Colour | None = None  # fill of outlines; None: not filled
-    fill_opacity: float = 0.25  # 0 to 1
     labels: bool = True
     #: The layer is shown while a pixel at the picture's centre spans this range of ground, m.
     scale_m_px: tuple[float, float] = (0.0, math.inf)
