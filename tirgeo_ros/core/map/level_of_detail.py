@@ -64,16 +64,11 @@ class Boxes:
         """Return the boxes with these indices."""
         return Boxes(self.bounds.take(which, axis=1))
 
-    def within(self, normals: Array, offsets: Array) -> IntArray:
-        """Return the indices of boxes that are not wholly outside one of the planes.
+    def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
+        """Return the boxes that are not wholly outside a plane, and whether each is wholly inside.
 
         Inside a plane is ``normals @ point >= offsets``; (m, 3), (m,).
         """
-        nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.bounds
-        return np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
-
-    def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
-        """Return the indices of ``within``, and for each whether the box is wholly inside."""
         reach = np.abs(normals)
         sides = np.hstack([np.vstack([normals, normals]), np.vstack([reach, -reach])])
         inside = (sides @ self.bounds).reshape(2, len(offsets), -1) >= offsets[:, None]
@@ -120,7 +115,7 @@ class Details:
 
     def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
         """Return rising indices of the pieces that may be inside planes, and which wholly are."""
-        block = self.blocks.within(normals, offsets)
+        block, _ = self.blocks.in_view(normals, offsets)
         near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
         near = near[: np.searchsorted(near, len(self.owner))]
         number, whole = self.boxes.take(near).in_view(normals, offsets)
