@@ -136,19 +136,15 @@ class PicturePainter:
             return self.draped.features > 0
         return any(layer.features for layer in self._layers)
 
-    @property
-    def _level(self) -> Ground:
-        """Return the given ground, else the middle height of the map's own; nan without any."""
-        own_m = self.draped.level_m if self.draped else math.nan
-        return self.ground if is_given(self.ground) else own_m
-
     def footprint(self, pose: CameraPose | None) -> Array:
         """Return the picture's outline on the ground (N, 3), NED in the plane, m.
 
         It is cut where lines end, and empty without pose, camera, plane or ground.
         """
-        level = self._level
-        if pose is None or self._view is None or self.draped is None or not is_given(level):
+        if pose is None or self._view is None or self.draped is None:
+            return np.empty((0, 3))
+        level = self.ground if is_given(self.ground) else self.draped.level_m
+        if not is_given(level):
             return np.empty((0, 3))
         plane, camera = self.draped.plane, self._view.camera
         far_m = farthest_m(camera, height_above_m(pose, plane, level))
@@ -228,7 +224,8 @@ class PicturePainter:
         assert self._view is not None
         assert self.draped is not None
         camera = self._view.camera
-        scene = camera, pose, self.draped.plane, self._level
+        level = self.ground if is_given(self.ground) else self.draped.level_m
+        scene = camera, pose, self.draped.plane, level
         if self._renderer is None:
             self._renderer = MapRenderer(self._confidence, self.draped)
         renderer = self._renderer
