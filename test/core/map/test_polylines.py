@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.map.level_of_detail import TOLERANCES_M, Details
-from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.polylines import TOLERANCES_M, Details, Polylines
 
 LENGTHS = st.lists(st.integers(2, 6), min_size=1, max_size=8)
 SEEDS = st.integers(0, 2**31)

@@ -32,7 +32,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.map.map_layers import MapLayer
+from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Frame, FrameQueue, Overlay
 from tirgeo_ros.core.types.verdicts import FilterState

@@ -9,7 +9,7 @@ from collections import Counter
 import pytest
 from project import PROJECT
 
-from tirgeo_ros.core.map.map_layers import LayerStyle
+from tirgeo_ros.core.map.vector_map import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.maps.layers import read_layers as load_layers
 from tirgeo_ros.io.maps.style_sheet import LabelRule, load_style_sheet, own_names

@@ -20,8 +20,16 @@ from tirgeo_ros.core.camera.camera_model import (
     largest_scale,
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.map.level_of_detail import Boxes, Details, ends, levels_at, merged
-from tirgeo_ros.core.map.polylines import Polylines, joined, runs
+from tirgeo_ros.core.map.polylines import (
+    Boxes,
+    Details,
+    Polylines,
+    ends,
+    joined,
+    levels_at,
+    merged,
+    runs,
+)
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.poses import CameraPose

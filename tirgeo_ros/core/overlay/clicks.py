@@ -21,12 +21,12 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason, is_given
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
-from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.vector_map import Colour, LayerStyle
 from tirgeo_ros.core.overlay.label_placement import FreeSpace, request_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
+from tirgeo_ros.core.overlay.written_text import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
@@ -93,10 +93,12 @@ class Clicks:
         self._place_targets()
 
     def _place_targets(self) -> None:
-        self._target_markers = []
-        for target in self._targets or () if self._plane else ():
+        self._target_markers, plane = [], self._plane
+        if plane is None:
+            return
+        for target in self._targets or ():
             at = target.place
-            point_n = self._plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
+            point_n = plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
             self._target_markers.append(Marker(point_n, target.label, at.covariance_n))
 
     def set_ground(self, ground: Ground | None) -> None:

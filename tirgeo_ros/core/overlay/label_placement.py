@@ -7,12 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.map.map_layers import Colour
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import Colour, VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
+from tirgeo_ros.core.overlay.written_text import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
@@ -232,7 +231,8 @@ class Labels:
             if is_mark:
                 request = request_beside(u, v, size, room.mark_px)
             else:  # on its line, inside its outline, or under a small outline
-                half_u, half_v, places = size[0] / 2, size[1] / 2, _WITHIN if inside else _ALONG
+                half_u, half_v = size[0] / 2, size[1] / 2
+                places: _Places = _WITHIN if inside else _ALONG
                 stays = last is not None and last.places is _WITHIN
                 fits = _STAYS_WITHIN if stays else 1.0
                 if inside and (half[0] < fits * half_u or half[1] < fits * half_v):

@@ -14,23 +14,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera, Rectifier
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.ground.camera_place import camera_heading_rad, height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.frame_geometry import footprint
-from tirgeo_ros.core.map.map_layers import MapLayer
-from tirgeo_ros.core.map.vector_map import check_heights
+from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad, footprint, height_above_m
+from tirgeo_ros.core.map.vector_map import MapLayer, check_heights
 from tirgeo_ros.core.map.visibility import View, farthest_m
 from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, MapRenderer, drape_layers
 from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m, place_rose, place_scale_bar
-from tirgeo_ros.core.overlay.status_and_notices import (
+from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
+from tirgeo_ros.core.overlay.written_text import (
     VERDICT_BGR,
+    Box,
     PlacedText,
     paint_notice,
     paint_status,
@@ -38,8 +37,6 @@ from tirgeo_ros.core.overlay.status_and_notices import (
     status_box,
     status_line,
 )
-from tirgeo_ros.core.overlay.text_rendering import Box
-from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose

@@ -13,16 +13,17 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
-from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.overlay.status_and_notices import PlacedText, status_box
-from tirgeo_ros.core.overlay.text_rendering import (
+from tirgeo_ros.core.ground.frame_geometry import height_above_m
+from tirgeo_ros.core.overlay.written_text import (
     TEXT_BGR,
     Box,
+    PlacedText,
     TextBitmap,
     composed,
     passing_stamp,
     stamp,
+    status_box,
     text_px,
 )
 from tirgeo_ros.core.types.arrays import Array, Pixels
