@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.map_layers import MapLayer
+from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
 from tirgeo_ros.core.types.finding import Finding, stop_line
