@@ -26,7 +26,7 @@ from still_reader import (
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.camera_place import camera_place
+from tirgeo_ros.core.ground.frame_geometry import camera_place
 from tirgeo_ros.io.pictures.still_file import Still, ending_of, still_bytes
 
 GREY = np.random.default_rng(7).integers(0, 256, (512, 640), np.uint8)

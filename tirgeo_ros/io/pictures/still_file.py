@@ -22,7 +22,7 @@ from PIL.TiffTags import TAGS_V2_GROUPS, UNDEFINED, TagInfo
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.ground.camera_place import CameraPlace
+from tirgeo_ros.core.ground.frame_geometry import CameraPlace
 from tirgeo_ros.core.types.arrays import RawPixels, Vector
 
 _DJI, _PIX4D = "http://www.dji.com/drone-dji/1.0/", "http://pix4d.com/camera/1.0/"

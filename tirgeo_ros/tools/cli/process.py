@@ -34,7 +34,6 @@ from tirgeo_ros.tools.cli._verb import (
     UsageError,
     call,
 )
-from tirgeo_ros.tools.presentation.results import lines
 
 _OUTPUT = "the new bag; of several flights, or with an existing folder or DIR/, the folder"
 _VIDEO = (
@@ -57,7 +56,6 @@ OPTIONS = (
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
 )
-VERBOSE = "after the summary, a line for each key of the result"
 _NAMES = "params map method camera dem ground_height raw_images namespace smooth"
 _ENDINGS = (".mp4", ".ts")
 
@@ -113,8 +111,3 @@ def describe(result: Mapping[str, Any]) -> str:
     from tirgeo_ros.tools.replay.process import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)
-
-
-def describe_all(result: Mapping[str, Any]) -> str:
-    """Return the same lines, then a line for each key."""
-    return f"{describe(result)}\n\n{lines(result)}"

@@ -153,7 +153,7 @@ def register(
 
     Raise BagError if no chosen picture has a pose; CameraError, ElevationError.
     """
-    fitted, notes = configs.fitting(reader, namespace)
+    fitted, notes = configs.fitting(reader.topics(), namespace)
     ekf, gimbal, overlay, _ = fitted
     ground, lens = ground_of(overlay), given_camera(overlay)
     of_flight = (fitted, reader, params, namespace)

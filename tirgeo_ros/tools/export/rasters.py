@@ -17,15 +17,13 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.orthorectification.ground_tiles import (
+from tirgeo_ros.core.orthorectification.orthophoto import (
     TILE_PX,
     Floats,
-    GroundTiles,
-    TileKey,
-)
-from tirgeo_ros.core.orthorectification.orthophoto import (
     FrameView,
+    GroundTiles,
     MosaicTile,
+    TileKey,
     level_gsd_m,
     seeds,
 )

@@ -10,8 +10,14 @@ import numpy as np
 
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import azimuth_row, matrix_from_quat
-from tirgeo_ros.core.ground.camera_place import body_rpy, camera_heading_rad, height_above_m
-from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry
+from tirgeo_ros.core.ground.frame_geometry import (
+    Sight,
+    body_rpy,
+    camera_heading_rad,
+    footprint,
+    frame_geometry,
+    height_above_m,
+)
 from tirgeo_ros.core.map.visibility import farthest_m
 from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m
 from tirgeo_ros.core.types.poses import BodyPose
