@@ -13,7 +13,7 @@ import pytest
 from target_samples import click
 
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.targets.formats import read_targets
+from tirgeo_ros.io.targets.geopackage import read_targets
 from tirgeo_ros.io.targets.store import TargetStore
 
 NEWEST = "WHERE revision = (SELECT max(revision) FROM tirgeo_changes)"
