@@ -28,7 +28,6 @@ from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.formats import (
     FORMATS,
-    cot,
     exported,
     exported_answers,
     form_of,
@@ -193,7 +192,7 @@ def test_the_ending_names_the_format():
 
 
 def test_cursor_on_target_events_are_those_of_targets_with_ce90_and_le90():
-    (event,) = ET.fromstring(cot(ANSWERS)).iter("event")
+    (event,) = ET.fromstring(exported_answers(ANSWERS, "xml")).iter("event")
     assert event.get("uid").startswith("tirgeo-")
     assert event.get("time") == event.get("start") == "2021-10-20T12:00:35.605Z"
     assert event.get("stale") == "2021-10-21T12:00:35.605Z"

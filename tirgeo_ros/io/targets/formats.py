@@ -8,9 +8,8 @@ import json
 import re
 import sqlite3
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from tirgeo_ros.core.targets.target import Target
@@ -139,12 +138,9 @@ def _waypoint(target: Target, words: str) -> ET.Element:
     )
 
 
-def cot(answers: Sequence[Answered]) -> str:
-    """Return Cursor-on-Target 2.0: an ``event`` for each located point, in a root ``events``.
-
-    The events are those of targets, as the operator's page sends them; the time is the picture's.
-    """
-    targets = [row.target for row in of_answers(answers) if row.target is not None]
+def cot(rows: Sequence[Row]) -> str:
+    """Return Cursor-on-Target 2.0: an ``event`` for each target, at its time, in ``events``."""
+    targets = [row.target for row in rows if row.target is not None]
     return _xml(_node("events", *(target_event(one, one.changed_ns) for one in targets)))
 
 
@@ -181,20 +177,14 @@ def geopackage(rows: Sequence[Row], picture: Pictures = lambda _: None) -> bytes
         return path.read_bytes()
 
 
-class Form(NamedTuple):
-    """Hold a format: how it is written, and its media type."""
-
-    write: Callable[[Sequence[Row]], str | bytes]
-    media_type: str
-
-
 #: By the ending of the file's name.
-FORMATS = {
-    "geojson": Form(geojson, "application/geo+json"),
-    "kml": Form(kml, "application/vnd.google-earth.kml+xml"),
-    "gpx": Form(gpx, "application/gpx+xml"),
-    "csv": Form(table, "text/csv; charset=utf-8"),
-    "gpkg": Form(geopackage, "application/geopackage+sqlite3"),
+FORMATS: Mapping[str, Callable[[Sequence[Row]], str | bytes]] = {
+    "geojson": geojson,
+    "kml": kml,
+    "gpx": gpx,
+    "csv": table,
+    "gpkg": geopackage,
+    "xml": cot,
 }
 
 
@@ -202,12 +192,12 @@ def exported(targets: Sequence[Target], form: str, picture: Pictures | None = No
     """Return targets in one of FORMATS; a GeoPackage has their pictures. Raises TargetError."""
     if form == "gpkg" and picture:
         return geopackage(of_targets(targets), picture)
-    return _encoded(FORMATS[form], of_targets(targets))
+    return _encoded(form, of_targets(targets))
 
 
 def exported_answers(answers: Sequence[Answered], form: str) -> bytes:
     """Return the pixels of ``tirgeo locate``; refused ones stay in GeoJSON, KML and CSV."""
-    return _encoded(FORMATS[form], of_answers(answers))
+    return _encoded(form, of_answers(answers))
 
 
 def form_of(path: PathLike) -> str:
@@ -216,6 +206,6 @@ def form_of(path: PathLike) -> str:
     return ending if ending in FORMATS else "geojson"
 
 
-def _encoded(form: Form, rows: Sequence[Row]) -> bytes:
-    content = form.write(rows)
+def _encoded(form: str, rows: Sequence[Row]) -> bytes:
+    content = FORMATS[form](rows)
     return content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
