@@ -147,7 +147,7 @@ from tirgeo_ros.io.surveys import survey
 name, path = sys.argv[1:]
 try:
     if name == "load_control_points":
-        print(len(survey.load_control_points(path, None, None).names))
+        print(len(survey.load_control_points(path, None).names))
     else:
         print(len(getattr(survey, name)(path)))
 except TirgeoError as error:
@@ -190,9 +190,7 @@ def write(folder, name, text):
 
 
 def test_marks_and_survey_are_matched_by_id(tmp_path):
-    found = load_control_points(
-        write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY), None
-    )
+    found = load_control_points(write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY))
     assert found.names == ["a", "c"]
     assert found.pixels.tolist() == [[10.5, 20], [50, 5]]
     np.testing.assert_allclose(found.degrees, [[116.7, 39.81], [116.71, 39.82]], rtol=1e-12)
@@ -200,16 +198,9 @@ def test_marks_and_survey_are_matched_by_id(tmp_path):
 
 
 def test_a_points_file_of_qgis(tmp_path):
-    found = load_control_points(write(tmp_path, "o.points", POINTS), None, None)
+    found = load_control_points(write(tmp_path, "o.points", POINTS), None)
     assert found.pixels.tolist() == [[100.5, 200.25], [300, 400]]  # the third is switched off
     np.testing.assert_allclose(found.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
-
-
-def test_a_points_file_of_older_qgis_in_a_named_plane(tmp_path):
-    text = "mapX,mapY,pixelX,pixelY,enable\n500000,4400000,10,-20,1\n"
-    found = load_control_points(write(tmp_path, "o.points", text), None, "EPSG:32650")
-    assert found.degrees[0, 0] == pytest.approx(117.0, abs=1e-9)  # the zone's middle meridian
-    assert found.pixels.tolist() == [[10, 20]]
 
 
 def test_rows_that_grow_upwards_are_turned():
@@ -222,7 +213,7 @@ def test_rows_that_grow_upwards_are_turned():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (POINTS.partition("\n")[2], "names no coordinate reference system; give --points-crs"),
+        (POINTS.partition("\n")[2], "names no coordinate system; save it with QGIS 3.26"),
         (MARKS, "not a .points file of QGIS .*give --survey too"),
         (POINTS.replace("300", "x"), "point 2 is not four numbers"),
         (POINTS.replace("39.82", "99.82"), "a point is not a place in GEOG"),
@@ -230,7 +221,7 @@ def test_rows_that_grow_upwards_are_turned():
 )
 def test_points_files_that_are_refused(tmp_path, text, message):
     with pytest.raises(SurveyError, match=rf"o\.points: {message}"):
-        load_control_points(write(tmp_path, "o.points", text), None, None)
+        load_control_points(write(tmp_path, "o.points", text), None)
 
 
 @pytest.mark.parametrize(
@@ -244,6 +235,4 @@ def test_points_files_that_are_refused(tmp_path, text, message):
 )
 def test_marks_that_are_refused(tmp_path, marks, message):
     with pytest.raises(SurveyError, match=message):
-        load_control_points(
-            write(tmp_path, "m.csv", marks), write(tmp_path, "s.csv", SURVEY), None
-        )
+        load_control_points(write(tmp_path, "m.csv", marks), write(tmp_path, "s.csv", SURVEY))
