@@ -137,8 +137,6 @@ def test_files_that_cannot_be_read_or_written(tmp_path):
 TABLES = {
     "load_survey": ("id,lat,lon,h", "P{0},48.{0:07d},16.{0:07d},200.5"),
     "load_observations": ("id,stamp_ns,u,v", "P{0},{0},320.5,256.5"),
-    "load_marks": ("id,column,row", "P{0},{0}.5,256.5"),
-    "load_control_points": ("#CRS: EPSG:32650\nmapX,mapY,sourceX,sourceY", "{0},{0},{0}.5,256.5"),
 }
 LOAD = """
 import sys
@@ -146,10 +144,7 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.surveys import survey
 name, path = sys.argv[1:]
 try:
-    if name == "load_control_points":
-        print(len(survey.load_control_points(path, None).names))
-    else:
-        print(len(getattr(survey, name)(path)))
+    print(len(getattr(survey, name)(path)))
 except TirgeoError as error:
     print(error)
 """

@@ -110,36 +110,3 @@ def test_tls_with_a_clients_certificate_and_none_without(secure, tmp_path):
     with sharing(secure.address, certificate=theirs, ca=secure.ca) as link:
         wait_until(lambda: "look at cot_ca, cot_certificate" in link.status.error)
         assert not link.status.connected
-
-
-def test_multicast():
-    member = Member.of_group("239.2.3.1")
-    with sharing(f"udp://239.2.3.1:{member.port}?interface=127.0.0.1") as link:
-        link.targets([target(1), target(2)])
-        arrived = [member.got(of("tirgeo-" + target(number).id)) for number in (1, 2)]
-        for event in arrived:
-            assert place(event)[:2] == pytest.approx([48.20817425, 16.37381885], abs=6e-8)
-        link.targets([target(2)])
-        member.got(deletion_of("tirgeo-" + target(1).id))
-
-
-@pytest.mark.slow
-def test_who_comes_later_gets_no_deleted_target(server):
-    with sharing(server.address) as link:
-        member = Member.of(server)
-        link.targets([target(1), target(2)])
-        for number in (1, 2):
-            member.got(of("tirgeo-" + target(number).id))
-        link.targets([target(2)])
-        withdrawn = member.got(of("tirgeo-" + target(1).id))
-        member.got(deletion_of("tirgeo-" + target(1).id))
-        assert withdrawn.get("time") < withdrawn.get("stale")
-
-        def newcomers_targets():
-            newcomer = Member.of(server)
-            link.targets([target(2, "again")])  # comes after all that the server kept
-            newcomer.got(lambda event: event.find(".//contact[@callsign='2 again']") is not None)
-            newcomer.close()
-            return {event.get("uid") for event in newcomer.events}
-
-        wait_until(lambda: newcomers_targets() == {"tirgeo-" + target(2).id})
