@@ -170,6 +170,15 @@ def reading(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
         raise error(f"{os.fspath(path)}: cannot be read: {fault.strerror or fault}") from None
 
 
+@contextmanager
+def writing(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
+    """Raise ``error``, which names the file, for an OSError meanwhile."""
+    try:
+        yield
+    except OSError as fault:
+        raise error(f"{os.fspath(path)}: cannot be written: {fault.strerror or fault}") from None
+
+
 def first_bytes(path: PathLike, number: int, error: type[TirgeoError]) -> bytes:
     """Return a file's first bytes. Raises ``error``, naming it, if it cannot be read."""
     with reading(path, error), Path(path).open("rb") as file:
