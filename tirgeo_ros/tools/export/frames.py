@@ -141,10 +141,7 @@ class RegisteredFlight(NamedTuple):
 def register(
     opened: OpenedFlight, chosen: Sequence[Chosen], progress: Report, *, smooth: bool = False
 ) -> RegisteredFlight:
-    """Read the flight once, and check it on the way.
-
-    Raise BagError if no chosen picture has a pose; CameraError, ElevationError.
-    """
+    """Read and check the flight. Raise BagError without a pose; CameraError, ElevationError."""
     reader, configs, params, namespace, notes = opened
     ekf, gimbal, overlay, _ = configs
     ground, lens = ground_of(overlay), given_camera(overlay)

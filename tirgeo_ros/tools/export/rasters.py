@@ -81,10 +81,7 @@ def raster_setup(
     plane: TangentPlane,
     ground: Ground,
 ) -> RasterSetup:
-    """Return the setup for a flight with these poses of its pictures, at least one.
-
-    Raise MapError for an unsuitable ``crs``, and where no picture sees ground.
-    """
+    """Return the setup for these poses. Raise MapError for ``crs``, or where no ground is seen."""
     some = poses[:: math.ceil(len(poses) / _LOOKED_AT)]
     latitude, longitude, _ = plane.geodetic_from_ned(np.array([one.position_n for one in some]))
     projected = Plane(options.crs, np.degrees(np.stack([longitude, latitude], axis=1)))
