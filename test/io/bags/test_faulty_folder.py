@@ -161,14 +161,12 @@ def another_database(folder):
     return folder / "a.db3"
 
 
-def in_another_form(folder):
-    write_sqlite(folder / "a.db3", MESSAGES, "json")
-    return folder / "a.db3"
+def database(messages, form="cdr"):
+    def make(folder):
+        write_sqlite(folder / "a.db3", messages, form)
+        return folder / "a.db3"
 
-
-def without_messages(folder):
-    write_sqlite(folder / "a.db3", [])
-    return folder / "a.db3"
+    return make
 
 
 def cut_compression(folder):
@@ -184,24 +182,14 @@ def two_recordings(folder):
     return folder
 
 
-def all_absent(folder):
-    write_metadata(folder, ["bag_0.mcap", "bag_1.mcap"])
-    return folder
+def naming(*names, **how):
+    """A folder whose metadata name files that are absent."""
 
+    def make(folder):
+        write_metadata(folder, names, **how)
+        return folder
 
-def a_name_that_no_file_can_have(folder):
-    write_metadata(folder, ["x" * 300])
-    return folder
-
-
-def unknown_storage(folder):
-    write_metadata(folder, ["bag_0.dat"], "of_my_own")
-    return folder
-
-
-def unknown_compression(folder):
-    write_metadata(folder, ["bag_0.mcap.lz4"], mode="file", form="lz4")
-    return folder
+    return make
 
 
 @pytest.mark.parametrize(
@@ -210,14 +198,26 @@ def unknown_compression(folder):
         (lambda folder: folder, "{}: no bag in this folder: no .mcap and no .db3 file"),
         (lambda folder: folder / "a.mcap", "{}/a.mcap: cannot be read: No such file"),
         (two_recordings, "{}: 2 recordings without a metadata.yaml (first, other): give one"),
-        (all_absent, "{}: no bag in this folder: no .mcap and no .db3 file"),
-        (unknown_storage, "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3"),
-        (unknown_compression, "{}/metadata.yaml: compression 'lz4' is not known (zstd);"),
-        (a_name_that_no_file_can_have, "{}: cannot be read: File name too long"),
+        (
+            naming("bag_0.mcap", "bag_1.mcap"),
+            "{}: no bag in this folder: no .mcap and no .db3 file",
+        ),
+        (
+            naming("bag_0.dat", storage="of_my_own"),
+            "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3",
+        ),
+        (
+            naming("a.mcap.lz4", mode="file", form="lz4"),
+            "{}/metadata.yaml: compression 'lz4' is not known (zstd);",
+        ),
+        (naming("x" * 300), "{}: cannot be read: File name too long"),
         (cut_database, "{}/a.db3: the database is cut off or damaged (database disk image is"),
         (another_database, "{}/a.db3: a SQLite database, but not of rosbag2"),
-        (without_messages, "{}/a.db3: no message can be read; it has none"),
-        (in_another_form, "{}/a.db3: topic /a is encoded as json; record it with ROS 2 (cdr)"),
+        (database([]), "{}/a.db3: no message can be read; it has none"),
+        (
+            database(MESSAGES, "json"),
+            "{}/a.db3: topic /a is encoded as json; record it with ROS 2 (cdr)",
+        ),
         (cut_compression, "{}/a.db3.zstd: the compressed file is cut off or damaged: nothing"),
     ],
 )

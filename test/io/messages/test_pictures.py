@@ -36,20 +36,14 @@ def test_eight_bit_round_trip(pixels):
     assert_array_equal(image_pixels(image(pixels)), pixels)
 
 
-def test_data_of_rclpy_is_read_too():
+def test_data_of_rclpy_and_padded_rows_are_read_too():
     message = image(GREY)
     message.data = array.array("B", GREY.tobytes())
     assert_array_equal(image_pixels(message), GREY)
-
-
-def test_rows_may_be_padded():
     padded = np.hstack([COLOUR.reshape(6, 24), np.full((6, 5), 77, np.uint8)])
     message = image(COLOUR)
     message.step, message.data = 29, padded.ravel()
     assert_array_equal(image_pixels(message), COLOUR)
-
-
-def test_rgb_is_turned():
     assert_array_equal(image_pixels(image(COLOUR, "rgb8")), COLOUR[..., ::-1])
 
 
