@@ -18,7 +18,7 @@ from itertools import cycle
 
 import numpy as np
 
-from tirgeo_ros.core.config.dji_parameters import DjiConfig, DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import DjiConfig
 from tirgeo_ros.dji.interpret.interpreter import Interpreter, Sample
 from tirgeo_ros.dji.link.framing import (
     HEADER_BYTES,
@@ -132,10 +132,7 @@ _KINDS: tuple[Callable[[random.Random], bytes], ...] = (
 STRETCH_BYTES = 250_000
 #: Most bytes of a piece: as single bytes, as read from a serial port, as read from a file.
 PIECES = (1, 3, 64, 512, 4096, STRETCH_BYTES)
-#: The host requests all that it can, so that answers are tested as well.
-_CONFIG = DjiConfig(
-    key=KEY.hex(), host=DjiHostConfig(app_id=1, broadcast_rates=(4,) * 16, subscribe=True)
-)
+_CONFIG = DjiConfig(key=KEY.hex())
 _START_NS, _STEP_NS = 1_700_000_000_000_000_000, 70_000_000  # two pauses of seven are long
 
 
@@ -243,7 +240,6 @@ def _to_samples(data: bytes, rng: random.Random) -> str:
             now_ns += rng.randrange(_STEP_NS)
             for reading in decoder.take(part, now_ns, now_ns * 1e-9):
                 samples += interpreter.take(reading)
-        decoder.host.due(now_ns * 1e-9)
     samples += interpreter.flush()
     assert decoder.diagnostics
     assert interpreter.diagnostics

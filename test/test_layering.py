@@ -32,7 +32,7 @@ ORDER = {
     "core": "types frames config streams camera ground orthorectification map targets accuracy "
     "navigation calibration gimbal overlay checks",
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
-    "dji": "clocks protocol link host sources interpret simulator",
+    "dji": "clocks protocol link sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys "
     "targets video",
     "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
@@ -158,7 +158,6 @@ NAMES_THEM = {
     "tirgeo_ros.io.messages.sensor_messages",
     "tirgeo_ros.nodes.aircraft_view",
     "tirgeo_ros.nodes.graph_node",
-    "tirgeo_ros.nodes.help",
     "tirgeo_ros.nodes.recordings",
     "tirgeo_ros.tools.graph.node_graph",
     "tirgeo_ros.tools.replay.process_outputs",

@@ -137,18 +137,6 @@ def test_each_topic_becomes_its_reading(aircraft, stranger, topic, message, expe
         assert getattr(reading, name) == pytest.approx(value, rel=1e-11, abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("topic", "message", "values"),
-    [
-        ("gps_position_fused", place(), (52.0, -120.0, 88.5)),
-        ("velocity_ground_fused", vector(Vector3Stamped, 2.0, 1.0, -3.0), (2.0, 1.0, -3.0)),
-    ],
-)
-def test_what_the_decoder_is_given_of_fused_topics(topic, message, values):
-    """It holds them back until nothing better has come for a while."""
-    assert dji_node._TOPICS[topic][1](message) == values
-
-
 def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft, stranger):
     position = place()
     position.header.stamp.sec, position.header.stamp.nanosec = divmod(STAMP_NS, 10**9)

@@ -57,7 +57,7 @@ def hovering(duration_s: float, start_ns: int = 0):
 
 @final
 class AircraftOnPort:
-    """Writes frames at their times to whoever reads the port, and answers him. A context manager.
+    """Writes frames at their times to whoever reads the port. A context manager.
 
     ``frames`` may be any bytes with their times (ns, from any start); the first is due once
     somebody has the port open. By default a hovering aircraft for ten minutes. ``baud``: as for
@@ -68,13 +68,11 @@ class AircraftOnPort:
         self,
         path: Path,
         frames: Iterable[Outgoing | tuple[int, bytes]] | None = None,
-        aircraft: Aircraft | None = None,
         baud: int | None = None,
     ) -> None:
-        self.aircraft = aircraft or Aircraft()
         self.terminal = PseudoTerminal(path, baud)
         self.begun = threading.Event()
-        self._frames = frames if frames is not None else frames_of(self.aircraft, hovering(600))
+        self._frames = frames if frames is not None else frames_of(Aircraft(), hovering(600))
         self._guard = threading.Lock()  # nobody pulls the cable amid a frame
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._fly, daemon=True)
@@ -105,9 +103,6 @@ class AircraftOnPort:
     def _say(self, data: bytes) -> None:
         with self._guard:
             self.terminal.write(data)
-            answer = self.aircraft.answer(self.terminal.read())
-            if answer:
-                self.terminal.write(answer)
 
     def __enter__(self) -> AircraftOnPort:
         self._thread.start()

@@ -170,23 +170,13 @@ class SerialAircraft:
         self._unreadable: Counter[str] = Counter()
         self._aircraft = Aircraft(config, places=places)
 
-    def attend(self) -> bool:
-        """Answer what the host has asked; return whether it has the port open."""
-        self.terminal.write(self._aircraft.answer(self.terminal.read()))
-        return self.terminal.is_open
-
     def frames(self, reader: BagReader, start_ns: int, shift_ns: int) -> Iterator[Due]:
         """Yield the bag times (ns) at which frames are due, and the calls that send them.
 
         Their stamps are shifted.
         """
-
-        def send(data: bytes) -> None:
-            self.terminal.write(data)
-            self.attend()
-
         for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
-            yield time_ns - shift_ns, partial(send, data)
+            yield time_ns - shift_ns, partial(self.terminal.write, data)
 
     @property
     def losses(self) -> str:
@@ -306,8 +296,8 @@ class BagPlayer(GraphNode):
         return 0
 
     def _attend(self) -> str:
-        """Serve the simulated aircraft's host; return which reader is missing."""
-        heard = self._aircraft is None or self._aircraft.attend()
+        """Return which reader of the simulated aircraft is missing."""
+        heard = self._aircraft is None or self._aircraft.terminal.is_open
         return "" if heard else f"a reader of {self._config.serial_port}"
 
     def _play_once(self, stop: threading.Event) -> None:

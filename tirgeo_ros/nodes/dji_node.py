@@ -20,12 +20,12 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch, SerialLink
+from tirgeo_ros.dji.link.serial_link import LinkWatch, SerialLink
 from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.dji.sources.serial import SerialDecoder
-from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed, stamp_ns
+from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, sensed, stamp_ns
 from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output, sensor_input
@@ -56,8 +56,6 @@ _TOPICS: dict[str, tuple[str, Values]] = {
     "gimbal_angles": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
     "gps_position": ("sensor_msgs/msg/NavSatFix", _place),
     "gps_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
-    "gps_position_fused": ("sensor_msgs/msg/NavSatFix", _place),
-    "velocity_ground_fused": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
     "rtk_position": ("sensor_msgs/msg/NavSatFix", _place),
     "rtk_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
     "rtk_position_info": ("std_msgs/msg/UInt8", lambda m: m.data),
@@ -81,7 +79,7 @@ _SILENT = (
 
 
 class SerialSource:
-    """Read one port, decode its bytes, and send the host's requests."""
+    """Read one port and decode its bytes."""
 
     def __init__(
         self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
@@ -98,7 +96,6 @@ class SerialSource:
         self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))
         self._openings = 0
         self._lock = threading.Lock()  # the diagnostics read what the reading thread changes
-        self._host_message = ""
 
     def serve(self, stop: threading.Event) -> None:
         """Read until ``stop`` is set. No cable fault and no received data ends the loop."""
@@ -118,21 +115,13 @@ class SerialSource:
         with self._lock:
             if self._link.openings != self._openings:
                 self._openings = self._link.openings
-                readings += decoder.reopened(arrival_ns, now_s)
+                readings += decoder.reopened(arrival_ns)
             readings += decoder.take(data, arrival_ns, now_s, round(self._link.gathered_s * 1e9))
-            # On a closed port a request would only count as unanswered.
-            is_open = self._link.state is LinkState.OPEN
-            to_send = decoder.host.due(now_s) if is_open else b""
             counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
             report = self._watch.look(now_s, self._link.state, self._link.message, *counts)
-        if to_send:
-            self._link.write(to_send)
         self._take(readings)
         if report is not None:
             self._node.log(min(report.level, WARN), report.message)
-        if decoder.host.message != self._host_message:
-            self._host_message = decoder.host.message
-            self._node.log(OK, self._host_message)
 
     def findings(self) -> list[Finding]:
         """Return a finding while the link brings no data, or none that can be read."""
@@ -151,13 +140,7 @@ class SerialSource:
             values = self._decoder.diagnostics
         if report is None:
             return self._node.item("link", values, "not opened yet", WARN)
-        state = {
-            "state": report.condition,
-            "state_time_s": f"{time.monotonic() - report.since_s:.1f}",
-            "bytes_per_s": f"{report.bytes_per_s:.0f}",
-            "frames_per_s": f"{report.frames_per_s:.1f}",
-            "openings": str(self._openings),
-        }
+        state = {"state": report.condition, "openings": str(self._openings)}
         return self._node.item("link", state | values, report.message, int(report.level))
 
 
@@ -210,14 +193,10 @@ class PsdkSource:
         values = _TOPICS[topic][1](message)
         arrival_ns = self._node.now_ns
         sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
-        self._give(self._decoder.take(topic, values, sent_ns, arrival_ns))
+        self._take(self._decoder.take(topic, values, sent_ns, arrival_ns))
 
     def _due(self) -> None:
-        self._give(self._decoder.due(self._node.now_ns))
-
-    def _give(self, readings: list[Reading]) -> None:
-        if readings:
-            self._take(readings)
+        self._take(self._decoder.due(self._node.now_ns))
 
     def _log_changes(self) -> list[str]:
         """Return the current warnings; log each when it begins and when it is over."""
@@ -281,12 +260,9 @@ class DjiNode(GraphNode):
         with self._lock:
             for reading in readings:
                 for sample in self._interpreter.take(reading):
-                    self._publish(sample)
-
-    def _publish(self, sample: SensedSample) -> None:
-        topic, message = sensed(self.messages, sample)
-        self._topics[topic].publish(message)
-        self.monitor.published(topic, 1e-9 * (self.now_ns - sample.stamp_ns))
+                    topic, message = sensed(self.messages, sample)
+                    self._topics[topic].publish(message)
+                    self.monitor.published(topic, 1e-9 * (self.now_ns - sample.stamp_ns))
 
     def _findings_of_aircraft(self) -> list[Finding]:
         with self._lock:

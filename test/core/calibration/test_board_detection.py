@@ -199,13 +199,13 @@ def test_none_of_twenty_bad_pictures_is_taken_and_reasons_are_right():
     assert {name: found[name].reason for name in EXPECTED} == EXPECTED
 
 
-def test_a_moderate_motion_is_told_from_a_blur():
+def test_a_moderate_motion_is_a_blur():
     look = replace(LOOK, motion_px=(10.0, 0.0))
     position = np.array([0, 0, 2.0]) - BOARD.points_m.mean(0)
     view = BoardRenderer(XT2, BOARD).view(np.eye(3), position, look, np.random.default_rng(5))
     found = find_board(view.image, BOARD)
     assert isinstance(found, Refused)
-    assert found.reason is RefusalReason.SMEARED, found
+    assert found.reason is RefusalReason.BLURRED, found
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def test_antennas_that_give_no_heading_are_refused_with_both_names(second_m):
         (GimbalConfig, "lever_arm_m", "is now aircraft.gimbal_pivot_m, said once for all nodes"),
         (GimbalConfig, "camera_offset_m", "is now aircraft.camera_from_pivot_m, said once"),
         (DjiConfig, "heading.baseline_offset_deg", "to aircraft.second_antenna_m, said once for"),
-        (NODE_CONFIGS["bag_player"], "aircraft.layout", "is now simulated_aircraft.layout"),
+        (NODE_CONFIGS["bag_player"], "aircraft.pushes", "is now simulated_aircraft.pushes"),
     ],
 )
 def test_an_old_name_is_refused_with_the_new_one(kind, name, instead):

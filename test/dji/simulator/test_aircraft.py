@@ -1,4 +1,4 @@
-"""What the simulated aircraft says, how it answers a host, and the port that is not there."""
+"""What the simulated aircraft says, and the port that is not there."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from aircraft_on_port import hovering
 
-from tirgeo_ros.core.config import DjiConfig, SimulatedAircraftConfig
-from tirgeo_ros.core.config.dji_parameters import DjiHostConfig
+from tirgeo_ros.core.config import SimulatedAircraftConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.core.types.measurements import (
@@ -21,18 +19,11 @@ from tirgeo_ros.core.types.measurements import (
     PositionSample,
     Source,
 )
-from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.broadcast import Layout, decode_broadcast
-from tirgeo_ros.dji.protocol.commands import (
-    GET_VERSION,
-    activate,
-    decode_code,
-    set_rates,
-)
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable, decode_push
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
-from tirgeo_ros.dji.sources.serial import SerialDecoder
 
 MS = 1_000_000
 START = 1_634_731_200_000_000_000  # 2021-10-20 12:00:00 UTC, 20:00:00 where its maker is
@@ -53,15 +44,14 @@ def rtk(at_ms: int, status=FixStatus.FIXED, source=Source.RTK_POSITION) -> Posit
     )
 
 
-def told(samples, config=None, layout=Layout.MODERN):
+def told(samples):
     """Broadcasts that an aircraft makes of samples, sorted by arrival."""
-    config = config or SimulatedAircraftConfig()
-    frames = list(frames_of(Aircraft(config), sorted(samples, key=lambda pair: pair[0])))
+    frames = list(frames_of(Aircraft(), sorted(samples, key=lambda pair: pair[0])))
     found = FrameReader().feed(b"".join(frame.data for frame in frames))
     assert [frame.sequence for frame in found] == [k & 0xFFFF for k in range(1, len(found) + 1)]
     assert all(frame.session == 0 for frame in found)
     broadcasts = [decode_broadcast(frame.value) for frame in found if frame.cmd_id == 0]
-    assert all(said is not None and said.layout is layout for said in broadcasts)
+    assert all(said is not None and said.layout is Layout.MODERN for said in broadcasts)
     return broadcasts
 
 
@@ -110,80 +100,6 @@ def test_parts_are_polled_in_step_with_any_imu(rate_hz):
     said = told(samples)
     polled_ms = [1000 * k // rate_hz for k, part in enumerate(said) if part.rtk is not None]
     assert polled_ms == list(range(0, 1000, 20))
-
-
-SECOND = 1_000_000_000
-
-
-class Host:
-    """Asks an aircraft, in frames of reliable sessions."""
-
-    def __init__(self, aircraft):
-        self.aircraft = aircraft
-        self.sequence = 0
-
-    def ask(self, request, session=2):
-        self.sequence += 1
-        asked = encode_frame(request.data, session=session, sequence=self.sequence)
-        frames = FrameReader().feed(self.aircraft.answer(asked))
-        assert all(
-            (f.is_ack, f.session, f.sequence) == (True, session, self.sequence) for f in frames
-        )
-        return frames[0].data if frames else b""
-
-    def code(self, request):
-        return decode_code(request, self.ask(request))
-
-
-@pytest.fixture
-def host():
-    return Host(Aircraft())
-
-
-def test_requests_come_in_pieces_twice_and_without_a_wish_for_an_answer(host):
-    asked = encode_frame(activate(1, (3, 2, 41, 13)).data, session=2, sequence=9)
-    assert host.aircraft.answer(asked[:7]) == b""
-    ack = host.aircraft.answer(asked[7:])
-    assert ack
-    assert host.aircraft.answer(asked) == ack  # asked again: the same answer, not the next
-    assert host.ask(GET_VERSION, session=0) == b""
-    assert host.aircraft.answer(encode_frame(b"\x07\x07\x01", session=2)) == b""  # never heard of
-
-
-def test_rates_are_set_by_their_codes():
-    aircraft = Aircraft()
-    host = Host(aircraft)
-    assert host.code(set_rates((9,) * 16)) == 1
-    assert host.code(set_rates((2, 5, 2) + (0,) * 13)) == 0
-    frames = list(frames_of(aircraft, hovering(1.0)))
-    said = [decode_broadcast(f.value) for f in FrameReader().feed(b"".join(f[1] for f in frames))]
-    assert [k for k, part in enumerate(said) if part.time is not None] == list(range(0, 100, 10))
-    assert all(part.quaternion_wxyz is not None for part in said)
-    assert all(part.angular_rate_radps is part.rtk is part.gimbal is None for part in said)
-    assert host.code(set_rates((0,) * 16)) == 0
-    assert list(frames_of(aircraft, hovering(1.0, SECOND))) == []
-
-
-def test_dji_nodes_own_host_gets_what_it_asks_for():
-    """Activation, rates and packages, over a link that brings and takes at once."""
-    host = DjiHostConfig(app_id=7, broadcast_rates=(4, 4, 4, 0, 4) + (0,) * 11, subscribe=True)
-    aircraft, road = Aircraft(), SerialDecoder(DjiConfig(host=host), PackageTable())
-    for time_ns, data in frames_of(aircraft, hovering(8.0)):
-        now_s = time_ns * 1e-9
-        road.take(data, time_ns, now_s)
-        road.take(aircraft.answer(road.host.due(now_s)), time_ns, now_s)
-    assert aircraft.desk.activated
-    assert aircraft.desk.rates[:5] == (4, 4, 4, 0, 4)
-    assert list(aircraft.desk.packages.values()) == list(USUAL_PACKAGES)
-    assert road.diagnostics["host state"] == "ready"
-    assert int(road.diagnostics["telemetry subscription"]) > 400
-    assert aircraft.counts["pushes"] > 400
-
-
-@pytest.fixture
-def port(tmp_path):
-    with PseudoTerminal(tmp_path / "tty") as made:
-        yield made
 
 
 def opened(port: PseudoTerminal) -> int:

@@ -1,4 +1,4 @@
-"""The topics of psdk_ros2: each trap with numbers worked by hand, times, and what stands in."""
+"""The topics of psdk_ros2: each trap with numbers worked by hand, and times."""
 
 from __future__ import annotations
 
@@ -82,16 +82,6 @@ def test_attitude_there_and_back(rotvec):
         np.testing.assert_allclose(back, matrix, atol=10 * ROUNDING)
 
 
-def test_the_fused_position_is_made_with_another_pi():
-    """Uncorrected it is 2.8e-8 of 52 deg off: 0.16 m in latitude."""
-    latitude, longitude = math.radians(52.0), math.radians(120.0)
-    sent = (latitude * 180 / PI32, longitude * 180 / PI32, 30.0)
-    assert (math.radians(sent[0]) - latitude) * 6.37e6 == pytest.approx(-0.16, abs=0.005)
-    made = READERS["gps_position_fused"](7, sent)
-    assert made.place == pytest.approx((latitude, longitude, 30.0), rel=ROUNDING)
-    assert made.vertical_sigma_m > 100  # the height is not known to be of any kind
-
-
 @pytest.mark.parametrize(("fix", "is_fix"), [(3.0, 3), (math.nan, 0), (math.inf, 0)])
 def test_accuracies_are_millimetres_and_centimetres_a_second(fix, is_fix):
     made = READERS["gps_details"](7, (fix, (1500.0, 2500.0, 40.0)))
@@ -150,24 +140,3 @@ def test_a_fix_that_is_lost_is_lost_at_once(road, flag_after_ns):
         assert sample.height_m == pytest.approx(HOME[2] + 40.0)
     fixed, floating = FixStatus.FIXED, FixStatus.FLOAT
     assert [s.status for s in given] == [fixed, fixed, floating, floating, fixed]
-
-
-def test_fused_values_stand_in_for_a_silent_receiver_alone(road):
-    came = {}
-    for tick in range(100):  # 10 s at 10 Hz; the receiver's own come in the first three
-        at = START + tick * 100 * MS
-        if tick < 30 and tick % 2 == 0:
-            (own,) = road.take("gps_position", HOME, at, at)
-            assert own.vertical_sigma_m is None
-            road.take("gps_velocity", (1.0, 2.0, 3.0), at, at)
-        readings = road.take("gps_position_fused", HOME, at, at)
-        readings += road.take("velocity_ground_fused", (2.0, 1.0, -3.0), at, at)
-        if readings:
-            came[tick] = readings
-    # The last own ones are at 2.8 s: from 4.8 s on, each second one, as 0.1 s is too early.
-    assert list(came) == list(range(48, 100, 2))
-    for place, velocity in came.values():
-        assert place.place.height_msl_m == HOME[2]
-        assert place.vertical_sigma_m == 200.0
-        assert velocity == GpsReading(velocity.stamp_ns, velocity_n=(1.0, 2.0, 3.0))
-    assert road.counts["fused"] == 2 * len(came)

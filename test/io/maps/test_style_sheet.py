@@ -1,18 +1,19 @@
-"""Style sheets: each key, labels, and what is said of each that is wrong."""
+"""Style sheets: each key, labels and conditions, and what is said of each that is wrong."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from project import PROJECT
 
 from tirgeo_ros.core.map.vector_map import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.maps.layers import read_layers as load_layers
-from tirgeo_ros.io.maps.style_sheet import LabelRule, load_style_sheet, own_names
+from tirgeo_ros.io.maps.style_sheet import Condition, LabelRule, load_style_sheet, own_names
 
 SHEET = """
 layers:
@@ -24,7 +25,7 @@ layers:
     scale: [0, 2.5]
     crs: EPSG:25832
     sigma: 0.2
-    where: kind = 'road' and lanes >= 2
+    where: kind == road and lanes >= 2
   - label: false
     scale: [0.5, .inf]
     crs: 32633
@@ -53,8 +54,8 @@ def test_every_key(written, tmp_path):
     )
     assert (full.file, full.layer) == (tmp_path / "roads.gpkg", "roads")
     assert (full.crs, full.sigma_m, full.label.fields) == ("EPSG:25832", 0.2, ("name",))
-    conditions = (full.condition, some.condition, empty.condition)
-    assert conditions == ("kind = 'road' and lanes >= 2", "", "")
+    assert full.condition.fields == ("kind", "lanes")
+    assert (some.condition, empty.condition) == (None, None)
     assert some.style == LayerStyle(labels=False, scale_m_px=(0.5, math.inf))
     assert (some.crs, some.sigma_m, some.file, some.layer) == ("EPSG:32633", 1.0, None, "")
     assert (empty.style, empty.label, empty.crs, empty.sigma_m) == (LayerStyle(), None, "", None)
@@ -74,10 +75,9 @@ BAD = {
     "nan": ("layers: [{sigma: .nan}]", "layer 1: sigma: "),
     "scale": ("layers: [{scale: [2, 1]}]", "layer 1: scale: .* must be two numbers, the smaller"),
     "label": ("layers: [{label: true}]", "layer 1: label: True is neither a field nor false"),
-    "format": ("layers: [{label: '{b'}]", "layer 1: label: '{b' is not a label"),
+    "format": ("layers: [{label: '{b:3}'}]", "layer 1: label: '{b:3}' is not a label"),
     "crs": ("layers: [{crs: EPSG:1}]", "layer 1: crs: unknown .* system 'EPSG:1'"),
-    "where": ("layers: [{where: 3}]", "layer 1: where: 3 is not a condition such as kind = 'hyd"),
-    "long": (f"layers: [{{where: {'a' * 1001}}}]", "layer 1: where: longer than 1000 characters"),
+    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition; write it as"),
 }
 
 
@@ -101,18 +101,102 @@ def test_the_example_sheet_draws_the_sample_map():
     root = PROJECT
     sheet, path = root / "config/styles/rescue.yaml", root / "bags/sample/map.geojson"
     layers = load_layers(str(path), str(sheet))
-    counts = [len({f.group for f in layer.features}) for layer in layers]
+    groups = [{f.group for f in layer.features} for layer in layers]
     features = json.loads(path.read_text())["features"]
-    kinds = Counter(each["properties"]["kind"] for each in features)
-    assert counts == [kinds["bed"], kinds["path"], kinds["hydrant"]]
-    assert sum(counts) == len(features)
+    kinds = [features[min(group)]["properties"]["kind"] for group in groups]
+    assert kinds == ["bed", "path", "hydrant"]
+    assert sum(map(len, groups)) == len(features)
+    assert set().union(*groups) == set(range(len(features)))
     assert [layer.left_out for layer in layers] == [()] * 3
     assert len({layer.style.line_bgr for layer in layers}) == 3
+
+
+ROW = {
+    "kind": "hydrant",
+    "flow": 60.0,
+    "Ref": "07",
+    "main street": "A-1",
+    "open": True,
+    "no": None,
+}
 
 
 def by_wanted(rule, row):
     """The properties of a table by the names that a rule has for them."""
     return {name: row[own] for name, own in own_names(rule.fields, list(row)).items()}
+
+
+def holds(text, row=ROW):
+    condition = Condition.parsed(text, "s.yaml: layer 1: where")
+    return condition.holds(by_wanted(condition, row))
+
+
+HOLDS = [
+    "kind == hydrant",
+    'kind == "hydrant"',
+    "kind != pump",
+    "kind in [pump, hydrant]",
+    "flow == 6e1",
+    "flow >= 60 and flow <= 60 and kind == hydrant",
+    "flow > 59.5",
+    "ref == 7",
+    "REF == '07'",
+    "Ref < 8",
+    "'main street' == A-1",
+    "open == true",
+    "open > 0",
+    "absent != 5",
+    "absent == ''",
+]
+FAILS = [
+    "kind == Hydrant",
+    "kind == hydrant and flow > 60",
+    "ref == '7'",
+    "flow == '60.0'",
+    "absent in [5, 6]",
+    "absent >= 0",
+    "kind in [pump]",
+]
+
+
+@pytest.mark.parametrize("text", [*HOLDS, *FAILS])
+def test_what_holds_and_what_does_not(text):
+    assert holds(text) is (text in HOLDS)
+
+
+BAD_CONDITIONS = [
+    "",
+    "kind",
+    "kind = hydrant",
+    "kind == a b",
+    "kind == a or kind == b",
+    "kind == aand flow == 60",
+    "kind > hydrant",
+    "kind in []",
+    "kind in [a b]",
+    "kindin [hydrant]",
+    "kind == __import__('os')",
+]
+
+
+@pytest.mark.parametrize("text", BAD_CONDITIONS)
+def test_what_is_none(text):
+    with pytest.raises(ConfigError, match="is no condition; write it as") as caught:
+        Condition.parsed(text, "s.yaml: layer 1: where")
+    assert str(caught.value).startswith(f"s.yaml: layer 1: where: {text!r} is no condition; ")
+
+
+def test_a_condition_that_is_too_long():
+    with pytest.raises(ConfigError, match="layer 1: where: longer than 1000 characters"):
+        Condition.parsed("kind in [" + "a," * 500 + "a]", "s.yaml: layer 1: where")
+
+
+@given(st.text(st.sampled_from("ab1 =!<>[],'\"and.in\n"), max_size=60))
+def test_any_text_is_a_condition_or_an_error(text):
+    try:
+        assert holds(text) in {True, False}
+    except ConfigError as error:
+        assert "is no condition" in str(error)  # noqa: PT017  either outcome is right
 
 
 def text(rule, properties):
@@ -148,10 +232,10 @@ def test_fields_in_other_capitals_and_absent_ones():
 
 
 def test_templates():
-    rule = LabelRule.parsed("{name} no. {addr:ref} ", "s.yaml")
-    assert text(rule, {"name": "a", "addr:ref": 3}) == "a no. 3"
-    assert text(rule, {"name": "a", "addr:ref": None}) == "a no."
-    assert text(rule, {"name": None, "addr:ref": ""}) == ""
+    rule = LabelRule.parsed("{{{name}}} no. {ref} ", "s.yaml")
+    assert text(rule, {"name": "a", "ref": 3}) == "{a} no. 3"
+    assert text(rule, {"name": "a", "ref": None}) == "{a} no."
+    assert text(rule, {"name": None, "ref": ""}) == ""
 
 
 def test_an_unknown_field_of_a_sheet():

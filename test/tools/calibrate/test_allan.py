@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
 import re
 
 import numpy as np
@@ -36,8 +34,7 @@ def still(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(still):
-    result = calibrate_allan(still, still.with_name("imu.yaml"), csv=still.with_name("imu.csv"))
-    return still.parent, result
+    return still.parent, calibrate_allan(still, still.with_name("imu.yaml"))
 
 
 @pytest.mark.slow
@@ -54,21 +51,7 @@ def test_ekf_node_takes_what_it_writes(found):
     head = (folder / "imu.yaml").read_text()
     assert head.startswith("# Noise of the IMU in still.mcap: 0.17 h at 50.00 Hz")
     assert "B: flicker floor / 0.664" in head
-
-
-@pytest.mark.slow
-def test_the_plot_and_the_numbers_stand_beside_it(found):
-    folder, result = found
-    assert result["output"] == [str(folder / f"imu.{end}") for end in ("yaml", "png", "csv")]
     assert (folder / "imu.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    rows = list(csv.DictReader((folder / "imu.csv").read_text().splitlines()))
-    assert len(rows[0]) == 1 + 6 * 4
-    first = {key: float(value) for key, value in rows[0].items()}
-    assert first["tau_s"] == pytest.approx(1 / RATE_HZ)
-    assert first["gyro_x_deviation"] == pytest.approx(1.7e-4 * math.sqrt(RATE_HZ), rel=0.02)
-    for row in rows:
-        assert float(row["accel_y_low"]) < float(row["accel_y_deviation"])
-        assert float(row["accel_y_deviation"]) < float(row["accel_y_high"])
 
 
 @pytest.fixture(scope="module")
@@ -84,28 +67,21 @@ def lifted(tmp_path_factory):
 @pytest.mark.long
 def test_someone_lifts_the_drone(lifted, tmp_path):
     out = tmp_path / "imu.yaml"
-    with pytest.raises(CalibrationError) as refused:
+    with pytest.raises(CalibrationError, match=r"lifted.mcap: the IMU moved .* --from 0 --to 499"):
         calibrate_allan(lifted, out)
-    assert re.search(
-        r"lifted.mcap: the IMU moved at 499-505 s: .* --from 0 --to 499; --moved writes",
-        str(refused.value),
-    )
     with pytest.raises(CalibrationError, match=r"moved at 499-505 s.* --from 50 --to 499"):
         calibrate_allan(lifted, out, from_s=50.0)
     assert list(tmp_path.iterdir()) == []
-    assert "moved" not in (calibrate_allan(lifted, out, to_s=499.0)["warning"] or "")
-    assert "the IMU moved at 499-505 s" in calibrate_allan(lifted, out, moved=True)["warning"]
+    calibrate_allan(lifted, out, to_s=499.0)
 
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_motors_run_and_the_imu_warms_up(tmp_path):
+def test_the_imu_warms_up(tmp_path):
     values, numbers = record(4), np.arange(SIZE)
-    values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * numbers)
     values[:, 0] += 2e-6 / RATE_HZ * numbers
     values[:, 1] += 2e-3 * (1 - np.exp(-numbers / (0.25 * SIZE)))
     result = calibrate_allan(imu_bag(tmp_path / "a.mcap", values, RATE_HZ), tmp_path / "imu.yaml")
-    assert "vibration: accel z 13.0 Hz (0.5 m/s2)" in result["warning"]
     assert re.search(r"gyro x by 0\.0012 rad/s: drifts steadily", result["warning"])
     assert re.search(r"gyro y by 0\.00(19|2) rad/s: settles", result["warning"])
     assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)

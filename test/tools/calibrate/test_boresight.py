@@ -19,7 +19,7 @@ from tirgeo_ros.io.messages.decode import heading_sample
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.calibrate.aircraft import HOLDS
 from tirgeo_ros.tools.calibrate.boresight import (
-    IF_TOLD,
+    IF_DETERMINED,
     USUAL,
     calibrate_boresight,
 )
@@ -206,7 +206,7 @@ def test_what_cannot_be_told_apart_is_refused_and_nothing_written(flown):
 def test_the_verbs_know_the_names():
     """They are spelled there to start quickly."""
     assert boresight._NAMES == PARAMETERS
-    assert boresight._NAMES[:5] == (*USUAL, IF_TOLD)
+    assert boresight._NAMES[:5] == (*USUAL, IF_DETERMINED)
     assert tuple(HOLDS) == aircraft._NAMES
 
 

@@ -88,11 +88,10 @@ def test_every_picture_that_is_not_used_has_its_reason(run):
 def test_the_command_prints_json_and_text(folder, tmp_path, capsys):
     pictures = [str(folder / f"view_{number}.png") for number in range(6)]
     argv = ["calibrate", "lens", *pictures, "--board", "9x6", "--square", "0.1"]
-    argv += ["-o", str(tmp_path / "camera.yaml"), "--max-views", "5"]
+    argv += ["-o", str(tmp_path / "camera.yaml")]
     assert main([*argv, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["views"] + result["views_spare"] + len(result["refused"]) == 6
-    assert result["views"] <= 5
     assert "views are few: take 20" in result["warning"]
     assert main(argv) == 0
     text = capsys.readouterr().out
@@ -110,7 +109,7 @@ def test_a_16_bit_video_is_calibrated_from_its_sharpest_pictures(tmp_path):
         for blur_px in (3.0, 0.0, 4.0)
     ]
     bag = picture_bag(tmp_path / "board.mcap", stamps, images, info=False, namespace="/uav")
-    result = calibrate_lens([bag], BOARD, tmp_path / "camera.yaml", every_s=1.0, namespace="uav")
+    result = calibrate_lens([bag], BOARD, tmp_path / "camera.yaml", namespace="uav")
     assert set(result["view_rms_px"]) <= {f"{10 + number}.100" for number in range(6)}
     assert np.abs(off_sigmas(result)).max() < 4
     with pytest.raises(BagError, match="is there a --namespace"):

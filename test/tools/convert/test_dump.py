@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.types.errors import ConfigError, DjiError
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
-from tirgeo_ros.dji.protocol.broadcast_parts import Rtk, Velocity
+from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Rtk, Velocity
 from tirgeo_ros.dji.protocol.subscription import Package, Push, encode_push
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.convert.dump import CaptureDump
@@ -100,7 +100,7 @@ def test_a_broadcast_of_no_layout_has_its_mask(dump, tirgeo_dump):
 def test_packages_from_a_file(dump, tmp_path):
     file = tmp_path / "packages.yaml"
     file.write_text(
-        "packages: {1: {rate_hz: 20, with_timestamp: true, topics: [RTK_YAW, 0x1df9a6b6]}}"
+        "packages: {1: {rate_hz: 20, with_timestamp: true, topics: [RTK_YAW, RTK_POSITION]}}"
     )
     package = Package.of(1, 20, with_timestamp=True, names=("RTK_YAW", "RTK_POSITION"))
     frame = push(package, RTK_YAW=-90, RTK_POSITION=(7.5, 46.5, 540.25))

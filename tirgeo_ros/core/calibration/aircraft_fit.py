@@ -76,9 +76,8 @@ _LEAST_TURN_RATE_RAD_S = math.radians(3.0)  # rms
 class AircraftFit:
     """Hold the values of PARAMETERS that a flight has determined."""
 
-    values: Array  # (7,) as found; those that were held or not observed are as given
+    values: Array  # (7,) those that were held or not observed are as given
     sigma: Array  # (7,) nan where held
-    left_out: Array  # (7,) rms change where a part of the flight is left out
     determined: tuple[str, ...]
     undetermined: dict[str, str]  # parameter -> why, and what to fly
     first: Array  # (7,) as given
@@ -127,11 +126,11 @@ class _Search:
         change[free] = -np.linalg.solve(information, slope.T @ error + prior * off)
         return change
 
-    def scale(self, run: FilterRun, free: list[int]) -> Array:
-        """Return the changes (7,) that matter: LIMITS, or the sigma of what is less certain."""
+    def over_scale(self, change: Array, run: FilterRun, free: list[int]) -> float:
+        """Return the largest change (7,) over LIMITS, or the sigma of what is less certain."""
         scale = LIMITS.copy()
         scale[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
-        return scale
+        return float(np.max(np.abs(change / scale)))
 
     def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> FilterRun:
         """Return the run at the values that no step changes any more, or after ``most`` steps."""
@@ -139,7 +138,7 @@ class _Search:
             run = self.run(values, floors)
             self.weigh(run)
             change = self.step(run, free)
-            if np.max(np.abs(change / self.scale(run, free))) < _SETTLED:
+            if self.over_scale(change, run, free) < _SETTLED:
                 break
             change /= max(1.0, float(np.max(np.abs(change) / _LARGEST_STEP)))
             values = values + change
@@ -152,7 +151,11 @@ def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None
     Raises CalibrationError where the filter cannot run, or the fit does not converge.
     """
     first = values_of_config(runs.config)
-    undetermined = _missing_topics(runs)
+    undetermined: dict[int, str] = {}
+    if not runs.recorded.has(Source.RTK_VELOCITY):
+        undetermined[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
+    if not runs.recorded.has(Source.RTK_HEADING):
+        undetermined |= dict.fromkeys(_HEADING, "no rtk/heading in the bag")
     search = _Search(runs, first, report)
     free = [
         k for k in range(len(PARAMETERS)) if k not in undetermined and PARAMETERS[k] not in hold
@@ -165,19 +168,18 @@ def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None
     for floors, most in _COARSE:
         values = search.settled(values, free, floors, most).values
     run = search.settled(values, free, Floors(), _MOST_STEPS)
-    if free and np.max(np.abs(search.step(run, free) / search.scale(run, free))) > 1.0:
+    if free and search.over_scale(search.step(run, free), run, free) > 1.0:
         raise CalibrationError(
             "the fit does not converge: are the topics those of one aircraft, and the IMU's axes "
             "those of base_link?"
         )
-    sigma, left_out = _sigma(search, run, free)
+    sigma = _sigma(search, run, free)
     why_not = _unobserved(run, free, sigma)
     determined = [k for k in free if k not in why_not]
-    undetermined |= {k: _with_advice(k, why) for k, why in why_not.items()}
+    undetermined |= {k: f"{why}; fly {ADVICE[PARAMETERS[k]]}" for k, why in why_not.items()}
     return AircraftFit(
         values=np.where(np.isin(np.arange(len(first)), determined), run.values, first),
         sigma=sigma,
-        left_out=left_out,
         determined=tuple(PARAMETERS[k] for k in determined),
         undetermined={PARAMETERS[k]: reason for k, reason in sorted(undetermined.items())},
         first=first,
@@ -205,36 +207,20 @@ def _heading_guess(search: _Search, values: Array) -> tuple[float, float]:
     return min(tried)[1:]
 
 
-def _missing_topics(runs: FlightRuns) -> dict[int, str]:
-    """Return the parameters that belong to topics missing in the bag, with the reason."""
-    reasons: dict[int, str] = {}
-    if not runs.recorded.has(Source.RTK_VELOCITY):
-        reasons[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
-    if not runs.recorded.has(Source.RTK_HEADING):
-        reasons |= dict.fromkeys(_HEADING, "no rtk/heading in the bag")
-    return reasons
-
-
-def _with_advice(k: int, why: str) -> str:
-    return f"{why}; fly {ADVICE[PARAMETERS[k]]}"
-
-
 def _unobserved(run: FilterRun, free: list[int], sigma: Array) -> dict[int, str]:
     """Return the parameters that the flight does not observe, and why.
 
     They stay in the fit as unknowns: one held at a wrong value would make the others wrong with a
     small sigma.
     """
-    motion = not_flown(run)
+    motion = _not_flown(run)
     reasons = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
-    poor = [k for k in free if k not in reasons and not sigma[k] <= LIMITS[k]]
-    return reasons | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
-
-
-def _sigma_text(k: int, sigma: float) -> str:
-    if k == AZIMUTH:
-        return f"{math.degrees(sigma):.2g} deg"
-    return f"{1e3 * sigma:.2g} ms" if k in DELAYS.values() else f"{sigma:.2g} m"
+    for k in free:
+        if k not in reasons and not sigma[k] <= LIMITS[k]:
+            text = f"{1e3 * sigma[k]:.2g} ms" if k in DELAYS.values() else f"{sigma[k]:.2g} m"
+            text = f"{math.degrees(sigma[k]):.2g} deg" if k == AZIMUTH else text
+            reasons[k] = f"known to {text} only"
+    return reasons
 
 
 def _covariance(run: FilterRun, free: list[int]) -> Array:
@@ -243,37 +229,37 @@ def _covariance(run: FilterRun, free: list[int]) -> Array:
     return np.asarray(np.linalg.inv(slope.T @ slope + np.diag(PRIOR_SIGMA[free] ** -2)))
 
 
-def _sigma(search: _Search, run: FilterRun, free: list[int]) -> tuple[Array, Array]:
-    """Return sigmas, and rms changes without a part of the flight, each (7,); nan if held.
+def _sigma(search: _Search, run: FilterRun, free: list[int]) -> Array:
+    """Return the standard deviations (7,); nan if held.
 
-    A sigma is the larger of two: that of the information matrix, enlarged where the innovations
-    are larger than predicted, and that of the differences between the flight's parts (the
-    jackknife).
+    Each is the larger of two: that of the information matrix, enlarged where the innovations are
+    larger than predicted, and that of the differences between the flight's parts (the jackknife).
     """
-    sigma, left_out = np.full((2, len(PARAMETERS)), np.nan)
-    if not free:
-        return sigma, left_out
-    foreseen = _covariance(run, free).diagonal() * max(1.0, float(np.mean(run.error**2)))
-    part = np.minimum((PARTS * run.row_ns / (run.row_ns.max() + 1)).astype(int), PARTS - 1)
-    changes = np.array([search.step(run, free, part != k)[free] for k in range(PARTS)])
-    jackknife = (PARTS - 1) * np.var(changes, axis=0)
-    sigma[free] = np.sqrt(np.maximum(foreseen, jackknife))
-    left_out[free] = np.sqrt(np.mean(changes**2, axis=0))
-    return sigma, left_out
+    sigma = np.full(len(PARAMETERS), np.nan)
+    if free:
+        foreseen = _covariance(run, free).diagonal() * max(1.0, float(np.mean(run.error**2)))
+        part = np.minimum((PARTS * run.row_ns / (run.row_ns.max() + 1)).astype(int), PARTS - 1)
+        changes = np.array([search.step(run, free, part != k)[free] for k in range(PARTS)])
+        sigma[free] = np.sqrt(np.maximum(foreseen, (PARTS - 1) * np.var(changes, axis=0)))
+    return sigma
 
 
-def not_flown(run: FilterRun) -> dict[str, str]:
+def _not_flown(run: FilterRun) -> dict[str, str]:
     """Return the parameters that the motion of a flight cannot observe, with what was missing.
 
     Standard deviations alone do not show that: over a hover that drifts by centimetres they shrink
     with time, for they assume that the receiver's error has no memory.
     """
+
+    def rms_about_mean(vectors: Array) -> float:
+        return float(np.sqrt(np.mean(np.sum((vectors - vectors.mean(0)) ** 2, axis=1))))
+
     yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
-    turned_rad = float(np.ptp(yaw))
     times_s = np.array([stamp - run.attitude_ns[0] for stamp in run.attitude_ns]) * 1e-9
+    turned_rad = float(np.ptp(yaw))
     rate_rad_s = float(np.sqrt(np.mean(np.gradient(yaw, times_s) ** 2)))
-    tilt_rad = _rms_about_mean(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
-    speed_m_s = _rms_about_mean(run.velocity_n[:, :2])
+    tilt_rad = rms_about_mean(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
+    speed_m_s = rms_about_mean(run.velocity_n[:, :2])
     reasons: dict[str, str] = {}
     if turned_rad < _LEAST_TURNED_RAD:
         reason = f"the nose turned through {math.degrees(turned_rad):.0f} deg only"
@@ -286,11 +272,6 @@ def not_flown(run: FilterRun) -> dict[str, str]:
     if rate_rad_s < _LEAST_TURN_RATE_RAD_S:
         reasons["heading_delay"] = f"it turned at {math.degrees(rate_rad_s):.1f} deg/s rms only"
     return reasons
-
-
-def _rms_about_mean(vectors: Array) -> float:
-    """Return the root mean square distance of (N, 2) from their mean."""
-    return float(np.sqrt(np.mean(np.sum((vectors - vectors.mean(0)) ** 2, axis=1))))
 
 
 LEVEL = ("level_roll", "level_pitch")
@@ -307,7 +288,6 @@ class MountingLevel(NamedTuple):
 
     angles_rad: Array  # (2,)
     sigma_rad: Array  # (2,)
-    left_out_rad: Array  # (2,) rms change where a part of the flight is left out
 
 
 def mounting_level(run: FilterRun, imu: Sequence[ImuSample], parts: int) -> MountingLevel | None:
@@ -327,17 +307,9 @@ def mounting_level(run: FilterRun, imu: Sequence[ImuSample], parts: int) -> Moun
     body_down = matrix_from_quat(np.array([a for a, _ in pairs]))[:, 2, :]
     imu_down = matrix_from_quat(np.array([b for _, b in pairs]))[:, 2, :]
     groups = np.array_split(np.arange(len(pairs)), parts)
-    whole = _turn(body_down, imu_down)
     each = np.array([_turn(body_down[rows], imu_down[rows]) for rows in groups])
-    others = np.array(
-        [
-            _turn(np.delete(body_down, rows, 0), np.delete(imu_down, rows, 0)) - whole
-            for rows in groups
-        ]
-    )
-    sigma = each.std(axis=0, ddof=1) / math.sqrt(parts)
-    sigma = np.hypot(sigma, run.tilt_sigma_rad)
-    return MountingLevel(whole, sigma, np.sqrt(np.mean(others**2, axis=0)))
+    sigma = np.hypot(each.std(axis=0, ddof=1) / math.sqrt(parts), run.tilt_sigma_rad)
+    return MountingLevel(_turn(body_down, imu_down), sigma)
 
 
 def _turn(body_down: Array, imu_down: Array) -> Array:

@@ -35,14 +35,14 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
-from tirgeo_ros.core.navigation.aiding.state_estimate import (
+from tirgeo_ros.core.navigation.aiding.aid import (
     Aiding,
     AidMeasurement,
     Fused,
     StateEstimate,
 )
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
 from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ATTITUDE,
@@ -166,35 +166,29 @@ class WhiteningFusion(Fusion):
     def _direct_partials(
         self, source: Source, state: NavState, reading: WhiteningReading
     ) -> Array:
-        """Return the direct partials (m, 7) of an innovation by each parameter."""
+        """Return the direct partials (m, 7) of an innovation by each parameter.
+
+        The antenna's acceleration is without terms of the earth's rotation.
+        """
         rotation = matrix_from_quat(np.array(state.q_nb))
         rate_b = reading.rate_b - np.array(state.gyro_bias_b)
         if source is Source.RTK_HEADING:
-            return self._direct_heading_partials(rotation, rate_b)
+            return self._heading_partials(rotation, rate_b)
         lever_b = FLU_FRD @ self._values[ANTENNA]
+        swing_b = np.cross(rate_b, lever_b)
         partials = np.zeros((3, len(PARAMETERS)))
         if source is Source.RTK_POSITION:
             partials[:, ANTENNA] = -rotation @ FLU_FRD
-            moving_n = np.array(state.velocity_n) + rotation @ np.cross(rate_b, lever_b)
+            partials[:, DELAYS[source]] = np.array(state.velocity_n) + rotation @ swing_b
         else:
             partials[:, ANTENNA] = -rotation @ skew(rate_b) @ FLU_FRD
-            moving_n = self._acceleration_n(rotation, state, reading, rate_b, lever_b)
-        partials[:, DELAYS[source]] = moving_n
+            force_b = reading.force_b - np.array(state.accel_bias_b)
+            force_b += np.cross(rate_b, swing_b) + np.cross(reading.turning_b, lever_b)
+            gravity = gravity_down(state.latitude_rad, state.height_m)
+            partials[:, DELAYS[source]] = rotation @ force_b + [0.0, 0.0, gravity]
         return partials
 
-    @staticmethod
-    def _acceleration_n(
-        rotation: Array, state: NavState, reading: WhiteningReading, rate_b: Array, lever_b: Array
-    ) -> Array:
-        """Return the antenna's acceleration (3,), m/s2, without terms of the earth's rotation."""
-        swing_b = np.cross(rate_b, np.cross(rate_b, lever_b)) + np.cross(
-            reading.turning_b, lever_b
-        )
-        force_b = reading.force_b - np.array(state.accel_bias_b)
-        gravity = gravity_down(state.latitude_rad, state.height_m)
-        return np.asarray(rotation @ (force_b + swing_b) + [0.0, 0.0, gravity])
-
-    def _direct_heading_partials(self, rotation: Array, rate_b: Array) -> Array:
+    def _heading_partials(self, rotation: Array, rate_b: Array) -> Array:
         """Return the partials (1, 7) of the azimuth of the baseline in ``n``."""
         north, east, _ = rotation @ self._baseline_b
 
@@ -203,10 +197,10 @@ class WhiteningFusion(Fusion):
             by_north, by_east, _ = rotation @ move_b
             return float((north * by_east - east * by_north) / (north**2 + east**2))
 
-        found = np.zeros((1, len(PARAMETERS)))
-        found[0, AZIMUTH] = -azimuth_of(np.cross([0.0, 0.0, 1.0], self._baseline_b))
-        found[0, DELAYS[Source.RTK_HEADING]] = azimuth_of(np.cross(rate_b, self._baseline_b))
-        return found
+        partials = np.zeros((1, len(PARAMETERS)))
+        partials[0, AZIMUTH] = -azimuth_of(np.cross([0.0, 0.0, 1.0], self._baseline_b))
+        partials[0, DELAYS[Source.RTK_HEADING]] = azimuth_of(np.cross(rate_b, self._baseline_b))
+        return partials
 
 
 def squared(white: White) -> float:
@@ -277,7 +271,7 @@ class FlightRuns:
     def __init__(self, recorded: Recorded, config: EkfConfig) -> None:
         imu = [in_body_axes(sample, config.aircraft.rotation_bi) for sample in recorded.imu]
         self.recorded, self.config = replace(recorded, imu=imu), config
-        self._averages = _Averages(imu)
+        self._t_ns, self._means = np.array([sample.stamp_ns for sample in imu]), _means(imu)
 
     def aligned(self, values: Array, *, by_antennas: bool) -> Alignment:
         """Return the alignment that starts the filter; raises CalibrationError without one."""
@@ -313,7 +307,7 @@ class FlightRuns:
             for index, sample in enumerate(self._aids(values))
             if first_ns < sample.stamp_ns < last_ns and sample.source is not without
         ]
-        readings = self._averages.readings(chosen, weights)
+        readings = self._readings(chosen, weights)
         mechanisation = FollowedMechanisation(config)
         fusion = WhiteningFusion(config, values, mechanisation, readings)
         ekf = Ekf(config, start, mechanisation, fusion)
@@ -326,31 +320,41 @@ class FlightRuns:
             ekf.add_imu(sample)
             if not estimates or sample.stamp_ns - estimates[-1][0] >= _ATTITUDE_STEP_NS:
                 estimates.append((sample.stamp_ns, ekf.estimate()))
-        return _run(values, fusion.white, estimates)
+        white = fusion.white
+        if not white or not np.all(np.isfinite(white[-1].error)):
+            reason = "the filter finds no measurement to use; 'tirgeo check' says why"
+            raise CalibrationError(reason)
+        stamps = np.repeat([w.stamp_ns for w in white], [len(w.error) for w in white])
+        states = [estimate.state for _, estimate in estimates]
+        return FilterRun(
+            values=values,
+            white=white,
+            error=np.concatenate([w.error for w in white]),
+            slope=np.concatenate([w.slope for w in white]).reshape(-1, len(PARAMETERS)),
+            row_ns=(stamps - stamps.min()).astype(float),
+            attitude_ns=[stamp_ns for stamp_ns, _ in estimates],
+            attitude_q_nb=np.array([state.q_nb for state in states]).reshape(-1, 4),
+            velocity_n=np.array([state.velocity_n for state in states]).reshape(-1, 3),
+            tilt_sigma_rad=math.sqrt(min(estimate.covariance[0, 0] for _, estimate in estimates)),
+        )
+
+    def _readings(
+        self, chosen: Sequence[tuple[int, Aiding]], weights: Array | None
+    ) -> dict[tuple[Source, int], WhiteningReading]:
+        """Return the IMU's mean readings at the measurements, by source and stamp."""
+        first_ns = self._t_ns[0]
+        at_ns = np.array([sample.stamp_ns for _, sample in chosen]) - first_ns
+        columns = [np.interp(at_ns, self._t_ns - first_ns, column) for column in self._means.T]
+        values = np.array(columns).T.reshape(-1, 3, 3)
+        return {
+            (sample.source, sample.stamp_ns): WhiteningReading(
+                index, 1.0 if weights is None else float(weights[index]), *values[k]
+            )
+            for k, (index, sample) in enumerate(chosen)
+        }
 
     def _aids(self, values: Array) -> list[Aiding]:
         return restamped(self.recorded.aids, values, reported_direction_rad(self.config))
-
-
-def _run(
-    values: Array, white: list[White], estimates: list[tuple[int, StateEstimate]]
-) -> FilterRun:
-    if not white or not np.all(np.isfinite(white[-1].error)):
-        raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' says why")
-    stamps = np.repeat([w.stamp_ns for w in white], [len(w.error) for w in white])
-    return FilterRun(
-        values=values,
-        white=white,
-        error=np.concatenate([w.error for w in white]),
-        slope=np.concatenate([w.slope for w in white]).reshape(-1, len(PARAMETERS)),
-        row_ns=(stamps - stamps.min()).astype(float),
-        attitude_ns=[stamp_ns for stamp_ns, _ in estimates],
-        attitude_q_nb=np.array([estimate.state.q_nb for _, estimate in estimates]).reshape(-1, 4),
-        velocity_n=np.array([estimate.state.velocity_n for _, estimate in estimates]).reshape(
-            -1, 3
-        ),
-        tilt_sigma_rad=min(math.sqrt(estimate.covariance[0, 0]) for _, estimate in estimates),
-    )
 
 
 def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSample | Aiding]:
@@ -359,38 +363,13 @@ def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSam
     return heapq.merge(ordered, imu, key=lambda sample: sample.stamp_ns)
 
 
-class _Averages:
-    """Hold running means of the IMU's readings, to interpolate at any time."""
-
-    def __init__(self, imu: Sequence[ImuSample]) -> None:
-        self._t_ns = np.array([sample.stamp_ns for sample in imu])
-        steps_ns = np.diff(self._t_ns)
-        step_s = float(np.median(steps_ns)) * 1e-9
-        count = max(1, round(_AVERAGED_S / step_s))
-        box = np.ones(count) / count
-        force = np.array([sample.specific_force_b for sample in imu])
-        rate = np.array([sample.angular_rate_b for sample in imu])
-        mean = [np.convolve(column, box, "same") for column in [*force.T, *rate.T]]
-        turning = [np.gradient(column, step_s) for column in mean[3:]]
-        self._columns = [*mean, *turning]
-
-    def readings(
-        self, chosen: Sequence[tuple[int, Aiding]], weights: Array | None
-    ) -> dict[tuple[Source, int], WhiteningReading]:
-        """Return the readings at the measurements, by source and stamp."""
-        at_ns = [sample.stamp_ns for _, sample in chosen]
-        values = np.array(
-            [
-                np.interp(np.array(at_ns) - self._t_ns[0], self._t_ns - self._t_ns[0], column)
-                for column in self._columns
-            ]
-        ).T.reshape(-1, 3, 3)
-        return {
-            (sample.source, sample.stamp_ns): WhiteningReading(
-                index, 1.0 if weights is None else float(weights[index]), *values[k]
-            )
-            for k, (index, sample) in enumerate(chosen)
-        }
+def _means(imu: Sequence[ImuSample]) -> Array:
+    """Return running means (N, 9) of force and rate, and the derivative of the rate."""
+    step_s = float(np.median(np.diff([sample.stamp_ns for sample in imu]))) * 1e-9
+    count = max(1, round(_AVERAGED_S / step_s))
+    readings = np.array([[*sample.specific_force_b, *sample.angular_rate_b] for sample in imu])
+    means = [np.convolve(column, np.ones(count) / count, "same") for column in readings.T]
+    return np.stack([*means, *(np.gradient(column, step_s) for column in means[3:])], axis=1)
 
 
 def longest_piece(imu: Sequence[ImuSample], max_gap_s: float) -> tuple[int, int]:

@@ -104,9 +104,7 @@ def _compared(sums: Array, counts: Array, m: int) -> tuple[int, float, float]:
 FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
 _MODEL = 0.02  # relative error of the terms as a model of variances
 _SHARED = 2.0  # by simulation: variances of the terms over those of independent octaves
-#: A term is significant if it lowers the sum of squared residuals by more: two sigma.
-_SEEN = 4.0 * _SHARED
-_SEEN_SIGMA = 2.0
+_SIGMAS = 2.0  # at which a term or a bias is significant
 _BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
 _REACH = 2  # octaves left out beyond the first that fits: an unexplained effect decays slowly
 _STEPS = 12
@@ -133,9 +131,7 @@ class GaussMarkov(NamedTuple):
 
     sigma: float
     time_s: float
-    sigma_of_sigma: float
-    time_factor: float  # the time is known to within this factor
-    seen: bool  # False: ``sigma`` is an upper bound, at the longest time that the record shows
+    observed: bool  # False: ``sigma`` is an upper bound, at the longest time of the record
 
 
 class NoiseFit(NamedTuple):
@@ -145,7 +141,6 @@ class NoiseFit(NamedTuple):
     flicker: Term  # B, unit: the floor divided by 0.664
     walk: Term  # K, unit / sqrt(s)
     minimum: float  # of the measured Allan deviation
-    minimum_sigma: float
     minimum_at_s: float
     bias: GaussMarkov
     shortest_s: float  # shorter averaging times fit no term and were left out
@@ -165,7 +160,6 @@ def fit_noise(curve: AllanCurve, channel: int) -> NoiseFit:
     white = powers[0] * curve.white
     # The lowest point among those with enough degrees of freedom.
     at = int(np.argmin(np.where(curve.degrees >= _LEAST_DEGREES, variances, np.inf)))
-    lowest = math.sqrt(variances[at])
     part = columns[used], variances[used], curve.degrees[used]
     (random_walk, flicker, walk), misfit = _terms(*part, powers)
     spread = np.sqrt(2 / curve.degrees) * model
@@ -174,8 +168,7 @@ def fit_noise(curve: AllanCurve, channel: int) -> NoiseFit:
         white=random_walk,
         flicker=flicker,
         walk=walk,
-        minimum=lowest,
-        minimum_sigma=lowest / math.sqrt(2 * curve.degrees[at]),
+        minimum=math.sqrt(variances[at]),
         minimum_at_s=float(tau_s[at]),
         bias=bias,
         shortest_s=float(tau_s[start]),
@@ -184,14 +177,6 @@ def fit_noise(curve: AllanCurve, channel: int) -> NoiseFit:
         model=model,
         bias_model=white + bias.sigma**2 * gauss_markov(tau_s, bias.time_s),
     )
-
-
-def deviation_band(curve: AllanCurve, variances: Array) -> tuple[Array, Array]:
-    """Return the lowest and highest Allan deviation (k,) at 95 % confidence (chi-square)."""
-    from scipy.special import chdtri  # noqa: PLC0415  slow to import
-
-    high, low = (chdtri(curve.degrees, tail) / curve.degrees for tail in (0.025, 0.975))
-    return np.sqrt(variances / high), np.sqrt(variances / low)
 
 
 def gauss_markov(tau_s: Array, time_s: float | Array) -> Array:
@@ -244,7 +229,15 @@ def _weights(model: Array, degrees: Array) -> Array:
 def _terms(
     columns: Array, variances: Array, degrees: Array, powers: Array
 ) -> tuple[list[Term], float]:
-    """Return the terms of squares (3,), and the misfit."""
+    """Return the terms of squares (3,), and the misfit.
+
+    A term is significant if the deviance of chi-square variables grows enough without it.
+    """
+
+    def deviance(model: Array) -> float:
+        ratio = variances / model
+        return float((2 * (ratio - 1 - np.log(ratio)) / (2 / degrees + _MODEL**2)).sum())
+
     model = columns @ powers
     weights = _weights(model, degrees)
     misfit = math.sqrt(float(np.mean((weights * (variances - model)) ** 2)))
@@ -252,25 +245,16 @@ def _terms(
     scale = np.linalg.norm(weighted, axis=0)
     inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale), hermitian=True)
     sigmas = np.sqrt(_SHARED * np.diag(inverse)) / scale * max(misfit, 1.0)
-    whole = _misfits(variances, model, degrees)
+    least = deviance(model) + _SIGMAS**2 * _SHARED * max(misfit, 1.0) ** 2
     terms = []
     for k, (power, sigma) in enumerate(zip(powers.tolist(), sigmas.tolist(), strict=True)):
-        upper = math.sqrt(power + 2 * sigma)
         others = np.delete(columns, k, axis=1)
-        model = np.maximum(others @ _weighted(others, variances, degrees), 1e-9 * variances)
-        lost = _misfits(variances, model, degrees) - whole
-        if power > 0 and lost > _SEEN * max(misfit, 1.0) ** 2:
-            value = math.sqrt(power)
-            terms.append(Term(value, sigma / (2 * value), upper))
-        else:
-            terms.append(Term(None, math.nan, upper))
+        without = np.maximum(others @ _weighted(others, variances, degrees), 1e-9 * variances)
+        shown = power > 0 and deviance(without) > least
+        value = math.sqrt(power) if shown else None
+        own_sigma = sigma / (2 * math.sqrt(power)) if shown else math.nan
+        terms.append(Term(value, own_sigma, math.sqrt(power + 2 * sigma)))
     return terms, misfit
-
-
-def _misfits(variances: Array, model: Array, degrees: Array) -> float:
-    """Return the deviance of chi-square variables, with the model's own error."""
-    ratio = variances / model
-    return float((2 * (ratio - 1 - np.log(ratio)) / (2 / degrees + _MODEL**2)).sum())
 
 
 def _fit_bias(
@@ -294,19 +278,12 @@ def _fit_bias(
 
     cost = costs(powers)
     best = int(np.argmin(cost))
-    if powers[best] <= _SEEN_SIGMA * sigmas[best]:
-        bound = math.sqrt(powers[-1] + _SEEN_SIGMA * sigmas[-1])
-        return GaussMarkov(
-            bound, float(times_s[-1]), sigmas[-1] / (2 * bound), math.inf, seen=False
-        )
-    sigma = math.sqrt(powers[best])
-    sigma_of_sigma = float(sigmas[best]) / (2 * sigma)
+    if powers[best] <= _SIGMAS * sigmas[best]:
+        bound = math.sqrt(powers[-1] + _SIGMAS * sigmas[-1])
+        return GaussMarkov(bound, float(times_s[-1]), observed=False)
     if flicker.value is not None:
-        constrained = costs(np.full(_TIMES, flicker.value**2))
-        if constrained.min() <= _AS_NEAR * cost[best]:
-            cost, best = constrained, int(np.argmin(constrained))
-            sigma, sigma_of_sigma = flicker.value, flicker.sigma
-    # A misfit of the model counts as error of the time.
-    near = times_s[cost <= cost[best] + max(1.0, cost[best] / len(weights))]
-    factor = float(max(near[-1] / times_s[best], times_s[best] / near[0]))
-    return GaussMarkov(sigma, float(times_s[best]), sigma_of_sigma, factor, seen=True)
+        of_flicker = costs(np.full(_TIMES, flicker.value**2))
+        if of_flicker.min() <= _AS_NEAR * cost[best]:
+            time_s = float(times_s[np.argmin(of_flicker)])
+            return GaussMarkov(flicker.value, time_s, observed=True)
+    return GaussMarkov(math.sqrt(powers[best]), float(times_s[best]), observed=True)

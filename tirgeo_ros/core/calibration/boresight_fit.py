@@ -54,6 +54,7 @@ _SETTLED = 1e-3  # of LIMITS
 #: Largest change of latency: further from a picture no poses are kept.
 _MOST_LATENCY_S = 0.8
 _LEAST_SHARE = 2 / 3  # of the observations that must agree
+_LATENCY = PARAMETERS.index("latency")
 
 
 @dataclass(frozen=True)
@@ -106,17 +107,20 @@ def fit(
     normal = _normal(sight, chosen, used.astype(float))
     freedom = max(2 * int(used.sum()) - len(chosen), 1)
     factor = math.sqrt(float((_sigmas(sight)[used] ** 2).sum()) / freedom)
-    stamps_s = np.array([sighting.stamp_ns for sighting in sightings]) * 1e-9
-    covariance = _covariance(sight, normal, stamps_s) * max(1.0, factor) ** 2
+    ids = np.array([sighting.id for sighting in sightings])
+    by_point = {}
+    for name in dict.fromkeys(ids.tolist()):
+        by_point[name] = correction.copy()  # one step from the common solution
+        by_point[name][chosen] += normal.solved(ids == name) * LIMITS[chosen]
     return BoresightFit(
         correction=correction,
-        covariance=covariance * np.outer(LIMITS[chosen], LIMITS[chosen]),
+        covariance=_covariance(sight, normal, sightings, chosen) * max(1.0, factor) ** 2,
         estimated=names,
         used=used,
         before=start.residual,
         after=sight.residual,
         noise_factor=factor,
-        by_point=_without_each(sightings, correction, normal, chosen),
+        by_point=by_point,
     )
 
 
@@ -130,8 +134,7 @@ def foreseen(
     chosen = sorted(map(PARAMETERS.index, estimated))
     sight = sights(flight, sightings, np.zeros(len(PARAMETERS)))
     normal = _normal(sight, chosen, np.isfinite(sight.residual[:, 0]).astype(float))
-    stamps_s = np.array([sighting.stamp_ns for sighting in sightings]) * 1e-9
-    return _covariance(sight, normal, stamps_s) * np.outer(LIMITS[chosen], LIMITS[chosen])
+    return _covariance(sight, normal, sightings, chosen)
 
 
 def _normal(sight: Sight, chosen: list[int], weights: Array) -> _Normal:
@@ -180,12 +183,21 @@ def _solved(
             sigmas = _sigmas(sight)
             before, used = used, sigmas <= MOST_SIGMAS * _scale(sigmas)  # nan compares false
             ratio = np.nan_to_num(sigmas, nan=np.inf) / (_CAUCHY_SIGMAS * _scale(sigmas))
-            if not robust:
-                _check_share(used)
+            if not robust and used.sum() < _LEAST_SHARE * len(used):
+                raise CalibrationError(
+                    f"only {used.sum()} of {len(used)} observations agree with each other: are "
+                    "ids, stamps, the survey's heights (ellipsoidal) and the camera's calibration "
+                    "right?"
+                )
             weights = 1 / (1 + ratio**2) if robust else used.astype(float)
             step = _normal(sight, chosen, weights).solved() * (1.0 if k < _DAMPED_FROM else 0.5)
             correction[chosen] += step * LIMITS[chosen]
-            _check_latency(flight, correction)
+            change_s = correction[_LATENCY]
+            if not abs(change_s) <= _MOST_LATENCY_S:
+                raise CalibrationError(
+                    f"latency: leads to {flight.latency_s + change_s:.2f} s, which is impossible; "
+                    "are the observations' stamps those of the pictures' headers?"
+                )
             sight = sights(flight, sightings, correction)
             if np.abs(step).max() < _SETTLED and (robust or (used == before).all()):
                 break
@@ -198,47 +210,21 @@ def _solved(
     return correction, sight, used & np.isfinite(sight.residual[:, 0])
 
 
-def _check_share(agree: BoolArray) -> None:
-    if agree.sum() < _LEAST_SHARE * len(agree):
-        raise CalibrationError(
-            f"only {agree.sum()} of {len(agree)} observations agree with each other: are ids, "
-            "stamps, the survey's heights (ellipsoidal) and the camera's calibration right?"
-        )
-
-
-def _check_latency(flight: SightedFlight, correction: Array) -> None:
-    change_s = correction[PARAMETERS.index("latency")]
-    if not abs(change_s) <= _MOST_LATENCY_S:
-        raise CalibrationError(
-            f"latency: leads to {flight.latency_s + change_s:.2f} s, which is impossible; are "
-            "the observations' stamps those of the pictures' headers?"
-        )
-
-
-def _covariance(sight: Sight, normal: _Normal, stamps_s: Array) -> Array:
-    """Return the covariance (p, p) in units of LIMITS."""
+def _covariance(
+    sight: Sight, normal: _Normal, sightings: Sequence[PointSighting], chosen: list[int]
+) -> Array:
+    """Return the covariance (p, p) of the chosen parameters, rad, s, m."""
     inverse = np.linalg.inv(normal.information())
     used = normal.parts.any(axis=(1, 2))
+    stamps_s = np.array([sighting.stamp_ns for sighting in sightings]) * 1e-9
     weighted, times = normal.weighted[used], stamps_s[used]
     alike = np.exp(-np.abs(times[:, None] - times) / POSE_ERROR_S)
     lasting = weighted @ sight.systematic[used]  # (n, p, 6)
     spread = np.einsum("npi,nqi->pq", lasting, np.tensordot(alike, lasting, 1))
     spread += (weighted @ sight.noise[used] @ np.swapaxes(weighted, 1, 2)).sum(0)
     # Directions that the observations leave open have the prior's own variance.
-    return np.asarray(inverse @ (spread + _PRIOR * np.eye(len(inverse))) @ inverse)
-
-
-def _without_each(
-    sightings: Sequence[PointSighting], correction: Array, normal: _Normal, chosen: list[int]
-) -> dict[str, Array]:
-    """Return for each point the correction by the others: one step from the common solution."""
-    names = np.array([sighting.id for sighting in sightings])
-    corrections = {}
-    for name in dict.fromkeys(names.tolist()):
-        other = correction.copy()
-        other[chosen] += normal.solved(names == name) * LIMITS[chosen]
-        corrections[name] = other
-    return corrections
+    covariance = inverse @ (spread + _PRIOR * np.eye(len(inverse))) @ inverse
+    return np.asarray(covariance * np.outer(LIMITS[chosen], LIMITS[chosen]))
 
 
 def ground_errors(

@@ -78,8 +78,8 @@ class Pieces(NamedTuple):
         return sorted(lines, key=lambda line: -line.amplitude)
 
 
-def pieces_of(record: ImuRecord, most: int | None = None) -> Pieces:
-    """Return the pieces with enough of their samples, or ``most`` of them, evenly spaced.
+def pieces_of(record: ImuRecord) -> Pieces:
+    """Return the pieces with enough of their samples.
 
     There are none at less than 19 samples a second, which show nothing above motion.
     """
@@ -90,8 +90,6 @@ def pieces_of(record: ImuRecord, most: int | None = None) -> Pieces:
     if not blocks or second <= 2 * (MOTION_HZ + 1):  # no frequency above motion
         empty, spectra = np.zeros((0, 6)), np.zeros((0, 0, 6))
         return Pieces(np.zeros(0, bool), empty, empty, spectra, np.zeros(0))
-    if most is not None:
-        blocks = blocks[:: -(-len(blocks) // most)]
     values = np.stack([_filled(block) for block in blocks])  # (n, samples, 6)
     hz, power = signal.welch(values, 1 / record.step_s, nperseg=second, axis=1)
     floors = np.median(power[:, (hz > MOTION_HZ) & (hz < hz[-1])], axis=1) / _MEDIAN_OF_MEAN

@@ -86,11 +86,6 @@ class LensFit:
         """Return the rms reprojection error, px, as OpenCV defines it: of distances."""
         return _rms(np.concatenate([*self.errors_px.values()]))
 
-    @property
-    def mean_px(self) -> float:
-        """Return the mean reprojection error, px, as MATLAB defines it: of distances."""
-        return float(np.hypot(*np.concatenate([*self.errors_px.values()]).T).mean())
-
 
 def _rms(errors: Array) -> float:
     return float(np.sqrt((errors**2).sum(1).mean()))
@@ -125,7 +120,17 @@ def fit_lens(
         what = f"error {rms_px[worst]:.2f} px, usually {usual:.2f}"
         refused[worst] = Refused(RefusalReason.OUTLIER, what)
         del left[worst]
-    _check_determined(fit)
+    sigma = (fit.sigma[:2] / fit.values[:2]).max()
+    if fit.tilt_rad < _LEAST_TILT_RAD:
+        raise CalibrationError(
+            f"lens: all views are from one side, within {np.degrees(fit.tilt_rad):.0f} deg; focal "
+            "length and distance cannot be separated: tilt the board by 20 to 45 deg"
+        )
+    if not sigma < _MOST_FOCAL_SIGMA:
+        raise CalibrationError(
+            f"lens: the focal length is known only to {100 * sigma:.1f} %; "
+            "take more views, larger in the picture and with the board tilted by 20 to 45 deg"
+        )
     fit.refused.update(refused)
     return fit
 
@@ -137,11 +142,11 @@ def _fitted(
     model: LensModel,
 ) -> LensFit:
     points = board.points_m.astype(np.float32)
-    seen = [view.corners_px.astype(np.float32)[:, None] for view in views.values()]
+    corners = [view.corners_px.astype(np.float32)[:, None] for view in views.values()]
     stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
     try:
         _, matrix, distortion, turns, places = cv2.calibrateCamera(
-            [points] * len(seen), seen, size, None, None, flags=model.flags, criteria=stop
+            [points] * len(corners), corners, size, None, None, flags=model.flags, criteria=stop
         )
     except cv2.error:
         raise CalibrationError(
@@ -149,7 +154,7 @@ def _fitted(
         ) from None
     count = len(model.names)
     distortion = np.asarray(distortion, float).ravel()[:8]
-    values = [matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion, *np.zeros(12)]
+    values = np.array([matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion, *np.zeros(12)])
     errors: dict[str, Array] = {}
     slopes: list[tuple[Array, Array]] = []
     for (name, view), turn, place in zip(views.items(), turns, places, strict=True):
@@ -160,20 +165,16 @@ def _fitted(
     normals = np.array([rotation_of(turn)[:, 2] for turn in turns])
     mean = normals.mean(0) / np.linalg.norm(normals.mean(0))
     tilt_rad = float(np.arccos(np.clip(normals @ mean, -1, 1)).max())
-    covariance = _covariance(slopes, [one.ravel() for one in errors.values()])
-    found = np.array(values[:count], float)
-    return LensFit(_camera(size, found), model.names, found, covariance, errors, tilt_rad)
-
-
-def _camera(size: tuple[int, int], values: Array) -> Camera:
-    fx, fy, cx, cy, *distortion = values.tolist()
+    covariance = _covariance(slopes, [error.ravel() for error in errors.values()])
+    fx, fy, cx, cy, *coefficients = values[:count].tolist()
     try:
-        return Camera(*size, fx, fy, cx, cy, tuple(distortion))
+        camera = Camera(*size, fx, fy, cx, cy, tuple(coefficients))
     except CameraError as error:
         raise CalibrationError(
             f"lens: the views give no usable lens ({error}); take more near the picture's "
             "corners, or estimate fewer coefficients"
         ) from None
+    return LensFit(camera, model.names, values[:count], covariance, errors, tilt_rad)
 
 
 def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Array:
@@ -199,54 +200,33 @@ def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Ar
     return np.asarray((covariance + covariance.T) / 2)
 
 
-def _check_determined(fit: LensFit) -> None:
-    """Raise CalibrationError if the views do not determine the focal lengths."""
-    tilt, sigma = fit.tilt_rad, fit.sigma[:2] / fit.values[:2]
-    if tilt < _LEAST_TILT_RAD:
-        raise CalibrationError(
-            f"lens: all views are from one side, within {np.degrees(tilt):.0f} deg; focal "
-            "length and distance cannot be separated: tilt the board by 20 to 45 deg"
-        )
-    if not (sigma < _MOST_FOCAL_SIGMA).all():
-        raise CalibrationError(
-            f"lens: the focal length is known only to {100 * sigma.max():.1f} %; "
-            "take more views, larger in the picture and with the board tilted by 20 to 45 deg"
-        )
-
-
 def doubtful_views(views: Mapping[str, BoardSighting], width: int) -> dict[str, Refused]:
     """Return the rejected views: too blurred ones, and all but the sharpest of similar ones."""
-    refused = _blurred(views)
+    blurs = {name: float(view.blur_px.max()) for name, view in views.items()}
+    usual = float(np.median([*blurs.values()])) if blurs else 0.0
+    most = max(_BLURRED_TIMES * usual, usual + _BLURRED_PX)
+    refused: dict[str, Refused] = {}
     kept: dict[str, BoardSighting] = {}
-    for name in _by_sharpness({k: v for k, v in views.items() if k not in refused}):
-        same = [k for k, v in kept.items() if distance_px(v, views[name]) < _SAME * width]
-        if same:
+    for name in _by_sharpness(views):
+        same = [k for k, v in kept.items() if _distance_px(v, views[name]) < _SAME * width]
+        if blurs[name] > most:
+            detail = f"edges blurred by {blurs[name]:.1f} px, usually {usual:.1f}"
+            refused[name] = Refused(RefusalReason.BLURRED, detail)
+        elif same:
             refused[name] = Refused(RefusalReason.DUPLICATE, f"nothing has moved since {same[0]}")
         else:
             kept[name] = views[name]
     return refused
 
 
-def _blurred(views: Mapping[str, BoardSighting]) -> dict[str, Refused]:
-    blurs = {name: float(view.blur_px.max()) for name, view in views.items()}
-    usual = float(np.median([*blurs.values()])) if blurs else 0.0
-    most = max(_BLURRED_TIMES * usual, usual + _BLURRED_PX)
-    said = f"px, usually {usual:.1f}"
-    return {
-        name: Refused(RefusalReason.BLURRED, f"edges blurred by {blur:.1f} {said}")
-        for name, blur in blurs.items()
-        if blur > most
-    }
-
-
 def _by_sharpness(views: Mapping[str, BoardSighting]) -> list[str]:
     return sorted(views, key=lambda name: (views[name].sigma_px, name))
 
 
-def distance_px(first: BoardSighting, second: BoardSighting) -> float:
+def _distance_px(first: BoardSighting, second: BoardSighting) -> float:
     """Return the rms distance of corners, px, with either end of the board counted first."""
     a, b = first.corners_px, second.corners_px
-    return float(min(np.sqrt((off**2).sum(1).mean()) for off in (a - b, a - b[::-1])))
+    return min(_rms(a - b), _rms(a - b[::-1]))
 
 
 def most_distinct(views: Mapping[str, BoardSighting], count: int) -> list[str]:
@@ -257,7 +237,7 @@ def most_distinct(views: Mapping[str, BoardSighting], count: int) -> list[str]:
     chosen, away = [left[0]], dict.fromkeys(left[1:], np.inf)
     while len(chosen) < count:
         newest = views[chosen[-1]]
-        away = {name: min(far, distance_px(newest, views[name])) for name, far in away.items()}
+        away = {name: min(far, _distance_px(newest, views[name])) for name, far in away.items()}
         chosen.append(max(away, key=away.__getitem__))
         del away[chosen[-1]]
     return chosen

@@ -28,20 +28,13 @@ class SimulatedAircraftConfig:
     joint_order: str = param(
         USUAL_ORDER, "order of those joints, from the aircraft to the camera", choices=JOINT_ORDERS
     )
-    layout: str = param(
-        "modern",
-        "layout of the broadcast: modern (firmware 3.2.41) or legacy (3.2.15.62)",
-        choices=("modern", "legacy"),
-    )
     clock_start_ms: int = param(
         60_000, "reading of the aircraft's clock at the start", ("ms", 0, 2**32 - 1)
     )
     clock_drift_ppm: float = param(
         0.0, "rate error of the aircraft's clock; positive = fast", ("ppm", -1e4, 1e4)
     )
-    pushes: bool = param(
-        False, "send the usual subscription packages too, as if the host had gone"
-    )
+    pushes: bool = param(False, "send the usual subscription packages too")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,6 @@ from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
 from tirgeo_ros.core.config.frame_names import FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
-#: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
-RATE_CODES = 8
 _DELAY = ("s", -2, 2)
 
 
@@ -58,25 +56,6 @@ class DjiClockConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class DjiHostConfig:
-    """What the node asks of the aircraft: nothing by default, it only listens."""
-
-    app_id: int = param(
-        0, "DJI application id to activate with; 0 = only listen", ("", 0, 2**31 - 1)
-    )
-    broadcast_rates: tuple[float, ...] = param(
-        (),
-        "rate code for each of the 16 parts of the broadcast (0: off, 1: 1 Hz, 2: 10, 3: 50, 4: "
-        "100, 5: unchanged, 6: 200, 7: 400); empty = leave all unchanged",
-        ("", 0, RATE_CODES - 1),
-        sizes=(0, 16),
-    )
-    subscribe: bool = param(
-        False, "request the subscription packages after activation; existing ones are removed"
-    )
-
-
-@dataclass(frozen=True, slots=True)
 class DjiConfig(FramesConfig):
     """Parameters of dji_node."""
 
@@ -117,5 +96,4 @@ class DjiConfig(FramesConfig):
     rtk: DjiRtkConfig = group(DjiRtkConfig, live=True)
     delay: DjiDelayConfig = group(DjiDelayConfig, live=True)
     clock: DjiClockConfig = group(DjiClockConfig)
-    host: DjiHostConfig = group(DjiHostConfig)
     aircraft: AircraftConfig = group(AircraftConfig)

@@ -24,7 +24,7 @@ _ONCE = ", said once for all nodes under /**"
 _DIRECTION = (
     f"is now the direction from aircraft.rtk_antenna_m to aircraft.second_antenna_m{_ONCE}"
 )
-_PLAYED = ("geoid_undulation_m", "gimbal", "layout", "clock_start_ms", "clock_drift_ppm", "pushes")
+_PLAYED = ("geoid_undulation_m", "gimbal", "clock_start_ms", "clock_drift_ppm", "pushes")
 #: Old name of any node's parameter -> the end of the sentence that names the new one.
 RENAMED: Mapping[str, str] = {
     "rtk.lever_arm_m": f"is now aircraft.rtk_antenna_m{_ONCE}",

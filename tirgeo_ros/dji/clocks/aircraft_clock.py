@@ -77,8 +77,6 @@ _DRIFT_NS = 30e9, 300e9
 #: Their quotient is the length of a stretch from which its own slope gets more weight than the old
 #: one.
 _USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
-#: Largest number of heights above the line that make the distribution: 500 a second for 20 s.
-_HEIGHTS = 10_000
 
 _INFINITY = float("inf")
 
@@ -109,14 +107,12 @@ class LowerEnvelope:
         self.drift = self._drift_before = 0.0  # slope of the line
         self.base = 0.0  # the line is ``base + drift * x``
         self._bins: deque[Point] = deque()  # the lowest point of each closed bin
-        self._heights: deque[Point] = deque(maxlen=_HEIGHTS)  # x, and height above the line
         self._bin_end = 0.0
         self._lowest_key, self._lowest = _INFINITY, (0.0, 0.0)  # of the open bin
 
     def begin(self, x: float, y: float) -> None:
         """Forget all points; put the line through this one with the slope learned so far."""
         self._bins.clear()
-        self._heights.clear()
         self._drift_before = self.drift
         self.base = y - self.drift * x
         self._open(x)
@@ -126,22 +122,9 @@ class LowerEnvelope:
         if x >= self._bin_end:
             self._close(x)
         key = y - self.drift * x
-        height = key - self.base
         if key < self._lowest_key:
             self._lowest_key, self._lowest = key, (x, y)
-            if height < 0.0:
-                self.base = key
-        self._heights.append((x, height))
-
-    @property
-    def spread(self) -> tuple[float, float, float] | None:
-        """Return median, 95 % quantile and maximum of the window's heights (ns), if any."""
-        if not self._heights:
-            return None
-        oldest = self._heights[-1][0] - self._window_ns
-        heights = sorted(max(height, 0.0) for x, height in self._heights if x >= oldest)
-        last = len(heights) - 1
-        return heights[last // 2], heights[round(0.95 * last)], heights[last]
+            self.base = min(self.base, key)
 
     def _open(self, x: float) -> None:
         """Begin a bin."""
@@ -155,26 +138,17 @@ class LowerEnvelope:
             self._bins.append(self._lowest)
         while self._bins and self._bins[0][0] < x - self._memory_ns:
             self._bins.popleft()
-        self._learn_drift()
-        self._refit_line(x)
-        self._open(x)
-
-    def _learn_drift(self) -> None:
         span = self._bins[-1][0] - self._bins[0][0] if self._bins else 0.0
-        if span <= 0.0:
-            return
-        slope = middle_slope([*self._bins])
-        slope = min(max(slope, -self._max_drift), self._max_drift)
-        prior, measured = (_USUAL_DRIFT * self._max_drift * span) ** 2, _MINIMUM_NS**2
-        trust = prior / (prior + measured)
-        self.drift = self._drift_before + trust * (slope - self._drift_before)
-
-    def _refit_line(self, x: float) -> None:
-        """Set the line to the highest one of the learned slope below all points of the window."""
+        if span > 0.0:
+            slope = middle_slope([*self._bins])
+            slope = min(max(slope, -self._max_drift), self._max_drift)
+            prior, measured = (_USUAL_DRIFT * self._max_drift * span) ** 2, _MINIMUM_NS**2
+            trust = prior / (prior + measured)
+            self.drift = self._drift_before + trust * (slope - self._drift_before)
         begun = x - self._window_ns
         keys = [low_y - self.drift * low_x for low_x, low_y in self._bins if low_x >= begun]
-        if keys:
-            self.base = min(keys)
+        self.base = min(keys, default=self.base)
+        self._open(x)
 
 
 def middle_slope(points: list[Point]) -> float:
@@ -280,7 +254,11 @@ class AircraftClock:
         y = float(arrival_ns - aircraft_ns - self._offset_ns)
         step_ns = aircraft_ns - self._newest_ns
         height = y - self._line.base - self._line.drift * x
-        if self._is_unexplained(height, step_ns):
+        # Neither delay nor overtaking can explain it. A message far above the line after a pause
+        # of the counter is none of a queue, which would have consecutive counts.
+        paused = step_ns > _LATE_NS and height > _SECOND_NS
+        below = height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
+        if step_ns < -_LATE_NS or paused or below:
             is_counter = abs(step_ns) > _LATE_NS
             self._counts["resets" if is_counter else "host steps"] += 1
             return self._begin(ticks, extra_ns, arrival_ns)
@@ -327,17 +305,13 @@ class AircraftClock:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return state, offset, spread, drift and irregularities of both clocks, as texts."""
+        """Return state, offset, drift and irregularities of both clocks, as texts."""
         tick_ms = self._counter.tick_ns / MILLISECOND_NS
         texts = {"clock state": self.state, "clock tick [ms]": f"{tick_ms:g}"}
         if self._number:
             offset_s = (self._offset_ns + round(self._published)) * 1e-9
             texts["clock offset [s]"] = f"{offset_s:.6f}"
             texts["clock drift [ppm]"] = f"{self._line.drift * 1e6:.2f}"
-        spread = self._line.spread
-        if spread is not None:
-            median, p95, highest = (height * 1e-6 for height in spread)
-            texts["clock spread [ms]"] = f"{median:.2f}, p95 {p95:.2f}, max {highest:.2f}"
         texts["clock wraps"] = str(self._counter.wraps)
         return texts | {f"clock {name}": str(count) for name, count in self._counts.items()}
 
@@ -365,16 +339,6 @@ class AircraftClock:
             number = self._number - self._began_number
             self._settled = number >= _SETTLED_NUMBER and x >= _SETTLED_AFTER_NS
             self._may_be_long = self._may_be_long and not self._settled
-
-    def _is_unexplained(self, height: float, step_ns: int) -> bool:
-        """Return whether neither delay nor overtaking can explain a message.
-
-        This includes a message far above the line after a pause of the counter: messages from one
-        queue would have consecutive counts.
-        """
-        if step_ns < -_LATE_NS or (step_ns > _LATE_NS and height > _SECOND_NS):
-            return True
-        return height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
 
     def _is_set(self, height: float, aircraft_ns: int, arrival_ns: int) -> bool:
         """Return whether messages have been far above the line long enough for a new offset."""

@@ -27,8 +27,8 @@ from tirgeo_ros.core.types.measurements import (
     JointSample,
     NavigationInput,
 )
+from tirgeo_ros.dji.interpret.gnss_samples import NOT_SET, GpsInterpreter, RtkInterpreter
 from tirgeo_ros.dji.interpret.imu_samples import AutopilotAttitudes, ImuInterpreter, Sequence
-from tirgeo_ros.dji.interpret.receiver import NOT_SET, GpsInterpreter, RtkInterpreter
 from tirgeo_ros.dji.sources.readings import (
     AttitudeReading,
     GimbalReading,

@@ -11,8 +11,8 @@ from enum import Enum
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from tirgeo_ros.dji.protocol import broadcast_parts as parts
-from tirgeo_ros.dji.protocol.broadcast_parts import Make, PackedFields
+from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Make, PackedFields
 
 
 class Layout(Enum):
@@ -23,7 +23,7 @@ class Layout(Enum):
 
 
 class Broadcast(NamedTuple):
-    """Hold one broadcast in the aircraft's own units (``broadcast_parts``).
+    """Hold one broadcast in the aircraft's own units (``rtk_gps_imu_parts``).
 
     An absent part is None. Axes: ``quaternion_wxyz`` turns body FRD into ground NED.
     ``acceleration_as_packed`` is in g or m/s2, in the axes that DJI Assistant is set to (raw: g,

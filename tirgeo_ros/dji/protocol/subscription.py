@@ -11,15 +11,14 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.protocol import broadcast_parts as parts
-from tirgeo_ros.dji.protocol.broadcast_parts import Make, PackedFields
-from tirgeo_ros.dji.protocol.commands import PACKAGE_IDS, Request, add_package
+from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Make, PackedFields
 
 
 class Topic(NamedTuple):
     """Hold one topic.
 
-    ``make`` converts its numbers to a type of ``dji.protocol.broadcast_parts``.
+    ``make`` converts its numbers to a type of ``dji.protocol.rtk_gps_imu_parts``.
     """
 
     name: str
@@ -91,9 +90,8 @@ TOPICS = (
 )
 
 BY_NAME = {topic.name: topic for topic in TOPICS}
-BY_UID = {topic.uid: topic for topic in TOPICS}
 
-
+PACKAGE_IDS = range(5)
 #: Capacity of one push: stamp and topics, without the package's id.
 MAX_DATA_BYTES = 250
 
@@ -116,12 +114,6 @@ class Package(NamedTuple):
         """Return the bytes of its push's value."""
         return _packed(self).size
 
-    @property
-    def request(self) -> Request:
-        """Return the request that adds it."""
-        uids = [topic.uid for topic in self.topics]
-        return add_package(self.id, self.rate_hz, uids, stamped=self.with_timestamp)
-
 
 class Push(NamedTuple):
     """Hold one push: when it was sent (the aircraft's clock) and its topics by name."""
@@ -129,7 +121,7 @@ class Push(NamedTuple):
     package: Package
     time_ms: int | None  # None without a stamp
     time_ns: int | None
-    values: dict[str, Any]  # numbers, tuples and named tuples of ``dji.protocol.broadcast_parts``
+    values: dict[str, Any]  # numbers, tuples and parts of ``rtk_gps_imu_parts``
 
 
 _USUAL = (
@@ -208,7 +200,7 @@ def package_table(tree: object, file: str) -> PackageTable:
           0:                     # the package's id, 0 to 4
             rate_hz: 5
             with_timestamp: true
-            topics: [GPS_DATE, GPS_TIME, RTK_POSITION, RTK_YAW]   # or numbers, in their order
+            topics: [GPS_DATE, GPS_TIME, RTK_POSITION, RTK_YAW]   # in the order of the request
 
     ``file``: its name, for messages. Raises DjiError, naming file and key, if the content is
     invalid.
@@ -231,19 +223,12 @@ def _package(number: Any, entry: Any, where: str) -> Package:
         raise DjiError(f"{where}.with_timestamp: {with_timestamp}: true or false")
     if not isinstance(names, list) or not names:
         raise DjiError(f"{where}.topics: a list of topics, in the order of the request")
-    topics = tuple(_topic(name, where) for name in names)
+    if unknown := [name for name in names if str(name) not in BY_NAME]:
+        raise DjiError(f"{where}.topics: unknown topic {unknown[0]}")
+    topics = tuple(BY_NAME[name] for name in names)
     package = Package(number, rate_hz, with_timestamp, topics)
     if package.length - 1 > MAX_DATA_BYTES:
         raise DjiError(
             f"{where}: {package.length - 1} bytes, more than the {MAX_DATA_BYTES} of a push"
         )
     return package
-
-
-def _topic(name: Any, where: str) -> Topic:
-    """Return a topic by its name or its number."""
-    topic = BY_UID.get(name) if type(name) is int else BY_NAME.get(str(name))
-    if topic is None:
-        shown = f"0x{name:08x}" if type(name) is int else name
-        raise DjiError(f"{where}.topics: unknown topic {shown}")
-    return topic

@@ -16,8 +16,6 @@ from typing import Final, final
 
 from tirgeo_ros.core.types.errors import DjiError
 
-_READ_BYTES = 65536
-
 
 @final
 class PseudoTerminal:
@@ -55,15 +53,6 @@ class PseudoTerminal:
                 taken = os.write(self._master, data)
         self.dropped += len(data) - taken
         return taken
-
-    def read(self) -> bytes:
-        """Return what the program that has the port open wrote; b"" if there is nothing."""
-        if self._master is None:
-            return b""
-        try:
-            return os.read(self._master, _READ_BYTES)
-        except OSError:  # nothing there (EAGAIN), or nobody has it open (EIO)
-            return b""
 
     def pull(self) -> None:
         """Pull the cable: hang up the program that has the port open, and remove the port."""

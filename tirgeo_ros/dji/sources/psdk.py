@@ -6,14 +6,14 @@ does no harm.
 
 Some of its topics are not what their type or frame says; ``READERS`` states the axes of the input.
 Not read: ``home_point`` (radians in fields of degrees), ``angular_rate_*``, ``acceleration_*``
-(``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say more). Nothing is
-judged: values that are not finite are passed on.
+(``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say more), fused positions
+and velocities (of uncertain height, and correlated in time). Nothing is judged: values that are
+not finite are passed on.
 """
 
 from __future__ import annotations
 
 import math
-import struct
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -40,16 +40,6 @@ from tirgeo_ros.dji.sources.readings import (
 _PSDK_GRAVITY = 9.8
 #: The right angle that psdk_ros2 uses between east and north: 0.012 deg too large.
 _PSDK_QUARTER_TURN = 1.571
-#: The single-precision pi with which psdk_ros2 makes degrees: 0.16 m of latitude at 52 deg.
-_PSDK_PI: float = struct.unpack("<f", struct.pack("<f", math.pi))[0]
-#: One document calls the fused height ellipsoidal, another barometric, and it was found to be more
-#: than 100 m off. So it gets a large sigma.
-_FUSED_HEIGHT_SIGMA_M = 200.0
-#: If the receiver's own topic is silent for longer, the fused values replace it: at about the
-#: receiver's 5 Hz, not at their own 10 to 200 Hz, since their errors are correlated in time.
-_SILENT_NS, _STAND_IN_NS = 2_000_000_000, 150_000_000
-#: Topics of a fused value -> the receiver's own, in whose place it stands.
-_FUSED = {"gps_position_fused": "gps_position", "velocity_ground_fused": "gps_velocity"}
 
 
 def _imu(stamp_ns: int, values: tuple[Quaternion, Vector, Vector]) -> ImuReading:
@@ -76,20 +66,6 @@ def _place(degrees_and_height: Vector) -> GeodeticPlace:
     return GeodeticPlace(math.radians(latitude), math.radians(longitude), height_msl_m)
 
 
-def _fused_position(stamp_ns: int, degrees_and_height: Vector) -> GpsReading:
-    """Convert degrees made with another pi, and an uncertain height."""
-    latitude, longitude, height = degrees_and_height
-    to_rad = _PSDK_PI / 180
-    where = GeodeticPlace(latitude * to_rad, longitude * to_rad, height)
-    return GpsReading(stamp_ns, where, vertical_sigma_m=_FUSED_HEIGHT_SIGMA_M)
-
-
-def _fused_velocity(stamp_ns: int, enu_m_s: Vector) -> GpsReading:
-    """Convert a velocity that is ENU as its frame says."""
-    east, north, up = enu_m_s
-    return GpsReading(stamp_ns, velocity_n=(north, east, -up))
-
-
 def _gps_details(stamp_ns: int, values: tuple[float, Vector]) -> GpsReading:
     """Convert fix, and horizontal, vertical (mm) and speed accuracy (cm/s)."""
     fix, (horizontal_mm, vertical_mm, speed_cm_s) = values
@@ -102,11 +78,6 @@ def _gps_details(stamp_ns: int, values: tuple[float, Vector]) -> GpsReading:
     )
 
 
-def _rtk_yaw(stamp_ns: int, yaw: int) -> RtkReading:
-    """Convert an int16 (deg) that comes as uint16."""
-    return RtkReading(stamp_ns, yaw_deg=yaw - 0x10000 if yaw >= 0x8000 else yaw)
-
-
 #: How the values of a topic become a reading with this stamp. ``attitude`` is wxyz, FLU to ENU;
 #: ``gps_velocity`` and ``rtk_velocity`` are NED, whatever their frames say (m/s).
 READERS: dict[str, Callable[[int, Any], Reading]] = {
@@ -116,11 +87,12 @@ READERS: dict[str, Callable[[int, Any], Reading]] = {
     "gps_position": lambda stamp_ns, values: GpsReading(stamp_ns, _place(values)),
     "gps_velocity": lambda stamp_ns, ned_m_s: GpsReading(stamp_ns, velocity_n=ned_m_s),
     "gps_details": _gps_details,
-    "gps_position_fused": _fused_position,
-    "velocity_ground_fused": _fused_velocity,
     "rtk_position": lambda stamp_ns, values: RtkReading(stamp_ns, _place(values)),
     "rtk_velocity": lambda stamp_ns, ned_m_s: RtkReading(stamp_ns, velocity_n=ned_m_s),
-    "rtk_yaw": _rtk_yaw,
+    # an int16 (deg) that comes as uint16
+    "rtk_yaw": lambda stamp_ns, yaw: RtkReading(
+        stamp_ns, yaw_deg=(yaw + 0x8000) % 0x10000 - 0x8000
+    ),
     "rtk_position_info": lambda stamp_ns, flag: RtkReading(stamp_ns, position_flag=flag),
     "rtk_yaw_info": lambda stamp_ns, flag: RtkReading(stamp_ns, yaw_flag=flag),
 }
@@ -130,25 +102,16 @@ class PsdkDecoder:
     """Convert the topics' values to readings, which have the stamp of the header.
 
     ``take`` and ``due`` return the readings that are complete; ``due`` must be called for those
-    that wait. Stamps and arrivals are of one clock. Counted: ``unstamped`` messages, ``fused``
-    values in place of the GPS's.
+    that wait. Stamps and arrivals are of one clock. Counted: ``unstamped`` messages.
     """
 
     def __init__(self) -> None:
         self._steady = {topic: SteadyStamps() for topic in ("imu", "attitude", "gimbal_angles")}
         self._rtk = RtkEpochs()
-        self._own_ns: dict[str, int] = {}  # newest arrival of a receiver's own topic
-        self._fused_ns: dict[str, int] = {}  # newest arrival of a fused value that was used
         self.counts: Counter[str] = Counter()
 
     def take(self, topic: str, values: Any, stamp_ns: int, arrival_ns: int) -> list[Reading]:
         """Take a message: its values (``READERS``), its header's stamp (0: none), its arrival."""
-        if topic in _FUSED:
-            if not self._is_wanted(topic, arrival_ns):
-                return []
-            self.counts["fused"] += 1
-        elif topic in _FUSED.values():
-            self._own_ns[topic] = arrival_ns
         if not stamp_ns:
             stamp_ns = arrival_ns
             if not topic.endswith("_info"):  # flags have no header
@@ -163,15 +126,3 @@ class PsdkDecoder:
     def due(self, now_ns: int) -> list[Reading]:
         """Return the readings that have waited long enough; to be called every 10 ms."""
         return [arrived.reading for arrived in self._rtk.due(now_ns)]
-
-    def _is_wanted(self, topic: str, arrival_ns: int) -> bool:
-        """Return whether a fused value is needed in place of the receiver's own."""
-        own_ns = self._own_ns.setdefault(_FUSED[topic], arrival_ns)
-        last_ns = self._fused_ns.get(topic, 0)
-        if (
-            min(abs(arrival_ns - own_ns) - _SILENT_NS, abs(arrival_ns - last_ns) - _STAND_IN_NS)
-            < 0
-        ):
-            return False
-        self._fused_ns[topic] = arrival_ns
-        return True

@@ -1,4 +1,4 @@
-"""Process the serial link's bytes without the port: bytes in, readings and bytes to send out."""
+"""Process the serial link's bytes without the port: bytes in, readings out."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from typing import Any, NamedTuple, Protocol
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, AircraftClock
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
-from tirgeo_ros.dji.host.session import HostSession
 from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame, parse_key
-from tirgeo_ros.dji.protocol import broadcast_parts as parts
+from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
@@ -210,19 +209,17 @@ _BITS_A_BYTE = 10  # with start and stop
 
 
 class SerialDecoder:
-    """Convert the link's bytes to readings; ``host.due`` returns what is to be sent."""
+    """Convert the link's bytes to readings."""
 
     def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
         """Build the parsers; raise DjiError for an invalid key."""
-        key = parse_key(config.key)
-        self._frames = FrameReader(key)
+        self._frames = FrameReader(parse_key(config.key))
         broadcast, subscription = AircraftClock(config.clock), AircraftClock(config.clock)
         hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
         clocks = broadcast, subscription, hard_sync
         names = "broadcast", "subscription", "hard sync"
         self._clocks = dict(zip(names, clocks, strict=True))
         self._telemetry = Telemetry(Clocks(*clocks), packages)
-        self.host = HostSession(config.host, packages, key)
         self._heard_s: float | None = None
         self.locked = 0  # frames that were encrypted and not, or not rightly, decrypted
         self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
@@ -251,23 +248,18 @@ class SerialDecoder:
             arrivals = [arrival_ns] * len(frames)
         else:
             return []
-        return self._read(frames, arrivals, now_s)
+        return self._read(frames, arrivals)
 
-    def reopened(self, arrival_ns: int, now_s: float) -> list[Reading]:
-        """Handle a port that was opened again: drop a cut frame, restart the host's session."""
+    def reopened(self, arrival_ns: int) -> list[Reading]:
+        """Drop a frame that was cut when the port was lost; return those within it."""
         self._heard_s = None
         frames = self._frames.rescan()
-        readings = self._read(frames, [arrival_ns] * len(frames), now_s)
-        self.host.restart()
-        return readings
+        return self._read(frames, [arrival_ns] * len(frames))
 
-    def _read(
-        self, frames: list[ProtocolFrame], arrivals: list[int], now_s: float
-    ) -> list[Reading]:
+    def _read(self, frames: list[ProtocolFrame], arrivals: list[int]) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
             self.locked += _is_locked(frame)
-            self.host.take(frame, now_s)
             readings += self._telemetry.read(frame, arrival_ns)
         return readings
 
@@ -278,12 +270,12 @@ class SerialDecoder:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return counts of frames, clocks that run, and the host session's state."""
+        """Return counts of frames, and the clocks that run."""
         items = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
         items |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
         for name, clock in self._clocks.items():
             items |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
-        return items | self.host.diagnostics
+        return items
 
 
 def _is_locked(frame: ProtocolFrame) -> bool:

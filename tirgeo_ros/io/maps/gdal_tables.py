@@ -86,6 +86,7 @@ class Table:
     crs: str | None  # WKT or a code
     shapes: Shapes
     rows: Sequence[Mapping[str, Any]]  # the wanted properties of each feature, by wanted names
+    fields: Sequence[str]  # names of all properties
     faults: dict[int, str]  # features that are left out, wholly or in part, and why
     notes: list[str] = field(default_factory=list)
 
@@ -201,19 +202,10 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
         )
     fields = list(map(str, info["fields"]))
     wanted.label.check(fields, where)
-    columns = own_names((*wanted.label.fields, *NAMES), fields)
+    columns = own_names((*wanted.fields, *NAMES), fields)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        try:
-            read = _read(pyogrio, place, name, sorted({*columns.values()}), wanted.condition)
-        except ValueError as error:
-            if wanted.condition and "Invalid SQL" in str(error):
-                raise ConfigError(
-                    f"{wanted.source}: {wanted.condition!r} is no condition for {where}; write it "
-                    f"as kind = 'hydrant' and flow >= 60, of {', '.join(fields) or 'no property'}"
-                ) from None
-            raise
-        meta, blobs, values = read
+        meta, blobs, values = _read(pyogrio, place, name, sorted({*columns.values()}))
     names = list(map(str, meta["fields"]))
     places = {key: names.index(column) for key, column in columns.items()}
     rows = [{key: row[at] for key, at in places.items()} for row in zip(*values, strict=True)]
@@ -222,12 +214,10 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
         f"{where}: {each.message}" for each in caught if _LOST.search(str(each.message))
     )
     crs = _crs_member(place) or meta["crs"]
-    table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), faults)
+    table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), fields, faults)
     table.notes += itertools.islice(remarks, _MOST_WARNINGS)
-    if wanted.condition and not len(blobs):
-        table.notes.append(f"{wanted.source}: no feature of {where} matches")
     if info.get("driver") == "GeoJSONSeq" and not place.startswith("/vsi"):
-        lost = len(_JSON_LINE.findall(Path(place).read_bytes())) - info["features"]
+        lost = len(_JSON_LINE.findall(Path(place).read_bytes())) - len(blobs)
         if lost > 0:
             table.notes.append(f"{where}: {lost} damaged lines left out")
     if place.lower().endswith(_KML):
@@ -238,14 +228,14 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
 
 
 def _read(
-    pyogrio: Any, place: str, name: str, columns: list[str], condition: str
+    pyogrio: Any, place: str, name: str, columns: list[str]
 ) -> tuple[dict[str, Any], Sequence[bytes | None], list[list[Any]]]:
     """Return description, geometries (WKB) and columns of a layer.
 
     Old shapefiles often declare another encoding than UTF-8, or none, and hold UTF-8.
     """
     options: dict[str, Any] = _COLUMNS if place.lower().endswith(_CSV) else {}
-    options = {"layer": name, "columns": columns, "where": condition or None, **options}
+    options = {"layer": name, "columns": columns, **options}
     try:
         meta, _, blobs, values = pyogrio.raw.read(place, encoding="utf-8", **options)
     except UnicodeDecodeError:

@@ -52,22 +52,24 @@ def _drawn(
             strict=True,
         )
     ]
+    chosen, unmet = _chosen(features, table, wanted)
     bare = len(table.rows) - len(with_shape)
     notes = [
         *table.notes,
         *_fault_notes(table, texts),
         *([f"{table.where}: {bare} features without a geometry left out"] if bare else []),
         *remarks,
+        *unmet,
     ]
     refusal = None
-    if not texts and not (wanted.condition and not table.rows):
+    if not texts:
         count = len(table.faults)
         rest = f" (none of {count} features can be drawn)" if count > 1 else ""
         refusal = f"{table.where}: {_fault(table, min(table.faults))}{rest}" if count else ""
-    if not features and not notes:
+    if not chosen and not notes:
         return None, refusal
     style, sigma_m = (entry.style, entry.sigma_m) if entry else (LayerStyle(), None)
-    return MapLayer(table.name, features, style, sigma_m, tuple(map(shown, notes))), refusal
+    return MapLayer(table.name, chosen, style, sigma_m, tuple(map(shown, notes))), refusal
 
 
 def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
@@ -162,6 +164,23 @@ def _fault(table: Table, number: int) -> str:
     return f"feature {number + 1}{f' ({name})' if name else ''}: {table.faults[number]}"
 
 
+def _chosen(
+    features: list[GeoFeature], table: Table, wanted: Wanted
+) -> tuple[list[GeoFeature], tuple[str, ...]]:
+    """Return the features that meet the condition, and notes.
+
+    There are notes if no feature meets it, or if it names an unknown property.
+    """
+    condition = wanted.condition
+    if condition is None or not features:
+        return features, ()
+    chosen = [f for f in features if condition.holds(table.rows[f.group])]
+    remarks = tuple(condition.unknown(table.fields, table.where))
+    if not chosen and not remarks:
+        remarks = (condition.unmet(table.rows, table.where),)
+    return chosen, remarks
+
+
 #: Files that belong to a shapefile.
 _SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
 #: A file of the map, and the entry of the style sheet that draws it.
@@ -229,7 +248,7 @@ def _sources(map_text: str, style: str) -> list[_Source]:
 
 def _layers(path: Path, entry: SheetLayer | None, label_field: str) -> list[MapLayer]:
     label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
-    wanted = Wanted(label, entry.condition, f"{entry.where}: where") if entry else Wanted(label)
+    wanted = Wanted(label, entry.condition if entry else None)
     tables = read_tables(path, entry.layer if entry else "", wanted)
     layers, refusals = zip(*(_drawn(table, wanted, entry) for table in tables), strict=True)
     if None not in refusals:

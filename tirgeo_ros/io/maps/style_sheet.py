@@ -1,14 +1,22 @@
 """Load style sheets: YAML files that list a map's layers and how each is drawn.
 
-A label is the value of a property, or a text with several: ``{name} {ref}``. A condition is a
-WHERE clause of SQL, such as ``kind = 'hydrant' and flow >= 60``; GDAL evaluates it.
+A label is the value of a property, or a text with several: ``{name} {ref}``. A condition is such
+as ``kind == hydrant and flow >= 60``:
+
+    condition = comparison {"and" comparison}
+    comparison = property ("==" | "!=" | "<" | "<=" | ">" | ">=") value
+               | property "in" "[" value {"," value} "]"
+
+A property and a value are a word, a number, or a text in quotes. Nothing else is evaluated.
 """
 
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Collection, Iterable, Mapping
+import string
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,25 +30,36 @@ from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _RUBBISH = re.compile(r"[\x00-\x20\x7f-\xa0\u2028\u2029]+")
-_FIELD = re.compile(r"\{([^{}]+)\}")
-_LONGEST_CONDITION = 1000  # characters
+_LONGEST = 1000  # characters of a condition, and of the message that nothing meets it
+_VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s\"'\[\],=!<>]+)"
+_COMPARISON = re.compile(
+    rf"\s*(?P<field>{_VALUE})(?:\s*(?P<sign>==|!=|<=|>=|<|>)\s*(?P<value>{_VALUE})"
+    rf"|\s+in\s*\[(?P<values>\s*{_VALUE}\s*(?:,\s*{_VALUE}\s*)*)\])(?:\s+(?P<more>and)\s|\s*$)"
+)
+_ORDER: dict[str, Callable[[float, float], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
 
 
 @dataclass(frozen=True, slots=True)
 class LabelRule:
-    """Make a label of properties' values: ``template`` names each between braces.
+    """Make a label of properties' values between texts; ``texts`` has one more than ``fields``.
 
     A field that a table lacks is looked for with another case. If it is not found either, it is
     empty; if ``source`` (a style sheet) requires it, that is an error.
     """
 
-    template: str = ""
+    fields: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ("",)
     source: str = ""
 
     @classmethod
-    def of_field(cls, name: str, source: str = "") -> LabelRule:
+    def of_field(cls, name: str) -> LabelRule:
         """Return the rule that takes one property unchanged; without a name, no label."""
-        return cls(f"{{{name}}}", source) if name else cls()
+        return cls((name,), ("", "")) if name else cls()
 
     @classmethod
     def parsed(cls, text: str, source: str) -> LabelRule:
@@ -48,33 +67,102 @@ class LabelRule:
 
         Raises ConfigError, beginning with ``source``, for an invalid template.
         """
-        if not {"{", "}"} & set(text):
-            return cls.of_field(text, source)
-        if {"{", "}"} & set(_FIELD.sub("", text)):
-            raise ConfigError(f"{source}: {text!r} is not a label; write it as {{name}} {{ref}}")
-        return cls(text, source)
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """Return the properties to read."""
-        return tuple(_FIELD.findall(self.template))
+        if "{" not in text and "}" not in text:
+            return cls((text,), ("", ""), source)
+        fields: list[str] = []
+        texts = [""]
+        try:
+            for literal, name, form, conversion in string.Formatter().parse(text):
+                texts[-1] += literal
+                if name is None:
+                    continue
+                if not name or form or conversion:
+                    raise ValueError("put the name of a field between the braces")  # noqa: TRY301
+                fields.append(name)
+                texts.append("")
+        except ValueError as error:
+            raise ConfigError(f"{source}: {text!r} is not a label: {error}") from None
+        return cls(tuple(fields), tuple(texts), source)
 
     def check(self, own: Collection[str], where: str) -> None:
         """Raise ConfigError for a field that a style sheet names and a table does not have."""
-        there = own_names(self.fields, own)
-        for name in self.fields if self.source else ():
-            if name not in there:
-                hint = nearest(name, own) or ": it has none"
-                raise ConfigError(f"{self.source}: {where} has no field {name!r}{hint}")
+        for name in _absent(self.fields, own) if self.source else ():
+            hint = nearest(name, own) or ": it has none"
+            raise ConfigError(f"{self.source}: {where} has no field {name!r}{hint}")
 
     def text(self, properties: Mapping[str, Any]) -> str:
         """Return one feature's label; "" if all of its values are empty."""
-        values = {name: shown_value(properties.get(name)) for name in self.fields}
-        if not any(values.values()):
+        values = [shown_value(properties.get(name)) for name in self.fields]
+        if not any(values):
             return ""
-        text = _FIELD.sub(lambda field: values[field[1]], self.template)
+        ends = zip(values, self.texts[1:], strict=True)
+        text = self.texts[0] + "".join(value + text for value, text in ends)
         # On one line, without what no font shows: control codes, halves of surrogate pairs.
         return _RUBBISH.sub(" ", text).strip().encode("utf-8", "ignore").decode()
+
+
+@dataclass(frozen=True, slots=True)
+class _Comparison:
+    field: str
+    sign: str
+    values: tuple[str, ...]  # as written: quotes make a text of a number
+
+    def holds(self, value: Any) -> bool:
+        if self.sign in _ORDER:
+            number, bound = _number(value), _number(self.values[0])
+            return number is not None and bound is not None and _ORDER[self.sign](number, bound)
+        return any(_equal(value, each) for each in self.values) != (self.sign == "!=")
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Hold comparisons that must all be true.
+
+    A property that a feature does not have counts as an empty text: ``!=`` is true for it, the
+    others are false. ``<`` and the like are true only for numbers, and for texts that are numbers.
+    """
+
+    comparisons: tuple[_Comparison, ...]
+    source: str  # begins every message about it
+
+    @classmethod
+    def parsed(cls, text: str, source: str) -> Condition:
+        """Return the condition of a text.
+
+        Raises ConfigError, beginning with ``source``, if invalid.
+        """
+        if len(text) > _LONGEST:
+            raise ConfigError(f"{source}: longer than {_LONGEST} characters")
+        comparisons = list(_comparisons(text))
+        if not all(comparisons):
+            raise ConfigError(
+                f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
+                "flow >= 60 and kind in [pump, well]"
+            )
+        return cls(tuple(filter(None, comparisons)), source)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Return the property of each comparison."""
+        return tuple(each.field for each in self.comparisons)
+
+    def holds(self, properties: Mapping[str, Any]) -> bool:
+        """Return whether a feature with these properties meets the condition."""
+        return all(each.holds(properties.get(each.field)) for each in self.comparisons)
+
+    def unknown(self, own: Collection[str], where: str) -> Iterator[str]:
+        """Yield a message for each field that a table does not have."""
+        for name in _absent(self.fields, own):
+            hint = nearest(name, own) or ": it has none"
+            yield f"{self.source}: {where} has no property {name!r}{hint}"
+
+    def unmet(self, rows: Sequence[Mapping[str, Any]], where: str) -> str:
+        """Return a message for the case that no row matches: the values that there are."""
+        values = [
+            f"{name} is {', '.join(sorted({shown_value(row.get(name)) for row in rows} - {''}))}"
+            for name in dict.fromkeys(self.fields)
+        ]
+        return f"{self.source}: no feature of {where} matches: {'; '.join(values)}"[:_LONGEST]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +170,52 @@ class Wanted:
     """Hold the label rule of a layer's features, and the condition for drawing them."""
 
     label: LabelRule = LabelRule()
-    condition: str = ""  # "": all are drawn
-    source: str = ""  # begins every message about the condition
+    condition: Condition | None = None  # None: all are drawn
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Return the properties to read."""
+        return self.label.fields + (self.condition.fields if self.condition else ())
+
+
+def _comparisons(text: str) -> Iterator[_Comparison | None]:
+    """Yield the comparisons of a text; None where it is none."""
+    at, more = 0, "and"
+    while more:
+        match = _COMPARISON.match(text, at)
+        if match is None:
+            yield None
+            return
+        field, sign, value, values, more = match.group("field", "sign", "value", "values", "more")
+        ordered = sign in _ORDER and _number(value) is None
+        written = tuple(re.findall(_VALUE, value or values))
+        yield None if ordered else _Comparison(_unquoted(field), sign or "in", written)
+        at = match.end()
+
+
+def _unquoted(text: str) -> str:
+    return text[1:-1] if text[0] in "\"'" else text
+
+
+def _equal(value: Any, written: str) -> bool:
+    """Return whether a property has a value, as numbers if both are."""
+    number, other = _number(written), _number(value)
+    if number is not None and other is not None:
+        return number == other
+    return shown_value(value) == _unquoted(written)
+
+
+def _number(value: Any) -> float | None:
+    """Return a number, or that of a text; 1 and 0 of true and false. None if it is none."""
+    if isinstance(value, str) and value.lower() in {"true", "false"}:
+        return float(value.lower() == "true")
+    if not isinstance(value, int | float | str) or "_" in str(value):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return None if math.isnan(number) else number
 
 
 def own_names(fields: Iterable[str], own: Collection[str]) -> dict[str, str]:
@@ -93,13 +225,18 @@ def own_names(fields: Iterable[str], own: Collection[str]) -> dict[str, str]:
     return {field: name for field, name in names.items() if name is not None}
 
 
+def _absent(fields: Sequence[str], own: Collection[str]) -> list[str]:
+    there = own_names(fields, own)
+    return [name for name in fields if name not in there]
+
+
 def shown_value(value: Any) -> str:
     """Return the text of a property's value; "" for one that has none."""
     if value is None or isinstance(value, bytes | bytearray):
         return ""
     if isinstance(value, float):
         # Tables keep whole numbers as floats, and nan for an absent one.
-        return "" if math.isnan(value) else f"{value:.15g}"
+        return "" if value != value else f"{value:.15g}"  # noqa: PLR0124  nan alone
     return str(value).strip()
 
 
@@ -125,7 +262,7 @@ class SheetLayer:
     label: LabelRule | None  # None: as without a sheet
     crs: str  # "" is what the file says
     sigma_m: float | None
-    condition: str  # which features are drawn; "": all
+    condition: Condition | None = None  # which features are drawn; None: all
 
 
 def load_style_sheet(path: str | Path) -> list[SheetLayer]:
@@ -164,17 +301,15 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
         labels=entry.get("label") is not False,
         scale_m_px=_scale(entry["scale"], where) if "scale" in entry else _DEFAULT.scale_m_px,
     )
-    label, condition = None, ""
+    label = condition = None
     if entry.get("label") is False:
         label = LabelRule()
     elif "label" in entry:
         text = _words(entry["label"], f"{where}: label", "neither a field nor false")
         label = LabelRule.parsed(text, f"{where}: label")
     if "where" in entry:
-        wanted = "not a condition such as kind = 'hydrant'"
-        condition = _words(entry["where"], f"{where}: where", wanted)
-        if len(condition) > _LONGEST_CONDITION:
-            raise ConfigError(f"{where}: where: longer than {_LONGEST_CONDITION} characters")
+        text = _words(entry["where"], f"{where}: where", "not a condition such as kind == hydrant")
+        condition = Condition.parsed(text, f"{where}: where")
     file = folder / values["file"] if "file" in values else None
     crs = _crs(entry["crs"], where) if "crs" in entry else ""
     layer, sigma_m = values.get("layer", ""), values.get("sigma")

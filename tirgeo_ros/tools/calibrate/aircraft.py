@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,7 @@ from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longe
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
+from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
@@ -56,15 +55,6 @@ from tirgeo_ros.tools.replay.registration import Sample
 
 _NEEDED = ("imu/data", "rtk/fix")
 _LEAST_S = 20.0
-
-
-@dataclass(frozen=True)
-class ReadAircraft:
-    """Hold a flight, its length (s) and notes on what was left out of it."""
-
-    recorded: Recorded
-    seconds: float
-    notes: list[str]
 
 
 class _Samples:
@@ -93,8 +83,12 @@ class _Samples:
             self.aids.setdefault((sample.source, sample.stamp_ns), sample)
 
 
-def read_aircraft(reader: BagReader, namespace: str, max_gap_s: float) -> ReadAircraft:
+def _read(
+    reader: BagReader, namespace: str, max_gap_s: float
+) -> tuple[Recorded, float, list[str]]:
     """Read a bag once; return the longest part of its IMU's record without a gap.
+
+    With its length (s), and notes on what was left out.
 
     Raise BagError if a needed topic is absent, CalibrationError if the part is too short.
     """
@@ -120,7 +114,7 @@ def read_aircraft(reader: BagReader, namespace: str, max_gap_s: float) -> ReadAi
         )
     if len(piece) < len(samples.imu):
         notes.append(f"imu/data has gaps: the longest part, {seconds:.0f} s, is used")
-    return ReadAircraft(Recorded(piece, list(samples.aids.values())), seconds, notes)
+    return Recorded(piece, list(samples.aids.values())), seconds, notes
 
 
 #: Names of ``hold`` and the parameters that each holds.
@@ -155,39 +149,36 @@ def calibrate_aircraft(
     check_outputs((bag_in, *paths_of(params), *configs.files), (output, plot), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
     reader = BagReader(bag_in)
-    read = read_aircraft(reader, namespace, config.max_imu_gap_s)
-    runs = FlightRuns(read.recorded, config)
-    fitted = _fitted(reader, runs, held, progress)
+    recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
+    runs = FlightRuns(recorded, config)
+    try:
+        fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
+        _check_determined(fitted)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
     level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
-    result = _result(config, fitted, level, held, read.notes)
+    result = _result(config, fitted, level, held, notes)
     files = (
         (output, lambda: result.yaml("aircraft", bag_in, aircraft_lines(result.numbers))),
         (plot, lambda: innovations_png(fitted)),
     )
     numbers = {
-        "seconds": read.seconds,
-        "imu_samples": len(read.recorded.imu),
-        "measurements": len(read.recorded.aids),
+        "seconds": seconds,
+        "imu_samples": len(recorded.imu),
+        "measurements": len(recorded.aids),
         "notes": result.notes,
     }
     return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
 
 
-def _fitted(
-    reader: BagReader, runs: FlightRuns, held: Sequence[str], progress: Report
-) -> AircraftFit:
-    """Return the fit; raise CalibrationError, with each reason once, if it has no parameter."""
-    try:
-        fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-    except CalibrationError as error:
-        raise CalibrationError(f"{reader.path}: {error}") from None
+def _check_determined(fitted: AircraftFit) -> None:
+    """Raise CalibrationError, with each reason once, for a fit that has no parameter."""
     if not fitted.determined:
         names: dict[str, list[str]] = {}
         for name, reason in fitted.undetermined.items():
             names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
         named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
-        raise CalibrationError(f"{reader.path}: the flight shows no parameter: {named}")
-    return fitted
+        raise CalibrationError(f"the flight shows no parameter: {named}")
 
 
 _UNITS = ("m", "m", "m", "deg", "ms", "ms", "ms")
@@ -215,7 +206,7 @@ def _result(
     notes: list[str],
 ) -> Result:
     """Return the result of a fit; ``level`` is None if the bag has no attitude."""
-    columns = zip(_UNITS, fitted.first, fitted.values, fitted.sigma, fitted.left_out, strict=True)
+    columns = zip(_UNITS, fitted.first, fitted.values, fitted.sigma, strict=True)
     rows = dict(zip(PARAMETERS, columns, strict=True))
     estimates = {name: estimate(KEYS[name], *rows[name]) for name in fitted.determined}
     reasons = dict(fitted.undetermined)
@@ -252,8 +243,7 @@ def _add_level(
             reasons[name] = f"known to {math.degrees(sigma):.2g} deg only; fly {LEVEL_ADVICE}"
             continue
         turn[k] = level.angles_rad[k]
-        numbers = 0.0, sign * turn[k], sigma, level.left_out_rad[k]
-        estimates[name] = estimate(KEYS[name], "deg", *numbers)
+        estimates[name] = estimate(KEYS[name], "deg", 0.0, sign * turn[k], sigma)
     return turn
 
 
@@ -341,7 +331,6 @@ def aircraft_lines(result: Mapping[str, Any]) -> list[str]:
     ]
 
 
-_FAR = 15.0  # times the rms of innovations
 #: Panels of innovations: topic, and what makes its unit.
 _INNOVATIONS = {
     Source.RTK_POSITION: ("rtk/fix", 100.0, "cm"),
@@ -351,15 +340,11 @@ _INNOVATIONS = {
 
 
 def innovations_png(fitted: AircraftFit) -> bytes:
-    """Return a PNG: innovations over time by source.
-
-    Beyond three times their rms after the axis is logarithmic if some are far outside.
-    """
+    """Return a PNG: innovations over time by source; linear up to three times their rms after."""
     before, after = fitted.before.nis(), fitted.after.nis()
     sources = [source for source in _INNOVATIONS if source in after]
-    made, axes = figure(10.0, 2.3 * len(sources), len(sources), 1, sharex=True)
-    panels = np.atleast_1d(axes)
-    for panel, source in zip(panels, sources, strict=True):
+    made, panels = figure(10.0, 2.3 * len(sources), len(sources), 1, sharex=True, squeeze=False)
+    for panel, source in zip(panels[:, 0], sources, strict=True):
         name, scale, unit = _INNOVATIONS[source]
         for run, colour, what in (
             (fitted.before, COLOURS[1], "before"),
@@ -368,15 +353,12 @@ def innovations_png(fitted: AircraftFit) -> bytes:
             white = [w for w in run.white if w.source is source]
             times_s = np.array([w.stamp_ns - fitted.before.attitude_ns[0] for w in white]) * 1e-9
             values = scale * np.array([w.innovation for w in white])
-            for column in values.T:
-                panel.plot(times_s, column, ".", color=colour, markersize=1.5)
+            panel.plot(times_s, values, ".", color=colour, markersize=1.5)
             panel.plot([], [], ".", color=colour, label=what)
-        usual = float(np.sqrt(np.mean(values**2)))
-        if max(map(abs, panel.get_ylim())) > _FAR * usual > 0:
-            panel.set_yscale("symlog", linthresh=3 * usual)
+        panel.set_yscale("symlog", linthresh=max(3 * float(np.sqrt(np.mean(values**2))), 1e-9))
         title = f"{name}: NIS {before[source]:.3g} before, {after[source]:.2f} after"
         panel.set_title(title, loc="left")
         panel.set_ylabel(f"innovation, {unit}")
-    panels[-1].set_xlabel("time, s")
-    panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    panels[-1, 0].set_xlabel("time, s")
+    panels[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return png(made)

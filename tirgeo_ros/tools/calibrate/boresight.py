@@ -1,10 +1,15 @@
-"""Estimate boresight, latency and more from a recorded flight: ``tirgeo calibrate boresight``."""
+"""Estimate boresight, latency and more from a recorded flight: ``tirgeo calibrate boresight``.
+
+The flight runs through the nodes' core objects with the parameters as they are and, in the same
+pass, with a step in each parameter that acts before the camera pose is computed.
+"""
 
 from __future__ import annotations
 
 import math
 import os
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,28 +25,38 @@ from tirgeo_ros.core.calibration.boresight_fit import (
     ground_errors,
     rmse_m,
 )
-from tirgeo_ros.core.calibration.boresight_model import PARAMETERS, PointSighting
+from tirgeo_ros.core.calibration.boresight_model import (
+    PARAMETERS,
+    PointSighting,
+    SightedFlight,
+    Stepped,
+    corrected_pose,
+)
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
-from tirgeo_ros.io.surveys.survey import load_observations, load_survey
-from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight, read_flight
+from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
 #: Parameters estimated by default, and the one estimated only if the flight can determine it.
 USUAL = ("roll", "pitch", "yaw", "latency")
-IF_TOLD = "gimbal_north"
+IF_DETERMINED = "gimbal_north"
 #: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
 CLICK_SIGMA_PX = 1.0
+_STEP_RAD = math.radians(1.0)  # of a parameter that acts before the pose is computed
 _FOLLOWED = (
     "gimbal_north is followed by the flight's own readings (gimbal_node north.*), so there is "
     "nothing to estimate; leave it out"
@@ -67,7 +82,7 @@ def calibrate_boresight(
     """Estimate parameters from a flight over surveyed points and write them; return a summary.
 
     ``estimate`` are names of ``core.calibration.boresight_model.PARAMETERS``; None: USUAL, and
-    IF_TOLD if the flight can determine it. Those in ``hold`` keep the values in ``params``.
+    IF_DETERMINED if the flight can determine it. Those in ``hold`` keep the values in ``params``.
     ``smooth``: camera poses from all measurements, also later ones. Raise
     CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.
     """
@@ -76,10 +91,13 @@ def calibrate_boresight(
     check_outputs(given, (output, plot), CalibrationError)
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
     reader = BagReader(bag_in)
-    configs, chosen = configs.fitting(reader, namespace)
+    configs, chosen = configs.fitting(reader.topics(), namespace)
     wanted = _wanted(estimate, hold, configs)
-    read = read_flight(reader, namespace, configs, wanted, *observed, smooth=smooth)
-    fitted, notes = _fitted(reader, read, wanted, strict=estimate is not None)
+    read = _read(reader, namespace, configs, wanted, *observed, smooth=smooth)
+    try:
+        fitted, notes = _fit(read, wanted, strict=estimate is not None)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
     result = _result(read, configs, fitted, chosen + read.notes + notes)
     files = (
         (output, lambda: result.yaml("boresight", bag_in, boresight_lines(result.numbers))),
@@ -90,11 +108,121 @@ def calibrate_boresight(
     return first | written(files, result.numbers | numbers, reader)
 
 
+@dataclass(frozen=True)
+class _ReadFlight:
+    """Hold a flight that went through the filter, and the observations of its points."""
+
+    flight: SightedFlight
+    plane: TangentPlane
+    sightings: list[PointSighting]
+    unknown: int  # observations of points that the survey lacks
+    lost: int  # observations of pictures without a pose
+    ground_m: float  # median height of the points seen, ellipsoidal; nan without any
+    by_encoders: bool
+    follows_north: bool  # the composer used its own estimates of the gimbal's north
+
+    @property
+    def notes(self) -> list[str]:
+        """Return notes on the observations that cannot be used."""
+        faults = {
+            "points that the survey does not have": self.unknown,
+            "pictures without a pose": self.lost,
+        }
+        return [f"{number} observations of {what}" for what, number in faults.items() if number]
+
+
+def _read(
+    reader: BagReader,
+    namespace: str,
+    configs: NodeConfigs,
+    wanted: Sequence[str],
+    observed: Sequence[Observation],
+    survey: Sequence[SurveyPoint],
+    click_sigma_px: float,
+    progress: Report,
+    *,
+    smooth: bool = False,
+) -> _ReadFlight:
+    """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
+    recorded = Flight(reader, namespace, camera=given_camera(configs.overlay))
+    passes = _passes(recorded, configs, wanted, observed, smooth=smooth)
+    recorded.read_all(progress)
+    usual = passes.pop("")
+    if usual.plane is None:
+        raise CalibrationError(
+            f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' says why"
+        )
+    composer = usual.registration.composer
+    follows_north = not composer.sees_joints and composer.counts.get("north_used", 0) > 0
+    # Joint angles, or the flight's own readings, give the north without this uncertainty.
+    shown = composer.sees_joints or follows_north
+    north = 0.0 if shown else math.radians(configs.gimbal.north.sigma_deg) ** 2
+    flight = SightedFlight(
+        camera=recorded.camera,
+        poses=usual.at,
+        boresight_rpy_rad=np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
+        latency_s=configs.overlay.video_latency_s,
+        camera_offset_g=configs.gimbal.aircraft.camera_from_pivot_g,
+        click_sigma_px=click_sigma_px,
+        stepped={name: Stepped(each.at, _STEP_RAD) for name, each in passes.items()},
+        north_variance=north,
+    )
+    points = {point.id: point for point in survey}
+    surveyed = [observation for observation in observed if observation.id in points]
+    present, plane = np.zeros(len(PARAMETERS)), usual.plane
+    points_n = {
+        name: plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
+        for name, point in points.items()
+    }
+    posed = [
+        PointSighting(click.id, click.stamp_ns, np.array([click.u, click.v]), points_n[click.id])
+        for click in surveyed
+        if corrected_pose(flight, click.stamp_ns, present) is not None
+    ]
+    heights = [points[name].height_m for name in {sighting.id for sighting in posed}]
+    return _ReadFlight(
+        flight=flight,
+        plane=plane,
+        sightings=posed,
+        unknown=len(observed) - len(surveyed),
+        lost=len(surveyed) - len(posed),
+        ground_m=float(np.median(heights)) if heights else math.nan,
+        by_encoders=composer.sees_joints,
+        follows_north=follows_north,
+    )
+
+
+def _passes(
+    recorded: Flight,
+    configs: NodeConfigs,
+    wanted: Sequence[str],
+    observed: Sequence[Observation],
+    *,
+    smooth: bool,
+) -> dict[str, FlightPoses]:
+    """Return a run as it is (key ""), and one with a step of each wanted parameter."""
+    ekf, gimbal = configs.ekf, configs.gimbal
+    latency_s = configs.overlay.video_latency_s
+    at_ns = [exposure_ns(observation.stamp_ns, latency_s) for observation in observed]
+    passes = {"": recorded.registered(ekf, gimbal, at_ns, smooth=smooth)}
+    if "gimbal_north" in wanted:
+        # Only one of the two has an effect: that of the composition in use.
+        step_deg = math.degrees(_STEP_RAD)
+        north = replace(gimbal.north, bias_deg=gimbal.north.bias_deg + step_deg)
+        stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + step_deg)
+        passes["gimbal_north"] = recorded.registered(ekf, stepped, at_ns, smooth=smooth)
+    if "heading_offset" in wanted:
+        passes["heading_offset"] = recorded.registered(
+            ekf, gimbal, at_ns, baseline_step_rad=_STEP_RAD, smooth=smooth
+        )
+    return passes
+
+
 def _wanted(
     estimate: Sequence[str] | None, hold: Collection[str], configs: NodeConfigs
 ) -> list[str]:
     """Return the parameters to estimate. Raise CalibrationError for those that cannot be."""
-    asked = (*USUAL, IF_TOLD) if estimate is None else estimate
+    asked = (*USUAL, IF_DETERMINED) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
     by_heading = "heading_offset" in wanted
     faults = {
@@ -115,35 +243,38 @@ def _wanted(
     return wanted
 
 
-def _fitted(
-    reader: BagReader, read: ReadFlight, wanted: list[str], *, strict: bool
-) -> tuple[BoresightFit, list[str]]:
-    """Return the result of ``_fit``; name the bag where it is refused."""
-    try:
-        return _fit(read, wanted, strict=strict)
-    except CalibrationError as error:
-        raise CalibrationError(f"{reader.path}: {error}") from None
-
-
-def _fit(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[BoresightFit, list[str]]:
+def _fit(read: _ReadFlight, wanted: list[str], *, strict: bool) -> tuple[BoresightFit, list[str]]:
     """Return the fit, and notes on what was left out of it; ``strict``: leave nothing out.
 
     Raise CalibrationError if a parameter is not determined well enough.
     """
+
+    def foreseen_doubt(names: Sequence[str], share: float = 1.0) -> Ambiguity | None:
+        return doubt(names, foreseen(read.flight, read.sightings, names), share)
+
     check_numbers(read.sightings)
     notes = []
-    why = ""
-    if IF_TOLD in wanted and read.follows_north:
-        why = _FOLLOWED
-    elif IF_TOLD in wanted and not strict:
-        why = _doubt_of_north(read, wanted)
-    if why and strict:
-        raise CalibrationError(why)
-    if why:
-        wanted = [name for name in wanted if name != IF_TOLD]
-        key = key_of(IF_TOLD, read.by_encoders)
-        notes.append(f"{IF_TOLD} ({key}) held at its present value: {why}")
-    _refuse(_doubt_foreseen(read, wanted))
+    if IF_DETERMINED in wanted:
+        why = ""
+        others = [name for name in wanted if name != IF_DETERMINED]
+        if read.follows_north:
+            why = _FOLLOWED
+            if strict:
+                raise CalibrationError(why)
+        elif not strict:
+            # An estimated north could only increase the uncertainty of the others.
+            _refuse(foreseen_doubt(others))
+            ambiguity = foreseen_doubt(wanted, UNASKED_SHARE)
+            if ambiguity is not None:
+                why = "this flight leaves too much uncertain for it"
+                if IF_DETERMINED in ambiguity.names:
+                    why = f"{ambiguity.reason}; the boresight includes its error, and holds for "
+                    why += "this tilt only"
+        if why:
+            wanted = others
+            key = key_of(IF_DETERMINED, read.by_encoders)
+            notes.append(f"{IF_DETERMINED} ({key}) held at its present value: {why}")
+    _refuse(foreseen_doubt(wanted))
     fitted = fit(read.flight, read.sightings, wanted)
     ambiguity = doubt(wanted, fitted.covariance)
     if ambiguity is not None and fitted.noise_factor > 1:
@@ -154,25 +285,6 @@ def _fit(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Boresigh
         )
     _refuse(ambiguity)
     return fitted, notes
-
-
-def _doubt_of_north(read: ReadFlight, wanted: Sequence[str]) -> str:
-    """Return why the flight does not separate gimbal_north from the others; empty if it does."""
-    # An estimated north could only increase the uncertainty of the others.
-    _refuse(_doubt_foreseen(read, [name for name in wanted if name != IF_TOLD]))
-    ambiguity = _doubt_foreseen(read, wanted, UNASKED_SHARE)
-    if ambiguity is None:
-        return ""
-    if IF_TOLD not in ambiguity.names:
-        return "this flight leaves too much uncertain for it"
-    return f"{ambiguity.reason}; the boresight includes its error, and holds for this tilt only"
-
-
-def _doubt_foreseen(
-    read: ReadFlight, wanted: Sequence[str], share: float = 1.0
-) -> Ambiguity | None:
-    covariance = foreseen(read.flight, read.sightings, wanted)
-    return doubt(wanted, covariance, share)
 
 
 def _refuse(ambiguity: Ambiguity | None) -> None:
@@ -197,7 +309,7 @@ def key_of(name: str, by_encoders: bool) -> str:
 
 
 def _result(
-    read: ReadFlight, configs: NodeConfigs, fitted: BoresightFit, notes: list[str]
+    read: _ReadFlight, configs: NodeConfigs, fitted: BoresightFit, notes: list[str]
 ) -> Result:
     """Return the result of a fit. Raise ConfigError if a parameter would be out of its range.
 
@@ -223,7 +335,13 @@ def _result(
         "points": len({sighting.id for sighting in used}),
         "pictures": len({sighting.stamp_ns for sighting in used}),
         "observations": len(used),
-        "outliers": _outliers(read, fitted),
+        "outliers": [
+            {"id": sighting.id, "stamp_ns": sighting.stamp_ns, "off_px": length}
+            for sighting, length, is_used in zip(
+                read.sightings, np.hypot(*fitted.after.T).tolist(), fitted.used, strict=True
+            )
+            if not is_used
+        ],
         "noise_factor": fitted.noise_factor,
         "residual_rms_px": {
             when: float(np.sqrt(np.nanmean((residuals[fitted.used] ** 2).sum(1))))
@@ -238,7 +356,7 @@ def _result(
     return Result(numbers, nodes, notes + _notes(numbers, nodes))
 
 
-def _present(read: ReadFlight, configs: NodeConfigs) -> Array:
+def _present(read: _ReadFlight, configs: NodeConfigs) -> Array:
     """Return the values (7,) of PARAMETERS in this flight, rad, s, m; nan if not configured."""
     gimbal, direction_deg = configs.gimbal, configs.ekf.aircraft.baseline_deg
     north_deg = gimbal.yaw_zero_deg if read.by_encoders else gimbal.north.bias_deg
@@ -281,25 +399,10 @@ def _nodes(
     return nodes
 
 
-def _outliers(read: ReadFlight, fitted: BoresightFit) -> list[dict[str, Any]]:
-    """Return the observations that disagree; ``off_px`` is None for a point not in view."""
-    return [
-        {
-            "id": sighting.id,
-            "stamp_ns": sighting.stamp_ns,
-            "off_px": length if math.isfinite(length) else None,
-        }
-        for sighting, length, used in zip(
-            read.sightings, np.hypot(*fitted.after.T).tolist(), fitted.used, strict=True
-        )
-        if not used
-    ]
-
-
 def _notes(numbers: Mapping[str, Any], nodes: Mapping[str, Mapping[str, Value]]) -> list[str]:
     notes = [
         f"left out {row['id']} at {row['stamp_ns']}: "
-        + ("not in view" if row["off_px"] is None else f"{row['off_px']:.0f} px off")
+        + ("not in view" if math.isnan(row["off_px"]) else f"{row['off_px']:.0f} px off")
         for row in numbers["outliers"]
     ]
     if numbers["noise_factor"] > _MUCH:

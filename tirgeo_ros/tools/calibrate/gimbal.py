@@ -55,16 +55,6 @@ class BoardAttitudes(NamedTuple):
     sigmas_deg: Array  # (N, 3) standard deviations from the picture's noise
     rms_px: Array  # (N,) reprojection errors
 
-    @property
-    def std_deg(self) -> Array:
-        """Return the standard deviation of each axis about its mean (3,)."""
-        return np.asarray(self.angles_deg.std(0, ddof=1))
-
-    @property
-    def noise_deg(self) -> Array:
-        """Return the rms of the picture's noise on each axis (3,)."""
-        return np.asarray(np.sqrt((self.sigmas_deg**2).mean(0)))
-
 
 def calibrate_gimbal(
     inputs: Sequence[Path],
@@ -85,21 +75,18 @@ def calibrate_gimbal(
     BagError.
     """
     paths, video = opened(inputs, namespace)
-    if camera is None and video is None:
-        raise CalibrationError("gimbal: pictures have no camera calibration; give --camera")
     check_outputs((*paths, camera), (output, plot), CalibrationError)
-    if video is None:
-        pictures: Iterator[Taken] = (
+    if video is not None:
+        pictures = thinned(video.pictures(progress), rate_hz)
+        lens = video.camera() if camera is None else load_camera(camera)
+    elif camera is not None:
+        pictures = (
             taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
             for number, taken in enumerate(pictures_of_files(paths, progress))
         )
-    else:
-        pictures = thinned(video.pictures(progress), rate_hz)
-    if camera is not None:
         lens = load_camera(camera)
     else:
-        assert video is not None
-        lens = video.camera()
+        raise CalibrationError("gimbal: pictures have no camera calibration; give --camera")
     attitudes, lost = _attitudes(pictures, board, lens)
     files = (output, lambda: _csv(attitudes)), (plot, lambda: _png(attitudes))
     return written(files, _summary(attitudes, lost), video.reader if video else None)
@@ -150,18 +137,17 @@ def _attitudes(
 
 def _summary(attitudes: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str, object]:
     total = len(attitudes.names) + len(lost)
-    still_deg = np.sqrt(np.maximum(attitudes.std_deg**2 - attitudes.noise_deg**2, 0.0))
+    std = attitudes.angles_deg.std(0, ddof=1)
+    noise = np.sqrt((attitudes.sigmas_deg**2).mean(0))
     columns = {
-        "std_deg": attitudes.std_deg,
-        "span_deg": np.ptp(attitudes.angles_deg, axis=0),
-        "mean_deg": attitudes.angles_deg.mean(0),
-        "noise_deg": attitudes.noise_deg,
-        "std_without_noise_deg": still_deg,
+        "std_deg": std,
+        "noise_deg": noise,
+        "std_without_noise_deg": np.sqrt(np.maximum(std**2 - noise**2, 0.0)),
     }
     notes = []
     if len(lost) > _MANY_LOST * total:
         notes.append(f"{len(lost)} of {total} pictures are not used: {reasons(lost)}")
-    noisy = [AXES[k] for k in np.flatnonzero(attitudes.noise_deg > _NOISY * attitudes.std_deg)]
+    noisy = [AXES[k] for k in np.flatnonzero(noise > _NOISY * std)]
     if noisy:
         notes.append(
             f"much of the {' and '.join(noisy)} comes from the picture's "
@@ -181,13 +167,13 @@ def _summary(attitudes: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str
 def _csv(attitudes: BoardAttitudes) -> str:
     """Return CSV, a line per picture: time, angles and their sigmas in degrees, error in px."""
     names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
-    numbers = np.column_stack([attitudes.angles_deg, attitudes.sigmas_deg]).tolist()
-    rows = (
-        [name, f"{time_s:.3f}", *(f"{x:.4f}" for x in row), f"{rms:.3f}"]
+    _, times_s, *numbers, rms_px = attitudes
+    rows = [
+        [name, f"{time_s:.3f}", *(f"{angle:.4f}" for angle in row), f"{rms:.3f}"]
         for name, time_s, row, rms in zip(
-            attitudes.names, attitudes.times_s, numbers, attitudes.rms_px, strict=True
+            attitudes.names, times_s, np.hstack(numbers).tolist(), rms_px, strict=True
         )
-    )
+    ]
     return csv_text([["picture", "time_s", *names, "rms_px"], *rows])
 
 
@@ -195,11 +181,9 @@ def _png(attitudes: BoardAttitudes) -> bytes:
     """Return a PNG of the angles about their means, over time (Ren et al. 2022, Fig. 29)."""
     made, panels = figure(7.0, 6.0, rows=3, sharex=True)
     angles = (attitudes.angles_deg - attitudes.angles_deg.mean(0)).T
-    for panel, name, angle, std, colour in zip(
-        panels, AXES, angles, attitudes.std_deg, COLOURS, strict=False
-    ):
+    for panel, name, angle, colour in zip(panels, AXES, angles, COLOURS, strict=False):
         panel.plot(attitudes.times_s, angle, ".-", color=colour, markersize=3)
-        panel.set_title(f"{name}: standard deviation {std:.3f} deg")
+        panel.set_title(f"{name}: standard deviation {angle.std(ddof=1):.3f} deg")
         panel.set_ylabel("deg from the mean")
     panels[-1].set_xlabel("time, s")
     return png(made)

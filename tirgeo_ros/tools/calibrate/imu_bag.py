@@ -7,21 +7,16 @@ down) differ only in sign, which does not change noise parameters.
 from __future__ import annotations
 
 import math
-import struct
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.calibration.imu_record import (
-    ImuRecord,
-    record_of,
-)
+from tirgeo_ros.core.calibration.imu_record import ImuRecord, record_of
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -29,12 +24,20 @@ from tirgeo_ros.tools.presentation.plots import figure
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import table
 
-_MARKS = {b"\0\1": "<", b"\0\0": ">"}
-_BEHIND_HEADER = 4 + 9 + 3 + 9 + 3 + 9  # numbers: orientation, rate, acceleration; covariances
-_RATE = 4 + 9
-_FORCE = _RATE + 3 + 9
-_FRAME_AT = 4 + 8  # of the frame's length, after encapsulation and stamp
-_ABSENT = -1.0  # first entry of a covariance whose value is absent
+_ORDERS = {b"\0\1": "<", b"\0\0": ">"}
+#: Of a message's numbers: orientation, rate and acceleration, each with its covariance (9).
+_NUMBERS, _RATE, _FORCE = 37, slice(13, 16), slice(25, 28)
+CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
+#: Units of the samples and of their noise density.
+UNITS = {"gyro": "rad/s", "accel": "m/s2"}
+DENSITIES = {"gyro": "rad/sqrt(s)", "accel": "m/s/sqrt(s)"}
+#: What results say of an axis, by name.
+Axis = Mapping[str, Any]
+_TYPE = "sensor_msgs/msg/Imu"
+_BLOCK = 1 << 15  # messages decoded together
+_SLACK_S = 60.0  # stop reading at messages logged this long after the last wanted stamp
+_LEAST_HZ = 5.0
+_MUCH = 0.01  # share of lost, disordered or equal samples that causes a warning
 
 
 class ImuBlock(NamedTuple):
@@ -46,66 +49,28 @@ class ImuBlock(NamedTuple):
 
 
 def imu_block(messages: Sequence[bytes]) -> ImuBlock:
-    """Decode these CDR messages, as far as they are readable."""
-    stamps_ns = np.zeros(len(messages), np.int64)
-    values = np.zeros((len(messages), 6))
-    readable = np.zeros(len(messages), bool)
-    for (mark, frame, size), places in _layouts(messages).items():
-        layout = _layout(_MARKS[mark], frame, size)
-        rows = np.frombuffer(b"".join(messages[k] for k in places), layout)
-        numbers = rows["numbers"].astype(float)
-        for first, at in ((0, _RATE), (3, _FORCE)):
-            values[places, first : first + 3] = numbers[:, at : at + 3]
-            absent = numbers[:, at + 3] == _ABSENT
-            values[np.array(places)[absent], first : first + 3] = np.nan
-        stamps_ns[places] = rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
-        readable[places] = True
-    return ImuBlock(stamps_ns[readable], values[readable], int((~readable).sum()))
-
-
-def _layouts(messages: Sequence[bytes]) -> dict[tuple[bytes, int, int], list[int]]:
-    """Return the message indices for each byte order, length of the frame, and length."""
-    by_layout: dict[tuple[bytes, bytes, int], list[int]] = defaultdict(list)
+    """Decode these CDR messages, as far as they are readable; those of one layout together."""
+    number = len(messages)
+    stamps_ns, values = np.zeros(number, np.int64), np.zeros((number, 6))
+    readable = np.zeros(number, bool)
+    layouts: dict[tuple[bytes, bytes, int], list[int]] = defaultdict(list)
     for place, data in enumerate(messages):
-        by_layout[data[:2], data[_FRAME_AT : _FRAME_AT + 4], len(data)].append(place)
-    sound = {}
-    for (mark, length, size), places in by_layout.items():
-        if mark in _MARKS and len(length) == 4:
-            (frame,) = struct.unpack(_MARKS[mark] + "I", length)
-            if _numbers_at(frame) + 8 * _BEHIND_HEADER <= size:
-                sound[mark, frame, size] = places
-    return sound
-
-
-def _numbers_at(frame: int) -> int:
-    """Return the offset of the numbers: aligned to 8 from the end of the encapsulation on."""
-    return 4 + (8 + 4 + frame + 7) // 8 * 8
-
-
-@cache
-def _layout(order: str, frame: int, size: int) -> np.dtype[Any]:
-    return np.dtype(
-        {
-            "names": ["sec", "nanosec", "numbers"],
-            "formats": [f"{order}i4", f"{order}u4", (f"{order}f8", (_BEHIND_HEADER,))],
-            "offsets": [4, 8, _numbers_at(frame)],
-            "itemsize": size,
-        }
-    )
-
-
-CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
-#: Sensor -> its name in a title, the unit of its samples, and that of its noise density.
-_TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer"}
-UNITS = {"gyro": "rad/s", "accel": "m/s2"}
-DENSITIES = {"gyro": "rad/sqrt(s)", "accel": "m/s/sqrt(s)"}
-#: What results say of an axis, by name.
-Axis = Mapping[str, Any]
-_TYPE = "sensor_msgs/msg/Imu"
-_BLOCK = 1 << 15  # messages decoded together
-_SLACK_S = 60.0  # stop reading at messages logged this long after the last wanted stamp
-_LEAST_HZ = 5.0
-_MUCH = 0.01  # share of missing, repeated or equal samples that causes a warning
+        layouts[data[:2], data[12:16], len(data)].append(place)  # byte order, length of the frame
+    for (mark, length, size), places in layouts.items():
+        order = _ORDERS.get(mark, "")
+        frame = int.from_bytes(length, "little" if order == "<" else "big")
+        begin = 4 + (12 + frame + 7) // 8 * 8  # numbers are aligned to 8 behind the encapsulation
+        end = begin + 8 * _NUMBERS
+        if not order or len(length) < 4 or end > size:
+            continue
+        rows = np.frombuffer(b"".join(messages[k] for k in places), np.uint8).reshape(-1, size)
+        times = rows[:, 4:12].copy().view(f"{order}i4").astype(np.int64)
+        numbers = rows[:, begin:end].copy().view(f"{order}f8").astype(float)
+        stamps_ns[places], readable[places] = times @ [1_000_000_000, 1], True
+        for first, part in ((0, _RATE), (3, _FORCE)):
+            absent = numbers[:, part.stop : part.stop + 1] == -1.0  # of the covariance
+            values[places, first : first + 3] = np.where(absent, np.nan, numbers[:, part])
+    return ImuBlock(stamps_ns[readable], values[readable], int((~readable).sum()))
 
 
 @dataclass(frozen=True)
@@ -118,20 +83,29 @@ class ReadImu:
     messages: int
     unreadable: int
 
-    @property
-    def rate_hz(self) -> float:
-        """Return the number of samples a second where none is missing."""
-        return 1 / self.record.step_s
-
     def numbers(self) -> dict[str, object]:
         """Return what results of every kind say of the record."""
         return {
             "topic": self.topic,
             "messages": self.messages,
             "samples": self.record.samples,
-            "rate_hz": self.rate_hz,
+            "rate_hz": 1 / self.record.step_s,
             "jitter_ms": self.record.jitter_s * 1e3,
+            "irregular": {"unreadable": self.unreadable, **self.record.irregular},
         }
+
+    def warnings(self) -> list[str]:
+        """Return what is wrong with the samples, at rest or in flight."""
+        faults, samples = self.record.irregular, max(self.record.samples, 1)
+        lost = faults["missing"] + faults["not_finite"] + self.unreadable
+        texts = {
+            f"{lost} samples beside {samples} are missing, unreadable or not finite": lost,
+            "stamps repeat the previous one or go back: left out": faults["repeated_stamps"]
+            + faults["late_stamps"],
+            "samples equal the one before: the topic is faster than the sensor, or the sensor is "
+            "coarse": faults["same_as_before"],
+        }
+        return [text for text, number in texts.items() if number > _MUCH * samples]
 
 
 def read_imu(
@@ -206,28 +180,19 @@ def check_alive(where: str, sizes: Array) -> None:
         raise CalibrationError(f"{where}: {dead}: never changes; record what the IMU measures")
 
 
-def sample_warnings(read: ReadImu) -> Iterator[str]:
-    """Yield what is wrong with the samples of any record, at rest or in flight."""
-    faults, samples = read.record.irregular, max(read.record.samples, 1)
-    lost = faults["missing"] + faults["not_finite"] + read.unreadable
-    if lost > _MUCH * samples:
-        yield f"{lost} samples beside {samples} are missing, unreadable or not finite"
-    disordered = faults["repeated_stamps"] + faults["late_stamps"]
-    if disordered > _MUCH * samples:
-        yield f"{disordered} stamps repeat the previous one or go back: left out"
-    if faults["same_as_before"] > _MUCH * samples:
-        yield (
-            f"{100 * faults['same_as_before'] / samples:.0f} % of the samples equal the one "
-            "before: the topic is faster than the sensor, or the sensor is coarse"
-        )
+def axes_table(
+    axes: Sequence[Axis], head: str, columns: Mapping[str, Callable[[Axis], str]]
+) -> str:
+    """Return the axes in columns, title -> text of an axis; a sensor's below its head.
 
-
-def axes_table(heads: Mapping[str, str], rows: Sequence[Mapping[str, str]]) -> str:
-    """Return rows, title -> text, in columns; a sensor's below its head."""
+    ``head`` names in braces the unit of its samples and that of its noise density.
+    """
     parts = []
-    for sensor, head in heads.items():
-        own = [{**row, "axis": row["axis"][-1]} for row in rows if row["axis"].startswith(sensor)]
-        parts += [f"{sensor}: {head}", table([[*own[0]], *([*row.values()] for row in own)])]
+    for sensor, unit in UNITS.items():
+        own = [axis for axis in axes if axis["axis"].startswith(sensor)]
+        rows = [[axis["axis"][-1], *(text(axis) for text in columns.values())] for axis in own]
+        parts.append(f"{sensor}: {head.format(unit=unit, density=DENSITIES[sensor])}")
+        parts.append(table([["axis", *columns], *rows]))
     return "\n".join(parts)
 
 
@@ -235,8 +200,7 @@ def axis_panels(what: str, units: Mapping[str, str], below: str) -> tuple[Any, A
     """Return a figure and (2, 3) panels, one for each axis."""
     made, panels = figure(12.0, 7.2, 2, 3, sharex=True, sharey="row")
     for panel, name in zip(panels.flat, CHANNELS, strict=True):
-        sensor, letter = name.split()
-        panel.set_title(f"{_TITLES[sensor]} {letter}")
+        panel.set_title(name)
     for row, unit in zip(panels, units.values(), strict=True):
         row[0].set_ylabel(f"{what} [{unit}]")
     for panel in panels[1]:

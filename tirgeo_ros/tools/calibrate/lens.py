@@ -36,13 +36,13 @@ from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_MOST_NAMES = 40
+_MOST_VIEWS = 60  # in the fit: the most different ones
+_EVERY_S = 0.5  # of a video the sharpest picture in each interval of this length is used
 _CELLS = (8, 6)  # cells of the picture; a good set of views has corners in most of them
 _FEW_VIEWS = 10
 _LEAST_COVERED = 0.7
 _LOW_TILT_DEG = 15.0
 _ARROW = 0.02  # length of a usual error's arrow as a share of the picture's width
-_LOOSE = 0.5  # largest ratio of a coefficient's standard deviation to its value
 
 
 def calibrate_lens(
@@ -51,31 +51,27 @@ def calibrate_lens(
     output: PathLike,
     *,
     model: LensModel | None = None,
-    every_s: float = 0.5,
-    max_views: int = 60,
     plot: PathLike | None = None,
-    camera_name: str = "thermal",
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
     """Calibrate from pictures, folders of pictures, or a bag; return a summary.
 
-    Write a calibration file and, if asked, a plot of its views and errors: both or none. Of a bag
-    the sharpest picture of every ``every_s`` seconds is used. At most ``max_views`` views, the
-    most different ones, enter the fit. Raise CalibrationError, BagError.
+    Write a calibration file and, if asked, a plot of its views and errors: both or none. Raise
+    CalibrationError, BagError.
     """
     paths, video = opened(inputs, namespace)
     check_outputs(paths, (output, plot), CalibrationError)
     if video is None:
         pictures = pictures_of_files(paths, progress)
     else:
-        pictures = sharpest(video.pictures(progress), every_s)
+        pictures = sharpest(video.pictures(progress), _EVERY_S)
     views, refused, size = _sightings(pictures, board)
     number = len(views) + len(refused)
     if not views:
         none = f"no picture of {number} can be used: {reasons(refused)}"
         raise CalibrationError(f"lens: {none if number else 'there are no pictures'}")
-    chosen = sorted(most_distinct(views, max_views), key=list(views).index)
+    chosen = sorted(most_distinct(views, _MOST_VIEWS), key=list(views).index)
     fit = fit_lens({name: views[name] for name in chosen}, board, size, model)
     numbers = {
         "pictures": number,
@@ -84,7 +80,7 @@ def calibrate_lens(
         "refused": {name: str(why) for name, why in (refused | fit.refused).items()},
     }
     files = (
-        (output, lambda: camera_yaml(fit.camera, camera_name)),
+        (output, lambda: camera_yaml(fit.camera, "thermal")),
         (plot, lambda: lens_png(fit, views)),
     )
     return written(files, numbers, video.reader if video else None)
@@ -93,7 +89,7 @@ def calibrate_lens(
 def _sightings(
     pictures: Iterator[Taken], board: Checkerboard
 ) -> tuple[dict[str, BoardSighting], dict[str, Refused], tuple[int, int]]:
-    """Return the boards seen, why the other pictures are refused, and the (width, height).
+    """Return the boards detected, why the other pictures are refused, and the (width, height).
 
     Pictures of another size than most are refused, and blurred or repeated views.
     """
@@ -101,24 +97,18 @@ def _sightings(
     refused: dict[str, Refused] = {}
     sizes: dict[str, tuple[int, int]] = {}
     for name, _, pixels in pictures:
-        if pixels is None:
-            refused[name] = UNREADABLE
-            continue
-        sizes[name] = pixels.shape[1], pixels.shape[0]
-        detected = find_board(pixels, board)
-        if isinstance(detected, BoardSighting):
-            views[name] = detected
-        else:
+        detected = UNREADABLE if pixels is None else find_board(pixels, board)
+        if pixels is None or isinstance(detected, Refused):
             refused[name] = detected
-    usual = Counter(sizes[name] for name in views).most_common(1)
-    size = usual[0][0] if usual else (0, 0)
-    for name in [name for name in views if sizes[name] != size]:
-        width, height = sizes[name]
-        refused[name] = Refused(RefusalReason.OTHER_SIZE, f"{width}x{height} pixels")
-        del views[name]
-    doubtful = doubtful_views(views, size[0])
-    kept = {name: view for name, view in views.items() if name not in doubtful}
-    return kept, refused | doubtful, size
+        else:
+            views[name], sizes[name] = detected, (pixels.shape[1], pixels.shape[0])
+    size = Counter(sizes.values()).most_common(1)[0][0] if sizes else (0, 0)
+    for name, (width, height) in sizes.items():
+        if (width, height) != size:
+            refused[name] = Refused(RefusalReason.OTHER_SIZE, f"{width}x{height} pixels")
+            del views[name]
+    refused |= doubtful_views(views, size[0])
+    return {name: view for name, view in views.items() if name not in refused}, refused, size
 
 
 def reasons(refused: Mapping[str, Refused]) -> str:
@@ -132,51 +122,32 @@ def _summary(fit: LensFit, views: Mapping[str, BoardSighting]) -> dict[str, obje
     corners = np.concatenate([views[name].corners_px for name in fit.errors_px])
     cells = np.floor((corners + 0.5) / size * _CELLS).astype(int).clip(0, np.array(_CELLS) - 1)
     covered = len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
-    errors = fit.view_rms_px
+    number, tilt_deg = len(fit.errors_px), float(np.degrees(fit.tilt_rad))
+    notes = {
+        f"{number} views are few: take 20": number < _FEW_VIEWS,
+        f"the views cover {100 * covered:.0f} % of the picture: take some at its edges and "
+        "corners": covered < _LEAST_COVERED,
+        f"the board is tilted by {tilt_deg:.0f} deg at most: tilt it by 20 to 45, all ways": (
+            tilt_deg < _LOW_TILT_DEG
+        ),
+    }
     return {
-        "views": len(fit.errors_px),
+        "views": number,
         "image_size": size.tolist(),
         "parameters": dict(zip(fit.names, fit.values.tolist(), strict=True)),
         "sigma": dict(zip(fit.names, fit.sigma.tolist(), strict=True)),
         "covariance": fit.covariance,
         "reprojection_rms_px": fit.rms_px,
-        "reprojection_mean_px": fit.mean_px,
-        "reprojection_worst_view_px": max(errors.values()),
         "covered_share": covered,
-        "tilt_deg": float(np.degrees(fit.tilt_rad)),
-        "view_rms_px": errors,
-        "warning": _warning(fit, covered),
+        "tilt_deg": tilt_deg,
+        "view_rms_px": fit.view_rms_px,
+        "warning": "; ".join(note for note, is_so in notes.items() if is_so) or None,
     }
 
 
-def _warning(fit: LensFit, covered: float) -> str | None:
-    """Return what makes the result less good than it looks, and what to do; None if nothing."""
-    notes = []
-    if len(fit.errors_px) < _FEW_VIEWS:
-        notes.append(f"{len(fit.errors_px)} views are few: take 20")
-    if covered < _LEAST_COVERED:
-        notes.append(
-            f"the views cover {100 * covered:.0f} % of the picture: "
-            "take some at its edges and corners"
-        )
-    tilt = float(np.degrees(fit.tilt_rad))
-    if tilt < _LOW_TILT_DEG:
-        notes.append(
-            f"the board is tilted by {tilt:.0f} deg at most: tilt it by 20 to 45, all ways"
-        )
-    loose = [
-        name
-        for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True)
-        if name in {"k3", "k4", "k5", "k6"} and sigma > _LOOSE * abs(value)
-    ]
-    if loose:
-        notes.append(f"{', '.join(loose)} cannot be separated from the others: leave them out")
-    return "; ".join(notes) or None
-
-
 def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
-    """Return a PNG: all corners on the frame with errors enlarged, and the error of every view."""
-    made, (frame, bars) = figure(8.0, 9.0, rows=2, height_ratios=[2.2, 1])
+    """Return a PNG: all corners on the frame with errors enlarged."""
+    made, frame = figure(8.0, 6.8)
     width, height = fit.camera.width, fit.camera.height
     scale = _ARROW * width / max(fit.rms_px, 1e-3)
     for number, (name, errors) in enumerate(fit.errors_px.items()):
@@ -189,12 +160,4 @@ def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
     frame.set(xlabel="column, px", ylabel="row, px")
     frame.set_title(f"Corners of {len(fit.errors_px)} views, errors enlarged {scale:.0f} times")
     frame.legend(loc="lower right", frameon=True)
-    rms_px = fit.view_rms_px
-    bars.bar(range(len(rms_px)), [*rms_px.values()], color=COLOURS[0])
-    bars.axhline(fit.rms_px, color=COLOURS[1], label=f"all: {fit.rms_px:.3f} px")
-    bars.set(ylabel="reprojection error, px", title="Root mean square error of every view")
-    if len(rms_px) <= _MOST_NAMES:
-        bars.set_xticks(range(len(rms_px)), [*rms_px], rotation=90, fontsize=6)
-    bars.grid(visible=False, axis="x")
-    bars.legend(loc="upper right")
     return png(made)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,7 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError, MapError
 from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
-from tirgeo_ros.io.pictures.geotiff import write_warped
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
@@ -38,24 +37,36 @@ class PixelFeatures:
         self._path = Path(path)
         try:
             with bounded_memory():
-                self._take(self._read())
+                self._features = self._read()
+                self.pixels, self._owners = self._positions()
         except MemoryError:
             raise MapError(f"{path}: does not fit into memory; split it") from None
 
-    def _take(self, features: list[dict[str, Any]]) -> None:
-        self._features = features
+    def _read(self) -> list[dict[str, Any]]:
+        try:
+            root = json.loads(self._path.read_text(encoding="utf-8-sig"))
+        except OSError as error:
+            raise MapError(f"{self._path}: cannot be read: {error.strerror or error}") from None
+        except (ValueError, RecursionError) as error:
+            raise MapError(f"{self._path}: not GeoJSON: {error}") from None
+        features = root.get("features") if isinstance(root, dict) else None
+        if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
+            raise MapError(f"{self._path}: not a GeoJSON FeatureCollection; export one in pixels")
+        return features
+
+    def _positions(self) -> tuple[Array, Array]:
+        """Return the vertices (n, 2) of all features, and the numbers (n,) of their features."""
         pairs: list[tuple[float, float]] = []
-        self._owners: list[int] = []
-        for number, feature in enumerate(features, 1):
-            before = len(pairs)
+        owners: list[int] = []
+        for number, feature in enumerate(self._features, 1):
             try:
                 _mapped(feature.get("geometry"), lambda place: pairs.append(_position(place)))
             except _NO_POSITIONS:
                 raise MapError(
                     f"{self._path}: feature {number} has coordinates that are not column and row"
                 ) from None
-            self._owners += [number - 1] * (len(pairs) - before)
-        self.pixels: Array = downward(np.array(pairs, float).reshape(-1, 2))  # (n, 2)
+            owners += [number] * (len(pairs) - len(owners))
+        return downward(np.array(pairs, float).reshape(-1, 2)), np.array(owners, int)
 
     @property
     def count(self) -> int:
@@ -64,7 +75,7 @@ class PixelFeatures:
 
     def features_with(self, vertices: BoolArray) -> int:
         """Return how many features have one of these vertices (n, bool)."""
-        return len(set(np.array(self._owners, int)[vertices].tolist()))
+        return len(np.unique(self._owners[vertices]))
 
     def geojson(self, degrees: Array) -> str:
         """Return the collection with the pixels replaced by longitude, latitude (n, 2), deg."""
@@ -79,40 +90,28 @@ class PixelFeatures:
         root = {"type": "FeatureCollection", "features": features}
         return json.dumps(root, ensure_ascii=False) + "\n"
 
-    def _read(self) -> list[dict[str, Any]]:
-        try:
-            root = json.loads(self._path.read_text(encoding="utf-8-sig"))
-        except OSError as error:
-            raise MapError(f"{self._path}: cannot be read: {error.strerror or error}") from None
-        except (ValueError, RecursionError) as error:
-            raise MapError(f"{self._path}: not GeoJSON: {error}") from None
-        features = root.get("features") if isinstance(root, dict) else None
-        if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
-            raise MapError(f"{self._path}: not a GeoJSON FeatureCollection; export one in pixels")
-        return features
-
 
 def _position(coordinates: Any) -> tuple[float, float]:
     column, row = float(coordinates[0]), float(coordinates[1])
-    if not (np.isfinite(column) and np.isfinite(row)):
+    if not (math.isfinite(column) and math.isfinite(row)):
         raise ValueError
     return column, row
 
 
 def _mapped(geometry: Any, change: Callable[[Any], Any]) -> Any:
     """Return a geometry with each position replaced by what ``change`` returns for it."""
+
+    def each(coordinates: Any) -> Any:
+        if coordinates and not isinstance(coordinates[0], list):
+            return change(coordinates)
+        return [each(part) for part in coordinates]
+
     if geometry is None:
         return None
     if geometry["type"] == "GeometryCollection":
         parts = [_mapped(part, change) for part in geometry["geometries"]]
         return {"type": "GeometryCollection", "geometries": parts}
-    return {"type": geometry["type"], "coordinates": _each(geometry["coordinates"], change)}
-
-
-def _each(coordinates: Any, change: Callable[[Any], Any]) -> Any:
-    if coordinates and not isinstance(coordinates[0], list):
-        return change(coordinates)
-    return [_each(part, change) for part in coordinates]
+    return {"type": geometry["type"], "coordinates": each(geometry["coordinates"])}
 
 
 _GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
@@ -130,18 +129,14 @@ def calibrate_map(
     points_crs: str | None = None,
     order: int = 3,
     crs: str | None = None,
-    residuals_csv: PathLike | None = None,
     plot: PathLike | None = None,
-    image: PathLike | None = None,
-    geotiff: PathLike | None = None,
 ) -> dict[str, object]:
     """Georeference features in pixels (GeoJSON) by control points; write GeoJSON in WGS84.
 
-    ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. ``image`` is
-    warped to ``geotiff``. Return a summary. Raise SurveyError, MapError, CalibrationError.
+    ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. Return a
+    summary. Raise SurveyError, MapError, CalibrationError.
     """
-    named = [path for path in (output, residuals_csv, plot, geotiff) if path is not None]
-    check_outputs((vectors, points, survey, image), named, MapError)
+    check_outputs((vectors, points, survey), (output, plot), MapError)
     control = load_control_points(points, survey, points_crs)
     plane = Plane(crs, control.degrees)
     try:
@@ -149,23 +144,30 @@ def calibrate_map(
     except CalibrationError as error:
         raise CalibrationError(f"{points}: {error}") from None
     features = _features(vectors, transform)
-    degrees, outside = (
-        plane.degrees(transform(features.pixels)),
-        ~transform.inside(features.pixels),
-    )
-    if image is not None and geotiff is not None:
-        write_warped(image, geotiff, transform, plane, _pixel_size(transform, control))
+    degrees = plane.degrees(transform(features.pixels))
+    outside = ~transform.inside(features.pixels)
     files: dict[PathLike, str | bytes] = {output: features.geojson(degrees)}
-    if residuals_csv is not None:
-        files[residuals_csv] = _csv(_rows(control, residuals))
     if plot is not None:
         files[plot] = orthophoto_png(control, transform, residuals, features.pixels, outside)
     write_files(files, MapError)
+    jacobian = transform.jacobian(control.pixels.mean(axis=0)[None])[0]
+    warnings = _warnings(control, transform, residuals, features, outside)
     return {
-        "output": [os.fspath(path) for path in named],
+        "output": [os.fspath(path) for path in files],
         "order": order,
         "crs": plane.name,
-        **_summary(control, transform, residuals, features, outside),
+        "points": len(control.names),
+        "mean_residual_px": float(residuals.lengths_px.mean()),
+        "rms_residual_px": float(rms(residuals.lengths_px)),
+        "mean_residual_m": float(residuals.lengths_m.mean()),
+        "rms_residual_m": float(rms(residuals.lengths_m)),
+        "rms_left_out_m": float(rms(residuals.left_out_m)),
+        "sigma_m": residuals.sigma_m,
+        "pixel_m": math.sqrt(abs(float(np.linalg.det(jacobian)))),  # in the middle of the points
+        "features": features.count,
+        "features_outside": features.features_with(outside),
+        "residuals": _rows(control, residuals),
+        "warning": "; ".join(warnings) or None,
     }
 
 
@@ -180,38 +182,6 @@ def _features(path: PathLike, transform: PolynomialTransform) -> PixelFeatures:
             "leave these features out or lower --order"
         )
     return features
-
-
-def _summary(
-    control: ControlPoints,
-    transform: PolynomialTransform,
-    residuals: Residuals,
-    features: PixelFeatures,
-    outside: BoolArray,
-) -> dict[str, object]:
-    """Return numbers of points, residuals and features, and the warnings."""
-    warnings = list(_warnings(control, transform, residuals, features, outside))
-    return {
-        "points": len(control.names),
-        "mean_residual_px": float(residuals.lengths_px.mean()),
-        "rms_residual_px": float(rms(residuals.lengths_px)),
-        "mean_residual_m": float(residuals.lengths_m.mean()),
-        "rms_residual_m": float(rms(residuals.lengths_m)),
-        "rms_left_out_m": float(rms(residuals.left_out_m)),
-        "sigma_m": residuals.sigma_m,
-        "pixel_m": _pixel_size(transform, control),
-        "features": features.count,
-        "features_outside": features.features_with(outside),
-        "residuals": _rows(control, residuals),
-        "warnings": warnings,
-        "warning": "; ".join(warnings) or None,
-    }
-
-
-def _pixel_size(transform: PolynomialTransform, control: ControlPoints) -> float:
-    """Return the pixel size (m) in the middle of the control points."""
-    jacobian = transform.jacobian(control.pixels.mean(axis=0)[None])[0]
-    return math.sqrt(abs(float(np.linalg.det(jacobian))))
 
 
 def _warnings(
@@ -234,24 +204,22 @@ def _warnings(
             f"{len(control.names)} points leave no redundancy at order {transform.order}: "
             "residuals of zero mean nothing; measure more"
         )
-    gross = _gross(control, residuals)
-    if gross:
-        yield f"points that do not fit the others: {', '.join(gross)}; look for mistakes"
+    else:
+        # A residual over its expected scatter: near the hull a point pulls the fit to itself.
+        fair = np.sqrt(residuals.lengths_m * residuals.left_out_m)
+        far = (fair > _GROSS * np.median(fair)) & (residuals.lengths_px > _LEAST_GROSS_PX)
+        gross = [
+            f"{control.names[k]} ({residuals.left_out_m[k]:.2g} m)"
+            for k in np.argsort(-fair).tolist()
+            if far[k]
+        ]
+        if gross:
+            named = ", ".join(gross[:_NAMED])
+            yield f"points that do not fit the others: {named}; look for mistakes"
     if control.unused:
         some = ", ".join(control.unused[:_NAMED])
         more = f" and {len(control.unused) - _NAMED} more" if len(control.unused) > _NAMED else ""
         yield f"in only one of the two files, and not used: {some}{more}"
-
-
-def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:
-    """Return the points whose leave-one-out residual is an outlier."""
-    if math.isnan(residuals.sigma_m):
-        return []
-    # A residual relative to its expected scatter: near the hull a point pulls the fit to itself.
-    fair = np.sqrt(residuals.lengths_m * residuals.left_out_m)
-    far = (fair > _GROSS * np.median(fair)) & (residuals.lengths_px > _LEAST_GROSS_PX)
-    chosen = [int(k) for k in np.argsort(-fair) if far[k]][:_NAMED]
-    return [f"{control.names[k]} ({residuals.left_out_m[k]:.2g} m)" for k in chosen]
 
 
 def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
@@ -263,11 +231,6 @@ def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
         {"id": point} | dict(zip((*names, "left_out_m"), row, strict=True))
         for point, row in zip(control.names, table.tolist(), strict=True)
     ]
-
-
-def _csv(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [[x if isinstance(x, str) else f"{x:.4f}" for x in row.values()] for row in rows]
-    return csv_text([rows[0], *lines])
 
 
 def orthophoto_png(

@@ -1,8 +1,7 @@
 """Hold, print and write what a calibration has estimated, in one form for all of them.
 
 An estimate is a mapping with ``key`` (node and name of the parameter that holds it), ``unit``
-(deg, ms or m) and, in this unit, ``before``, ``found``, ``sigma``, and perhaps ``left_out``, the
-rms change without a sixth of the flight.
+(deg, ms or m) and, in this unit, ``before``, ``found`` and ``sigma``.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 #: Unit -> how many of it make one rad, s or m.
 PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
 _DIGITS = {"deg": 3, "ms": 1, "m": 3}
-_COLUMNS = ("before", "found", "sigma", "left_out")
+_COLUMNS = ("before", "found", "sigma")
 
 Estimates = Mapping[str, Mapping[str, Any]]
 
@@ -41,17 +40,15 @@ class Result(NamedTuple):
 
 def estimate(key: str, unit: str, *numbers: float) -> dict[str, Any]:
     """Return an estimate of numbers in rad, s or m, in the order of the columns."""
-    columns = zip(_COLUMNS, numbers, strict=False)
+    columns = zip(_COLUMNS, numbers, strict=True)
     return {"key": key, "unit": unit} | {c: float(x) * PER_UNIT[unit] for c, x in columns}
 
 
 def estimates_table(estimates: Estimates) -> list[str]:
-    """Return the lines of a table: a parameter each, with the numbers that there are."""
-    columns = [name for name in _COLUMNS if all(name in row for row in estimates.values())]
-    titles = "".join(f"{name.replace('_', ' '):>10}" for name in columns)
-    lines = [f"{'parameter':<18}{titles}       key"]
+    """Return the lines of a table: a parameter each."""
+    lines = [f"{'parameter':<18}{''.join(f'{name:>10}' for name in _COLUMNS)}       key"]
     for name, row in estimates.items():
-        numbers = "".join(f"{row[key]:>10.{_DIGITS[row['unit']]}f}" for key in columns)
+        numbers = "".join(f"{row[key]:>10.{_DIGITS[row['unit']]}f}" for key in _COLUMNS)
         lines.append(f"{name:<18}{numbers} {row['unit']:<5} {row['key']}")
     return lines
 

@@ -182,10 +182,7 @@ class TiledRaster:
             self._end = np.maximum(self._end, [left + columns[-1] + 1, top + rows[-1] + 1])
 
     def write(self, path: Path, tags: Mapping[str, str]) -> None:
-        """Write the raster as a Cloud-Optimised GeoTIFF and forget it; nothing if none is seen.
-
-        Raise MapError.
-        """
+        """Write a Cloud-Optimised GeoTIFF of what was seen, if any; forget it. Raise MapError."""
         if self._store is None or not self.size[0]:
             return
         pixel_m, celsius = self._setup.tiles.pixel_m, self._setup.options.degrees is not None

@@ -139,9 +139,9 @@ class Vectors:
                 }
                 self._rows[TRACK.name].append((places, row))
         write_layers(self._path, [(layer, self._rows[layer.name]) for layer in self._layers])
-        counts = {name: len(rows) for name, rows in self._rows.items()}
-        blank = {"pictures_without_ground": self._without_ground}
-        return {"file": str(self._path)} | counts | blank
+        made: dict[str, object] = {"file": str(self._path)}
+        made |= {name: len(rows) for name, rows in self._rows.items()}
+        return made | {"pictures_without_ground": self._without_ground}
 
     def _footprint_row(self, frame: ExportFrame) -> dict[str, object]:
         pose, plane, ground = frame.pose, frame.plane, frame.ground

@@ -214,11 +214,8 @@ class Flight:
             raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
         self._sink = sink
         if self._to_smooth:
-            first, progress = passes(progress)
-            filters = [poses.filter for poses in self._to_smooth]
-            runs = smoothed_runs(self._reader, self._namespace, filters, first)
-            for poses, smoothed in zip(self._to_smooth, runs, strict=True):
-                poses.begin(smoothed)
+            self._smooth(_part(progress, 0.0, _FIRST_SHARE))
+            progress = _part(progress, _FIRST_SHARE, 1.0)
         topics = self._topics() if sink is None else sink.topics
         checks = self._checks
         checked = {} if checks is None else checked_topics(self._reader, self._namespace, topics)
@@ -235,6 +232,16 @@ class Flight:
                     self._take(topics[message.topic], message, content)
                 elif checks is not None:
                     checks.message(checked[message.topic], message)
+
+    def _smooth(self, progress: Report) -> None:
+        """Record what is to be smoothed in a pass of its own, and begin it with smoothed poses."""
+        first = Flight(self._reader, self._namespace, needs_camera=False)
+        recordings = [FilterRecording(poses.filter) for poses in self._to_smooth]
+        for poses, recording in zip(self._to_smooth, recordings, strict=True):
+            first.add(poses.filter.topics, recording.take)
+        first.read_all(progress)
+        for poses, recording in zip(self._to_smooth, recordings, strict=True):
+            poses.begin(recording.smoothed())
 
     def _topics(self) -> dict[str, str]:
         """Return what the sinks of samples and the checks of pictures read."""
@@ -381,31 +388,9 @@ class FlightPoses:
         return pose_at(self.cameras, stamp_ns)
 
 
-def smoothed_runs(
-    reader: BagReader, namespace: str, filters: Sequence[FlightFilter], progress: Report
-) -> list[list[SmoothedRun]]:
-    """Record filters in one pass through a bag; return the smoothed runs of each.
-
-    Filters that are the same object are run once. Raise ConfigError for a method without a filter.
-    """
-    first = Flight(reader, namespace, needs_camera=False)
-    keys = [(id(flown.ekf), flown.baseline_step_rad) for flown in filters]
-    recordings: dict[tuple[int, float], FilterRecording] = {}
-    for key, flown in zip(keys, filters, strict=True):
-        if key not in recordings:
-            recordings[key] = FilterRecording(flown)
-            first.add(flown.topics, recordings[key].take)
-    first.read_all(progress)
-    runs = {key: recording.smoothed() for key, recording in recordings.items()}
-    return [runs[key] for key in keys]
-
-
-def passes(progress: Report) -> tuple[Report, Report]:
-    """Return the progress of the first and of the second pass, as parts of the whole."""
-    return _part(progress, 0.0, _FIRST_SHARE), _part(progress, _FIRST_SHARE, 1.0)
-
-
 def _part(progress: Report, begin: float, end: float) -> Report:
+    """Return what reports the progress of a part as that of the whole."""
+
     def report(done: float, total: float | None) -> None:
         if total is not None:
             done = begin * total + (end - begin) * done

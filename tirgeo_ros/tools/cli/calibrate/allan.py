@@ -6,7 +6,7 @@ random walk K, and the Gauss-Markov bias that the filter models. Writes paramete
 a plot.
 
 example:
-  tirgeo calibrate allan still.mcap -o imu.yaml --csv imu.csv
+  tirgeo calibrate allan still.mcap -o imu.yaml
   tirgeo process flight.mcap -o out.mcap --params imu.yaml
 """
 
@@ -17,16 +17,13 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._verb import ANY_BAG, NAMESPACE, NEEDED, WINDOW, WORD, call
 
-_TOPIC_HELP = "of sensor_msgs/Imu (default: %(default)s)"
 OPTIONS = (
     ("bag", "BAG", f"the record at rest: {ANY_BAG}"),
     ("-o --output", "YAML", "the parameters", NEEDED),
-    ("--topic", "TOPIC", _TOPIC_HELP, WORD | {"default": "imu/data"}),
+    ("--topic", "TOPIC", "of sensor_msgs/Imu (%(default)s)", WORD | {"default": "imu/data"}),
     *NAMESPACE,
     *WINDOW,
     ("--plot", "PNG", "where to write the plot (default: beside the YAML)"),
-    ("--csv", "CSV", "write the curves as numbers too"),
-    ("--moved", None, "write the figures even if the IMU moved"),
 )
 
 
@@ -34,7 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Estimate the noise; return a summary."""
     from tirgeo_ros.tools.calibrate.allan import calibrate_allan  # noqa: PLC0415 heavy
 
-    names = "topic namespace from_s to_s plot csv moved"
+    names = "topic namespace from_s to_s plot"
     return call(calibrate_allan, args, "reading, s", "bag output", names)
 
 

@@ -32,8 +32,6 @@ _COLUMNS = {
     "std_deg": "std",
     "noise_deg": "of noise",
     "std_without_noise_deg": "without",
-    "span_deg": "span",
-    "mean_deg": "mean",
 }
 
 

@@ -40,10 +40,9 @@ def describe(result: dict[str, Any]) -> str:
     from tirgeo_ros.tools.calibrate.imu import flight_table  # noqa: PLC0415 heavy
 
     rest = f", {result['resting_s']} s at rest left out" if result["resting_s"] else ""
-    skipped = f", {result['skipped_s']} s with gaps left out" if result["skipped_s"] else ""
     return (
         f"{result['samples']} samples of {result['topic']} at {result['rate_hz']:.2f} Hz: "
-        f"{result['flying_s']} s in flight{rest}{skipped}\n"
+        f"{result['flying_s']} s in flight{rest}\n"
         f"{flight_table(result['axes'])}\n"
         f"written: {', '.join(result['output']) or 'nothing; -o writes it'}"
     )

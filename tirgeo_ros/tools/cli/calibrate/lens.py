@@ -14,45 +14,32 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, NUMBER, WORD, UsageError, call
+from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, UsageError, call
 from tirgeo_ros.tools.presentation.results import each_not_used, not_used
 
 _MODELS = {"choices": ("plumb_bob", "rational"), "default": "plumb_bob"}
 _MODEL_HELP = "k1 k2 p1 p2, or with k3 to k6 as a quotient: %(choices)s (default %(default)s)"
-_EVERY_HELP = (
-    "in a bag, use the sharpest picture in each interval of this many seconds (default "
-    "%(default)s)"
-)
-_VIEWS_HELP = "use the N most different views (default %(default)s)"
 OPTIONS = (
     *BOARD,
     ("-o --output", "YAML", "the calibration", NEEDED),
     ("--plot", "PNG", "plot of corners and errors"),
     ("--model", "MODEL", _MODEL_HELP, _MODELS),
     ("--k3", None, "estimate k3 too"),
-    ("--name", "NAME", "camera_name of the file", WORD | {"default": "thermal"}),
-    ("--every", "S", _EVERY_HELP, NUMBER | {"default": 0.5}),
-    ("--max-views", "N", _VIEWS_HELP, {"type": int, "default": 60}),
 )
 VERBOSE = "list each picture that was not used, with its reason"
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
-    if not args.every > 0:
-        raise UsageError("--every must be positive")
     if args.k3 and args.model == "rational":
         raise UsageError("--k3 is part of --model rational already")
     from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
-    from tirgeo_ros.core.calibration.lens_fit import FEWEST_VIEWS, LensModel  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.lens_fit import LensModel  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.lens import calibrate_lens  # noqa: PLC0415 heavy
 
-    if args.max_views < FEWEST_VIEWS:
-        raise UsageError(f"--max-views must be {FEWEST_VIEWS} or more")
     args.board, args.model = board_of(args.board, args.square), LensModel(args.model, args.k3)
-    first, names = "pictures board output", "model max_views plot namespace"
-    more = {"every_s": args.every, "camera_name": args.name}
-    return call(calibrate_lens, args, "looking for the board", first, names, **more)
+    first, names = "pictures board output", "model plot namespace"
+    return call(calibrate_lens, args, "looking for the board", first, names)
 
 
 def describe(result: Mapping[str, Any]) -> str:
@@ -62,21 +49,15 @@ def describe(result: Mapping[str, Any]) -> str:
         for name, value in result["parameters"].items()
     ]
     lines += [
-        (
-            f"reprojection error {result['reprojection_rms_px']:.3f} px rms, "
-            f"{result['reprojection_mean_px']:.3f} px mean, worst view "
-            f"{result['reprojection_worst_view_px']:.3f} px"
-        ),
+        f"reprojection error {result['reprojection_rms_px']:.3f} px rms",
         (
             f"{result['views']} of {result['pictures']} pictures used; they cover "
             f"{100 * result['covered_share']:.0f} % of the frame, tilted up to "
             f"{result['tilt_deg']:.0f} deg"
         ),
         *not_used(result["refused"]),
+        *(f"written: {path}" for path in result["output"]),
     ]
-    if result["views_spare"]:
-        lines.append(f"not needed: {result['views_spare']} views")
-    lines += [f"written: {path}" for path in result["output"]]
     return "\n".join(lines)
 
 

@@ -34,10 +34,7 @@ OPTIONS = (
         "coordinate system of a .points file that does not name it",
         WORD,
     ),
-    ("--residuals", "CSV", "print a line for each point"),
     ("--plot", "PNG", "residuals as arrows"),
-    ("--image", "ORTHO", "georeference this picture too (needs rasterio)"),
-    ("--geotiff", "TIF", "where to write it (default: beside the GeoJSON)"),
 )
 #: Columns of the residuals: title, key, format.
 _COLUMNS = (
@@ -58,23 +55,14 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.survey is not None and args.points_crs is not None:
         raise UsageError("--points-crs needs a .points file and no --survey")
-    if args.geotiff is not None and args.image is None:
-        raise UsageError("--geotiff needs the picture: --image")
-    geotiff = args.geotiff or args.output.with_suffix(".tif")
-    names = ("survey", "points_crs", "order", "crs", "plot", "image")
-    return calibrate_map(
-        args.vectors,
-        args.points,
-        args.output,
-        residuals_csv=args.residuals,
-        geotiff=geotiff if args.image is not None else None,
-        **{name: getattr(args, name) for name in names},
-    )
+    names = ("survey", "points_crs", "order", "crs", "plot")
+    options = {name: getattr(args, name) for name in names}
+    return calibrate_map(args.vectors, args.points, args.output, **options)
 
 
 def describe(result: dict[str, Any]) -> str:
     """Return the residuals as a table, their means, and what was written."""
-    rows = [[f"{one[key]:{form}}" for _, key, form in _COLUMNS] for one in result["residuals"]]
+    rows = [[f"{point[key]:{form}}" for _, key, form in _COLUMNS] for point in result["residuals"]]
     means = (
         f"mean residual {result['mean_residual_px']:.2f} px, {result['mean_residual_m']:.4f} m "
         f"(rms {result['rms_residual_px']:.2f} px, {result['rms_residual_m']:.4f} m; each point "

@@ -1,1 +1,0 @@
-"""Ask the aircraft for activation and subscriptions."""
