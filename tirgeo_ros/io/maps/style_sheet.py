@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import operator
 import re
-import string
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +29,7 @@ from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _RUBBISH = re.compile(r"[\x00-\x20\x7f-\xa0\u2028\u2029]+")
+_FIELD = re.compile(r"\{([^{}]+)\}")
 _LONGEST = 1000  # characters of a condition, and of the message that nothing meets it
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s\"'\[\],=!<>]+)"
 _COMPARISON = re.compile(
@@ -46,20 +46,19 @@ _ORDER: dict[str, Callable[[float, float], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class LabelRule:
-    """Make a label of properties' values between texts; ``texts`` has one more than ``fields``.
+    """Make a label of properties' values: ``template`` names each between braces.
 
     A field that a table lacks is looked for with another case. If it is not found either, it is
     empty; if ``source`` (a style sheet) requires it, that is an error.
     """
 
-    fields: tuple[str, ...] = ()
-    texts: tuple[str, ...] = ("",)
+    template: str = ""
     source: str = ""
 
     @classmethod
-    def of_field(cls, name: str) -> LabelRule:
+    def of_field(cls, name: str, source: str = "") -> LabelRule:
         """Return the rule that takes one property unchanged; without a name, no label."""
-        return cls((name,), ("", "")) if name else cls()
+        return cls(f"{{{name}}}", source) if name else cls()
 
     @classmethod
     def parsed(cls, text: str, source: str) -> LabelRule:
@@ -67,22 +66,16 @@ class LabelRule:
 
         Raises ConfigError, beginning with ``source``, for an invalid template.
         """
-        if "{" not in text and "}" not in text:
-            return cls((text,), ("", ""), source)
-        fields: list[str] = []
-        texts = [""]
-        try:
-            for literal, name, form, conversion in string.Formatter().parse(text):
-                texts[-1] += literal
-                if name is None:
-                    continue
-                if not name or form or conversion:
-                    raise ValueError("put the name of a field between the braces")  # noqa: TRY301
-                fields.append(name)
-                texts.append("")
-        except ValueError as error:
-            raise ConfigError(f"{source}: {text!r} is not a label: {error}") from None
-        return cls(tuple(fields), tuple(texts), source)
+        if not {"{", "}"} & set(text):
+            return cls.of_field(text, source)
+        if {"{", "}"} & set(_FIELD.sub("", text)):
+            raise ConfigError(f"{source}: {text!r} is not a label; write it as {{name}} {{ref}}")
+        return cls(text, source)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Return the properties to read."""
+        return tuple(_FIELD.findall(self.template))
 
     def check(self, own: Collection[str], where: str) -> None:
         """Raise ConfigError for a field that a style sheet names and a table does not have."""
@@ -92,11 +85,10 @@ class LabelRule:
 
     def text(self, properties: Mapping[str, Any]) -> str:
         """Return one feature's label; "" if all of its values are empty."""
-        values = [shown_value(properties.get(name)) for name in self.fields]
-        if not any(values):
+        values = {name: shown_value(properties.get(name)) for name in self.fields}
+        if not any(values.values()):
             return ""
-        ends = zip(values, self.texts[1:], strict=True)
-        text = self.texts[0] + "".join(value + text for value, text in ends)
+        text = _FIELD.sub(lambda field: values[field[1]], self.template)
         # On one line, without what no font shows: control codes, halves of surrogate pairs.
         return _RUBBISH.sub(" ", text).strip().encode("utf-8", "ignore").decode()
 
