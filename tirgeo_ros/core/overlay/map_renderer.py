@@ -50,7 +50,17 @@ def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground
     """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
-    vector_map = _writable_map(VectorMap.from_layers(layers, plane, ground))
+    vector_map = VectorMap.from_layers(layers, plane, ground)
+    # Labels that cannot be written here are left out, with a note of them.
+    labels, labelled = vector_map.labels, vector_map.labelled.copy()
+    lost = [i for i in np.flatnonzero(labelled).tolist() if not writable(labels[i])]
+    if lost:
+        labelled[lost] = False
+        needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
+        example = cut(labels[lost[0]], LONGEST)
+        note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
+        notes = (*vector_map.notes, note)
+        vector_map = replace(vector_map, labelled=labelled, notes=notes)
     places = [feature.points for layer in layers for feature in layer.features]
     level_m = math.nan
     if places and not is_given(ground):
@@ -60,19 +70,6 @@ def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground
         latitude, longitude, _ = places[0][0]
         first_n = plane.ned_from_geodetic(latitude, longitude, 0.0)
     return DrapedMap(plane, vector_map, features, level_m, first_n)
-
-
-def _writable_map(draped: VectorMap) -> VectorMap:
-    """Return a map without the labels that cannot be written here, and with a note of them."""
-    lost = [i for i in np.flatnonzero(draped.labelled).tolist() if not writable(draped.labels[i])]
-    if not lost:
-        return draped
-    labelled = draped.labelled.copy()
-    labelled[lost] = False
-    needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
-    example = cut(draped.labels[lost[0]], LONGEST)
-    note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
-    return replace(draped, labelled=labelled, notes=(*draped.notes, note))
 
 
 class VisibleMap(NamedTuple):

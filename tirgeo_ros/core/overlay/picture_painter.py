@@ -20,7 +20,12 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad, footprint, height_above_m
+from tirgeo_ros.core.ground.frame_geometry import (
+    Sight,
+    camera_heading_rad,
+    footprint,
+    height_above_m,
+)
 from tirgeo_ros.core.map.vector_map import MapLayer, check_heights
 from tirgeo_ros.core.map.visibility import View, farthest_m
 from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
@@ -222,16 +227,16 @@ class PicturePainter:
         assert self.draped is not None
         camera = self._view.camera
         level = self.ground if is_given(self.ground) else self.draped.level_m
-        scene = camera, pose, self.draped.plane, level
+        sight = Sight(camera, pose, self.draped.plane, level)
         if self._renderer is None:
             self._renderer = MapRenderer(self._confidence, self.draped)
         renderer = self._renderer
-        scale_m_px = ground_sample_m(*scene) if renderer.minds_scale else math.nan
-        above_m = height_above_m(*scene[1:])
+        scale_m_px = ground_sample_m(sight) if renderer.minds_scale else math.nan
+        above_m = height_above_m(pose, sight.plane, level)
         far_m = farthest_m(camera, above_m)
         in_view = renderer.visible(self._view, pose, scale_m_px, far_m)
         notice = notice or renderer.why_absent(in_view, camera, pose, scale_m_px, far_m)
-        bar = place_scale_bar(image, *scene) if self._confidence.scale_bar else None
+        bar = place_scale_bar(image, sight) if self._confidence.scale_bar else None
         wants_rose = self._confidence.heading_rose
         rose = place_rose(image, camera_heading_rad(pose)) if wants_rose else None
         notices = _notices(image, verdict, notice, rose.box if rose else None)

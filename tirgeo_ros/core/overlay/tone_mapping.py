@@ -133,13 +133,9 @@ class Stretch:
         self._moves = off > (_ARRIVES if self._moves else _LEAVES)
         if not self._moves:
             return self._ends
-        share = self._share(math.log((high - low) / span), elapsed_s)
+        # Of the way to the wanted ends; growth is the logarithm of new over old span.
+        growth, most = math.log((high - low) / span), _CONSTANTS * elapsed_s / self._time_s
+        share = -math.expm1(-most)
+        if abs(growth) >= _PLAIN_GROWTH:
+            share = math.expm1(max(-most, min(most, share * growth))) / math.expm1(growth)
         return shown_low + share * (low - shown_low), shown_high + share * (high - shown_high)
-
-    def _share(self, growth: float, elapsed_s: float) -> float:
-        """Return the share of the way to the wanted ends; ``growth`` is log(new / old span)."""
-        most = _CONSTANTS * elapsed_s / self._time_s
-        plain = -math.expm1(-most)
-        if abs(growth) < _PLAIN_GROWTH:
-            return plain
-        return math.expm1(max(-most, min(most, plain * growth))) / math.expm1(growth)
