@@ -218,7 +218,13 @@ def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
     u, v = _crosshair(camera)[0].tolist()
     answer = place(camera, pose, (u, v), plane, sight.ground, config, sight.rates)
     centre = answer if isinstance(answer, Located) else None
-    width_m, corners = _rim(sight) if centre else (math.nan, _NO_CORNERS)
+    width_m, corners = math.nan, _NO_CORNERS
+    if centre:
+        uv = np.concatenate([_crosshair(camera)[1:3], _corners(camera)])
+        points_n, _ = locate(camera, pose, uv, plane, sight.ground)
+        width_m = math.dist(*points_n[:2].tolist())
+        places = np.stack(plane.geodetic_from_ned(points_n[2:])[:2], axis=1)
+        corners = places if np.isfinite(places).all() else _NO_CORNERS
     return FrameGeometry(
         sensor=(latitude, longitude, height_m),
         platform_rpy=platform_rpy,
@@ -246,16 +252,6 @@ def _crosshair(camera: Camera) -> Array:
 def _between(first: Array, last: Array) -> float:
     """Return the angle between two rays (3,), rad."""
     return math.atan2(float(np.linalg.norm(np.cross(first, last))), float(first @ last))
-
-
-def _rim(sight: Sight) -> tuple[float, Array]:
-    """Return the width on the ground, m, and the corners (4, 2), as in FrameGeometry."""
-    camera = sight.camera
-    uv = np.concatenate([_crosshair(camera)[1:3], _corners(camera)])
-    points_n, _ = locate(camera, sight.pose, uv, sight.plane, sight.ground)
-    places = np.stack(sight.plane.geodetic_from_ned(points_n[2:])[:2], axis=1)
-    width_m = math.dist(*points_n[:2].tolist())
-    return width_m, places if np.isfinite(places).all() else _NO_CORNERS
 
 
 def footprint(

@@ -82,14 +82,6 @@ class Polylines:
         index, starts = runs(self.starts[which], self.starts[which + 1] - self.starts[which])
         return Polylines(self.points.take(index, axis=1), starts, self.owner[which])
 
-    def parted(self, count: int) -> tuple[Polylines, Polylines]:
-        """Split into the first ``count`` lines and the others."""
-        starts, owner, at = self.starts, self.owner, int(self.starts[count])
-        return (
-            Polylines(self.points[:, :at], starts[: count + 1], owner[:count]),
-            Polylines(self.points[:, at:], starts[count:] - at, owner[count:]),
-        )
-
     def cut(self, enter: Array, leave: Array) -> Polylines:
         """Return the lines with segment ``i`` cut to its part from ``enter[i]`` to ``leave[i]``.
 

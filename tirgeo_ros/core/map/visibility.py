@@ -161,18 +161,17 @@ class View:
         level, detail_px = self._levels(details, piece, boxes.distance(pose.position_n))
         row = self._in_a_row(boxes, whole, rotation_cn, offset_c, detail_px)
 
-        def seen(which: IntArray | BoolArray) -> Polylines:
+        def seen(which: BoolArray) -> Polylines:
             """Return pieces in the optical frame."""
             lines = details.lines(piece[which], level[which])
             points_c = rotation_cn @ lines.points
             points_c -= offset_c[:, None]
             return Polylines(points_c, lines.starts, lines.owner)
 
-        inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(~whole)
-        lines, cut = seen(np.concatenate([inner, outer])).parted(len(inner))
         # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
         # long as all other steps together.
-        flat = _flat(joined(lines, clip_to_planes(cut, self._normals_c, offsets_c)))
+        cut = clip_to_planes(seen(~whole), self._normals_c, offsets_c)
+        flat = _flat(joined(seen(whole & ~row), cut))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         if row.any():

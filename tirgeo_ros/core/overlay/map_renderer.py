@@ -14,7 +14,7 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfi
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.map.map_absence import MapAbsence
+from tirgeo_ros.core.map.map_absence import why_absent
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import LayerStyle, MapLayer, VectorMap, check_heights
 from tirgeo_ros.core.map.visibility import View, VisibleLines
@@ -79,11 +79,6 @@ class VisibleMap(NamedTuple):
     marks: VisibleLines
     hidden: bool  # whether features in view were left out because of their layers' scale range
 
-    @property
-    def empty(self) -> bool:
-        """Return whether there is nothing to draw."""
-        return not (len(self.lines) or len(self.marks))
-
 
 class MapRenderer:
     """Draw one draped map, frame after frame."""
@@ -100,8 +95,7 @@ class MapRenderer:
         self.lines = LineRenderer()
         self.confidence = config
         self._labels = Labels(vector_map)
-        self._features = draped.features
-        self._absence = MapAbsence(vector_map, draped.plane, draped.first_n)
+        self._draped = draped
         #: Whether some layers have a limited scale range.
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
 
@@ -156,10 +150,12 @@ class MapRenderer:
         far_m: float,
     ) -> str:
         """Return why none of the map is in view; empty if some is, or there is none to draw."""
-        if not visible.empty or not self._features:
+        draped = self._draped
+        if len(visible.lines) or len(visible.marks) or not draped.features:
             return ""
         if not visible.hidden:
-            return f"NO MAP IN VIEW: {self._absence.why(camera, pose, far_m)}"
+            map_of = draped.map, draped.plane, draped.first_n
+            return f"NO MAP IN VIEW: {why_absent(*map_of, camera, pose, far_m)}"
         sample = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
         sample += " a pixel"
         if math.isnan(scale_m_px):

@@ -224,7 +224,11 @@ def page_map(layers: Sequence[MapLayer]) -> bytes:
     fewer = ""
     if len(parts) > MOST_PARTS:
         fewer = f"{MOST_PARTS:,} of {len(parts):,} shapes"
-        rank = np.argsort([-_size_m(part) for _, part in parts], kind="stable")
+        sizes_m = [
+            math.hypot(*np.ptp(_metres(part), axis=0)) if len(part.points) > 1 else _POINT_M
+            for _, part in parts
+        ]
+        rank = np.argsort(np.negative(sizes_m), kind="stable")
         parts = [parts[i] for i in np.sort(rank[:MOST_PARTS]).tolist()]
     parts, coarser = _thinned(parts)
     features = [
@@ -260,10 +264,6 @@ def _metres(part: GeoFeature) -> Array:
     """Return a part's points (N, 2), m; those of an outline end where it begins."""
     points = np.concatenate([part.points, part.points[:1]]) if part.closed else part.points
     return SEMI_MAJOR_AXIS_M * points[:, :2] * [1.0, math.cos(points[0, 0])]
-
-
-def _size_m(part: GeoFeature) -> float:
-    return math.hypot(*np.ptp(_metres(part), axis=0)) if len(part.points) > 1 else _POINT_M
 
 
 def _shapes(features: Sequence[GeoFeature]) -> Iterable[tuple[GeoFeature, dict[str, Any]]]:
