@@ -12,8 +12,8 @@ from scenes import camera_pose, graticule
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.map_absence import why_absent
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.visibility import why_absent
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Overlay

@@ -14,10 +14,9 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfi
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.map.map_absence import why_absent
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import LayerStyle, MapLayer, VectorMap, check_heights
-from tirgeo_ros.core.map.visibility import View, VisibleLines
+from tirgeo_ros.core.map.visibility import View, VisibleLines, why_absent
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, marked, with_marks

@@ -103,7 +103,13 @@ class _Comparison:
         if self.sign in _ORDER:
             number, bound = _number(value), _number(self.values[0])
             return number is not None and bound is not None and _ORDER[self.sign](number, bound)
-        return any(_equal(value, each) for each in self.values) != (self.sign == "!=")
+        is_one = False
+        for each in self.values:
+            number, other = _number(each), _number(value)
+            if number is None or other is None:  # else they compare as numbers
+                number, other = _unquoted(each), shown_value(value)
+            is_one |= number == other
+        return is_one != (self.sign == "!=")
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +131,19 @@ class Condition:
         """
         if len(text) > _LONGEST:
             raise ConfigError(f"{source}: longer than {_LONGEST} characters")
-        comparisons = list(_comparisons(text))
-        if not all(comparisons):
-            raise ConfigError(
-                f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
-                "flow >= 60 and kind in [pump, well]"
-            )
-        return cls(tuple(filter(None, comparisons)), source)
+        comparisons, at, more = [], 0, "and"
+        while more:
+            match = _COMPARISON.match(text, at)
+            if match is None or (match["sign"] in _ORDER and _number(match["value"]) is None):
+                raise ConfigError(
+                    f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
+                    "flow >= 60 and kind in [pump, well]"
+                )
+            written = tuple(re.findall(_VALUE, match["value"] or match["values"]))
+            field = _unquoted(match["field"])
+            comparisons.append(_Comparison(field, match["sign"] or "in", written))
+            at, more = match.end(), match["more"]
+        return cls(tuple(comparisons), source)
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -170,31 +182,8 @@ class Wanted:
         return self.label.fields + (self.condition.fields if self.condition else ())
 
 
-def _comparisons(text: str) -> Iterator[_Comparison | None]:
-    """Yield the comparisons of a text; None where it is none."""
-    at, more = 0, "and"
-    while more:
-        match = _COMPARISON.match(text, at)
-        if match is None:
-            yield None
-            return
-        field, sign, value, values, more = match.group("field", "sign", "value", "values", "more")
-        ordered = sign in _ORDER and _number(value) is None
-        written = tuple(re.findall(_VALUE, value or values))
-        yield None if ordered else _Comparison(_unquoted(field), sign or "in", written)
-        at = match.end()
-
-
 def _unquoted(text: str) -> str:
     return text[1:-1] if text[0] in "\"'" else text
-
-
-def _equal(value: Any, written: str) -> bool:
-    """Return whether a property has a value, as numbers if both are."""
-    number, other = _number(written), _number(value)
-    if number is not None and other is not None:
-        return number == other
-    return shown_value(value) == _unquoted(written)
 
 
 def _number(value: Any) -> float | None:
