@@ -95,7 +95,7 @@ class Navigation:
         self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._log.begin()
-        self._health.forget_rtk()
+        self._health.rtk = FixStatus.NONE, 0
         self._newest: NavSolution | None = None
         self._clocks = AidClocks(self._config, self._imu_clock.newest_ns)
         self._in_imu = [aid(self._config) for aid in AIDS.values() if aid.in_imu]

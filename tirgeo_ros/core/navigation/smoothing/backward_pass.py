@@ -18,16 +18,8 @@ from tirgeo_ros.core.types.poses import NavSolution
 _BLOCK = 4096
 
 
-def smooth(record: FlightRecord) -> Array:
-    """Return the smoothed errors (changes, n) of the state after each change of a run.
-
-    The record's covariances are replaced by those of the smoothed errors.
-    """
-    return _BackwardPass(record).smoothed()
-
-
-class _BackwardPass:
-    """Go back through a record."""
+class BackwardPass:
+    """Go back through the record of a run."""
 
     def __init__(self, record: FlightRecord) -> None:
         n = record.states
@@ -40,7 +32,10 @@ class _BackwardPass:
         self._vector, self._matrix = np.zeros(n), np.zeros((n, n))
 
     def smoothed(self) -> Array:
-        """Return the smoothed errors (changes, n)."""
+        """Return the smoothed errors (changes, n) of the state after each change of the run.
+
+        The record's covariances are replaced by those of the smoothed errors.
+        """
         count, n = len(self._covariances), len(self._vector)
         rows, columns = self._lower
         possible = np.isfinite(self._covariances).all(axis=1)
@@ -67,19 +62,17 @@ class _BackwardPass:
         return np.asarray(errors[:, :, 0])
 
     def _step_back(self, number: int) -> None:
-        """Go from after a change to before it."""
+        """Go from after a change to before it; of an update ``A = I - (H P)^T H``."""
         kind, place = self._kinds[number], self._places[number]
         if kind == MOVED:
             back = self._transitions[place].T
             self._vector = back.dot(self._vector)
             self._matrix = back.dot(self._matrix).dot(back.T)
-        elif kind == CORRECTED:
-            self._uncorrect(number - 1, self._corrections[place])
-
-    def _uncorrect(self, before: int, whitened: Array) -> None:
-        """Go back through an update; with a weight of identity ``A = I - (H P)^T H``."""
+        if kind != CORRECTED:
+            return
+        whitened = self._corrections[place]  # so that the weight is identity
         design, innovation = whitened[:, :-1], whitened[:, -1]
-        cross = design.dot(self._covariances[before].take(self._square))
+        cross = design.dot(self._covariances[number - 1].take(self._square))
         self._vector = self._vector + design.T.dot(innovation - cross.dot(self._vector))
         half = self._matrix - self._matrix.dot(cross.T).dot(design)
         matrix = half + design.T.dot(design - cross.dot(half))
@@ -95,7 +88,7 @@ class SmoothedRun:
     def __init__(self, config: EkfConfig, record: FlightRecord) -> None:
         self._form = SolutionMaker(config)
         self._has_antenna = has_antenna(record.states)
-        self._square, self._errors = record.square, smooth(record)
+        self._square, self._errors = record.square, BackwardPass(record).smoothed()
         # Not the record itself: its transitions and measurements are needed no more.
         self._covariances, self._kinds = record.covariances, record.kinds
         self._steps_s, self._epochs = record.steps_s, record.epochs

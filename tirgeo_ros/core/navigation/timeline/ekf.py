@@ -272,7 +272,10 @@ class Ekf:
             autopilot_q_nb=autopilot_q_nb,
         )
         self._set_verdict(record, verdict)
-        trail = now.trail and now.trail.followed_by(after.changes)
+        trail = now.trail
+        if trail is not None:
+            for change in after.changes:
+                trail = Mark(change, trail)
         return Propagated(after.state, after.covariance, trail=trail), after.aids
 
     def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:
