@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 
 import numpy as np
@@ -12,6 +13,7 @@ from dev.bench import dji as bench_dji
 from dev.bench import filters
 from dev.bench.graph import times_of
 from dev.bench.pyins import pyins_is_installed, pyins_run
+from dev.judging import Figure
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.dji.link.framing import FrameReader
@@ -150,3 +152,19 @@ def test_frames_without_a_picture_are_lost_and_strange_pictures_do_not_count():
 def test_a_run_that_measured_nothing_is_an_error(shown, lines, message):
     with pytest.raises(GraphError, match=message):
         run(shown, lines=lines)
+
+
+@pytest.mark.parametrize(
+    ("value", "wanted", "expected"),
+    [
+        (1.71, ">= 1.7", False),
+        (1.69, ">= 1.7", True),
+        (0.0, "= 0", False),
+        (1.0, "= 0", True),
+        (math.nan, "<= 4", True),
+        (5.0, "about 0", False),
+        (5.0, "", False),
+    ],
+)
+def test_what_is_missed(value, wanted, expected):
+    assert Figure("a figure", value, "", wanted).missed == expected
