@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut, update
-from tirgeo_ros.core.navigation.smoothing import backward_pass
-from tirgeo_ros.core.navigation.smoothing.backward_pass import BackwardPass
+from tirgeo_ros.core.navigation.smoothing import smoothed_navigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import BackwardPass
 from tirgeo_ros.core.navigation.timeline.epochs import FlightRecord
 
 STATES = 5
@@ -119,7 +119,7 @@ def square(record, lower):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("block", [4096, 7])
 def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
-    monkeypatch.setattr(backward_pass, "_BLOCK", block)
+    monkeypatch.setattr(smoothed_navigation, "_BLOCK", block)
     found = flown(seed)
     mean, covariance = found.conditioned()
     errors = BackwardPass(found.record).smoothed()

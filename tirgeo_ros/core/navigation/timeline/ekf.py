@@ -31,13 +31,15 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     STATES,
     VELOCITY,
     NoisePowers,
+    Powers,
+    VibrationMeter,
+    clipped_powers,
     has_antenna,
     states_of,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, VibrationMeter, clipped_powers
 from tirgeo_ros.core.navigation.timeline.epochs import (
     FilterEpoch,
     FlightRecord,
