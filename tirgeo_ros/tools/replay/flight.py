@@ -20,7 +20,7 @@ from tirgeo_ros.core.checks.input_checks import size_fault
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
-from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import SmoothedRun
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import BagError, CameraError, MessageError, TirgeoError
 from tirgeo_ros.core.types.poses import CameraPose
