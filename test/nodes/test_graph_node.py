@@ -13,8 +13,6 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import KeptLog
-from rclpy import event_handler
-from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from std_msgs.msg import String
@@ -104,16 +102,6 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
     assert heard[-1].status[0].level == bytes([ERROR])
-
-
-def test_where_the_middleware_tells_of_no_losses_all_else_works(node, monkeypatch):
-    def unable(**words):
-        if words["event_type"] == QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
-            raise event_handler.UnsupportedEventTypeError("not in this one")
-        return EventHandler(**words)
-
-    monkeypatch.setattr(event_handler, "EventHandler", unable)
-    assert node.listen("imu/data", print, output()).topic_name == "/imu/data"
 
 
 def test_one_thread_reads_what_another_writes():
