@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
+from tirgeo_ros.core.navigation.aiding.fusion import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.estimator.track import Track
 from tirgeo_ros.core.streams.arrivals import ArrivalOrder, Arrivals
