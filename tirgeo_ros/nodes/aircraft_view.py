@@ -1,7 +1,4 @@
-"""Say one aircraft's state to the operator's page: whether it can be relied on, and where it is.
-
-Clicks are passed on, and places are sought in its video.
-"""
+"""Say one aircraft's state to the operator's page, pass on clicks, find places in its video."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Define what nodes share: topics with their QoS, guarded callbacks, a log, reports.
-
-Sensor data are best effort, outputs reliable, and what late readers need is latched.
-"""
+"""Define what nodes share: topics with their QoS, guarded callbacks, a log, reports."""
 
 from __future__ import annotations
 
@@ -184,10 +181,7 @@ class GraphNode(Node):
         return self.create_timer(period_s, self.guarded(name, work), clock=clock)
 
     def advertise(self, topic: str, qos: QoSProfile, typename: str = "") -> Publisher:
-        """Return a publisher of a contract topic whose QoS a parameter can override.
-
-        ``typename`` is for a topic of another namespace.
-        """
+        """Return a publisher of a contract topic whose QoS a parameter can override."""
         options = QoSOverridingOptions.with_default_policies()
         kind = message_class(typename or TOPIC_TYPES[topic])
         with _overrides():
@@ -210,10 +204,9 @@ class GraphNode(Node):
     ) -> Subscription:
         """Return a subscription to a contract topic; a failing callback does not end the node.
 
-        Messages lost in transport are counted. ``typename`` is for
-        a topic outside the contract. ``wrapped`` makes the callback from the one that takes a
-        message; with ``raw`` that one takes bytes, decoded just before ``handle`` as those of a
-        bag are: five times as fast as rclpy; unless ``decoded`` is false.
+        ``typename`` is for a topic outside the contract. ``wrapped`` makes the callback from the
+        one that takes a message; with ``raw`` that one takes bytes, decoded just before ``handle``
+        as those of a bag are: five times as fast as rclpy; unless ``decoded`` is false.
         """
         typename = typename or TOPIC_TYPES[topic]
         kind, cdr = message_class(typename), self._cdr

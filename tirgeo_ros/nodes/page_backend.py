@@ -1,8 +1,4 @@
-"""Answer the operator's page by way of the graph, and give its targets and aircraft to the team.
-
-The page asks for clicks, places, recordings and the map. The team gets Cursor-on-Target, once the
-page switches that on.
-"""
+"""Answer the operator's page by way of the graph; give its targets and aircraft to the team."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Record aircraft: a bag of the topics, and the video, each by a child process of viewer_node.
-
-A live stream is a child process too.
-"""
+"""Record aircraft, bag and video, each by a child process of viewer_node, as live streams are."""
 
 from __future__ import annotations
 
@@ -48,10 +45,7 @@ _TF = ("/tf", "/tf_static")
 
 
 class ChildNode:
-    """Hold a node's process, in a namespace and by the clock of ``node``.
-
-    It ends when the thread ends that started it.
-    """
+    """Hold a node's process, in the namespace and clock of ``node``; it ends with its thread."""
 
     def __init__(
         self, node: GraphNode, name: str, values: Mapping[str, object], namespace: str

@@ -144,10 +144,7 @@ class ViewerNode(GraphNode):
                     self._targets.switch(what, on=False)
 
     def _invite(self) -> None:
-        """Say where the page is, on stdout alone: tokens go into no ROS log.
-
-        Where other computers reach it there is a code to scan.
-        """
+        """Say where the page is, with a code to scan, on stdout: tokens go into no ROS log."""
         operators, viewers = self._server.operator_url, self._server.viewer_url
         if viewers:
             sys.stdout.write(f"\n{invitation(operators)}\n\nviewers: {viewers}\n")

@@ -1,7 +1,4 @@
-"""Read what a page asks, do it and say what came of it; write targets as pages get them.
-
-A request is a JSON text, each field of its type and in its range, and nothing else.
-"""
+"""Read what a page asks, do it and say what came of it; write targets as pages get them."""
 
 from __future__ import annotations
 
