@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from itertools import count, takewhile
 
 import pytest
 
@@ -106,12 +107,10 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
 
 def test_one_thread_reads_what_another_writes():
     """As dji_node's serial thread and its diagnostics; here each message is of a new topic."""
-    monitor, stop, raised = Monitor(), threading.Event(), []
+    monitor, stop = Monitor(), threading.Event()
 
     def write():
-        number = 0
-        while not stop.is_set():
-            number += 1
+        for number in takewhile(lambda _: not stop.is_set(), count()):
             monitor.published(f"topic {number}", 0.001)
 
     usual_s = sys.getswitchinterval()
@@ -122,13 +121,10 @@ def test_one_thread_reads_what_another_writes():
         for _ in range(100):
             time.sleep(0.001)
             monitor.report("x")
-    except RuntimeError as error:
-        raised.append(error)
     finally:
         stop.set()
         writer.join()
         sys.setswitchinterval(usual_s)
-    assert not raised
 
 
 @pytest.fixture
