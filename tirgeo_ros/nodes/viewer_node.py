@@ -41,7 +41,7 @@ from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.recordings import PageStreams, Recordings
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.page.backend import Click, Pixel
+from tirgeo_ros.page.actions import Click, Pixel
 from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink
 from tirgeo_ros.page.routes import invitation
