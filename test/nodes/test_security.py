@@ -90,8 +90,8 @@ def expected() -> dict[str, Permissions]:
     found["dji_node"]["subscribe"] -= {f"/uav1/psdk_ros2/{topic}" for topic in absent}
     if not TF:
         for may in found.values():
-            for key in ("publish", "subscribe"):
-                may[key] = may[key] - {"/tf", "/tf_static"}
+            for names in may.values():
+                names -= {"/tf", "/tf_static"}
     return found
 
 
