@@ -29,7 +29,6 @@ from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
 from tirgeo_ros.tools.replay.registration import (
     FilterRecording,
-    FlightFilter,
     Registered,
     Sample,
 )
@@ -225,9 +224,9 @@ def filter_flight(
     tables = {topic: table for topic, table in pairs if table is not None}
     configs, _ = load_config(config).fitting({f"/{topic}" for topic in tables}, "")
     solutions = Solutions()
-    poses = FlightPoses(FlightFilter(configs.ekf), configs.gimbal, (), None, [solutions.watch])
+    poses = FlightPoses(configs.ekf, configs.gimbal, (), None, [solutions.watch])
     if smooth:
-        recording = FilterRecording(poses.filter)
+        recording = FilterRecording(poses.ekf)
         for sample in _stream(tables, configs):
             recording.take(sample)
         poses.begin(recording.smoothed())

@@ -37,7 +37,7 @@ from tirgeo_ros.tools.cli._verb import (
 
 _OUTPUT = "the new bag; of several flights, or with an existing folder or DIR/, the folder"
 _VIDEO = (
-    "the overlay as a video: .mp4 (H.264), .webm (VP9), or .ts (H.264 with KLV metadata); of "
+    "the overlay as a video: .mp4 (H.264), or .ts (H.264 with KLV metadata); of "
     "several flights the ending alone, or nothing for .mp4"
 )
 _WORKERS = "of several flights: processes at a time; default: the number of cores"
@@ -57,7 +57,7 @@ OPTIONS = (
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
 )
 _NAMES = "params map method camera dem ground_height raw_images namespace smooth"
-_ENDINGS = (".mp4", ".webm", ".ts")
+_ENDINGS = (".mp4", ".ts")
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:

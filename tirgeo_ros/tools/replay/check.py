@@ -20,7 +20,7 @@ from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
 from tirgeo_ros.tools.replay.node_configs import open_flight
-from tirgeo_ros.tools.replay.registration import SAMPLES, FlightFilter, Registered, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 
 def check(
@@ -52,7 +52,7 @@ def check(
     flight = Flight(reader, namespace, camera=lens, checks=checks, **wanted)
     heights = _Heights()
     watchers = [checks.watch, heights.watch]
-    poses = FlightPoses(FlightFilter(configs.ekf), configs.gimbal, SAMPLES, (), watchers)
+    poses = FlightPoses(configs.ekf, configs.gimbal, SAMPLES, (), watchers)
     flight.add_poses(poses)
     flight.read_all(progress)
     findings += [*damage_findings(reader.damage), *checks.findings()]

@@ -32,6 +32,7 @@ from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import (
     CAMERA_INFO,
+    METHOD_TOPICS,
     PICTURES,
     checked_topics,
     inputs_of,
@@ -40,7 +41,6 @@ from tirgeo_ros.tools.replay.flight_topics import (
 from tirgeo_ros.tools.replay.registration import (
     SAMPLES,
     FilterRecording,
-    FlightFilter,
     Registered,
     Registration,
     Sample,
@@ -169,20 +169,17 @@ class Flight:
         gimbal: GimbalConfig,
         instants_ns: Sequence[int],
         *watchers: Watcher,
-        baseline_step_rad: float = 0.0,
         smooth: bool = False,
     ) -> FlightPoses:
         """Add a registration, which takes the samples, and return it.
 
-        Raise BagError if a needed topic is absent. ``baseline_step_rad``: use the headings that
-        the aircraft would have measured with its antenna baseline turned by this angle, clockwise
-        from above. ``smooth``: each pose from all measurements, also later ones.
+        Raise BagError if a needed topic is absent. ``smooth``: each pose from all measurements,
+        also later ones.
         """
         topics = inputs_of(
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
         )
-        flown = FlightFilter(ekf, baseline_step_rad)
-        poses = FlightPoses(flown, gimbal, topics.values(), instants_ns, watchers)
+        poses = FlightPoses(ekf, gimbal, topics.values(), instants_ns, watchers)
         return self.add_poses(poses, smooth=smooth)
 
     def add_poses(self, poses: FlightPoses, *, smooth: bool = False) -> FlightPoses:
@@ -236,9 +233,9 @@ class Flight:
     def _smooth(self, progress: Report) -> None:
         """Record what is to be smoothed in a pass of its own, and begin it with smoothed poses."""
         first = Flight(self._reader, self._namespace, needs_camera=False)
-        recordings = [FilterRecording(poses.filter) for poses in self._to_smooth]
+        recordings = [FilterRecording(poses.ekf) for poses in self._to_smooth]
         for poses, recording in zip(self._to_smooth, recordings, strict=True):
-            first.add(poses.filter.topics, recording.take)
+            first.add(METHOD_TOPICS[poses.ekf.method], recording.take)
         first.read_all(progress)
         for poses, recording in zip(self._to_smooth, recordings, strict=True):
             poses.begin(recording.smoothed())
@@ -346,13 +343,13 @@ class FlightPoses:
 
     def __init__(
         self,
-        flown: FlightFilter,
+        ekf: EkfConfig,
         gimbal: GimbalConfig,
         topics: Collection[str],
         instants_ns: Sequence[int] | None = (),
         watchers: Sequence[Watcher] = (),
     ) -> None:
-        self.filter, self._gimbal, self.topics = flown, gimbal, topics
+        self.ekf, self._gimbal, self.topics = ekf, gimbal, topics
         self.watchers = list(watchers)
         self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
         self._instants_ns = None if instants_ns is None else sorted(instants_ns)
@@ -365,11 +362,10 @@ class FlightPoses:
 
     def begin(self, smoothed: Sequence[SmoothedRun] | None) -> None:
         """Begin the registration, with the poses of smoothed runs if they are given."""
-        self.registration = Registration(self.filter.ekf, self._gimbal, smoothed)
+        self.registration = Registration(self.ekf, self._gimbal, smoothed)
 
     def take(self, sample: Sample) -> None:
         """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
-        sample = self.filter.turned(sample)
         registered = self.registration.take(sample)
         for pose in registered.cameras:
             if self._instants_ns is None or self._is_near(pose.stamp_ns):

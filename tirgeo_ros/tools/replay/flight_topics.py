@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
+from tirgeo_ros.core.navigation.aiding.fusion import METHOD_SOURCES
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES

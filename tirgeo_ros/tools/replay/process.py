@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.map_layers import MapLayer
+from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
 from tirgeo_ros.core.types.finding import Finding, stop_line
@@ -36,7 +36,6 @@ from tirgeo_ros.tools.replay.flight_topics import PICTURES, done_without, inputs
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
-from tirgeo_ros.tools.replay.registration import FlightFilter
 
 #: A larger refused share of one kind of measurement is not chance: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
@@ -149,7 +148,7 @@ def _run(
         film = stack.enter_context(VideoFile(video)) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
         flight = Flight(reader, setup.opened.namespace, checks=setup.checks, needs_camera=False)
-        own = FlightFilter(configs.ekf), configs.gimbal, setup.topics.values()
+        own = configs.ekf, configs.gimbal, setup.topics.values()
         poses = flight.add_poses(FlightPoses(*own), smooth=smooth)
         outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, raw_images=raw_images)
         poses.watchers += [setup.checks.watch, outputs.watch]

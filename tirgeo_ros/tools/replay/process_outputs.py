@@ -318,7 +318,7 @@ class ProcessOutputs:
         if topic == "tirgeo/locate/pixel":
             self._locate(self._overlay, content, arrival_ns)
             return
-        self._overlay.set_status(self.registration.navigation.status())
+        self._overlay.status = self.registration.navigation.status()
         pixels, stamp_ns = self._stage.pixels(topic, content), convert.stamp_ns(content)
         self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
         stamp_ns = self._flight.arrivals.stamp_ns(topic, stamp_ns, arrival_ns)
