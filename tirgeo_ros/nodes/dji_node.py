@@ -25,7 +25,7 @@ from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.dji.sources.serial import SerialDecoder
-from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed, stamp_ns
+from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, sensed, stamp_ns
 from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output, sensor_input
@@ -193,14 +193,10 @@ class PsdkSource:
         values = _TOPICS[topic][1](message)
         arrival_ns = self._node.now_ns
         sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
-        self._give(self._decoder.take(topic, values, sent_ns, arrival_ns))
+        self._take(self._decoder.take(topic, values, sent_ns, arrival_ns))
 
     def _due(self) -> None:
-        self._give(self._decoder.due(self._node.now_ns))
-
-    def _give(self, readings: list[Reading]) -> None:
-        if readings:
-            self._take(readings)
+        self._take(self._decoder.due(self._node.now_ns))
 
     def _log_changes(self) -> list[str]:
         """Return the current warnings; log each when it begins and when it is over."""
@@ -264,12 +260,9 @@ class DjiNode(GraphNode):
         with self._lock:
             for reading in readings:
                 for sample in self._interpreter.take(reading):
-                    self._publish(sample)
-
-    def _publish(self, sample: SensedSample) -> None:
-        topic, message = sensed(self.messages, sample)
-        self._topics[topic].publish(message)
-        self.monitor.published(topic, 1e-9 * (self.now_ns - sample.stamp_ns))
+                    topic, message = sensed(self.messages, sample)
+                    self._topics[topic].publish(message)
+                    self.monitor.published(topic, 1e-9 * (self.now_ns - sample.stamp_ns))
 
     def _findings_of_aircraft(self) -> list[Finding]:
         with self._lock:

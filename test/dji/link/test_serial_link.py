@@ -51,16 +51,9 @@ def test_an_open_port_without_bytes_is_silent_after_two_seconds():
     )
 
 
-@pytest.mark.parametrize(
-    ("baud", "words"),
-    [
-        (921600, "at 921600 baud: .*usual are 230400, 115200, 1000000$"),
-        (230400, "at 230400 baud: .*usual are 921600, 115200, 1000000$"),
-        (57600, "at 57600 baud: .*usual are 921600, 230400, 115200, 1000000$"),
-    ],
-)
-def test_bytes_without_frames_are_a_wrong_rate(baud, words):
-    scene = Scene(baud)
+def test_bytes_without_frames_are_a_wrong_rate():
+    words = "at 230400 baud: .*usual are 921600, 115200, 1000000$"
+    scene = Scene(230400)
     report = scene.pass_(2.5, bytes_=100)
     assert (report.condition, report.level) == ("wrong_baud", LinkLevel.ERROR)
     assert re.search(f"bytes come but no valid frame for 2 s {words}", report.message)

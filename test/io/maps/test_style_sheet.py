@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from map_files import UTM33_PRJ
 from project import PROJECT
 
-from tirgeo_ros.core.map.map_layers import LayerStyle
+from tirgeo_ros.core.map.vector_map import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.maps.layers import read_layers as load_layers
 from tirgeo_ros.io.maps.style_sheet import Condition, LabelRule, load_style_sheet, own_names

@@ -100,7 +100,7 @@ def test_a_broadcast_of_no_layout_has_its_mask(dump, tirgeo_dump):
 def test_packages_from_a_file(dump, tmp_path):
     file = tmp_path / "packages.yaml"
     file.write_text(
-        "packages: {1: {rate_hz: 20, with_timestamp: true, topics: [RTK_YAW, 0x1df9a6b6]}}"
+        "packages: {1: {rate_hz: 20, with_timestamp: true, topics: [RTK_YAW, RTK_POSITION]}}"
     )
     package = Package.of(1, 20, with_timestamp=True, names=("RTK_YAW", "RTK_POSITION"))
     frame = push(package, RTK_YAW=-90, RTK_POSITION=(7.5, 46.5, 540.25))

@@ -171,23 +171,6 @@ def test_the_result_can_be_processed(imported, folder, capsys):
     assert messages(folder / "out.mcap", "/tirgeo/camera_pose")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("broadcast", [False, True])
-def test_a_bag_without_rtk_stays_on_its_gps(folder, capsys, broadcast):
-    """DJI's own fused position: its height is next to unknown, which is no cause to be lost."""
-    source = wrapper_bag(Flight(duration_s=25.0), broadcast=broadcast)
-    source.messages = [one for one in source.messages if "/rtk_" not in one[2]]
-    bag, target = source.write(folder / f"gps_{broadcast}.bag"), folder / f"gps_{broadcast}.mcap"
-    import_flight(bag, target, params=folder / "params.yaml")
-    out = ["-o", str(folder / "out.mcap"), "--no-images", "--json"]
-    assert main(["process", str(target), *out]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert (result["method"], result["state"]) == ("ekf", "degraded")
-    assert result["reason"].endswith("gps/fix has a sigma of 100 m in height")
-    assert set(result["states_s"]) <= {"waiting", "aligning", "degraded"}
-    assert result["states_s"]["degraded"] >= 17
-
-
 def test_delays_are_taken_off(folder):
     params = parameters_file(
         folder / "delays.yaml",
@@ -327,9 +310,12 @@ def camera_info(bag, head):
 @pytest.mark.parametrize(
     ("pictures", "message"),
     [
-        (Pictures("/none"), r"/none is not there; of type sensor_msgs/msg/Image or .* are: none"),
-        (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is sensor_msgs/msg/Imu; of type"),
-        (Pictures(camera_info="/x"), r"/x is not there; of type sensor_msgs/msg/CameraInfo are"),
+        (
+            Pictures("/none"),
+            r"/none is not there; thermal/image_raw takes .*: no topic of the bag",
+        ),
+        (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is of type sensor_msgs/msg/Imu; th"),
+        (Pictures(camera_info="/x"), r"/x is not there; thermal/camera_info takes"),
     ],
 )
 def test_pictures_that_are_not_there(empty_folder, pictures, message):

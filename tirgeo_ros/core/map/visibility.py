@@ -21,8 +21,16 @@ from tirgeo_ros.core.camera.camera_model import (
     largest_scale,
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.map.level_of_detail import Boxes, Details, ends, levels_at, merged
-from tirgeo_ros.core.map.polylines import Polylines, joined, runs
+from tirgeo_ros.core.map.polylines import (
+    Boxes,
+    Details,
+    Polylines,
+    ends,
+    joined,
+    levels_at,
+    merged,
+    runs,
+)
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
@@ -193,7 +201,6 @@ class View:
         self._normals_c = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, -1]]
         )
-        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0])  # _eye appends the far plane's
         widest = math.hypot(max(-left, right), max(-top, bottom))
         self._reaches_past_lens = widest > camera.max_radius
         radius = min(widest, camera.max_radius)
@@ -219,31 +226,48 @@ class View:
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
         A line may be returned in several parts that meet; each has the line's owner.
         """
-        details, eye = vector_map.details, self._eye(pose, far_m)
-        piece, whole = details.in_view(eye.normals, eye.offsets)
+        details, rotation_cn = vector_map.details, matrix_from_quat(pose.q_nc).T
+        offset_c = rotation_cn @ pose.position_n
+        offsets_c = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -far_m])
+        # The field of view is where normals @ point >= offsets.
+        normals = self._normals_c @ rotation_cn
+        piece, whole = details.in_view(normals, offsets_c + normals @ pose.position_n)
         boxes = details.boxes.take(piece)
-        level, detail_px = self._levels(details, piece, boxes.distance(eye.position_n))
-        row = self._in_a_row(boxes, whole, eye, detail_px)
+        level, detail_px = self._levels(details, piece, boxes.distance(pose.position_n))
+        row = self._in_a_row(boxes, whole, rotation_cn, offset_c, detail_px)
+
+        def seen(which: IntArray | BoolArray) -> Polylines:
+            """Return pieces in the optical frame."""
+            lines = details.lines(piece[which], level[which])
+            points_c = rotation_cn @ lines.points
+            points_c -= offset_c[:, None]
+            return Polylines(points_c, lines.starts, lines.owner)
+
         inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(~whole)
-        some = np.concatenate([inner, outer])
-        lines, cut = eye.sees(details.lines(piece[some], level[some])).parted(len(inner))
+        lines, cut = seen(np.concatenate([inner, outer])).parted(len(inner))
         # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
         # long as all other steps together.
-        cut = clip_to_planes(cut, self._normals_c, np.append(self._offsets, -far_m))
-        flat = _flat(joined(lines, cut))
+        flat = _flat(joined(lines, clip_to_planes(cut, self._normals_c, offsets_c)))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         if row.any():
             # Pieces that each lie in one row become merged spans. One may replace another of its
             # layer, if the features of both have a label or both have none.
-            in_row = _flat(eye.sees(details.lines(piece[row], level[row])))
+            in_row = _flat(seen(row))
             spans = ends(in_row, in_row.points[0])
             uv = self.camera.pixels(*spans.points[:2])
             sheet = 2 * vector_map.layer[spans.owner] + vector_map.labelled[spans.owner]
             flat = joined(flat, merged(spans, uv, sheet))
         return self._seen(flat)
 
-    def _in_a_row(self, boxes: Boxes, whole: BoolArray, eye: _Eye, row_px: float) -> BoolArray:
+    def _seen(self, flat: Polylines) -> VisibleLines:
+        flat = self._bent(flat)
+        uv = self.camera.pixels(*flat.points[:2])
+        return VisibleLines(uv, flat.starts, flat.owner, flat.points)
+
+    def _in_a_row(
+        self, boxes: Boxes, whole: BoolArray, rotation_cn: Array, offset_c: Array, row_px: float
+    ) -> BoolArray:
         """Return (N,) whether each box is wholly in view and lower than ``row_px`` in the picture.
 
         A step (x, y, z) in the optical frame moves the row by (y - v z) / depth, where v is the
@@ -252,8 +276,8 @@ class View:
         """
         if self._reaches_past_lens or not row_px:
             return np.zeros(len(whole), bool)
-        _, down, ahead = eye.rotation_cn
-        _, y, depth = eye.rotation_cn @ boxes.centres - eye.offset_c[:, None]
+        _, down, ahead = rotation_cn
+        _, y, depth = rotation_cn @ boxes.centres - offset_c[:, None]
         depth = np.where(whole, depth, 1.0)
         turned = np.abs(down[:, None] - (y / depth) * ahead[:, None])
         half = np.einsum("ij,ij->j", turned, boxes.halves)
@@ -268,8 +292,11 @@ class View:
         rings, details = vector_map.rings, vector_map.details
         if not len(rings):
             return _NOTHING
-        eye = self._eye(pose, FAR_M)
-        ring, whole = rings.boxes.in_view(eye.normals, eye.offsets)
+        rotation_cn = matrix_from_quat(pose.q_nc).T
+        normals = self._normals_c @ rotation_cn
+        offsets_c = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -FAR_M])
+        offsets = offsets_c + normals @ pose.position_n
+        ring, whole = rings.boxes.in_view(normals, offsets)
         if not len(ring):
             return _NOTHING
         whole &= not self._reaches_past_lens
@@ -277,26 +304,21 @@ class View:
         number, starts = runs(rings.starts[ring], np.diff(rings.starts)[ring])
         piece = rings.pieces[number]
         boxes = details.boxes.take(piece)
-        level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
+        level, _ = self._levels(details, piece, boxes.distance(pose.position_n))
         # Pieces wholly out of view do not change the visible fill: use the coarsest level.
         out = np.ones(len(piece), bool)
-        out[boxes.within(eye.normals, eye.offsets)] = False
+        out[boxes.in_view(normals, offsets)[0]] = False
         level[out] = len(details.count) - 1
         lines = details.lines(piece, level)
-        lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[ring]))
+        points_c = rotation_cn @ (lines.points - pose.position_n[:, None])
+        lines = Polylines(points_c, lines.starts[starts], rings.owner[ring])
         # Rings wholly in view are not clipped, and already end where they begin.
         inner, outer = lines.parted(int(whole.sum()))
-        outer = cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets)
+        outer = cut_rings_to_planes(outer, self._normals_c[:-1], offsets_c[:-1])
         if self._reaches_past_lens:
             planes = cone(self.camera.max_radius)
             outer = cut_rings_to_planes(outer, planes, np.zeros(len(planes)))
         return self._seen(joined(_flat(inner), closed(_flat(outer))))
-
-    def _eye(self, pose: CameraPose, far_m: float) -> _Eye:
-        rotation_cn = matrix_from_quat(pose.q_nc).T
-        normals = self._normals_c @ rotation_cn
-        offsets = np.append(self._offsets, -far_m) + normals @ pose.position_n
-        return _Eye(rotation_cn, pose.position_n, rotation_cn @ pose.position_n, normals, offsets)
 
     def _levels(
         self, details: Details, piece: IntArray, distance_m: Array
@@ -310,11 +332,6 @@ class View:
             if details.vertices(piece, level).sum() <= _MANY_VERTICES:
                 break
         return level, detail_px
-
-    def _seen(self, flat: Polylines) -> VisibleLines:
-        flat = self._bent(flat)
-        uv = self.camera.pixels(*flat.points[:2])
-        return VisibleLines(uv, flat.starts, flat.owner, flat.points)
 
     def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's points in the image, up to ``far_m`` ahead: lines of one point, px."""
@@ -347,23 +364,6 @@ class View:
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return flat.subdivided(pieces)
-
-
-@dataclass(frozen=True, slots=True)
-class _Eye:
-    """Hold the camera's pose in the map's plane and the planes of its field of view."""
-
-    rotation_cn: Array
-    position_n: Array
-    offset_c: Array  # the position, rotated to c
-    normals: Array  # the field of view is where normals @ point >= offsets
-    offsets: Array
-
-    def sees(self, lines: Polylines) -> Polylines:
-        """Transform lines from the map's plane to the optical frame."""
-        points_c = self.rotation_cn @ lines.points
-        points_c -= self.offset_c[:, None]
-        return Polylines(points_c, lines.starts, lines.owner)
 
 
 def _flat(lines: Polylines) -> Polylines:

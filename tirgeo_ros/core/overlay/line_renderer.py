@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.vector_map import Colour, LayerStyle
 from tirgeo_ros.core.types.arrays import Array, IntArray, Pixels
 
 #: Number of opacity steps of lines.

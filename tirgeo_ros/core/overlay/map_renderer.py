@@ -15,13 +15,13 @@ from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.map.map_absence import MapAbsence
-from tirgeo_ros.core.map.map_layers import LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import joined
-from tirgeo_ros.core.map.vector_map import VectorMap, check_heights
+from tirgeo_ros.core.map.vector_map import LayerStyle, MapLayer, VectorMap, check_heights
 from tirgeo_ros.core.map.visibility import View, VisibleLines
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.text_rendering import (
+from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, marked, with_marks
+from tirgeo_ros.core.overlay.written_text import (
     LONGEST,
     TEXT_BGR,
     Box,
@@ -30,7 +30,6 @@ from tirgeo_ros.core.overlay.text_rendering import (
     text_px,
     writable,
 )
-from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, marked, with_marks
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.poses import CameraPose

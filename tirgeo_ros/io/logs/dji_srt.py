@@ -87,8 +87,13 @@ def read_srt(path: Path, options: LogOptions) -> LogContents:
             reason = "no position in it" if place is None else "no height in it"
             contents.refused[_CUE_NAME, reason] += 1
         else:
-            contents.samples.append(_position(stamp_ns, place, height_m))
-    contents.notes += [*heights.notes, *_doubts(cues)]
+            source, status, unknown = Source.GPS_POSITION, FixStatus.SINGLE, np.zeros((3, 3))
+            latitude_rad, longitude_rad = (math.radians(float(degrees)) for degrees in place)
+            geodetic = latitude_rad, longitude_rad, height_m
+            contents.samples.append(PositionSample(stamp_ns, source, status, *geodetic, unknown))
+    if heights.used:
+        contents.notes.append(f"heights: {', '.join(heights.used)}")
+    contents.notes += _doubts(cues)
     return contents
 
 
@@ -97,7 +102,7 @@ class _Heights:
 
     def __init__(self, path: Path, options: LogOptions) -> None:
         self._path, self._options = path, options
-        self._used: dict[str, None] = {}
+        self.used: dict[str, None] = {}  # names of heights, each with its datum
 
     def of(self, text: str) -> float | None:
         """Return a cue's ellipsoidal height, or None; LogError if its datum is not known.
@@ -120,22 +125,16 @@ class _Heights:
         return self._above(self._options.height, plain)
 
     def _above(self, datum: str, match: re.Match[str]) -> float:
-        self._used[f"{match[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
+        self.used[f"{match[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
         return float(match[1]) + self._options.to_ellipsoid_m(datum, self._path)
-
-    @property
-    def notes(self) -> list[str]:
-        """Return which heights were taken."""
-        return [f"heights: {', '.join(self._used)}"] if self._used else []
 
 
 def _cue(part: str) -> _Cue:
-    begin = _BEGIN.match(part)
-    if begin is None:
-        return _Cue(part, None, written_time(part))
-    hours, minutes, seconds, thousandths = begin.groups()
-    whole_s = (int(hours) * 60 + int(minutes)) * 60 + int(seconds)
-    begin_ns = whole_s * SECOND_NS + int(thousandths.ljust(3, "0")) * 1_000_000
+    begin_ns = None
+    if begin := _BEGIN.match(part):
+        hours, minutes, seconds, thousandths = begin.groups()
+        whole_s = (int(hours) * 60 + int(minutes)) * 60 + int(seconds)
+        begin_ns = whole_s * SECOND_NS + int(thousandths.ljust(3, "0")) * 1_000_000
     return _Cue(part, begin_ns, written_time(part))
 
 
@@ -167,13 +166,6 @@ def _place(text: str) -> tuple[str, str] | None:
             return match[1], match[2]
     match = _LON_LAT.search(text)
     return (match[2], match[1]) if match else None
-
-
-def _position(stamp_ns: int, place: tuple[str, str], height_m: float) -> PositionSample:
-    """Return a position of the ordinary GPS; a covariance of zeros is unknown."""
-    source, status, unknown = Source.GPS_POSITION, FixStatus.SINGLE, np.zeros((3, 3))
-    latitude_rad, longitude_rad = (math.radians(float(degrees)) for degrees in place)
-    return PositionSample(stamp_ns, source, status, latitude_rad, longitude_rad, height_m, unknown)
 
 
 def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:

@@ -24,7 +24,7 @@ from typing import Any
 from PIL import ImageColor
 
 from tirgeo_ros.core.config.schema import Parameter
-from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
+from tirgeo_ros.core.map.vector_map import Colour, LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.files.whole_files import read_text
