@@ -277,7 +277,7 @@ def without(key):
             {"packages": {1: entry(topics=["RTK_JAW"])}},
             r"packages\.1\.topics: unknown topic RTK_J",
         ),
-        ({"packages": {1: entry(topics=["ESC_DATA"] * 3)}}, r"packages\.1: .* more than the 250 "),
+        ({"packages": {1: entry(topics=["ESC_DATA"] * 4)}}, r"packages\.1: .* more than the 250 "),
     ],
 )
 def test_what_is_no_table_is_told_with_file_and_key(tree, message):
