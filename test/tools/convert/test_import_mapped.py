@@ -9,7 +9,6 @@ import pytest
 from damaged_files import read_damaged
 from recorded_bags import record
 from ros1_bags import BEGUN_NS, Bag, by_time
-from rosbags.highlevel import AnyReader
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import FixStatus, Source
@@ -86,24 +85,6 @@ def test_topics_of_ros_1_with_their_stamps_and_log_times(tmp_path):
     for words in ("above the ellipsoid", "no covariance", "no heading of two"):
         assert words in told
     assert [row["lag_s"] for row in result["topics"]] == pytest.approx([0.005, 0.005, 0.005, 0.0])
-
-
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-@pytest.mark.parametrize("mode", ["", "message", "file"])
-def test_recordings_of_ros_2_in_every_form(tmp_path, storage, mode):
-    """The same messages, byte by byte, under the contract's names."""
-    ros1 = mavros_bag(0.5).write(tmp_path / "a.bag")
-    import_flight(ros1, tmp_path / "a.mcap", mapped=MappedTopics(MAVROS[:1]))
-    whole = [one._replace(topic="/xsens/imu") for one in BagReader(tmp_path / "a.mcap").messages()]
-    odd = "std_msgs/msg/String" if storage == "mcap" else "test_msgs/msg/Arrays"
-    other = BagMessage("/odd", odd, whole[3].log_time_ns, b"\0\1\0\0abc")
-    parts = [[*whole[:20], other], whole[20:]]
-    folder = record(tmp_path / "recorded", parts, storage, mode)
-    out = tmp_path / "out.mcap"
-    result = import_flight(folder, out, mapped=MappedTopics((("/xsens/imu", "imu/data"),)))
-    assert [one._replace(topic="/xsens/imu") for one in BagReader(out).messages()] == whole
-    assert result["not_read"] == {"/odd": odd}
-    assert result["error"] is None
 
 
 def test_pictures_and_gimbal_go_on_byte_by_byte_into_a_namespace(sample, tmp_path):
@@ -317,66 +298,9 @@ def test_options_that_a_bag_does_not_take_are_wrong_use(tmp_path, option, why, c
     assert why in capsys.readouterr().err
 
 
-GLOBAL = "/mavros/global_position"
-
-
 @pytest.fixture(scope="module")
 def bags(shared):
     return shared / "foreign_logs"
-
-
-def source_of(path, typenames):
-    """Messages by topic as rosbags reads them: record time, message."""
-    found = {}
-    with AnyReader([path]) as reader:
-        wanted = [one for one in reader.connections if one.msgtype in typenames]
-        for connection, at_ns, data in reader.messages(wanted):
-            one = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append((at_ns, one))
-    return found
-
-
-def imported(path, topic):
-    return [
-        (one.log_time_ns, CDR.deserialize(one.data, one.typename))
-        for one in BagReader(path).messages([topic])
-    ]
-
-
-def plain(message):
-    """Return a message's values, without constants and the sequence number of ROS 1."""
-    if hasattr(message, "__dataclass_fields__"):
-        names = [name for name in message.__dataclass_fields__ if name.islower() and name != "seq"]
-        return {name: plain(getattr(message, name)) for name in names if name[0] != "_"}
-    return message.tolist() if isinstance(message, np.ndarray) else message
-
-
-def test_mavros_names_field_by_field(bags, tmp_path):
-    path, out = bags / "ros1" / "made_mavros.bag", tmp_path / "out.mcap"
-    pairs = (
-        ("/mavros/imu/data", "imu/data"),
-        (f"{GLOBAL}/raw/fix", "gps/fix"),
-        (f"{GLOBAL}/raw/gps_vel", "gps/vel"),
-        (f"{GLOBAL}/compass_hdg", "rtk/heading"),
-    )
-    result = import_flight(path, out, mapped=MappedTopics(pairs))
-    assert result["warning"] is None
-    kinds = ("Imu", "NavSatFix")
-    theirs = source_of(path, [f"sensor_msgs/msg/{kind}" for kind in kinds])
-    theirs |= source_of(path, ["geometry_msgs/msg/TwistStamped", "std_msgs/msg/Float64"])
-    for topic, name in pairs[:2]:
-        ours = [(at_ns, plain(one)) for at_ns, one in imported(out, f"/{name}")]
-        assert ours == [(at_ns, plain(one)) for at_ns, one in theirs[topic]]
-    ours = imported(out, "/gps/vel")
-    for (_, one), (_, other) in zip(ours, theirs[pairs[2][0]], strict=True):
-        assert plain(one.twist.twist.linear) == plain(other.twist.linear)
-        assert plain(one.header.stamp) == plain(other.header.stamp)
-    decode = NAVIGATION_INPUTS[Source.RTK_HEADING][1]
-    ours = imported(out, "/rtk/heading")
-    for (at_ns, one), (their_ns, other) in zip(ours, theirs[pairs[3][0]], strict=True):
-        sample = decode(one)
-        assert (at_ns, sample.stamp_ns) == (their_ns, their_ns)
-        assert math.degrees(sample.heading_rad) == pytest.approx(other.data, abs=1e-10)
 
 
 def recordings(bags):
