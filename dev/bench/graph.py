@@ -1,11 +1,9 @@
-"""Measure the node graph: its processors, the age of its pictures, and ``tirgeo run``."""
+"""Measure the node graph: its processors and the age of its pictures."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import subprocess
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,28 +14,22 @@ import yaml
 
 from dev.bench.overlay import ABOVE_M, PITCH_DEG, PLANE, beds
 from dev.graphs import await_end, busy, read_json, started_graph
-from dev.judging import Figure, percentile
+from dev.judging import Figure
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.tools.graph.node_graph import GraphSetup, parameter_words, run_graph
-from tirgeo_ros.tools.graph.whole_graph import WholeGraph
+from tirgeo_ros.tools.graph.node_graph import GraphSetup, run_graph
 
 #: On a busy machine the nodes find each other within 4 s.
 _VIDEO_S, _SETTLED_S = 14.0, 5.0
-_END_S, _FLIGHT_END_S = 44.0, 300.0
-_RUNS = 3
-_FRAMES = "thermal/image_raw/compressed"
+_END_S = 44.0
 _OVERLAY, _JPEG = "tirgeo/overlay/image", "tirgeo/overlay/image/compressed"
-_TIRGEO = "from tirgeo_ros.tools.cli.main import console; console()"
 
 
 def graph_figures(folder: Path, work: Path) -> Iterator[Figure]:
     """Yield all figures of the graph on the flight in ``folder``; ``work`` takes files."""
     yield from _cores(folder, work / "graph")
-    yield from _runs(folder, work / "run")
     yield from _serial(folder, work / "serial")
     yield from _dds_latency(work)
 
@@ -67,67 +59,6 @@ def _cores_of(folder: Path, work: Path, params: Path, *, serial: bool = False) -
     first_ns, last_ns = BagReader(bag).span_ns
     setup = GraphSetup(bag, work, params=params, map=map_file, serial=serial)
     return run_graph(setup, (last_ns - first_ns) * 1e-9).cores
-
-
-@dataclass(frozen=True)
-class _Cost:
-    """Hold what a run of the graph costs, with a viewer of the compressed picture."""
-
-    cpu_s: float  # of all nodes, from start to end, user and system
-    p95_s: float  # from a frame's arrival at another process to that of its picture
-    lost: float  # fraction of the frames
-
-
-def _runs(folder: Path, work: Path) -> Iterator[Figure]:
-    """Yield the costs of ``tirgeo run`` and of a process for each node: medians of some runs."""
-    graph = WholeGraph(folder / "flight.mcap", folder / "map.geojson", [folder / "params.yaml"])
-    ways = ("tirgeo run", "separate processes")
-    costs = [[_cost(graph, work, way != ways[0]) for way in ways] for _ in range(_RUNS)]
-    cpu_s = []
-    for name, of_way in zip(ways, zip(*costs, strict=True), strict=True):
-        cpu_s.append(float(np.median([cost.cpu_s for cost in of_way])))
-        yield Figure(f"{name}: CPU on the flight", cpu_s[-1], "s")
-        p95_s = float(np.median([cost.p95_s for cost in of_way]))
-        yield Figure(f"{name}: picture in to out, 95 %", p95_s * 1e3, "ms")
-        yield Figure(f"{name}: frames lost", 100 * max(cost.lost for cost in of_way), "%")
-    share = 100 * cpu_s[0] / cpu_s[1]
-    yield Figure("tirgeo run: CPU of the separate processes'", share, "%", "<= 80")
-
-
-def _cost(graph: WholeGraph, work: Path, apart: bool) -> _Cost:
-    with started_graph(work) as viewing:
-        output = work / "pictures.json"
-        viewing.start_ready("bench_listener", {"topics": f"{_FRAMES},{_JPEG}", "output": output})
-        used_s = (_apart if apart else _together)(graph, viewing.environment, work)
-    arrivals = read_json(output)["arrivals"]
-    frames, pictures = dict(arrivals[_FRAMES]), dict(arrivals[_JPEG])
-    took_s = [(at_ns - frames[k]) * 1e-9 for k, at_ns in pictures.items() if k in frames]
-    if not took_s:
-        raise GraphError(f"no picture came through: see the logs in {work}")
-    return _Cost(used_s, percentile(took_s, 95), 1 - len(took_s) / len(frames))
-
-
-def _together(graph: WholeGraph, environment: Mapping[str, str], work: Path) -> float:
-    """Return the processor time (s) of the command, its own start included."""
-    options = ("--bag", graph.bag, "--map", graph.map, "--params", *graph.params)
-    command = python_command(_TIRGEO, "run", *map(str, options))
-    with (work / "run.log").open("wb") as log:
-        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)  # noqa: S603
-        _, status, usage = os.wait4(process.pid, 0)
-    if status:
-        raise GraphError(f"tirgeo run failed: see {work / 'run.log'}")
-    return usage.ru_utime + usage.ru_stime
-
-
-def _apart(graph: WholeGraph, environment: Mapping[str, str], work: Path) -> float:
-    """Return the processor time (s) of a process for each node."""
-    with started_graph(work) as apart:
-        apart.environment.update(environment)
-        for name in graph.nodes:
-            clock = parameter_words({"use_sim_time": name != "bag_player"})
-            apart.start(name, words=[*graph.arguments, *clock])
-        await_end(apart.processes[-1], _FLIGHT_END_S)
-    return sum(node.cpu_s() for node in apart.processes)
 
 
 def _dds_latency(work: Path) -> Iterator[Figure]:

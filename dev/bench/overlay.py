@@ -1,8 +1,7 @@
-"""Measure overlay frames and clicks beside the bare calls in them.
+"""Measure overlay frames, beside the bare calls in them, and clicks.
 
 A frame is measured beside the bare array and drawing calls in it. A click is all of it: pixel and
-stamp in, place, covariance and ellipse out; a ray is the intersection of the same pixel with the
-same ground, and nothing else.
+stamp in, place, covariance and ellipse out.
 """
 
 from __future__ import annotations
@@ -33,9 +32,8 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.overlay import Overlay
@@ -229,8 +227,8 @@ _RATES = CameraRates(np.array([4.0, 3.0, -0.5]), np.array([0.05, -0.02, 0.2]))
 
 def click_speeds() -> Iterator[Figure]:
     """Yield figures on level ground, then on rolling hills with 1 m cells in UTM."""
-    yield from _speeds("level ground", GROUND_M)
-    yield from _speeds("a DEM of 1 m", hills())
+    yield _speed("level ground", GROUND_M)
+    yield _speed("a DEM of 1 m", hills())
 
 
 def hills() -> Terrain:
@@ -250,8 +248,7 @@ def hills() -> Terrain:
     return Terrain(heights_m.astype(np.float32), grid_of)
 
 
-def _speeds(what: str, ground: Ground) -> list[Figure]:
-    """Measure both in turn, so that a busy machine slows both alike."""
+def _speed(what: str, ground: Ground) -> Figure:
     pose = _click_pose()
     pixels = np.random.default_rng(5).uniform([0, 0], [639, 511], (_CLICKS, 2))
     clicks = Clicks(ConfidenceConfig())
@@ -263,17 +260,8 @@ def _speeds(what: str, ground: Ground) -> list[Figure]:
         answer = clicks.locate((float(uv[0]), float(uv[1])), _STAMP_NS)
         assert isinstance(answer, Located)  # a refusal takes less time
 
-    def ray(uv: Array) -> None:
-        assert locate(XT2, pose, uv[None], CLICK_PLANE, ground)[1] == [None]
-
-    rounds = [(_time_s(click, pixels), _time_s(ray, pixels)) for _ in range(_ROUNDS)]
-    click_s, ray_s = (min(times) for times in zip(*rounds, strict=True))
-    name = f"clicks on {what}"
-    return [
-        Figure(name, 1 / click_s, "a second", ">= 1000"),
-        Figure(f"{name}: rays alone", 1 / ray_s, "a second"),
-        Figure(f"{name}: click over ray", click_s / ray_s, "ratio"),
-    ]
+    clicks_s = min(_time_s(click, pixels) for _ in range(_ROUNDS))
+    return Figure(f"clicks on {what}", 1 / clicks_s, "a second", ">= 1000")
 
 
 def _click_pose() -> CameraPose:

@@ -88,8 +88,8 @@ class _Level:
 def draw_pictures(flight: Path, work: Path) -> Path:
     """Write the overlay's pictures of a flight to a folder below ``work``; return it."""
     bag, pictures = work / "overlay.mcap", work / "pictures"
-    given = {"params": flight / "params.yaml", "map": flight / "map.geojson"}
-    process(flight / "flight.mcap", bag, images=True, **given)
+    params, map_file = flight / "params.yaml", flight / "map.geojson"
+    process(flight / "flight.mcap", bag, params=params, map=map_file, images=True)
     pictures.mkdir()
     topic = "/tirgeo/overlay/image/compressed"
     for count, message in enumerate(BagReader(bag).messages([topic])):

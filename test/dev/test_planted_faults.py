@@ -25,7 +25,7 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.status_and_notices import (
+from tirgeo_ros.core.overlay.written_text import (
     VERDICT_BGR,
     Field,
     paint_status,

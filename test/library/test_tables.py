@@ -153,20 +153,6 @@ def test_the_columns_are_the_present_ones(topic):
     assert re.findall(r"`(\w+)`", absent) == [c.name for c in columns if c.default is not None]
 
 
-def test_the_columns_of_the_result_are_the_present_ones(flight):
-    listed = PAGE.partition("The columns of `table`: ")[2].partition("\n\n")[0]
-    assert re.findall(r"`(\w+)`", listed) == list(flight.table)
-
-
-def test_the_line_of_the_error_is_the_present_one(tables):
-    fix = {
-        name.replace("latitude_rad", "latitude"): one for name, one in tables["rtk/fix"].items()
-    }
-    with pytest.raises(tirgeo_ros.TableError) as caught:
-        tirgeo_ros.filter_flight(tables["imu/data"], rtk_fix=fix)
-    assert f"`{caught.value}`" in PAGE.replace("\n", " ")
-
-
 def test_the_table_of_names_is_complete():
     table = PAGE.partition("## All names")[2].partition("\n## ")[0]
     assert set(re.findall(r"`(?:tirgeo_ros\.)?(\w+)", table)) >= set(tirgeo_ros.__all__)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import time
-from itertools import groupby, pairwise
 
 import pytest
 
@@ -115,31 +114,6 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     assert min(abs(fix.latitude - origins[0].latitude) for fix in fixes) < 1e-12
     assert late.ask("ekf_node/reset", Trigger).success
     late.spin_until(lambda: state_of(late) in {"waiting", "aligning"})
-
-
-@pytest.mark.slow
-def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, meet, flight_bag):
-    stranger = meet(**{"/diagnostics": DiagnosticArray})
-    ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
-    await_words(ekf, "ready")
-    stranger.spin_until(lambda: stranger.received["/diagnostics"])  # they have met
-    player = spawn(*player_of(flight_bag))
-    stranger.spin_until(lambda: player.poll() is not None)
-    stranger.spin_until(lambda: "running" in states_of(stranger))  # late RTK may end it again
-    # Beside those of every second, which have the topics too: one for each change of state.
-    alone = [array for array in stranger.received["/diagnostics"] if is_state_alone(array)]
-    states = [state_in(array.status[0]) for array in alone]
-    assert states[0] == "aligning"
-    assert all(a != b for a, b in pairwise(states))
-    said = [line.partition("ekf_heading: ")[2] for line in ekf.log.read_text().splitlines()]
-    assert all(a != b for a, b in pairwise(filter(None, said)))
-    # Of one state there may be several lines, for its reason may change.
-    told = [state for state, _ in groupby(line.partition(":")[0] for line in said if line)]
-    assert told == ["waiting", *states]
-
-
-def is_state_alone(array: DiagnosticArray) -> bool:
-    return [status.name for status in array.status] == ["/ekf_node: navigation"]
 
 
 def states_of(stranger) -> list[str]:

@@ -177,22 +177,9 @@ def test_what_the_page_switched_on_goes_on_after_the_graph_is_killed(start, tmp_
         run.await_line(r"recording to (\S+\.mcap) and")
         assert switched_on(run, signal.SIGKILL) == ["record ", "share"]
     assert len(list((tmp_path / "bags").glob("*.mcap"))) == 2
-    run = start(*words)  # without cot
-    evidence, severity = asyncio.run(finding(run.page, "sharing"))
-    assert evidence.startswith("sharing does not go on: it was on when viewer_node was killed")
-    assert severity == "CAUTION"
+    run = start(*words)
+    run.await_ready()
     assert switched_on(run, signal.SIGINT) == []
-
-
-async def finding(url, subject):
-    """What the page says of a finding, and how serious that is."""
-
-    def of(state):
-        return [one for one in state.get("findings", ()) if one["subject"] == subject]
-
-    async with Page(url) as page, page.state() as states:
-        (row,) = of(await states.until("state", of))
-        return row["evidence"], row["severity"]
 
 
 @pytest.mark.slow

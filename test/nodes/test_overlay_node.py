@@ -254,23 +254,6 @@ def test_one_flight_after_the_other(flight):
     the_map_is_laid_again_in_another_plane(flown, node)
 
 
-@pytest.mark.slow
-@pytest.mark.graph
-def test_frames_that_the_transport_loses_are_counted(overlay, meet):
-    """Pictures of 24 MB, which do not fit into the 16 MB that the profile gives."""
-    stranger = meet(**{"/diagnostics": DiagnosticArray})
-    listened = stranger.received["/diagnostics"]
-    video = stranger.node.create_publisher(Image, "thermal/image_raw", 2)
-    huge = MESSAGES.image(0, np.zeros((4000, 6000), np.uint8))
-
-    def lost() -> bool:
-        video.publish(huge)
-        values = [pair for array in listened for status in array.status for pair in status.values]
-        return any(p.key == "thermal/image_raw lost" and int(p.value) > 0 for p in values)
-
-    stranger.spin_until(lost)
-
-
 @pytest.mark.parametrize(
     ("numbers", "sent", "missed"),
     [

@@ -1,4 +1,4 @@
-"""The real nodes on the sample flight, and the page that they serve."""
+"""A command that serves the page of the real nodes."""
 
 from __future__ import annotations
 
@@ -8,18 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 from project import wait_until
 
-from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
-from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.surveys.survey import load_survey
 from tirgeo_ros.tools.graph.node_graph import free_domain
-from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
-LATENCY_NS = 50_000_000
 START_S = 120.0
 
 
@@ -36,14 +28,6 @@ class FlownPage:
                 stdout=log,
                 stderr=log,
             )
-
-    @classmethod
-    def of_bag(cls, sample: Path, folder: Path) -> FlownPage:
-        """``tirgeo run --bag --page`` on the sample flight, at half speed for busy machines."""
-        (folder / "slow.yaml").write_text("bag_player: {ros__parameters: {rate: 0.5}}\n")
-        words = ["--bag", sample / "flight.mcap", "--map", sample / "map.geojson"]
-        words += ["--params", sample / "params.yaml", "--params", folder / "slow.yaml"]
-        return cls(folder, "run", *words, "--page", "127.0.0.1:0")
 
     @property
     def log(self) -> str:
@@ -67,31 +51,3 @@ class FlownPage:
     def close(self) -> None:
         self._process.terminate()
         self._process.wait(60)
-
-
-class TrueSight:
-    """Where surveyed points truly are in the pictures of the sample flight."""
-
-    def __init__(self, sample: Path) -> None:
-        truth = read_outputs(sample / "truth.mcap")
-        self._poses: PoseBuffer[CameraPose] = PoseBuffer(1e9)
-        for pose in truth.cameras:
-            self._poses.add(pose)
-        self.plane = truth.plane
-        self.points = [
-            self.plane.ned_from_geodetic(one.latitude_rad, one.longitude_rad, one.height_m)
-            for one in load_survey(sample / "survey.geojson")
-        ]
-
-    def in_view(self, stamp_ns: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return (north east down of a point, its pixel) of each one well inside a picture."""
-        pose = self._poses.at(stamp_ns - LATENCY_NS)
-        assert isinstance(pose, CameraPose)
-        points = np.array(self.points)
-        points_c = (points - pose.position_n) @ matrix_from_quat(pose.q_nc)
-        pixels, valid = XT2.project(points_c)
-        size = np.array([XT2.width, XT2.height])
-        inside = (
-            valid & (points_c[:, 2] > 1) & np.all((pixels > 60) & (pixels < size - 60), axis=1)
-        )
-        return [(points[k], pixels[k]) for k in np.flatnonzero(inside)]

@@ -286,9 +286,6 @@ class GraphNode(Node):
     def report(self, items: list[DiagnosticItem]) -> None:
         """Publish diagnostic items, and the state."""
         self._diagnostics.publish(self.messages.diagnostics(self.now_ns, items))
-        self._publish_state()
-
-    def _publish_state(self) -> None:
         own = {name: field() for name, field in self._state_fields.items()}
         node, started_ns = self.get_fully_qualified_name(), self.monitor.started_ns
         state = NodeState(node, self.now_ns, started_ns, self.monitor.topics(), **own)

@@ -191,7 +191,7 @@ class OverlayNode(GraphNode):
             self.heard_nodes.add(state.name)
         self._restarts.take(state)
         if state.navigation is not None:
-            self._overlay.set_status(state.navigation)
+            self._overlay.status = state.navigation
 
     def _take_findings(self, message: Any) -> None:
         node, _, findings = findings_of(message)
@@ -200,9 +200,7 @@ class OverlayNode(GraphNode):
         worst = sorted_findings(findings)[:1]
         severity = worst[0].severity if worst else Severity.NOTE
         self._verdicts[node] = DrawingVerdict(severity, shown(verdict_line(findings)))
-        self._overlay.set_verdict(
-            max(self._verdicts.values(), key=lambda verdict: verdict.severity)
-        )
+        self._overlay.verdict = max(self._verdicts.values(), key=lambda verdict: verdict.severity)
 
     def _release(self) -> None:
         if not self._overlay.frames:

@@ -10,9 +10,10 @@ import asyncio
 import math
 import threading
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import partial
-from typing import Any, final
+from typing import Any
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.ground.frame_geometry import frame_geometry
@@ -23,7 +24,6 @@ from tirgeo_ros.core.ground.ground_point import (
     circular_error_90,
     linear_error_90,
 )
-from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.messages import body_pose
@@ -43,11 +43,10 @@ from tirgeo_ros.page.cot.link import CotLink
 _NEW_S = 2.0
 
 
-@final
 class TeamLink:
-    """Hold the link to the team, a context manager; without the parameter cot there is none.
+    """Hold the link to the team; without the parameter cot there is none.
 
-    Raises ConfigError for parameters that cannot work.
+    Nothing is sent before the page says so. Raises ConfigError for parameters that cannot work.
     """
 
     def __init__(
@@ -61,17 +60,6 @@ class TeamLink:
             parameters = CotParameters(config.cot, *files, config.cot_password)
             self.link = CotLink(parameters, partial(node.log, OK))
 
-    def __enter__(self) -> TeamLink:
-        """Begin; nothing is sent before the page says so."""
-        if self.link is not None:
-            self.link.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End the connection."""
-        if self.link is not None:
-            self.link.stop()
-
     def go_on(self) -> None:
         """Share again, as before the last run was killed; without a link, find that it ended."""
         if self.link is not None:
@@ -84,16 +72,7 @@ class TeamLink:
     @property
     def state(self) -> dict[str, Any] | None:
         """Return what the page shows; None without a link."""
-        if self.link is None:
-            return None
-        status = self.link.status
-        fields = {"on": status.on, "connected": status.connected, "queued": status.queued}
-        return fields | {"error": status.error}
-
-    def targets(self, targets: Sequence[Target]) -> None:
-        """Take the whole list of targets, at each change."""
-        if self.link is not None:
-            self.link.targets(targets)
+        return None if self.link is None else asdict(self.link.status)
 
     def send(self) -> None:
         """Take the aircraft as they are now; call each second."""

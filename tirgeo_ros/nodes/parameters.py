@@ -203,7 +203,8 @@ class LiveParameters(Generic[T]):
 
     def set(self, parameters: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
         """Set parameters, all or none; ``by_ros`` sets those that change, as rclpy does."""
-        others = [p for p in parameters if p.name not in self._names and self._has(p.name)]
+        has = self._node.has_parameter
+        others = [p for p in parameters if p.name not in self._names and has(p.name)]
         # What a dump has in place of a secret.
         kept = [p for p in parameters if p.name in self._secrets and p.value == HIDDEN]
         wanted = {p.name: p.value for p in parameters if p not in others and p not in kept}
@@ -222,6 +223,3 @@ class LiveParameters(Generic[T]):
             text = ", ".join(f"{name}: {old} -> {now}" for name, (old, now) in changed.items())
             self._node.get_logger().info(f"set in flight: {text}")
         return result
-
-    def _has(self, name: str) -> bool:
-        return bool(self._node.has_parameter(name))

@@ -22,13 +22,29 @@ from pathlib import Path
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.config.viewer_parameters import GroundConfig
+from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.files.child_process import node_command
-from tirgeo_ros.io.messages import SENSED_TOPICS
+from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
 
 _END_S = 20.0
+_BEGIN_S = 30.0
+_POLL_S = 0.05
+_MEET_S = 5.0  # until a camera is known to a node that has just begun
+_RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
+#: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
+#: make it for the recording.
+TOPICS = (
+    *SENSED_TOPICS,
+    *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
+    *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
+    *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
+    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
+    "/diagnostics",
+)
+_TF = ("/tf", "/tf_static")
 
 
 class ChildNode:
@@ -43,12 +59,8 @@ class ChildNode:
         self.name = name
         simulated = node.get_parameter("use_sim_time").value
         words = [word for pair in values.items() for word in _assignment(*pair)]
-        words += [
-            "-p",
-            f"use_sim_time:={json.dumps(simulated)}",
-            "-r",
-            f"__ns:={namespace or '/'}",
-        ]
+        words += ["-p", f"use_sim_time:={json.dumps(simulated)}"]
+        words += ["-r", f"__ns:={namespace or '/'}"]
         self._process = subprocess.Popen(  # noqa: S603  this very Python
             node_command(name, words, ends_with=os.getpid()),
             stdin=subprocess.DEVNULL,
@@ -84,10 +96,7 @@ class ChildNode:
 
 def ground_values(config: GroundConfig) -> dict[str, object]:
     """Return the parameters of the ground, for a child."""
-    return {
-        parameter.name: getattr(config, parameter.name)
-        for parameter in parameters_of(GroundConfig)
-    }
+    return {p.name: getattr(config, p.name) for p in parameters_of(GroundConfig)}
 
 
 def _assignment(name: str, value: object) -> list[str]:
@@ -96,24 +105,6 @@ def _assignment(name: str, value: object) -> list[str]:
         return [] if math.isnan(value) else ["-p", f"{name}:={value!r}"]
     # ROS reads the value as YAML: a file named 7 would be a number without its quotes.
     return ["-p", f"{name}:={json.dumps(str(value), ensure_ascii=False)}"]
-
-
-_BEGIN_S = 30.0
-_POLL_S = 0.05
-_MEET_S = 5.0  # until a camera is known to a node that has just begun
-_RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
-#: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
-#: make it for the recording.
-TOPICS = (
-    *SENSED_TOPICS,
-    *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
-    *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
-    *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
-    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
-    "/diagnostics",
-)
-#: Of a type that not every installation has.
-_TF = {"/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage"}
 
 
 @dataclass
@@ -128,6 +119,10 @@ class Recording:
     def fault(self) -> str:
         """Return why one of its processes has ended by itself; empty while all run."""
         return next(filter(None, (child.fault for child in self.children)), "")
+
+    def end(self) -> str:
+        """End all processes; return the faults in one text."""
+        return "; ".join(filter(None, [child.end() for child in self.children]))
 
 
 class Recordings:
@@ -168,9 +163,10 @@ class Recordings:
             if trouble:
                 return f"not recorded: {trouble}"
             made = self._started(aircraft)
-            trouble = _not_begun(made)
-            if trouble:
-                _ended(made)
+            _wait(lambda: made.bag.exists() or made.fault, _BEGIN_S)
+            if made.fault or not made.bag.exists():
+                trouble = made.fault or f"{made.bag} is not there after {_BEGIN_S:.0f} s"
+                made.end()
                 self.troubles[aircraft] = trouble
                 return f"not recorded: {trouble}"
             self._active[aircraft] = made
@@ -200,7 +196,7 @@ class Recordings:
             made = self._active.pop(aircraft, None)
             if made is None:
                 return "nothing is being recorded"
-            trouble = _ended(made)
+            trouble = made.end()
         megabytes = made.bag.stat().st_size / 1e6 if made.bag.exists() else 0.0
         words = f"recorded {made.bag}: {megabytes:.0f} MB"
         self._node.log(WARN if trouble else OK, f"{words}; {trouble}" if trouble else words)
@@ -246,41 +242,20 @@ class Recordings:
         name = "-".join([*filter(None, aircraft.split("/")), utc])
         bag, video = self._folder / f"{name}.mcap", self._folder / f"{name}.ts"
         namespace = self._namespaces[aircraft]
-        topics = ",".join(self._topics(namespace))
+        # The camera's JPEG where it sends one, else the raw form.
+        compressed = self._node.count_publishers(f"{namespace}/{_COMPRESSED}")
+        topics = [*TOPICS, _COMPRESSED if compressed else _RAW]
+        with suppress(ConfigError):  # tf2_msgs is not installed everywhere
+            topics += [topic for topic in _TF if message_class(TOPIC_TYPES[topic])]
         made = {
-            "recorder": {"output": bag, "topics": topics},
+            "recorder": {"output": bag, "topics": ",".join(topics)},
             "video_writer": {"output": video, "platform": aircraft} | ground_values(self._config),
         }
         children = [ChildNode(self._node, *each, namespace) for each in made.items()]
         return Recording(bag, video, children)
-
-    def _topics(self, namespace: str) -> list[str]:
-        """Return the topics to record: the camera's JPEG where it sends one, else the raw form."""
-        compressed = self._node.count_publishers(f"{namespace}/{_COMPRESSED}")
-        transforms = [topic for topic, kind in _TF.items() if _installed(kind)]
-        return [*TOPICS, _COMPRESSED if compressed else _RAW, *transforms]
-
-
-def _installed(typename: str) -> bool:
-    with suppress(Exception):
-        return bool(message_class(typename))
-    return False
 
 
 def _wait(done: Callable[[], object], timeout_s: float) -> None:
     end_s = time.monotonic() + timeout_s
     while not done() and time.monotonic() < end_s:
         time.sleep(_POLL_S)
-
-
-def _not_begun(made: Recording) -> str:
-    """Wait until the bag is there; return why it is not, else an empty text."""
-    _wait(lambda: made.bag.exists() or made.fault, _BEGIN_S)
-    if made.bag.exists():
-        return made.fault
-    return made.fault or f"{made.bag} is not there after {_BEGIN_S:.0f} s"
-
-
-def _ended(made: Recording) -> str:
-    """End all processes; return the faults in one text."""
-    return "; ".join(filter(None, [child.end() for child in made.children]))

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 from urllib.parse import urlsplit
 
 from tirgeo_ros.core.config import ViewerConfig
@@ -34,11 +34,14 @@ from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
 _RETRY_S = 5.0
+_REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
+_SECRET_BYTES = 1000
+#: A stamp that is older, or of the future, is of another clock: a bag's, a camera's own.
+_SAME_CLOCK_NS = 60_000_000_000
 
 
-@final
 class PageStreams:
-    """Run a video_writer for each aircraft, the first at the given port, a context manager.
+    """Run a video_writer for each aircraft, the first at the given port.
 
     ``troubles`` says of each aircraft why its stream ended. Raises VideoError for an address that
     is none.
@@ -54,11 +57,7 @@ class PageStreams:
         self._children: dict[str, ChildNode] = {}
         self._retry_s = 0.0
 
-    def __enter__(self) -> PageStreams:
-        """Begin."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def end(self) -> None:
         """End all."""
         for child in self._children.values():
             child.end()
@@ -74,25 +73,11 @@ class PageStreams:
                 self._node.log(WARN, f"the stream begins again: {fault}")
                 self._retry_s = time.monotonic() + _RETRY_S
             if fault or name not in self._children:
-                self._children[name] = self._started(number, name, namespace)
-
-    def _started(self, number: int, name: str, namespace: str) -> ChildNode:
-        own = {"stream": _next_port(self._config.stream, number), "platform": name}
-        values = own | ground_values(self._config)
-        return ChildNode(self._node, "video_writer", values, namespace)
-
-
-def _next_port(address: str, number: int) -> str:
-    parts = urlsplit(address)
-    assert parts.port is not None
-    host, _, _ = parts.netloc.rpartition(":")
-    return parts._replace(netloc=f"{host}:{parts.port + number}").geturl()
-
-
-_REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
-_SECRET_BYTES = 1000
-#: A stamp that is older, or of the future, is of another clock: a bag's, a camera's own.
-_SAME_CLOCK_NS = 60_000_000_000
+                parts = urlsplit(self._config.stream)
+                port = f"{parts.netloc.rpartition(':')[0]}:{(parts.port or 0) + number}"
+                values = {"stream": parts._replace(netloc=port).geturl(), "platform": name}
+                values |= ground_values(self._config)
+                self._children[name] = ChildNode(self._node, "video_writer", values, namespace)
 
 
 class ViewerNode(GraphNode):
@@ -101,7 +86,9 @@ class ViewerNode(GraphNode):
     def __init__(self) -> None:
         super().__init__("viewer_node")
         config = self._config = with_secrets(self.configured(ViewerConfig))
-        check(config)
+        if bool(config.certificate) != bool(config.key):
+            absent = "key" if config.certificate else "certificate"
+            raise ConfigError(f"parameter {absent}: https needs both certificate and key: set it")
         names = split_namespaces(config.namespaces) or [""]
         terrain = terrain_of(config)
         self._aircraft = {
@@ -140,23 +127,21 @@ class ViewerNode(GraphNode):
             ends.callback(self._recordings.end_all)
             self._server.start()
             ends.callback(self._server.stop)
-            ends.enter_context(self._team)
-            ends.enter_context(self._streams)
-            self._go_on()
+            if self._team.link is not None:
+                self._team.link.start()
+                ends.callback(self._team.link.stop)
+            ends.callback(self._streams.end)
+            for what in self._targets.switched_on():  # when the last run was killed
+                kind, _, aircraft = what.partition(" ")
+                if kind == "share":
+                    self._team.go_on()
+                else:
+                    self._recordings.go_on(aircraft)
             self._invite()
             yield
             if not parent_ended():  # stopped, not killed: nothing is to go on
                 for what in self._targets.switched_on():
                     self._targets.switch(what, on=False)
-
-    def _go_on(self) -> None:
-        """Record and share again what was on when the last run was killed."""
-        for what in self._targets.switched_on():
-            kind, _, aircraft = what.partition(" ")
-            if kind == "share":
-                self._team.go_on()
-            else:
-                self._recordings.go_on(aircraft)
 
     def _invite(self) -> None:
         """Say where the page is, on stdout alone: tokens go into no ROS log.
@@ -196,7 +181,8 @@ class ViewerNode(GraphNode):
             for view in self._aircraft.values():
                 view.targets.publish(message)
             self._server.targets_changed()
-            self._team.targets(self._targets.for_others())
+            if self._team.link is not None:
+                self._team.link.targets(self._targets.for_others())
             self._revision = revision
         for view in self._aircraft.values():
             view.mark(self._drawn, revision)
@@ -240,17 +226,6 @@ def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
     mend = "look at their places, which are of what is left, and click them again"
     finding = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
     return [finding] if numbers else []
-
-
-def check(config: ViewerConfig) -> None:
-    """Raise ConfigError for a file that is not there, and for one without its other half."""
-    if bool(config.certificate) != bool(config.key):
-        absent = "key" if config.certificate else "certificate"
-        raise ConfigError(f"parameter {absent}: https needs both certificate and key: set it")
-    files = {"certificate": config.certificate, "key": config.key, "tiles": config.tiles}
-    for name, path in files.items():
-        if path and not Path(path).exists():
-            raise ConfigError(f"parameter {name}: there is no file {path}")
 
 
 main = partial(run, "viewer_node", ViewerNode)

@@ -13,7 +13,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.map_absence import MapAbsence
-from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
@@ -136,7 +136,7 @@ def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
     for k, verdict in enumerate(
         (DrawingVerdict(), DrawingVerdict(Severity.STOP, "NO GO: gimbal"))
     ):
-        overlay.set_verdict(verdict)
+        overlay.verdict = verdict
         overlay.add_pose(pose_at(START + k * MS))
         overlay.add_frame(START + LATENCY + k * MS, GREY, START)
         pictures.append(overlay.take(START).image.astype(int))

@@ -11,13 +11,13 @@ from scenes import PLANE, camera_pose
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.ground.camera_place import camera_heading_rad
+from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     place_rose,
     place_scale_bar,
     scale_bar,
 )
-from tirgeo_ros.core.overlay.text_rendering import text_px
+from tirgeo_ros.core.overlay.written_text import text_px
 
 GREY = 128
 

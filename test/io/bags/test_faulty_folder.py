@@ -207,7 +207,7 @@ def unknown_compression(folder):
         (two_recordings, "{}: 2 recordings without a metadata.yaml (first, other): give one"),
         (all_absent, "{}: no bag in this folder: no .mcap and no .db3 file"),
         (unknown_storage, "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3"),
-        (unknown_compression, "{}/metadata.yaml: compression 'lz4' is not known (zstd is)"),
+        (unknown_compression, "{}/metadata.yaml: compression 'lz4' is not known (zstd);"),
         (a_name_that_no_file_can_have, "{}: cannot be read: File name too long"),
         (cut_database, "{}/a.db3: the database is cut off or damaged (database disk image is"),
         (another_database, "{}/a.db3: a SQLite database, but not of rosbag2"),

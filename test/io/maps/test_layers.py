@@ -19,7 +19,7 @@ from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage, w
 from wild_map_files import LINE as KML_LINE
 from wild_map_files import collection, feature, kml, mark
 
-from tirgeo_ros.core.map.map_layers import LayerStyle
+from tirgeo_ros.core.map.vector_map import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.maps.layers import read_layers
@@ -206,7 +206,6 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
 
 
 def test_what_is_watched(folder):
-    (folder / "site.prj").write_text("")
     sheet = folder / "style.yaml"
     sheet.write_text("layers: [{file: wells.shp, crs: 4326}, {file: houses.geojson}]")
     watched = map_files(named(folder, "houses.geojson", "roads.gpkg"), str(sheet))

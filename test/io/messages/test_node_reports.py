@@ -14,7 +14,15 @@ from tirgeo_ros.core.types.errors import MOST, MessageError
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import FINDINGS_TOPIC, STATE_TOPIC, Messages, findings_of, node_state
+from tirgeo_ros.io.messages import (
+    FINDINGS_TOPIC,
+    STATE_TOPIC,
+    Messages,
+    answer_of,
+    findings_of,
+    node_state,
+    targets_of,
+)
 
 MADE = Messages(Cdr().types)
 
@@ -73,16 +81,24 @@ def test_another_document_is_no_state(changed):
         node_state(state_document(**changed))
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "7", "[" * 5000, " " * 100_001, None])
+@pytest.mark.parametrize("text", ["", "{", "[]", "7", "[" * 5000, None])
 @pytest.mark.parametrize(
-    ("topic", "decode"), [(STATE_TOPIC, node_state), (FINDINGS_TOPIC, findings_of)]
+    ("topic", "decode"),
+    [
+        (STATE_TOPIC, node_state),
+        (FINDINGS_TOPIC, findings_of),
+        ("tirgeo/locate/answer", answer_of),
+        ("tirgeo/targets", targets_of),
+    ],
 )
 def test_what_is_no_document_is_refused(topic, decode, text):
     with pytest.raises(MessageError, match=f"^{topic}: "):
         decode(SimpleNamespace(data=text))
 
 
-def test_another_version_is_named():
+def test_another_version_and_one_without_end_are_named():
+    with pytest.raises(MessageError, match="tirgeo/state: 100001 characters; 100000 are read"):
+        node_state(SimpleNamespace(data=" " * 100_001))
     with pytest.raises(MessageError, match="tirgeo/state: its schema is not tirgeo/state/1"):
         node_state(state_document(schema="tirgeo/state/2"))
 

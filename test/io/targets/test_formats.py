@@ -37,7 +37,6 @@ from tirgeo_ros.io.targets.formats import (
     read_targets,
 )
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.tools.cli.main import main
 
 KML, GPX = "{http://www.opengis.net/kml/2.2}", "{http://www.topografix.com/GPX/1/1}"
 SCALE_95 = math.sqrt(5.991464547)  # chi-square, two degrees of freedom
@@ -301,36 +300,3 @@ def test_a_file_that_is_none_of_ours_is_named(content, words, tmp_path):
         read_targets(path)
     with pytest.raises(TargetError, match=r"absent\.csv: cannot be read"):
         read_targets(tmp_path / "absent.csv")
-
-
-def locate(*words):
-    return main([str(word) for word in ("locate", *words)])
-
-
-def test_the_verb_converts_as_the_page_exports(tmp_path, capsys):
-    targets = written(tmp_path, exported(TARGETS, "gpkg"), "targets.gpkg")
-    for form in ("geojson", "kml", "gpx", "csv"):
-        assert locate(targets, "-o", tmp_path / f"out.{form}") == 0
-        assert (tmp_path / f"out.{form}").read_bytes() == exported(TARGETS, form)
-    capsys.readouterr()
-    out, kml = tmp_path / "out.gpkg", tmp_path / "out.kml"
-    assert locate(targets, "-o", out, "--kml", kml, "--json") == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary == {"input": str(targets), "output": [str(out), str(kml)], "targets": 2}
-    assert read_targets(out) == TARGETS
-    assert kml.read_bytes() == exported(TARGETS, "kml")
-
-
-def test_the_verb_names_what_is_no_file_of_targets(tmp_path, capsys):
-    targets = written(tmp_path, exported(TARGETS, "gpkg"), "targets.gpkg")
-    flight = written(tmp_path, b"\x89MCAP0\r\n", "flight.mcap")
-    assert locate(flight, "-o", tmp_path / "x.kml") == 1
-    assert re.search(
-        r"flight\.mcap.*a recorded flight needs --pixels", capsys.readouterr().err, re.DOTALL
-    )
-    assert locate(targets, "-o", targets) == 1
-    assert "would overwrite the input" in capsys.readouterr().err
-    with pytest.raises(SystemExit, match="2"):
-        locate(targets, "-o", tmp_path / "x.kml", "--cot", tmp_path / "x.xml")
-    assert "--cot needs --pixels" in capsys.readouterr().err
-    assert not (tmp_path / "x.kml").exists()

@@ -80,10 +80,8 @@ def test_someone_lifts_the_drone(lifted, tmp_path):
 def test_the_imu_warms_up(tmp_path):
     values, numbers = record(4), np.arange(SIZE)
     values[:, 0] += 2e-6 / RATE_HZ * numbers
-    values[:, 1] += 2e-3 * (1 - np.exp(-numbers / (0.25 * SIZE)))
     result = calibrate_allan(imu_bag(tmp_path / "a.mcap", values, RATE_HZ), tmp_path / "imu.yaml")
     assert re.search(r"gyro x by 0\.0012 rad/s: drifts steadily", result["warning"])
-    assert re.search(r"gyro y by 0\.00(19|2) rad/s: settles", result["warning"])
     assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
 
 

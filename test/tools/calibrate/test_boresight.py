@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +10,8 @@ import yaml
 from project import PROJECT
 
 from tirgeo_ros.core.calibration.boresight_model import PARAMETERS
-from tirgeo_ros.core.config import DjiConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import GimbalConfig, OverlayConfig
 from tirgeo_ros.core.types.errors import CalibrationError, ConfigError
-from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.io.messages.decode import heading_sample
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.calibrate.aircraft import HOLDS
 from tirgeo_ros.tools.calibrate.boresight import (
@@ -85,21 +81,6 @@ def planted(folder, seed, now, **changes):
     late = f"{OVERLAY}{{video_latency_s: 0.05}}\n"
     truth = PLANTED | {"gimbal_north": 0.0}
     return Flown(folder, folder, late + GIMBAL + now, truth)
-
-
-def with_headings_off(folder, off_deg):
-    """Let the flight's headings be those that antennas in the wrong place give."""
-    path, cdr = folder / "flight.mcap", Cdr()
-    messages, whole = Messages(cdr.types), folder / "flight.mcap.whole"
-    path.rename(whole)
-    with BagWriter(path) as out:
-        for item in BagReader(whole).messages():
-            data = item.data
-            if item.topic == "/rtk/heading":
-                sample = heading_sample(cdr.deserialize(data, item.typename))
-                off = replace(sample, heading_rad=sample.heading_rad + np.radians(off_deg))
-                data = cdr.serialize(messages.heading(off), item.typename)
-            out.write(item.topic, item.typename, data, item.log_time_ns)
 
 
 pytestmark = pytest.mark.slow
@@ -197,8 +178,8 @@ def test_wrong_and_unknown_observations_are_named(flown):
 
 
 def test_what_cannot_be_told_apart_is_refused_and_nothing_written(flown):
-    wanted = ["roll", "pitch", "yaw", "latency", "heading_offset"]
-    with pytest.raises(CalibrationError, match=r"flight.mcap: .*yaw and heading_offset cannot be"):
+    wanted = ["roll", "pitch", "yaw", "latency", "gimbal_north"]
+    with pytest.raises(CalibrationError, match=r"flight.mcap: .*yaw and gimbal_north cannot be"):
         flown.calibrate(estimate=wanted, out="refused.yaml")
     assert not (flown.folder / "refused.yaml").exists()
 
@@ -236,10 +217,6 @@ def test_a_ground_of_an_elevation_model_has_no_height_to_find(tmp_path, sample):
     with pytest.raises(CalibrationError, match="ground_height: overlay_node takes the ground"):
         calibrate_boresight(
             *inputs, tmp_path / "y.yaml", params=params, estimate=["yaw", "ground_height"]
-        )
-    with pytest.raises(CalibrationError, match="gimbal_north and heading_offset both turn"):
-        calibrate_boresight(
-            *inputs, tmp_path / "y.yaml", estimate=["gimbal_north", "heading_offset"]
         )
     with pytest.raises(CalibrationError, match=r"survey.geojson: would overwrite"):
         calibrate_boresight(*inputs, sample / "survey.geojson")
@@ -282,26 +259,6 @@ def test_two_tilts_tell_an_encoders_zero(tmp_path):
 
 
 @pytest.mark.long
-def test_two_tilts_tell_the_antennas_direction(tmp_path):
-    """Antennas that stand 2 deg further to the right than believed: headings 2 deg too large."""
-    tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
-    flown = planted(tmp_path, 3, "{composition: encoders}\n", **tilts)
-    with_headings_off(tmp_path, 2.0)
-    names = ["roll", "pitch", "yaw", "latency", "heading_offset"]
-    result = flown.calibrate(estimate=names, click_sigma_px=0.5)
-    found = result["parameters"].pop("heading_offset")
-    assert found["before"] == 0.0  # along the nose
-    assert abs(found["found"] - 2.0) <= 4 * found["sigma"] < 1.2
-    assert all(abs(error) <= 4 * sigma for error, sigma in flown.errors(result).values())
-    turned = load_config(tmp_path / "found.yaml", "dji_node", DjiConfig).aircraft.second_antenna_m
-    first = np.array([-0.1, 0.32, 0.38])
-    angle = np.radians(found["found"])
-    expected = first + np.array([np.cos(angle), -np.sin(angle), 0.0])  # forward, left, up
-    assert turned == pytest.approx(expected, abs=1e-8)
-    assert "import it again" in "".join(result["notes"])
-
-
-@pytest.mark.long
 def test_a_ground_height_is_found_if_asked_for(tmp_path):
     flown = planted(tmp_path, 5, "{composition: encoders}\n")
     survey = json.loads((tmp_path / "survey.geojson").read_text())
@@ -321,10 +278,3 @@ def test_what_is_held_wrong_shows_in_the_residuals(flown):
         CalibrationError, match=r"yaw, latency: residuals \d+.\d times .* what is held right"
     ):
         flown.calibrate(estimate=["yaw", "latency"], out="refused.yaml")
-
-
-def test_antennas_that_are_not_said_cannot_be_turned(flown):
-    one = "/**:\n  ros__parameters: {aircraft: {second_antenna_m: []}}\n"
-    (flown.folder / "one.yaml").write_text(one)
-    with pytest.raises(CalibrationError, match=r"set aircraft\.rtk_antenna_m and aircraft\."):
-        flown.calibrate(None, "one.yaml", estimate=["heading_offset"], out="refused.yaml")

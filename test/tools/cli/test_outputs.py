@@ -27,7 +27,7 @@ from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli.main import main
 
 #: Options that name what is written, and of commands that write into a folder the files in it.
-WRITTEN = {"output", "video", "kml", "cot", "plot", "csv", "residuals", "geotiff"}
+WRITTEN = {"output", "video", "plot", "csv", "residuals", "geotiff"}
 IN_FOLDERS = {
     "budget": ["budget.csv", "height.png"],
     "evaluate": ["observations.csv", "result.json", "report.html"],
@@ -45,7 +45,7 @@ OUTPUTS = {
         if one.dest in WRITTEN and (one.type is Path or one.dest == "output")
     ]
     for verb, parser in VERBS.items()
-    if verb not in {*IN_FOLDERS, "cut"}  # with all its inputs it writes where targets were clicked
+    if verb not in IN_FOLDERS
 }
 
 

@@ -219,7 +219,7 @@ def test_the_output_names_the_video_and_the_notes(result):
     last = six_lines(result | change).splitlines()[-1]
     assert last.endswith("26.4 MB, and a video of 256 frames at 9 Hz; method ekf: no heading")
     last = six_lines(result | {"notes": ["one", "two", "three"]}).splitlines()[-1]
-    assert last.endswith("26.4 MB; one (and 2 more, with -v)")
+    assert last.endswith("26.4 MB; one (and 2 more, with --json)")
 
 
 FORMS = (

@@ -36,7 +36,7 @@ from tirgeo_ros.core.types.errors import CalibrationError
 #: the ground at 40 m; near a picture's edge, 0.35 rad off the axis, so is 0.8 deg of roll; 20 ms
 #: are the same angle at 15 deg/s. The rotation about the vertical may be less certain, because the
 #: yaw that is found with it compensates for it at the tilts flown.
-LIMITS = np.array([*np.radians([0.8, 0.3, 0.3]), 0.02, *np.radians([0.5, 0.5]), 0.2])
+LIMITS = np.array([*np.radians([0.8, 0.3, 0.3]), 0.02, np.radians(0.5), 0.2])
 #: Correlation time of pose errors (s): the gimbal's wander is a few seconds, the filter's heading
 #: error longer.
 POSE_ERROR_S = 5.0
@@ -61,14 +61,14 @@ _LATENCY = PARAMETERS.index("latency")
 class BoresightFit:
     """Hold the parameters' corrections estimated from sightings, with covariance and residuals."""
 
-    correction: Array  # (7,) of PARAMETERS from their present values: rad, s, m; 0 if held
+    correction: Array  # (6,) of PARAMETERS from their present values: rad, s, m; 0 if held
     covariance: Array  # (p, p) of the estimated parameters, in their order
     estimated: tuple[str, ...]
     used: BoolArray  # (N,) False for sightings that were left out as outliers
     before: Array  # (N, 2) residuals, px; nan if the point is not in view
     after: Array  # (N, 2)
     noise_factor: float  # ratio of actual to expected residuals
-    by_point: dict[str, Array]  # (7,) the correction without the sightings of that point
+    by_point: dict[str, Array]  # (6,) the correction without the sightings of that point
 
     @property
     def sigma(self) -> dict[str, float]:
@@ -171,7 +171,7 @@ def _scale(sigmas: Array) -> float:
 def _solved(
     flight: SightedFlight, sightings: Sequence[PointSighting], chosen: list[int]
 ) -> tuple[Array, Sight, BoolArray]:
-    """Return the correction (7,), the sightings under it, and which of them it is fitted to (N,).
+    """Return the correction (6,), the sightings under it, and which of them it is fitted to (N,).
 
     With Cauchy weights first, then by least squares to the sightings that agree, chosen anew in
     every step.
@@ -235,7 +235,7 @@ def ground_errors(
 ) -> Array:
     """Return (N, 2) located minus surveyed, north and east, m; nan if a pixel meets no ground.
 
-    The ground is level at each point's own height. ``corrections`` (7,) are by point id.
+    The ground is level at each point's own height. ``corrections`` (6,) are by point id.
     """
     errors = np.full((len(sightings), 2), np.nan)
     for k, sighting in enumerate(sightings):
@@ -263,11 +263,12 @@ UNASKED_SHARE = 1 / 3
 #: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
 #: this share of the largest part.
 _PART = 0.2
-_TILT = "the camera's tilt hardly varied", "fly with at least two tilts 20 deg apart, or --hold it"
 #: Parameter -> why it cannot be found, and what to do; the first that applies is given.
 _ADVICE = {
-    "gimbal_north": _TILT,
-    "heading_offset": _TILT,
+    "gimbal_north": (
+        "the camera's tilt hardly varied",
+        "fly with at least two tilts 20 deg apart, or --hold it",
+    ),
     "ground_height": (
         "the points are seen from about the same height and angle",
         "fly at two heights or two tilts, or --hold ground_height",

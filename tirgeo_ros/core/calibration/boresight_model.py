@@ -1,16 +1,16 @@
 """Model how the boresight, the video's latency and related parameters move the pixels of points.
 
 A surveyed point seen in a picture shows where the camera looked. Its residual is the observed
-pixel minus the pixel at which the flight's pose projects the point. Seven parameters move that
+pixel minus the pixel at which the flight's pose projects the point. Six parameters move that
 pixel, each counted from its present value in the aircraft's parameters:
 
 ``roll``, ``pitch``, ``yaw``
     the mounting error ``boresight_rpy_deg``, about the gimbal's camera axes.
 ``latency``
     the video's latency: the pose is taken at another instant.
-``gimbal_north``, ``heading_offset``
-    turn the camera about the vertical (the encoder's zero about the body's). Their effect on a
-    pose is not modelled but computed: from the poses of the same flight with a changed parameter.
+``gimbal_north``
+    turns the camera about the vertical (the encoder's zero about the body's). Its effect on a pose
+    is not modelled but computed: from the poses of the same flight with a changed parameter.
 ``ground_height``
     of all points together, relative to the heights of the aircraft's positioning.
 
@@ -48,7 +48,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: The parameters, in the order of every vector of corrections: rad, s and m.
-PARAMETERS = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")
+PARAMETERS = ("roll", "pitch", "yaw", "latency", "gimbal_north", "ground_height")
 _LATENCY, _GROUND = PARAMETERS.index("latency"), PARAMETERS.index("ground_height")
 #: Position sigma of a surveyed point, per axis: that of an RTK rover.
 _SURVEY_SIGMA_M = 0.02
@@ -94,7 +94,7 @@ class Sight(NamedTuple):
     """Hold one sighting, or N of them, linearised; nan if there is no pose or no projection."""
 
     residual: Array  # (2,) observed minus expected, px
-    design: Array  # (2, 7) of the expected pixel by the parameters, px per rad, s, m
+    design: Array  # (2, 6) of the expected pixel by the parameters, px per rad, s, m
     noise: Array  # (2, 2) covariance of click and survey, px2
     systematic: Array  # (2, 6) root of the pose's part of the covariance, px
 
@@ -104,11 +104,11 @@ class Sight(NamedTuple):
         return self.noise + self.systematic @ np.swapaxes(self.systematic, -1, -2)
 
 
-_NOTHING = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 7), (2, 2), (2, 6))))
+_NOTHING = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 6), (2, 2), (2, 6))))
 
 
 def sights(flight: SightedFlight, sightings: Sequence[PointSighting], correction: Array) -> Sight:
-    """Return all N sightings under a correction (7,), stacked: (N, 2), (N, 2, 7), ..."""
+    """Return all N sightings under a correction (6,), stacked: (N, 2), (N, 2, 6), ..."""
     each = [_sight(flight, sighting, correction) for sighting in sightings]
     return Sight(*(np.array(part) for part in zip(*each, strict=True)))
 
@@ -116,9 +116,9 @@ def sights(flight: SightedFlight, sightings: Sequence[PointSighting], correction
 def corrected_pose(
     flight: SightedFlight, stamp_ns: int, correction: Array
 ) -> tuple[CameraPose, Array] | None:
-    """Return the camera's pose at a picture's exposure under a correction (7,), and its slopes.
+    """Return the camera's pose at a picture's exposure under a correction (6,), and its slopes.
 
-    The slopes (6, 7) are of position (m) and phi_n (rad) by the parameters. None if there is no
+    The slopes (6, 6) are of position (m) and phi_n (rad) by the parameters. None if there is no
     pose.
     """
     exposed_ns = exposure_ns(stamp_ns, flight.latency_s + correction[_LATENCY])

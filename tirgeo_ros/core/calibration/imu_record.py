@@ -55,7 +55,10 @@ def record_of(stamps_ns: IntArray, values: Array) -> ImuRecord:
     Raises CalibrationError for a record without a rate, or with too many samples missing.
     """
     finite = np.isfinite(values).all(axis=1)
-    times_ns = _without_clock_steps(stamps_ns[finite])
+    times_ns = stamps_ns[finite] - stamps_ns[finite][0]  # small numbers: exact in floats
+    steps_ns = np.diff(times_ns, prepend=0)
+    # A split where the clock went back far.
+    times_ns = times_ns + np.cumsum(np.where(steps_ns < -_BACK_NS, _SPLIT_NS + 1 - steps_ns, 0))
     newest_ns = np.maximum.accumulate(times_ns)[:-1]
     rising = np.concatenate([[True], times_ns[1:] > newest_ns])
     irregular = {
@@ -95,14 +98,6 @@ def record_of(stamps_ns: IntArray, values: Array) -> ImuRecord:
         samples=len(kept),
         irregular=irregular,
     )
-
-
-def _without_clock_steps(stamps_ns: IntArray) -> IntArray:
-    """Return times from the first sample, with a split where the clock went back far."""
-    times_ns = stamps_ns - stamps_ns[0]  # small numbers, exact to a nanosecond in floats
-    steps_ns = np.diff(times_ns, prepend=0)
-    shifts = np.where(steps_ns < -_BACK_NS, _SPLIT_NS + 1 - steps_ns, 0)
-    return np.asarray(times_ns + np.cumsum(shifts))
 
 
 def _places(times_ns: IntArray) -> tuple[float, Array]:
@@ -151,8 +146,7 @@ _FEWEST_OF_DRIFT = 120
 _ALL_ALONG_RAD_S = 0.01  # usual change of rate over two seconds: larger than of any sensor at rest
 _JOIN_S = 5.0  # moved seconds no further apart are one interval
 _SURE = 5.0  # standard deviations of a slope of white noise
-_STEADY = 0.9  # share of a series' variance that its slope or its settling must explain
-_SETTLED_IN = 2.0 ** np.arange(-5, -0.75, 0.25)  # time constants, as shares of the record
+_STEADY = 0.9  # share of a series' variance that its slope must explain
 
 
 class Interval(NamedTuple):
@@ -206,40 +200,21 @@ def longest_stillness(moved: Sequence[Interval], from_s: float, to_s: float) -> 
     return max(rests, key=lambda rest: rest.to_s - rest.from_s)
 
 
-def drifts(seconds: Seconds) -> tuple[Array, BoolArray, BoolArray]:
-    """Return changes (6,), unit, from first to last second, which are steady, which settle.
+def drifts(seconds: Seconds) -> tuple[Array, BoolArray]:
+    """Return changes (6,), unit, from first to last second, and which of them are steady drifts.
 
-    A sensor that warms up drifts steadily, or settles exponentially after it was switched on. So
-    does one random walk in twenty; one record cannot separate the two.
+    A sensor that warms up drifts so. So does one random walk in twenty; one record cannot separate
+    the two. A line must explain most of the minutes' variance, beyond the scatter of the seconds.
     """
-    changes, explained_by_form, linear = np.zeros(6), np.zeros(6, bool), np.zeros(6, bool)
     if len(seconds.starts_s) < _FEWEST_OF_DRIFT:
-        return changes, explained_by_form, explained_by_form
-    t = (seconds.starts_s - seconds.starts_s[0]) / np.ptp(seconds.starts_s)
-    most = np.zeros(6)
-    for number, form in enumerate([t, *(-np.exp(-t / part) for part in _SETTLED_IN)]):
-        shape = form - form.mean()
-        factors, explained, sure = _along(seconds, shape)
-        power = factors**2 * (shape @ shape)
-        better = power > most
-        most = np.maximum(power, most)
-        changes = np.where(better, factors * (shape[-1] - shape[0]), changes)
-        explained_by_form = np.where(better, (explained > _STEADY) & sure, explained_by_form)
-        linear = np.where(better, number == 0, linear)
-    return changes, explained_by_form & linear, explained_by_form & ~linear
-
-
-def _along(seconds: Seconds, shape: Array) -> tuple[Array, Array, BoolArray]:
-    """Fit a shape (n,) of mean zero: return its factors (6,) and their significance.
-
-    That is the share of the minutes' variance that they explain (6,), and whether they are beyond
-    the scatter of the seconds (6,).
-    """
-    factors = shape @ seconds.means / (shape @ shape)
-    minutes = max(len(shape) // 60, 1)
-    part = len(shape) // minutes * minutes
+        return np.zeros(6), np.zeros(6, bool)
+    line = seconds.starts_s - seconds.starts_s.mean()
+    slopes = line @ seconds.means / (line @ line)
+    minutes = len(line) // 60
+    part = len(line) // minutes * minutes
     series = seconds.means[:part].reshape(minutes, -1, 6).mean(axis=1)
-    line = factors * shape[:part].reshape(minutes, -1).mean(axis=1)[:, None]
-    explained = line.var(axis=0) / np.maximum(series.var(axis=0), 1e-300)
-    rest = (seconds.means - shape[:, None] * factors).std(axis=0)
-    return factors, explained, np.abs(factors) * math.sqrt(float(shape @ shape)) > _SURE * rest
+    steps = slopes * line[:part].reshape(minutes, -1).mean(axis=1)[:, None]
+    explained = steps.var(axis=0) / np.maximum(series.var(axis=0), 1e-300)
+    rest = (seconds.means - line[:, None] * slopes).std(axis=0)
+    sure = np.abs(slopes) * math.sqrt(float(line @ line)) > _SURE * rest
+    return slopes * np.ptp(line), (explained > _STEADY) & sure

@@ -31,32 +31,12 @@ _MOST_RMS_PX = 1.0  # absolute limit of a view's error
 #: Least angle, rad, of some board's normal from their mean: with less the focal length is a guess.
 _LEAST_TILT_RAD = np.radians(5.0)
 _MOST_FOCAL_SIGMA = 0.02  # relative to the focal length
-_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 #: Views with a smaller rms distance of corners, relative to the picture's width, are duplicates.
 #: At 640 px this is three pixels, about what a hand-held board still moves.
 _SAME = 3 / 640
 #: A view is too blurred if its blur exceeds the median of all by this factor and by these pixels.
 _BLURRED_TIMES, _BLURRED_PX = 1.8, 0.5
-
-
-@dataclass(frozen=True)
-class LensModel:
-    """Hold what is estimated: k1 k2 p1 p2, also k3, or all eight of the rational model."""
-
-    model: str = "plumb_bob"
-    k3: bool = False
-
-    @property
-    def flags(self) -> int:
-        """Return OpenCV's flags."""
-        if self.model == "rational":
-            return int(cv2.CALIB_RATIONAL_MODEL)
-        return 0 if self.k3 else int(cv2.CALIB_FIX_K3)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the estimated parameters."""
-        return _NAMES[: 12 if self.model == "rational" else 8 + self.k3]
 
 
 @dataclass(frozen=True)
@@ -95,13 +75,13 @@ def fit_lens(
     views: Mapping[str, BoardSighting],
     board: Checkerboard,
     size: tuple[int, int],
-    model: LensModel | None = None,
+    *,
+    with_k3: bool = False,
 ) -> LensFit:
     """Calibrate from sightings in pictures of ``size`` (width, height).
 
     Raises CalibrationError if there are too few views, or if they do not determine the parameters.
     """
-    model = model or LensModel()
     left = dict(views)
     refused: dict[str, Refused] = {}
     while True:
@@ -111,7 +91,7 @@ def fit_lens(
                 f"lens: {len(left)} usable views are left{gone}; at least {FEWEST_VIEWS} "
                 "are needed, 20 are good. Take more, all over the picture, with the board tilted"
             )
-        fit = _fitted(left, board, size, model)
+        fit = _fitted(left, board, size, with_k3=with_k3)
         rms_px = fit.view_rms_px
         worst = max(rms_px, key=rms_px.__getitem__)
         usual = float(np.median(list(rms_px.values())))
@@ -139,22 +119,25 @@ def _fitted(
     views: Mapping[str, BoardSighting],
     board: Checkerboard,
     size: tuple[int, int],
-    model: LensModel,
+    *,
+    with_k3: bool,
 ) -> LensFit:
     points = board.points_m.astype(np.float32)
     corners = [view.corners_px.astype(np.float32)[:, None] for view in views.values()]
+    names = _NAMES if with_k3 else _NAMES[:-1]
+    flags = 0 if with_k3 else cv2.CALIB_FIX_K3
     stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
     try:
         _, matrix, distortion, turns, places = cv2.calibrateCamera(
-            [points] * len(corners), corners, size, None, None, flags=model.flags, criteria=stop
+            [points] * len(corners), corners, size, None, None, flags=flags, criteria=stop
         )
     except cv2.error:
         raise CalibrationError(
             "lens: the views have no common solution; take more, with the board tilted"
         ) from None
-    count = len(model.names)
-    distortion = np.asarray(distortion, float).ravel()[:8]
-    values = np.array([matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion, *np.zeros(12)])
+    count = len(names)
+    distortion = np.asarray(distortion, float).ravel()
+    values = np.array([matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion])
     errors: dict[str, Array] = {}
     slopes: list[tuple[Array, Array]] = []
     for (name, view), turn, place in zip(views.items(), turns, places, strict=True):
@@ -174,7 +157,7 @@ def _fitted(
             f"lens: the views give no usable lens ({error}); take more near the picture's "
             "corners, or estimate fewer coefficients"
         ) from None
-    return LensFit(camera, model.names, values[:count], covariance, errors, tilt_rad)
+    return LensFit(camera, names, values[:count], covariance, errors, tilt_rad)
 
 
 def _covariance(slopes: list[tuple[Array, Array]], errors_px: list[Array]) -> Array:

@@ -73,13 +73,6 @@ class HeadingConfig:
         "a leg",
         ("deg", 1e-3, 180),
     )
-    resolution_deg: float = param(
-        0.0,
-        "rounding step of the headings: each is used as an interval of this width, with "
-        "sigma_floor_deg as the noise before rounding; 0 = use headings as plain numbers. 1.0 "
-        "suits whole degrees of a receiver whose own noise is 0.2 deg or less",
-        ("deg", 0, 90),
-    )
     gate_sigma: float = _gate(4.0, "headings")
     start_after_s: float = param(
         1.0, "time for which rtk/fix must be fixed before headings are used", ("s", 0, 60)
@@ -90,18 +83,11 @@ class HeadingConfig:
         "agreeing with each other",
         _PATIENCE,
     )
-    bias_sigma_deg: float = param(
-        0.0,
-        "sigma of a slowly varying error that the filter estimates; 0 = none",
-        ("deg", 0, 30),
-        live=False,  # it decides the filter's states
-    )
     set_sigma_deg: float = param(
         5.0,
         "standard deviation of a heading on ~/set_heading that comes without a variance",
         ("deg", 0.1, 90),
     )
-    bias_time_s: float = param(600.0, "correlation time of that error", ("s", 1, 1e9))
 
 
 @dataclass(frozen=True, slots=True)

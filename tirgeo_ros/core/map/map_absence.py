@@ -11,7 +11,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import azimuth, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, ecef_from_geodetic
-from tirgeo_ros.core.ground.camera_place import camera_heading_rad
+from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import HORIZON_ROWS
 from tirgeo_ros.core.types.arrays import Array

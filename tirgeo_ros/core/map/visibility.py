@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import (
@@ -21,14 +20,21 @@ from tirgeo_ros.core.camera.camera_model import (
     largest_scale,
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.map.level_of_detail import Boxes, Details, ends, levels_at, merged
-from tirgeo_ros.core.map.polylines import Polylines, joined, runs
+from tirgeo_ros.core.map.polylines import (
+    Boxes,
+    Details,
+    Polylines,
+    ends,
+    joined,
+    levels_at,
+    merged,
+    runs,
+)
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.poses import CameraPose
 
 _BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
-_DISC_SIDES = 64
 
 
 def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polylines:
@@ -76,65 +82,6 @@ def _cut_lines(
     return lines.cut(enter_all, leave_all)
 
 
-def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Polylines:
-    """Return the part of the rings' insides where ``normals @ point >= offsets``; (m, k), (m,).
-
-    The last point of a ring is joined to its first; it is not repeated.
-    """
-    for normal, offset in zip(normals, offsets, strict=True):
-        rings = _cut_rings(rings, normal @ rings.points - offset)
-    return rings
-
-
-def cone(radius: float) -> Array:
-    """Return the normals (64, 3) of planes through the camera that hold an inscribed polygon.
-
-    The polygon of 64 sides lies in the disc of a radius on the plane z = 1. Between its corners
-    0.1 % of the radius is lost.
-    """
-    turn = np.arange(_DISC_SIDES) * (2 * math.pi / _DISC_SIDES)
-    inner = np.full(_DISC_SIDES, radius * math.cos(math.pi / _DISC_SIDES))
-    return np.stack([-np.cos(turn), -np.sin(turn), inner], axis=1)
-
-
-def disc(radius: float) -> Polylines:
-    """Return the polygon, one ring (2, V), in which the planes of ``cone`` meet z = 1."""
-    turn = (np.arange(_DISC_SIDES) + 0.5) * (2 * math.pi / _DISC_SIDES)
-    points = radius * np.stack([np.cos(turn), np.sin(turn)])
-    return Polylines(points, np.array([0, _DISC_SIDES]), np.zeros(1, np.int64))
-
-
-def closed(rings: Polylines) -> Polylines:
-    """Return the rings with their first point repeated at the end."""
-    last = rings.starts[1:] - 1
-    index = np.insert(np.arange(rings.points.shape[1]), last + 1, rings.starts[:-1])
-    starts = rings.starts + np.arange(len(rings) + 1)
-    return Polylines(rings.points.take(index, axis=1), starts, rings.owner)
-
-
-def _cut_rings(rings: Polylines, distance: Array) -> Polylines:
-    """Return the part of the rings where ``distance`` (V,), linear in the points, is >= 0."""
-    inside = distance >= 0
-    if inside.all():
-        return rings
-    following = np.arange(1, rings.points.shape[1] + 1)
-    following[rings.starts[1:] - 1] = rings.starts[:-1]
-    crosses = inside != inside[following]
-    count = inside.astype(np.int64) + crosses
-    after = np.cumsum(count)
-    points = np.empty((len(rings.points), int(after[-1])))
-    points[:, (after - count)[inside]] = rings.points[:, inside]
-    start = np.flatnonzero(crosses)
-    end = following[start]
-    share = distance[start] / (distance[start] - distance[end])
-    points[:, after[start] - 1] = rings.points[:, start] + share * (
-        rings.points[:, end] - rings.points[:, start]
-    )
-    starts = np.append(0, after)[rings.starts]
-    left = np.diff(starts) > 0
-    return Polylines(points, np.append(starts[:-1][left], starts[-1]), rings.owner[left])
-
-
 #: Largest distance between a drawn chord and the curve into which the lens bends a line.
 CHORD_PX = 0.1
 #: Lines and marks farther ahead than this are never drawn.
@@ -149,8 +96,6 @@ _FEW_VERTICES = 4096
 #: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
 _DETAILS_PX = (0.5, 1.0, 2.0)
 _MANY_VERTICES = 40_000
-#: Erosion by two pixels: OpenCV draws an area's edge one pixel wide and may round it either way.
-_RIM = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,25 +138,12 @@ class View:
         self._normals_c = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, -1]]
         )
-        self._offsets = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0])  # _eye appends the far plane's
         widest = math.hypot(max(-left, right), max(-top, bottom))
         self._reaches_past_lens = widest > camera.max_radius
         radius = min(widest, camera.max_radius)
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
         self._pieces_per_length = math.sqrt(largest_bend(camera, radius) / (8 * CHORD_PX))
         self._px_per_rad = largest_scale(camera, radius)
-        #: Mask (h, w), 255 where areas may be filled; None for the whole image.
-        self.reached = self._lens_mask() if self._reaches_past_lens else None
-
-    def _lens_mask(self) -> Pixels:
-        """Return the mask of a lens model that ends within the image, without its rim."""
-        # Rings may run back and forth along the rim, and OpenCV draws the edges of areas.
-        rim = self._bent(closed(disc(self.camera.max_radius)))
-        uv = self.camera.pixels(*rim.points).T
-        mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
-        cv2.fillPoly(mask, [np.rint(uv * 16).astype(np.int32)], (255,), cv2.LINE_8, 4)
-        # The image's border is not eroded: OpenCV treats pixels outside the image as set.
-        return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
     def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's lines as they are drawn, (2, V) pixels, up to ``far_m`` ahead.
@@ -219,31 +151,45 @@ class View:
         They reach a little beyond the image. Straight lines are subdivided to follow the lens.
         A line may be returned in several parts that meet; each has the line's owner.
         """
-        details, eye = vector_map.details, self._eye(pose, far_m)
-        piece, whole = details.in_view(eye.normals, eye.offsets)
+        details, rotation_cn = vector_map.details, matrix_from_quat(pose.q_nc).T
+        offset_c = rotation_cn @ pose.position_n
+        offsets_c = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -far_m])
+        # The field of view is where normals @ point >= offsets.
+        normals = self._normals_c @ rotation_cn
+        piece, whole = details.in_view(normals, offsets_c + normals @ pose.position_n)
         boxes = details.boxes.take(piece)
-        level, detail_px = self._levels(details, piece, boxes.distance(eye.position_n))
-        row = self._in_a_row(boxes, whole, eye, detail_px)
+        level, detail_px = self._levels(details, piece, boxes.distance(pose.position_n))
+        row = self._in_a_row(boxes, whole, rotation_cn, offset_c, detail_px)
+
+        def seen(which: IntArray | BoolArray) -> Polylines:
+            """Return pieces in the optical frame."""
+            lines = details.lines(piece[which], level[which])
+            points_c = rotation_cn @ lines.points
+            points_c -= offset_c[:, None]
+            return Polylines(points_c, lines.starts, lines.owner)
+
         inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(~whole)
-        some = np.concatenate([inner, outer])
-        lines, cut = eye.sees(details.lines(piece[some], level[some])).parted(len(inner))
+        lines, cut = seen(np.concatenate([inner, outer])).parted(len(inner))
         # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
         # long as all other steps together.
-        cut = clip_to_planes(cut, self._normals_c, np.append(self._offsets, -far_m))
-        flat = _flat(joined(lines, cut))
+        flat = _flat(joined(lines, clip_to_planes(cut, self._normals_c, offsets_c)))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         if row.any():
             # Pieces that each lie in one row become merged spans. One may replace another of its
             # layer, if the features of both have a label or both have none.
-            in_row = _flat(eye.sees(details.lines(piece[row], level[row])))
+            in_row = _flat(seen(row))
             spans = ends(in_row, in_row.points[0])
             uv = self.camera.pixels(*spans.points[:2])
             sheet = 2 * vector_map.layer[spans.owner] + vector_map.labelled[spans.owner]
             flat = joined(flat, merged(spans, uv, sheet))
-        return self._seen(flat)
+        flat = self._bent(flat)
+        uv = self.camera.pixels(*flat.points[:2])
+        return VisibleLines(uv, flat.starts, flat.owner, flat.points)
 
-    def _in_a_row(self, boxes: Boxes, whole: BoolArray, eye: _Eye, row_px: float) -> BoolArray:
+    def _in_a_row(
+        self, boxes: Boxes, whole: BoolArray, rotation_cn: Array, offset_c: Array, row_px: float
+    ) -> BoolArray:
         """Return (N,) whether each box is wholly in view and lower than ``row_px`` in the picture.
 
         A step (x, y, z) in the optical frame moves the row by (y - v z) / depth, where v is the
@@ -252,51 +198,12 @@ class View:
         """
         if self._reaches_past_lens or not row_px:
             return np.zeros(len(whole), bool)
-        _, down, ahead = eye.rotation_cn
-        _, y, depth = eye.rotation_cn @ boxes.centres - eye.offset_c[:, None]
+        _, down, ahead = rotation_cn
+        _, y, depth = rotation_cn @ boxes.centres - offset_c[:, None]
         depth = np.where(whole, depth, 1.0)
         turned = np.abs(down[:, None] - (y / depth) * ahead[:, None])
         half = np.einsum("ij,ij->j", turned, boxes.halves)
         return np.asarray(whole & (half * (2 * self._px_per_rad) < row_px * depth))
-
-    def areas(self, vector_map: VectorMap, pose: CameraPose) -> VisibleLines:
-        """Return the filled areas of layers with a fill, as closed rings (2, V) in pixels.
-
-        The caller fills all rings of one owner together by the even-odd rule. The rings reach a
-        little beyond the image. They are not cut at the distance at which lines end.
-        """
-        rings, details = vector_map.rings, vector_map.details
-        if not len(rings):
-            return _NOTHING
-        eye = self._eye(pose, FAR_M)
-        ring, whole = rings.boxes.in_view(eye.normals, eye.offsets)
-        if not len(ring):
-            return _NOTHING
-        whole &= not self._reaches_past_lens
-        ring = np.concatenate([ring[whole], ring[~whole]])
-        number, starts = runs(rings.starts[ring], np.diff(rings.starts)[ring])
-        piece = rings.pieces[number]
-        boxes = details.boxes.take(piece)
-        level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
-        # Pieces wholly out of view do not change the visible fill: use the coarsest level.
-        out = np.ones(len(piece), bool)
-        out[boxes.within(eye.normals, eye.offsets)] = False
-        level[out] = len(details.count) - 1
-        lines = details.lines(piece, level)
-        lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[ring]))
-        # Rings wholly in view are not clipped, and already end where they begin.
-        inner, outer = lines.parted(int(whole.sum()))
-        outer = cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets)
-        if self._reaches_past_lens:
-            planes = cone(self.camera.max_radius)
-            outer = cut_rings_to_planes(outer, planes, np.zeros(len(planes)))
-        return self._seen(joined(_flat(inner), closed(_flat(outer))))
-
-    def _eye(self, pose: CameraPose, far_m: float) -> _Eye:
-        rotation_cn = matrix_from_quat(pose.q_nc).T
-        normals = self._normals_c @ rotation_cn
-        offsets = np.append(self._offsets, -far_m) + normals @ pose.position_n
-        return _Eye(rotation_cn, pose.position_n, rotation_cn @ pose.position_n, normals, offsets)
 
     def _levels(
         self, details: Details, piece: IntArray, distance_m: Array
@@ -310,11 +217,6 @@ class View:
             if details.vertices(piece, level).sum() <= _MANY_VERTICES:
                 break
         return level, detail_px
-
-    def _seen(self, flat: Polylines) -> VisibleLines:
-        flat = self._bent(flat)
-        uv = self.camera.pixels(*flat.points[:2])
-        return VisibleLines(uv, flat.starts, flat.owner, flat.points)
 
     def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's points in the image, up to ``far_m`` ahead: lines of one point, px."""
@@ -347,23 +249,6 @@ class View:
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return flat.subdivided(pieces)
-
-
-@dataclass(frozen=True, slots=True)
-class _Eye:
-    """Hold the camera's pose in the map's plane and the planes of its field of view."""
-
-    rotation_cn: Array
-    position_n: Array
-    offset_c: Array  # the position, rotated to c
-    normals: Array  # the field of view is where normals @ point >= offsets
-    offsets: Array
-
-    def sees(self, lines: Polylines) -> Polylines:
-        """Transform lines from the map's plane to the optical frame."""
-        points_c = self.rotation_cn @ lines.points
-        points_c -= self.offset_c[:, None]
-        return Polylines(points_c, lines.starts, lines.owner)
 
 
 def _flat(lines: Polylines) -> Polylines:

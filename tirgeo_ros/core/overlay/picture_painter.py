@@ -14,23 +14,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.camera_model import Camera, Rectifier
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.ground.camera_place import camera_heading_rad, height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.frame_geometry import footprint
-from tirgeo_ros.core.map.map_layers import MapLayer
-from tirgeo_ros.core.map.vector_map import check_heights
+from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad, footprint, height_above_m
+from tirgeo_ros.core.map.vector_map import MapLayer, check_heights
 from tirgeo_ros.core.map.visibility import View, farthest_m
 from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, MapRenderer, drape_layers
 from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m, place_rose, place_scale_bar
-from tirgeo_ros.core.overlay.status_and_notices import (
+from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
+from tirgeo_ros.core.overlay.written_text import (
     VERDICT_BGR,
+    Box,
     PlacedText,
     paint_notice,
     paint_status,
@@ -38,8 +37,6 @@ from tirgeo_ros.core.overlay.status_and_notices import (
     status_box,
     status_line,
 )
-from tirgeo_ros.core.overlay.text_rendering import Box
-from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
@@ -136,19 +133,15 @@ class PicturePainter:
             return self.draped.features > 0
         return any(layer.features for layer in self._layers)
 
-    @property
-    def _level(self) -> Ground:
-        """Return the given ground, else the middle height of the map's own; nan without any."""
-        own_m = self.draped.level_m if self.draped else math.nan
-        return self.ground if is_given(self.ground) else own_m
-
     def footprint(self, pose: CameraPose | None) -> Array:
         """Return the picture's outline on the ground (N, 3), NED in the plane, m.
 
         It is cut where lines end, and empty without pose, camera, plane or ground.
         """
-        level = self._level
-        if pose is None or self._view is None or self.draped is None or not is_given(level):
+        if pose is None or self._view is None or self.draped is None:
+            return np.empty((0, 3))
+        level = self.ground if is_given(self.ground) else self.draped.level_m
+        if not is_given(level):
             return np.empty((0, 3))
         plane, camera = self.draped.plane, self._view.camera
         far_m = farthest_m(camera, height_above_m(pose, plane, level))
@@ -228,7 +221,8 @@ class PicturePainter:
         assert self._view is not None
         assert self.draped is not None
         camera = self._view.camera
-        scene = camera, pose, self.draped.plane, self._level
+        level = self.ground if is_given(self.ground) else self.draped.level_m
+        scene = camera, pose, self.draped.plane, level
         if self._renderer is None:
             self._renderer = MapRenderer(self._confidence, self.draped)
         renderer = self._renderer

@@ -13,16 +13,17 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
-from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.overlay.status_and_notices import PlacedText, status_box
-from tirgeo_ros.core.overlay.text_rendering import (
+from tirgeo_ros.core.ground.frame_geometry import height_above_m
+from tirgeo_ros.core.overlay.written_text import (
     TEXT_BGR,
     Box,
+    PlacedText,
     TextBitmap,
     composed,
     passing_stamp,
     stamp,
+    status_box,
     text_px,
 )
 from tirgeo_ros.core.types.arrays import Array, Pixels
@@ -179,26 +180,21 @@ def _rose(heading_deg: int, size_px: int) -> TextBitmap:
     heading_rad, reach = math.radians(heading_deg), round(_REACH_TIMES * size_px)
     to_north = np.array([-math.sin(heading_rad), -math.cos(heading_rad)])
     to_right = np.array([-to_north[1], to_north[0]])
-    needle = _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
+    needle = reach + _NEEDLE_TIMES * size_px * (_NEEDLE @ np.stack([to_right, to_north]))
+    mask = np.zeros((2 * reach, 2 * reach), np.uint8)
+    corners = np.rint(needle * (1 << _SHIFT)).astype(np.int32)
+    cv2.fillPoly(mask, [corners], (_FULL,), cv2.LINE_AA, _SHIFT)
+    side = 2 * _halo_px(size_px) + 1
+    halo = cv2.dilate(mask, np.ones((side, side), np.uint8))
     letter = stamp("N", size_px, TEXT_BGR)
     at = np.rint(reach + _LETTER_TIMES * size_px * to_north - np.array(letter.size) / 2)
     written = passing_stamp(f"{heading_deg:03d}\u00b0", size_px, TEXT_BGR)
-    under = round(reach - written.size[0] / 2), 2 * reach - size_px // 4
     parts = [
-        (_filled(reach + needle, 2 * reach, size_px), 0, 0),
+        (TextBitmap.of(mask, halo, TEXT_BGR), 0, 0),
         (letter, int(at[0]), int(at[1])),
-        (written, *under),
+        (written, round(reach - written.size[0] / 2), 2 * reach - size_px // 4),
     ]
     return composed(2 * reach, 2 * reach + written.size[1], parts)
-
-
-def _filled(uv: Array, side_px: int, size_px: int) -> TextBitmap:
-    """Return a polygon (N, 2), in the text's colour, with a dark halo, in a square."""
-    mask = np.zeros((side_px, side_px), np.uint8)
-    points = np.rint(uv * (1 << _SHIFT)).astype(np.int32)
-    cv2.fillPoly(mask, [points], (_FULL,), cv2.LINE_AA, _SHIFT)
-    side = 2 * _halo_px(size_px) + 1
-    return TextBitmap.of(mask, cv2.dilate(mask, np.ones((side, side), np.uint8)), TEXT_BGR)
 
 
 def _halo_px(size_px: int) -> int:

@@ -40,13 +40,6 @@ custom_data: ~"""
 #: Bytes of messages that a process that is killed takes with it: a second without pictures.
 _GROWING_CHUNK = 1 << 17
 _CHUNK = 1 << 20
-#: The numbers of rmw/types.h.
-_WORDS = {
-    "history": ("system_default", "keep_last", "keep_all", "unknown"),
-    "reliability": ("system_default", "reliable", "best_effort", "unknown"),
-    "durability": ("system_default", "transient_local", "volatile", "unknown"),
-    "liveliness": ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown"),
-}
 
 
 @final
@@ -116,10 +109,7 @@ class BagWriter:
         return number, typename
 
     def _schema(self, typename: str, form: TopicForm, *, copied: bool) -> int:
-        """Return the number of the recorded definition, else of the one that is known here.
-
-        It is 0, as MCAP has it, for a copied topic without a type.
-        """
+        """Return the number of a type's definition, recorded or known here; 0 without a type."""
         if copied and not typename:
             return 0
         key = typename, form.definition
@@ -158,38 +148,27 @@ def qos_in_words(topic: str, metadata: Mapping[str, str]) -> str:
     """Return the QoS of a recorded topic as Jazzy writes it: ``offered_qos_profiles``.
 
     It is a YAML list with one entry for each publisher. Its policies are numbers in the bags of
-    Humble and before, and words in those of Jazzy. Without one, or with one that cannot be read,
-    it is what tirgeo would offer.
+    Humble and before: then, and without one that can be read, it is what tirgeo would offer, with
+    the recorded durability.
     """
     text = metadata.get("offered_qos_profiles", "")
-    publishers = _publishers(text)
-    if not publishers:
-        return offered_qos(topic).text
-    numbered = [
-        entry for entry in publishers if any(isinstance(entry.get(key), int) for key in _WORDS)
-    ]
-    if not numbered:
+    durabilities = _durabilities(text)
+    if durabilities and not any(isinstance(each, int) for each in durabilities):
         return text
-    for entry in numbered:
-        entry.update({key: _word(key, entry.get(key)) for key in _WORDS})
-    return str(yaml.safe_dump(publishers, sort_keys=False)).strip()
+    offered = offered_qos(topic)
+    return offered._replace(latched=offered.latched or 1 in durabilities).text
 
 
 def is_latched(topic: str, metadata: Mapping[str, str]) -> bool:
     """Return whether late subscribers of a recorded topic get its last message."""
-    publishers = _publishers(qos_in_words(topic, metadata))
-    return any(publisher.get("durability") == "transient_local" for publisher in publishers)
+    return "transient_local" in _durabilities(qos_in_words(topic, metadata))
 
 
-def _publishers(text: str) -> list[dict[str, Any]]:
+def _durabilities(text: str) -> list[object]:
+    """Return the durability of each publisher; 1 is transient local in numbers (rmw/types.h)."""
     try:
         document = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError):
         return []
     entries = document if isinstance(document, list) else []
-    return [entry for entry in entries if isinstance(entry, dict)]
-
-
-def _word(key: str, value: object) -> str:
-    words = _WORDS[key]
-    return words[value] if isinstance(value, int) and 0 <= value < len(words) else str(value)
+    return [entry.get("durability") for entry in entries if isinstance(entry, dict)]

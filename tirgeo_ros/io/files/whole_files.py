@@ -102,10 +102,7 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
 
 
 def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoError]) -> None:
-    """Write files (text as UTF-8); if one of them cannot be written, none is.
-
-    Raises ``error`` naming the file.
-    """
+    """Write files (text as UTF-8), or none if one cannot be: raises ``error`` naming it."""
     parts = {path: part_of(path_of(path, error)) for path in contents}
     path: PathLike = ""
     try:
@@ -190,10 +187,7 @@ def encoding_of(head: bytes) -> str:
 
 
 def named_files(text: str) -> list[str]:
-    """Return the files of a comma-separated list.
-
-    A text with a comma that is an existing file's name is one file.
-    """
+    """Return the files of a list with commas; an existing file's name may have one."""
     if Path(text).is_file():
         return [text]
     return [name.strip() for name in text.split(",") if name.strip()]

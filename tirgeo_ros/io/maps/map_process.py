@@ -33,10 +33,8 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.map.level_of_detail import worths
-from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
-from tirgeo_ros.core.map.polylines import Polylines
-from tirgeo_ros.core.map.vector_map import check_heights
+from tirgeo_ros.core.map.polylines import Polylines, worths
+from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer, check_heights
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError, TirgeoError

@@ -120,7 +120,13 @@ def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
     """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
     row = document_of(msg, FINDINGS_TOPIC, _FINDINGS, _LONGEST)
     try:
-        findings = [_finding(part) for part in row["findings"]]
+        findings = [
+            Finding(
+                severity=Severity[part["severity"]],
+                **{name: cut(str(part[key])) for key, name in _PARTS.items()},
+            )
+            for part in row["findings"]
+        ]
         return cut(str(row["node"])), int(row["stamp_ns"]), findings
     except WRONG_FORM as error:
         raise MessageError(f"{FINDINGS_TOPIC}: no findings: {shown(error, 100)}") from None
@@ -142,23 +148,19 @@ def _node_state(document: dict[str, Any]) -> NodeState:
 
 
 def _topic_state(row: dict[str, Any]) -> TopicState:
-    age_s, latency_ms, p95_ms = (
-        None if row[name] is None else _number(row[name])
-        for name in ("age_s", "latency_ms", "latency_p95_ms")
-    )
+    times = (row[name] for name in ("age_s", "latency_ms", "latency_p95_ms"))
+    age_s, latency_ms, p95_ms = (None if value is None else float(value) for value in times)
     counts = (int(row[name]) for name in ("unreadable", "failed", "lost"))
     return TopicState(_number(row["rate_hz"]), age_s, latency_ms, p95_ms, *counts)
 
 
 def _picture(row: dict[str, Any]) -> PictureState:
-    numbers: dict[str, Any] = {
-        name: float(row[name]) for name in (*POINT_SIGMAS, "video_latency_s")
-    }
-    if not math.isfinite(sum(numbers.values())):
+    sigmas: dict[str, Any] = {name: float(row[name]) for name in POINT_SIGMAS}
+    latency_s = float(row["video_latency_s"])
+    if not math.isfinite(latency_s + sum(sigmas.values())):
         raise ValueError("a number of its picture is not finite")
-    latency_s = numbers.pop("video_latency_s")
     notice, newest_ns = cut(str(row["notice"])), int(row["newest_frame_ns"])
-    return PictureState(notice, latency_s, ConfidenceConfig(**numbers), newest_ns)
+    return PictureState(notice, latency_s, ConfidenceConfig(**sigmas), newest_ns)
 
 
 def _navigation_row(status: NavigationStatus) -> dict[str, Any]:
@@ -198,11 +200,6 @@ def _navigation(row: dict[str, Any]) -> NavigationStatus:
         vibration=tuple(_number(density) for density in row["vibration"]),
         began_again=Outcome(again) if again else None,
     )
-
-
-def _finding(row: dict[str, str]) -> Finding:
-    parts = {name: cut(str(row[key])) for key, name in _PARTS.items()}
-    return Finding(severity=Severity[row["severity"]], **parts)
 
 
 def _table(row: dict[str, Any], value: Callable[[Any], T]) -> dict[str, T]:

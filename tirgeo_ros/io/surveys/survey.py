@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -57,10 +57,7 @@ class Mark:
 
 
 def load_survey(path: PathLike) -> list[SurveyPoint]:
-    """Load points of a GeoJSON file with property ``id``, or of a CSV file ``id,lat,lon,h``.
-
-    Latitude and longitude are WGS84 degrees in the file. Raises SurveyError naming file and place.
-    """
+    """Load points of GeoJSON with property ``id``, or CSV ``id,lat,lon,h``. Raises SurveyError."""
     text = read_text(path, SurveyError)
     if text.lstrip().startswith(("{", "[")):
         points = _geojson_points(path, text)
@@ -72,9 +69,11 @@ def load_survey(path: PathLike) -> list[SurveyPoint]:
 
 def save_survey(path: PathLike, points: Sequence[SurveyPoint]) -> None:
     """Write points as CSV where the name ends in ``.csv``, else as GeoJSON."""
+    # Ten decimals of a degree are a hundredth of a millimetre.
+    places = [(math.degrees(p.latitude_rad), math.degrees(p.longitude_rad)) for p in points]
     rows = [
-        (p.id, _degrees(p.latitude_rad), _degrees(p.longitude_rad), f"{p.height_m:.4f}")
-        for p in points
+        (p.id, f"{latitude:.10f}", f"{longitude:.10f}", f"{p.height_m:.4f}")
+        for p, (latitude, longitude) in zip(points, places, strict=True)
     ]
     text = csv_text([_SURVEY_COLUMNS, *rows])
     if Path(path).suffix.lower() != ".csv":
@@ -128,20 +127,18 @@ def _geojson_points(path: PathLike, text: str) -> list[SurveyPoint]:
     if not isinstance(features, list):
         raise SurveyError(f"{path}: not a GeoJSON FeatureCollection of points")
     check_rows(path, len(features))
-    return [_point_of_feature(path, number, f) for number, f in enumerate(features, 1)]
-
-
-def _point_of_feature(path: PathLike, number: int, feature: Any) -> SurveyPoint:
+    points = []
     try:
-        name = str(feature["properties"]["id"])
-        coordinates = {"Point": feature["geometry"]["coordinates"]}[feature["geometry"]["type"]]
-        longitude, latitude, height = coordinates[:3]
-        return _point(name, latitude, longitude, height)
+        for feature in features:
+            shape, name = feature["geometry"], str(feature["properties"]["id"])
+            longitude, latitude, height = {"Point": shape["coordinates"]}[shape["type"]][:3]
+            points.append(_point(name, latitude, longitude, height))
     except (KeyError, TypeError, ValueError, OverflowError):
         raise SurveyError(
-            f"{path}: feature {number} is not a Point with longitude, latitude, height and a "
-            "property id"
+            f"{path}: feature {len(points) + 1} is not a Point with longitude, latitude, height "
+            "and a property id"
         ) from None
+    return points
 
 
 def _csv_rows(
@@ -205,11 +202,6 @@ def _refuse_repeated(path: PathLike, points: Sequence[SurveyPoint] | Sequence[Ma
         ids.add(point.id)
 
 
-def _degrees(angle_rad: float) -> str:
-    """Return degrees with ten decimals: a hundredth of a millimetre on the ground."""
-    return f"{math.degrees(angle_rad):.10f}"
-
-
 class Answered(NamedTuple):
     """Hold a pixel of a list and its located point or refusal."""
 
@@ -239,21 +231,8 @@ def load_control_points(
     ``points_crs`` is the system of a ``.points`` file, else it is the one that the file names.
     Raises SurveyError.
     """
-    if survey is not None:
-        return _matched(points, survey)
-    return _qgis(points, points_crs)
-
-
-def downward(pixels: Array) -> Array:
-    """Return pixels (n, 2) with rows that grow downwards.
-
-    QGIS's are below zero and grow upwards.
-    """
-    upward = len(pixels) > 0 and float(np.median(pixels[:, 1])) < 0
-    return pixels * np.array([1.0, -1.0]) if upward else pixels
-
-
-def _matched(points: PathLike, survey: PathLike) -> ControlPoints:
+    if survey is None:
+        return _qgis(points, points_crs)
     marks = {mark.id: mark for mark in load_marks(points)}
     places = {point.id: point for point in load_survey(survey)}
     used = [name for name in marks if name in places]
@@ -263,6 +242,12 @@ def _matched(points: PathLike, survey: PathLike) -> ControlPoints:
     pixels = np.array([(marks[name].column, marks[name].row) for name in used])
     unused = [name for name in [*marks, *places] if not (name in marks and name in places)]
     return ControlPoints(used, downward(pixels), np.degrees(radians), tuple(unused))
+
+
+def downward(pixels: Array) -> Array:
+    """Return pixels (n, 2) with rows that grow downwards; QGIS's are below zero, upwards."""
+    upward = len(pixels) > 0 and float(np.median(pixels[:, 1])) < 0
+    return pixels * np.array([1.0, -1.0]) if upward else pixels
 
 
 def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:

@@ -78,7 +78,18 @@ def of_targets(targets: Sequence[Target]) -> list[Row]:
 
 def of_answers(answers: Sequence[Answered]) -> list[Row]:
     """Return a row for each pixel in their order; a located one is a target with its name."""
-    return [_row(number, answered) for number, answered in enumerate(answers, 1)]
+    rows = []
+    for number, (name, answer) in enumerate(answers, 1):
+        pixel = {"id": name, "stamp_ns": answer.stamp_ns, "u": answer.uv[0], "v": answer.uv[1]}
+        if isinstance(answer, Refusal):
+            nothing = {key: None for key in _OF_PLACE if key not in pixel}
+            reason = answer.reason.value
+            rows.append(Row(pixel | nothing | {"reason": reason}, None, f"not located: {reason}"))
+        else:
+            target = target_of_pixel(number, name, answer)
+            cells = pixel | _of_place(answer) | {"reason": None}
+            rows.append(Row(cells, target, _words(target)))
+    return rows
 
 
 def target_of_pixel(number: int, name: str, place: Located) -> Target:
@@ -110,17 +121,6 @@ def _of_place(place: Located) -> dict[str, Any]:
         "mgrs": texts.mgrs,
         "utm": texts.utm,
     }
-
-
-def _row(number: int, answered: Answered) -> Row:
-    name, answer = answered
-    pixel = {"id": name, "stamp_ns": answer.stamp_ns, "u": answer.uv[0], "v": answer.uv[1]}
-    if isinstance(answer, Refusal):
-        cells = pixel | {key: None for key in _OF_PLACE if key not in pixel}
-        reason = answer.reason.value
-        return Row(cells | {"reason": reason}, None, f"not located: {reason}")
-    target = target_of_pixel(number, name, answer)
-    return Row(pixel | _of_place(answer) | {"reason": None}, target, _words(target))
 
 
 def _utf8(text: str) -> str:

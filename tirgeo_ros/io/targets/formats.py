@@ -206,10 +206,7 @@ FORMATS = {
 
 
 def exported(targets: Sequence[Target], form: str, picture: Pictures | None = None) -> bytes:
-    """Return targets in one of FORMATS; a GeoPackage has their pictures, as ``store.picture``.
-
-    Raises TargetError if there is no room on the disk (GeoPackage).
-    """
+    """Return targets in one of FORMATS; a GeoPackage has their pictures. Raises TargetError."""
     if form == "gpkg" and picture:
         return geopackage(of_targets(targets), picture)
     return _encoded(FORMATS[form], of_targets(targets))

@@ -146,14 +146,24 @@ def budget(setting: Setting) -> Budget:
     view = GroundView.of(setting.camera, rotation_nc, setting.height_m, uv)
     on_ground = np.isfinite(view.points_n[:, 0])
     closed = {
-        name: np.where(on_ground, picture, np.nan).reshape(shape)
-        for name, picture in _closed(setting, uv).items()
+        name: np.where(on_ground, errors_m, np.nan).reshape(shape)
+        for name, errors_m in _closed(setting, uv).items()
     }
-    general = {name: rms_m(c).reshape(shape) for name, c in _general(setting, view).items()}
-    return Budget(setting, closed, general)
+    parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
+    confidence, none = setting.confidence, np.zeros((6, 6))
+    rates = np.array([setting.speed_m_s, 0, 0, 0, 0, 0])
+    time_s = confidence.latency_sigma_s
+    others = {
+        "latency": view.covariance(none, latency_sigma_s=time_s, rates=rates),
+        "lens": view.covariance(none, lens_sigma_px=confidence.lens_sigma_px),
+        "ground": view.covariance(none, ground_sigma_m=confidence.ground_sigma_m),
+    }
+    parts |= others | {"all": parts["pose"] + sum(others.values())}
+    return Budget(setting, closed, {name: rms_m(c).reshape(shape) for name, c in parts.items()})
 
 
 def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
+    """Return the paper's errors (N,), m, by factor at pixels (N, 2)."""
     camera = setting.camera
     f, alpha = (camera.fx + camera.fy) / 2, math.radians(setting.depression_deg)
     x_im, y_im = uv[:, 0] - camera.cx, uv[:, 1] - camera.cy
@@ -170,20 +180,6 @@ def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
         "heading": heading,
         "all of these": np.hypot(whole, heading),
     }
-
-
-def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
-    """Return covariances (N, 2, 2), m2, by factor."""
-    parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
-    confidence, none = setting.confidence, np.zeros((6, 6))
-    rates = np.array([setting.speed_m_s, 0, 0, 0, 0, 0])
-    time_s = confidence.latency_sigma_s
-    others = {
-        "latency": view.covariance(none, latency_sigma_s=time_s, rates=rates),
-        "lens": view.covariance(none, lens_sigma_px=confidence.lens_sigma_px),
-        "ground": view.covariance(none, ground_sigma_m=confidence.ground_sigma_m),
-    }
-    return parts | others | {"all": parts["pose"] + sum(others.values())}
 
 
 _TITLES = {

@@ -30,7 +30,7 @@ from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longe
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
+from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
@@ -39,14 +39,12 @@ from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
     PositionSample,
-    Source,
     VelocitySample,
 )
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
-from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.flight_topics import resolved
@@ -136,17 +134,16 @@ def calibrate_aircraft(
     params: Files = None,
     hold: Collection[str] = (),
     namespace: str = "",
-    plot: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Estimate the aircraft's parameters from a flight and write them; return a summary.
 
-    ``hold`` lists keys of HOLDS; their parameters keep their values. ``plot`` is a PNG of the
-    innovations. Raise CalibrationError if no parameter is determined, BagError, ConfigError.
+    ``hold`` lists keys of HOLDS; their parameters keep their values. Raise CalibrationError if no
+    parameter is determined, BagError, ConfigError.
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
-    check_outputs((bag_in, *paths_of(params), *configs.files), (output, plot), CalibrationError)
+    check_outputs((bag_in, *paths_of(params), *configs.files), (output,), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
     reader = BagReader(bag_in)
     recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
@@ -158,16 +155,14 @@ def calibrate_aircraft(
         raise CalibrationError(f"{reader.path}: {error}") from None
     level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
     result = _result(config, fitted, level, held, notes)
-    files = (
-        (output, lambda: result.yaml("aircraft", bag_in, aircraft_lines(result.numbers))),
-        (plot, lambda: innovations_png(fitted)),
-    )
     numbers = {
         "seconds": seconds,
         "imu_samples": len(recorded.imu),
         "measurements": len(recorded.aids),
         "notes": result.notes,
     }
+    lines = aircraft_lines(result.numbers)
+    files = [(output, lambda: result.yaml("aircraft", bag_in, lines))]
     return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
 
 
@@ -329,36 +324,3 @@ def aircraft_lines(result: Mapping[str, Any]) -> list[str]:
         *(f"not found: {n} ({KEYS[n]}): {why}" for n, why in result["not_told"].items()),
         f"squared innovations over their predicted variance: {'; '.join(nis)}",
     ]
-
-
-#: Panels of innovations: topic, and what makes its unit.
-_INNOVATIONS = {
-    Source.RTK_POSITION: ("rtk/fix", 100.0, "cm"),
-    Source.RTK_VELOCITY: ("rtk/vel", 100.0, "cm/s"),
-    Source.RTK_HEADING: ("rtk/heading", float(np.degrees(1.0)), "deg"),
-}
-
-
-def innovations_png(fitted: AircraftFit) -> bytes:
-    """Return a PNG: innovations over time by source; linear up to three times their rms after."""
-    before, after = fitted.before.nis(), fitted.after.nis()
-    sources = [source for source in _INNOVATIONS if source in after]
-    made, panels = figure(10.0, 2.3 * len(sources), len(sources), 1, sharex=True, squeeze=False)
-    for panel, source in zip(panels[:, 0], sources, strict=True):
-        name, scale, unit = _INNOVATIONS[source]
-        for run, colour, what in (
-            (fitted.before, COLOURS[1], "before"),
-            (fitted.after, COLOURS[0], "after"),
-        ):
-            white = [w for w in run.white if w.source is source]
-            times_s = np.array([w.stamp_ns - fitted.before.attitude_ns[0] for w in white]) * 1e-9
-            values = scale * np.array([w.innovation for w in white])
-            panel.plot(times_s, values, ".", color=colour, markersize=1.5)
-            panel.plot([], [], ".", color=colour, label=what)
-        panel.set_yscale("symlog", linthresh=max(3 * float(np.sqrt(np.mean(values**2))), 1e-9))
-        title = f"{name}: NIS {before[source]:.3g} before, {after[source]:.2f} after"
-        panel.set_title(title, loc="left")
-        panel.set_ylabel(f"innovation, {unit}")
-    panels[-1, 0].set_xlabel("time, s")
-    panels[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    return png(made)

@@ -105,7 +105,7 @@ def calibrate_allan(
 
 def _curve(read: ReadImu, seconds: Seconds) -> AllanCurve:
     """Return the curve without steady drifts; raise CalibrationError for an unusable record."""
-    changes, steady, _ = drifts(seconds)
+    changes, steady = drifts(seconds)
     ramps = changes * steady / max(np.ptp(seconds.starts_s), 1.0) if steady.any() else None
     curve = allan_curve(read.record.runs, read.record.step_s, ramps)
     check_alive(read.where, curve.variances)
@@ -201,26 +201,18 @@ def rest_table(axes: Sequence[Axis]) -> str:
     return f"{axes_table(axes, head, columns)}\n{note}"
 
 
-_STEADY = (
-    "drifts steadily, perhaps by temperature; it is removed before the fit; let the IMU warm up "
-    "for half an hour first"
-)
-_SETTLES = (
-    "settles in the course of the record, perhaps warming up; it is in B, K and the bias; leave "
-    "the start out (--from), or let the IMU warm up first"
-)
-
-
 def _drift_warnings(seconds: Seconds) -> Iterator[str]:
-    changes, steady, settles = drifts(seconds)
-    for these, what in ((steady, _STEADY), (settles, _SETTLES)):
-        named = [
-            f"{name} by {changes[k]:.2g} {UNITS[name.partition(' ')[0]]}"
-            for k, name in enumerate(CHANNELS)
-            if these[k]
-        ]
-        if named:
-            yield f"{', '.join(named)}: {what}"
+    changes, steady = drifts(seconds)
+    named = [
+        f"{name} by {changes[k]:.2g} {UNITS[name.partition(' ')[0]]}"
+        for k, name in enumerate(CHANNELS)
+        if steady[k]
+    ]
+    if named:
+        yield (
+            f"{', '.join(named)}: drifts steadily, perhaps by temperature; it is removed before "
+            "the fit; let the IMU warm up for half an hour first"
+        )
 
 
 def _fit_warnings(fits: Sequence[NoiseFit]) -> Iterator[str]:

@@ -33,9 +33,7 @@ from tirgeo_ros.core.calibration.boresight_model import (
     corrected_pose,
 )
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
-from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, BoolArray
@@ -91,7 +89,7 @@ def calibrate_boresight(
     check_outputs(given, (output, plot), CalibrationError)
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
     reader = BagReader(bag_in)
-    configs, chosen = configs.fitting(reader, namespace)
+    configs, chosen = configs.fitting(reader.topics(), namespace)
     wanted = _wanted(estimate, hold, configs)
     read = _read(reader, namespace, configs, wanted, *observed, smooth=smooth)
     try:
@@ -211,10 +209,6 @@ def _passes(
         north = replace(gimbal.north, bias_deg=gimbal.north.bias_deg + step_deg)
         stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + step_deg)
         passes["gimbal_north"] = recorded.registered(ekf, stepped, at_ns, smooth=smooth)
-    if "heading_offset" in wanted:
-        passes["heading_offset"] = recorded.registered(
-            ekf, gimbal, at_ns, baseline_step_rad=_STEP_RAD, smooth=smooth
-        )
     return passes
 
 
@@ -224,22 +218,11 @@ def _wanted(
     """Return the parameters to estimate. Raise CalibrationError for those that cannot be."""
     asked = (*USUAL, IF_DETERMINED) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
-    by_heading = "heading_offset" in wanted
-    faults = {
-        "ground_height: overlay_node takes the ground from its dem; remove dem from the "
-        "parameters, or ground_height from the list": "ground_height" in wanted
-        and bool(configs.overlay.dem),
-        "gimbal_north and heading_offset both turn the camera about the vertical: estimate one of "
-        "them": by_heading and "gimbal_north" in wanted,
-        f"heading_offset: method {configs.ekf.method} uses no headings; leave it out": by_heading
-        and configs.ekf.method != "ekf_heading",
-        "heading_offset: it turns the second RTK antenna about the first; set "
-        "aircraft.rtk_antenna_m and aircraft.second_antenna_m in the parameters": by_heading
-        and configs.ekf.aircraft.baseline_b is None,
-    }
-    for reason, is_so in faults.items():
-        if is_so:
-            raise CalibrationError(reason)
+    if "ground_height" in wanted and configs.overlay.dem:
+        raise CalibrationError(
+            "ground_height: overlay_node takes the ground from its dem; remove dem from the "
+            "parameters, or ground_height from the list"
+        )
     return wanted
 
 
@@ -295,7 +278,6 @@ def _refuse(ambiguity: Ambiguity | None) -> None:
 #: Residuals larger than expected by this factor cause a note.
 _MUCH = 2.0
 _UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
-_SECOND = "aircraft.second_antenna_m"
 
 
 def key_of(name: str, by_encoders: bool) -> str:
@@ -303,7 +285,6 @@ def key_of(name: str, by_encoders: bool) -> str:
     return {
         "latency": "overlay_node video_latency_s",
         "gimbal_north": f"gimbal_node {'yaw_zero_deg' if by_encoders else 'north.bias_deg'}",
-        "heading_offset": _SECOND,
         "ground_height": "overlay_node ground_height_m",
     }.get(name, "gimbal_node boresight_rpy_deg")
 
@@ -357,20 +338,19 @@ def _result(
 
 
 def _present(read: _ReadFlight, configs: NodeConfigs) -> Array:
-    """Return the values (7,) of PARAMETERS in this flight, rad, s, m; nan if not configured."""
-    gimbal, direction_deg = configs.gimbal, configs.ekf.aircraft.baseline_deg
+    """Return the values (6,) of PARAMETERS in this flight, rad, s, m; nan if not configured."""
+    gimbal = configs.gimbal
     north_deg = gimbal.yaw_zero_deg if read.by_encoders else gimbal.north.bias_deg
-    offset_deg = math.nan if direction_deg is None else direction_deg
     # The ground's correction is relative to the survey's heights.
     angles = *read.flight.boresight_rpy_rad, read.flight.latency_s
-    return np.array([*angles, *np.radians([north_deg, offset_deg]), read.ground_m])
+    return np.array([*angles, math.radians(north_deg), read.ground_m])
 
 
 def _nodes(
     present: Array, fitted: BoresightFit, configs: NodeConfigs, keys: set[str]
 ) -> dict[str, dict[str, Value]]:
     """Return the parameters in ``keys`` by node. Raise ConfigError for one out of range."""
-    roll, pitch, yaw, latency_s, north, offset, height_m = (present + fitted.correction).tolist()
+    roll, pitch, yaw, latency_s, north, height_m = (present + fitted.correction).tolist()
     values: dict[str, Value] = {
         "gimbal_node boresight_rpy_deg": np.degrees([roll, pitch, yaw]).tolist(),
         "overlay_node video_latency_s": latency_s,
@@ -378,23 +358,12 @@ def _nodes(
         "gimbal_node north.bias_deg": math.degrees(north),
         "overlay_node ground_height_m": height_m,
     }
-    if _SECOND in keys:
-        # The second antenna is turned about the first, clockwise from above.
-        aircraft = configs.ekf.aircraft
-        first, second = np.array(aircraft.rtk_antenna_m), np.array(aircraft.second_antenna_m)
-        turn_rad = offset - float(present[PARAMETERS.index("heading_offset")])
-        values[_SECOND] = (first + rotation_z(-turn_rad) @ (second - first)).tolist()
     nodes: dict[str, dict[str, Value]] = {}
     for key in [key for key in values if key in keys]:
         node, _, name = key.rpartition(" ")
         nodes.setdefault(node, {})[name] = values[key]
-    node_config: dict[str, EkfConfig | GimbalConfig | OverlayConfig] = {
-        "": configs.ekf,
-        "gimbal_node": configs.gimbal,
-        "overlay_node": configs.overlay,
-    }
     for node, own in nodes.items():
-        config = node_config[node]
+        config = configs.gimbal if node == "gimbal_node" else configs.overlay
         config_from(type(config), {**values_of(config), **own}, "what was found")
     return nodes
 
@@ -413,11 +382,6 @@ def _notes(numbers: Mapping[str, Any], nodes: Mapping[str, Mapping[str, Value]])
     if "north.bias_deg" in nodes.get("gimbal_node", {}):
         notes.append(
             "set gimbal_node north.sigma_deg to what the bias may change by the next flight"
-        )
-    if _SECOND in nodes.get("", {}):
-        notes.append(
-            f"{_SECOND} corrects headings where the aircraft's messages are read (dji_node, "
-            "tirgeo import); those in this bag stay as they are: import it again"
         )
     return notes
 

@@ -34,7 +34,6 @@ from tirgeo_ros.tools.calibrate.board_pictures import (
 )
 from tirgeo_ros.tools.calibrate.lens import reasons
 from tirgeo_ros.tools.calibrate.result import written
-from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 AXES = ("roll", "pitch", "yaw")
@@ -63,7 +62,6 @@ def calibrate_gimbal(
     camera: PathLike | None = None,
     rate_hz: float = 10.0,
     output: PathLike | None = None,
-    plot: PathLike | None = None,
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
@@ -71,11 +69,10 @@ def calibrate_gimbal(
 
     ``inputs`` is a bag, of which ``rate_hz`` pictures a second are used, or pictures that were
     taken at this rate. ``camera`` is a calibration file; without one the bag's own is used. Write
-    the time series (CSV) and a plot if asked: both or none. Raise CalibrationError, CameraError,
-    BagError.
+    the time series (CSV) if asked. Raise CalibrationError, CameraError, BagError.
     """
     paths, video = opened(inputs, namespace)
-    check_outputs((*paths, camera), (output, plot), CalibrationError)
+    check_outputs((*paths, camera), (output,), CalibrationError)
     if video is not None:
         pictures = thinned(video.pictures(progress), rate_hz)
         lens = video.camera() if camera is None else load_camera(camera)
@@ -88,7 +85,7 @@ def calibrate_gimbal(
     else:
         raise CalibrationError("gimbal: pictures have no camera calibration; give --camera")
     attitudes, lost = _attitudes(pictures, board, lens)
-    files = (output, lambda: _csv(attitudes)), (plot, lambda: _png(attitudes))
+    files = [(output, lambda: _csv(attitudes))]
     return written(files, _summary(attitudes, lost), video.reader if video else None)
 
 
@@ -175,15 +172,3 @@ def _csv(attitudes: BoardAttitudes) -> str:
         )
     ]
     return csv_text([["picture", "time_s", *names, "rms_px"], *rows])
-
-
-def _png(attitudes: BoardAttitudes) -> bytes:
-    """Return a PNG of the angles about their means, over time (Ren et al. 2022, Fig. 29)."""
-    made, panels = figure(7.0, 6.0, rows=3, sharex=True)
-    angles = (attitudes.angles_deg - attitudes.angles_deg.mean(0)).T
-    for panel, name, angle, colour in zip(panels, AXES, angles, COLOURS, strict=False):
-        panel.plot(attitudes.times_s, angle, ".-", color=colour, markersize=3)
-        panel.set_title(f"{name}: standard deviation {angle.std(ddof=1):.3f} deg")
-        panel.set_ylabel("deg from the mean")
-    panels[-1].set_xlabel("time, s")
-    return png(made)

@@ -17,7 +17,6 @@ from tirgeo_ros.core.calibration.checkerboard import (
 )
 from tirgeo_ros.core.calibration.lens_fit import (
     LensFit,
-    LensModel,
     doubtful_views,
     fit_lens,
     most_distinct,
@@ -50,7 +49,7 @@ def calibrate_lens(
     board: Checkerboard,
     output: PathLike,
     *,
-    model: LensModel | None = None,
+    k3: bool = False,
     plot: PathLike | None = None,
     namespace: str = "",
     progress: Report = silent,
@@ -72,7 +71,7 @@ def calibrate_lens(
         none = f"no picture of {number} can be used: {reasons(refused)}"
         raise CalibrationError(f"lens: {none if number else 'there are no pictures'}")
     chosen = sorted(most_distinct(views, _MOST_VIEWS), key=list(views).index)
-    fit = fit_lens({name: views[name] for name in chosen}, board, size, model)
+    fit = fit_lens({name: views[name] for name in chosen}, board, size, with_k3=k3)
     numbers = {
         "pictures": number,
         "views_spare": len(views) - len(chosen),

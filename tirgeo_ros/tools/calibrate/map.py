@@ -23,7 +23,6 @@ from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
-from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
 #: What reading coordinates raises where there are none.
 _NO_POSITIONS = (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError)
@@ -117,7 +116,6 @@ def _mapped(geometry: Any, change: Callable[[Any], Any]) -> Any:
 _GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
 _LEAST_GROSS_PX = 0.1  # nobody clicks a point better: smaller residuals are rounding
 _NAMED = 5
-_ARROW = 0.12  # length of the longest arrow as a share of the points' width
 
 
 def calibrate_map(
@@ -129,14 +127,13 @@ def calibrate_map(
     points_crs: str | None = None,
     order: int = 3,
     crs: str | None = None,
-    plot: PathLike | None = None,
 ) -> dict[str, object]:
     """Georeference features in pixels (GeoJSON) by control points; write GeoJSON in WGS84.
 
     ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. Return a
     summary. Raise SurveyError, MapError, CalibrationError.
     """
-    check_outputs((vectors, points, survey), (output, plot), MapError)
+    check_outputs((vectors, points, survey), (output,), MapError)
     control = load_control_points(points, survey, points_crs)
     plane = Plane(crs, control.degrees)
     try:
@@ -146,14 +143,11 @@ def calibrate_map(
     features = _features(vectors, transform)
     degrees = plane.degrees(transform(features.pixels))
     outside = ~transform.inside(features.pixels)
-    files: dict[PathLike, str | bytes] = {output: features.geojson(degrees)}
-    if plot is not None:
-        files[plot] = orthophoto_png(control, transform, residuals, features.pixels, outside)
-    write_files(files, MapError)
+    write_files({output: features.geojson(degrees)}, MapError)
     jacobian = transform.jacobian(control.pixels.mean(axis=0)[None])[0]
     warnings = _warnings(control, transform, residuals, features, outside)
     return {
-        "output": [os.fspath(path) for path in files],
+        "output": [os.fspath(output)],
         "order": order,
         "crs": plane.name,
         "points": len(control.names),
@@ -231,37 +225,3 @@ def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
         {"id": point} | dict(zip((*names, "left_out_m"), row, strict=True))
         for point, row in zip(control.names, table.tolist(), strict=True)
     ]
-
-
-def orthophoto_png(
-    control: ControlPoints,
-    transform: PolynomialTransform,
-    residuals: Residuals,
-    vertices: Array,
-    outside: BoolArray,
-) -> bytes:
-    """Return a PNG: control points, residuals enlarged, hull, features' vertices (n, 2)."""
-    made, axis = figure(8.0, 6.5)
-    rim = np.vstack([transform.hull_px, transform.hull_px[:1]])
-    axis.plot(*rim.T, color="#777777", lw=1.0, label="hull of the control points")
-    for chosen, colour, name in (
-        (~outside, COLOURS[5], "inside"),
-        (outside, COLOURS[1], "outside"),
-    ):
-        if chosen.any():
-            axis.plot(*vertices[chosen].T, ".", color=colour, ms=3, label=f"vertices {name}")
-    axis.plot(*control.pixels.T, "+", color=COLOURS[0], ms=8, label="control points")
-    longest = float(residuals.lengths_px.max())
-    width = float(np.ptp(control.pixels[:, 0]))
-    scale = _ARROW * width / longest if longest > 0 else 1.0
-    arrows(axis, control.pixels, residuals.pixels * scale, COLOURS[2], 0.004)
-    for name, place in zip(control.names, control.pixels.tolist(), strict=True):
-        axis.annotate(name, place, textcoords="offset points", xytext=(5, 5))
-    axis.set_title(
-        f"Residuals, {scale:.3g} times enlarged: mean {residuals.lengths_px.mean():.2f} px, "
-        f"{100 * residuals.lengths_m.mean():.1f} cm; the longest {longest:.2f} px"
-    )
-    axis.set(xlabel="column [px]", ylabel="row [px]", aspect="equal")
-    axis.invert_yaxis()
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, fontsize=8)
-    return png(made)

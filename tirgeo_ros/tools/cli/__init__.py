@@ -4,7 +4,7 @@ Every module here, except ``main`` and those whose names begin with ``_``, is th
 (``import_`` is ``import``). Its docstring is the verb's help: a first line for the list of verbs,
 a description, and ``example:``. It has::
 
-    OPTIONS = (*FLIGHT, *PARAMETERS, ("--kml", "KML", "the points as KML too"))
+    OPTIONS = (*FLIGHT, *PARAMETERS, ("--plot", "PNG", "picture of the result"))
 
     def run(args: Namespace) -> dict[str, object] | int: ...
 

@@ -111,10 +111,7 @@ def export(
 def _rasters(
     flight: RegisteredFlight, options: RasterOptions, folder: Path, wanted: Collection[str]
 ) -> tuple[dict[str, Product], dict[str, object]]:
-    """Make the folder; return the wanted products of RASTERS, and their lattice for the summary.
-
-    Raise ConfigError where the ground is not known.
-    """
+    """Make the folder; return the wanted RASTERS and their lattice. Raise ConfigError."""
     products: dict[str, Product] = {}
     if {*RASTERS}.isdisjoint(wanted):
         made_folder(folder, MapError)

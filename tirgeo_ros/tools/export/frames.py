@@ -51,10 +51,7 @@ class Chosen(NamedTuple):
 
 
 class FlightPictures:
-    """Read the pictures of a bag: of the raw topic, or else of the compressed one.
-
-    Raise BagError if the bag has neither.
-    """
+    """Read a bag's pictures, of the raw topic or else the compressed one. Raise BagError."""
 
     def __init__(self, reader: BagReader, namespace: str) -> None:
         self._reader, self._cdr = reader, Cdr()
@@ -69,7 +66,13 @@ class FlightPictures:
     @cached_property
     def _times_ns(self) -> list[tuple[int, int]]:
         """Return the log time and the stamp of each picture; the bag is read once for them."""
-        return [(message.log_time_ns, _stamp_ns(message)) for message in self._messages()]
+        times_ns = []
+        for message in self._messages():
+            stamp_ns = 0  # a picture without, or without a header, has that of its arrival
+            with suppress(MessageError):
+                stamp_ns = header_stamp_ns(message.data)
+            times_ns.append((message.log_time_ns, stamp_ns or message.log_time_ns))
+        return times_ns
 
     @property
     def stamps_ns(self) -> list[int]:
@@ -105,13 +108,6 @@ class FlightPictures:
 
     def _messages(self) -> Iterator[BagMessage]:
         return self._reader.messages([self._name])
-
-
-def _stamp_ns(message: BagMessage) -> int:
-    """Return a picture's stamp; one without, or without a header, has that of its arrival."""
-    with suppress(MessageError):
-        return header_stamp_ns(message.data) or message.log_time_ns
-    return message.log_time_ns
 
 
 _WHY_NOT = {
@@ -157,7 +153,7 @@ def register(
 
     Raise BagError if no chosen picture has a pose; CameraError, ElevationError.
     """
-    fitted, notes = configs.fitting(reader, namespace)
+    fitted, notes = configs.fitting(reader.topics(), namespace)
     ekf, gimbal, overlay, _ = fitted
     ground, lens = ground_of(overlay), given_camera(overlay)
     of_flight = (fitted, reader, params, namespace)
@@ -169,7 +165,16 @@ def register(
     poses = flight.registered(ekf, gimbal, exposures_ns, *watchers, smooth=smooth)
     bodies.flown = poses
     flight.read_all(progress)
-    posed, refused = _posed(poses, bodies, chosen, exposures_ns)
+    posed: dict[int, Posed] = {}
+    refused: Counter[str] = Counter()
+    for (number, stamp_ns), exposed_ns in zip(chosen, exposures_ns, strict=True):
+        pose, body = poses.cameras.at(exposed_ns), bodies.at(exposed_ns)
+        if isinstance(pose, Miss):
+            refused[_WHY_NOT[pose]] += 1
+        elif isinstance(body, Miss):
+            refused[_WHY_NOT[body]] += 1
+        else:
+            posed[number] = Posed(stamp_ns, pose, body)
     status = poses.registration.navigation.status()
     if not posed or poses.plane is None:
         why = ", ".join(refused) or "none was recorded then (--from, --to)"
@@ -187,23 +192,6 @@ def register(
     }
     place = flight.camera, poses.plane, ground
     return RegisteredFlight(*place, posed, refused, bodies.states, summary, stop_line(findings))
-
-
-def _posed(
-    poses: FlightPoses, bodies: _Bodies, chosen: Sequence[Chosen], exposures_ns: Sequence[int]
-) -> tuple[dict[int, Posed], Counter[str]]:
-    """Return the pictures that have poses, and the number of the others by reason."""
-    posed: dict[int, Posed] = {}
-    refused: Counter[str] = Counter()
-    for (number, stamp_ns), exposed_ns in zip(chosen, exposures_ns, strict=True):
-        pose, body = poses.cameras.at(exposed_ns), bodies.at(exposed_ns)
-        if isinstance(pose, Miss):
-            refused[_WHY_NOT[pose]] += 1
-        elif isinstance(body, Miss):
-            refused[_WHY_NOT[body]] += 1
-        else:
-            posed[number] = Posed(stamp_ns, pose, body)
-    return posed, refused
 
 
 class _Bodies:

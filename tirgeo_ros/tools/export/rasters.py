@@ -16,15 +16,13 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.orthorectification.ground_tiles import (
+from tirgeo_ros.core.orthorectification.orthophoto import (
     TILE_PX,
     Floats,
-    GroundTiles,
-    TileKey,
-)
-from tirgeo_ros.core.orthorectification.orthophoto import (
     FrameView,
+    GroundTiles,
     MosaicTile,
+    TileKey,
     level_gsd_m,
     seeds,
 )
@@ -184,10 +182,7 @@ class TiledRaster:
             self._end = np.maximum(self._end, [left + columns[-1] + 1, top + rows[-1] + 1])
 
     def write(self, path: Path, tags: Mapping[str, str]) -> None:
-        """Write the raster as a Cloud-Optimised GeoTIFF and forget it; nothing if none is seen.
-
-        Raise MapError.
-        """
+        """Write a Cloud-Optimised GeoTIFF of what was seen, if any; forget it. Raise MapError."""
         if self._store is None or not self.size[0]:
             return
         pixel_m, celsius = self._setup.tiles.pixel_m, self._setup.options.degrees is not None

@@ -10,8 +10,14 @@ import numpy as np
 
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import azimuth_row, matrix_from_quat
-from tirgeo_ros.core.ground.camera_place import body_rpy, camera_heading_rad, height_above_m
-from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry
+from tirgeo_ros.core.ground.frame_geometry import (
+    Sight,
+    body_rpy,
+    camera_heading_rad,
+    footprint,
+    frame_geometry,
+    height_above_m,
+)
 from tirgeo_ros.core.map.visibility import farthest_m
 from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m
 from tirgeo_ros.core.types.poses import BodyPose
@@ -133,9 +139,9 @@ class Vectors:
                 }
                 self._rows[TRACK.name].append((places, row))
         write_layers(self._path, [(layer, self._rows[layer.name]) for layer in self._layers])
-        counts = {name: len(rows) for name, rows in self._rows.items()}
-        blank = {"pictures_without_ground": self._without_ground}
-        return {"file": str(self._path)} | counts | blank
+        made: dict[str, object] = {"file": str(self._path)}
+        made |= {name: len(rows) for name, rows in self._rows.items()}
+        return made | {"pictures_without_ground": self._without_ground}
 
     def _footprint_row(self, frame: ExportFrame) -> dict[str, object]:
         pose, plane, ground = frame.pose, frame.plane, frame.ground

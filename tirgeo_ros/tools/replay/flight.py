@@ -32,6 +32,7 @@ from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import (
     CAMERA_INFO,
+    METHOD_TOPICS,
     PICTURES,
     checked_topics,
     inputs_of,
@@ -40,7 +41,6 @@ from tirgeo_ros.tools.replay.flight_topics import (
 from tirgeo_ros.tools.replay.registration import (
     SAMPLES,
     FilterRecording,
-    FlightFilter,
     Registered,
     Registration,
     Sample,
@@ -169,20 +169,17 @@ class Flight:
         gimbal: GimbalConfig,
         instants_ns: Sequence[int],
         *watchers: Watcher,
-        baseline_step_rad: float = 0.0,
         smooth: bool = False,
     ) -> FlightPoses:
         """Add a registration, which takes the samples, and return it.
 
-        Raise BagError if a needed topic is absent. ``baseline_step_rad``: use the headings that
-        the aircraft would have measured with its antenna baseline turned by this angle, clockwise
-        from above. ``smooth``: each pose from all measurements, also later ones.
+        Raise BagError if a needed topic is absent. ``smooth``: each pose from all measurements,
+        also later ones.
         """
         topics = inputs_of(
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
         )
-        flown = FlightFilter(ekf, baseline_step_rad)
-        poses = FlightPoses(flown, gimbal, topics.values(), instants_ns, watchers)
+        poses = FlightPoses(ekf, gimbal, topics.values(), instants_ns, watchers)
         return self.add_poses(poses, smooth=smooth)
 
     def add_poses(self, poses: FlightPoses, *, smooth: bool = False) -> FlightPoses:
@@ -214,11 +211,8 @@ class Flight:
             raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
         self._sink = sink
         if self._to_smooth:
-            first, progress = passes(progress)
-            filters = [poses.filter for poses in self._to_smooth]
-            runs = smoothed_runs(self._reader, self._namespace, filters, first)
-            for poses, smoothed in zip(self._to_smooth, runs, strict=True):
-                poses.begin(smoothed)
+            self._smooth(_part(progress, 0.0, _FIRST_SHARE))
+            progress = _part(progress, _FIRST_SHARE, 1.0)
         topics = self._topics() if sink is None else sink.topics
         checks = self._checks
         checked = {} if checks is None else checked_topics(self._reader, self._namespace, topics)
@@ -235,6 +229,16 @@ class Flight:
                     self._take(topics[message.topic], message, content)
                 elif checks is not None:
                     checks.message(checked[message.topic], message)
+
+    def _smooth(self, progress: Report) -> None:
+        """Record what is to be smoothed in a pass of its own, and begin it with smoothed poses."""
+        first = Flight(self._reader, self._namespace, needs_camera=False)
+        recordings = [FilterRecording(poses.ekf) for poses in self._to_smooth]
+        for poses, recording in zip(self._to_smooth, recordings, strict=True):
+            first.add(METHOD_TOPICS[poses.ekf.method], recording.take)
+        first.read_all(progress)
+        for poses, recording in zip(self._to_smooth, recordings, strict=True):
+            poses.begin(recording.smoothed())
 
     def _topics(self) -> dict[str, str]:
         """Return what the sinks of samples and the checks of pictures read."""
@@ -339,13 +343,13 @@ class FlightPoses:
 
     def __init__(
         self,
-        flown: FlightFilter,
+        ekf: EkfConfig,
         gimbal: GimbalConfig,
         topics: Collection[str],
         instants_ns: Sequence[int] | None = (),
         watchers: Sequence[Watcher] = (),
     ) -> None:
-        self.filter, self._gimbal, self.topics = flown, gimbal, topics
+        self.ekf, self._gimbal, self.topics = ekf, gimbal, topics
         self.watchers = list(watchers)
         self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
         self._instants_ns = None if instants_ns is None else sorted(instants_ns)
@@ -358,11 +362,10 @@ class FlightPoses:
 
     def begin(self, smoothed: Sequence[SmoothedRun] | None) -> None:
         """Begin the registration, with the poses of smoothed runs if they are given."""
-        self.registration = Registration(self.filter.ekf, self._gimbal, smoothed)
+        self.registration = Registration(self.ekf, self._gimbal, smoothed)
 
     def take(self, sample: Sample) -> None:
         """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
-        sample = self.filter.turned(sample)
         registered = self.registration.take(sample)
         for pose in registered.cameras:
             if self._instants_ns is None or self._is_near(pose.stamp_ns):
@@ -381,31 +384,9 @@ class FlightPoses:
         return pose_at(self.cameras, stamp_ns)
 
 
-def smoothed_runs(
-    reader: BagReader, namespace: str, filters: Sequence[FlightFilter], progress: Report
-) -> list[list[SmoothedRun]]:
-    """Record filters in one pass through a bag; return the smoothed runs of each.
-
-    Filters that are the same object are run once. Raise ConfigError for a method without a filter.
-    """
-    first = Flight(reader, namespace, needs_camera=False)
-    keys = [(id(flown.ekf), flown.baseline_step_rad) for flown in filters]
-    recordings: dict[tuple[int, float], FilterRecording] = {}
-    for key, flown in zip(keys, filters, strict=True):
-        if key not in recordings:
-            recordings[key] = FilterRecording(flown)
-            first.add(flown.topics, recordings[key].take)
-    first.read_all(progress)
-    runs = {key: recording.smoothed() for key, recording in recordings.items()}
-    return [runs[key] for key in keys]
-
-
-def passes(progress: Report) -> tuple[Report, Report]:
-    """Return the progress of the first and of the second pass, as parts of the whole."""
-    return _part(progress, 0.0, _FIRST_SHARE), _part(progress, _FIRST_SHARE, 1.0)
-
-
 def _part(progress: Report, begin: float, end: float) -> Report:
+    """Return what reports the progress of a part as that of the whole."""
+
     def report(done: float, total: float | None) -> None:
         if total is not None:
             done = begin * total + (end - begin) * done

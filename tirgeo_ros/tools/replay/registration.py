@@ -8,7 +8,6 @@ time, and the second pass has the smoothed poses.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
@@ -23,14 +22,12 @@ from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
-    HeadingSample,
     ImuSample,
     JointSample,
     NavigationInput,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.tools.replay.flight_topics import METHOD_TOPICS
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 
@@ -91,42 +88,23 @@ def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) ->
     return cameras if body is None else cameras + composer.add_body(body)
 
 
-class FlightFilter(NamedTuple):
-    """Hold a filter of a flight: its parameters, and by how much its headings are turned."""
-
-    ekf: EkfConfig
-    baseline_step_rad: float = 0.0
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Return the topics that it uses."""
-        return METHOD_TOPICS[self.ekf.method]
-
-    def turned(self, sample: Sample) -> Sample:
-        """Return a sample as the filter gets it: with the antenna baseline turned by the step."""
-        if not self.baseline_step_rad or not isinstance(sample, HeadingSample):
-            return sample
-        return replace(sample, heading_rad=sample.heading_rad - self.baseline_step_rad)
-
-
 class FilterRecording:
     """Record a filter in the first pass, then smooth it.
 
     Raise ConfigError for a method without a filter.
     """
 
-    def __init__(self, recorded: FlightFilter) -> None:
-        method, choices = recorded.ekf.method, " or ".join(_FILTERS)
+    def __init__(self, ekf: EkfConfig) -> None:
+        method, choices = ekf.method, " or ".join(_FILTERS)
         if not can_smooth(method):
             raise ConfigError(
                 f"method {method} has no filter to smooth: choose {choices}, or do not smooth"
             )
-        self._filter = recorded
-        self._navigation = RecordingNavigation(recorded.ekf)
+        self._navigation = RecordingNavigation(ekf)
 
     def take(self, sample: Sample) -> None:
         """Process a sample."""
-        navigated(self._navigation, self._filter.turned(sample))
+        navigated(self._navigation, sample)
 
     def smoothed(self) -> list[SmoothedRun]:
         """Return the filter's runs, smoothed, once the flight has been read."""

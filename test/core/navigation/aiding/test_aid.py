@@ -25,17 +25,15 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
-from tirgeo_ros.core.navigation.aiding.aids import AIDS
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
-from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
+from tirgeo_ros.core.navigation.aiding.fusion import AIDS
 from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     feedback,
     has_antenna,
-    heading_error,
     states_of,
 )
 from tirgeo_ros.core.navigation.ins.strapdown import matrix
@@ -50,10 +48,9 @@ STEPS = [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1.0] * 
 
 tilts = st.floats(-0.6, 0.6)
 headings = st.floats(-math.pi, math.pi)
-HEADING = {"heading__bias_sigma_deg": 2.0}
 PLACE = {"aircraft__rtk_antenna_sigma_m": (0.1, 0.2, 0.3)}
 with_and_without_more_states = pytest.mark.parametrize(
-    "optional", [{}, HEADING, PLACE, HEADING | PLACE], ids=["plain", "heading", "antenna", "both"]
+    "optional", [{}, PLACE], ids=["plain", "antenna"]
 )
 
 
@@ -64,10 +61,8 @@ def second(baseline_m):
 
 def moved(estimate: StateEstimate, error: np.ndarray) -> StateEstimate:
     """The estimate with an error of all its states put in, the receivers' too."""
-    at, states = heading_error(len(error)), len(error)
-    place_b = error[ANTENNA] if has_antenna(states) else ZERO
-    turned = 0.0 if at is None else float(error[at])
-    receivers = estimate.aids.receivers.changed(error[GPS_ERROR], turned, place_b)
+    place_b = error[ANTENNA] if has_antenna(len(error)) else ZERO
+    receivers = estimate.aids.receivers.changed(error[GPS_ERROR], place_b)
     aids = estimate.aids._replace(receivers=receivers)
     return StateEstimate(feedback(estimate.state, error), estimate.covariance, aids)
 
@@ -75,7 +70,7 @@ def moved(estimate: StateEstimate, error: np.ndarray) -> StateEstimate:
 def differences(innovation, estimate: StateEstimate) -> np.ndarray:
     """d(innovation)/d(error) by central differences: what H must be with the opposite sign."""
     columns, states = [], len(estimate.covariance)
-    steps = [*STEPS, *[1e-2] * 3 * has_antenna(states), 1e-4]  # the last where it is a heading
+    steps = [*STEPS, *[1e-2] * 3]
     for error in np.diag(steps[:states]):
         plus, minus = innovation(moved(estimate, error)), innovation(moved(estimate, -error))
         columns.append((plus - minus) / (2 * error.sum()))
@@ -146,7 +141,7 @@ def test_heading_design(optional, baseline_m, roll, pitch, yaw):
         """What a perfect receiver says: the baseline's azimuth less its own in the body."""
         north, east, _ = matrix(rotation_of(b.state.q_nb)) @ baseline_b
         level = math.atan2(baseline_b[1], baseline_b[0])
-        return math.atan2(east, north) - level + b.aids.receivers.heading_error_rad
+        return math.atan2(east, north) - level
 
     measured = reported(estimate) + 0.3
     # 0.6 rad of roll and pitch leave a baseline mostly horizontal.

@@ -8,7 +8,7 @@ import pytest
 from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut, update
 from tirgeo_ros.core.navigation.smoothing import backward_pass
 from tirgeo_ros.core.navigation.smoothing.backward_pass import smooth
-from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.timeline.epochs import FlightRecord
 
 STATES = 5
 #: Two solutions of 300 linear equations in doubles; their condition is below 1e5.

@@ -190,7 +190,6 @@ def test_late_measurements_stand_at_their_own_time():
     "values",
     [
         {"position_update": "rtk_direct", "rtk__median_window": 3},
-        {"heading__bias_sigma_deg": 0.3},
         {"aircraft__rtk_antenna_sigma_m": (0.05, 0.05, 0.05)},
     ],
 )

@@ -28,10 +28,10 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import gravity_down
+from tirgeo_ros.core.navigation.aiding.aid import floored
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import LARGE_TURN_RAD, Baseline
-from tirgeo_ros.core.navigation.aiding.set_heading import set_variance_rad2
-from tirgeo_ros.core.navigation.aiding.state_estimate import floored
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, Baseline
+from tirgeo_ros.core.navigation.aiding.nose_heading import set_variance_rad2
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     AlignmentObservation,
     Biases,

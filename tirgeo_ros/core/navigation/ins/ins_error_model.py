@@ -10,13 +10,12 @@ All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 12-14  accelerometer bias         m/s2
 15-17  error of the ordinary GPS  m
 18-20  RTK antenna's place in b   m, only where it is not measured
-last   error of the headings      rad, only where the parameters ask for it
 =====  =========================  =====
 
 With ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the
 matrix of the first 15; it is Groves, 2nd ed., section 14.2.4, in metres and with the opposite sign
-of error. The errors of the GPS and of the headings are first-order Gauss-Markov processes, as the
-biases are; the antenna's place is constant.
+of error. The error of the GPS is a first-order Gauss-Markov process, as the biases are; the
+antenna's place is constant.
 """
 
 from __future__ import annotations
@@ -46,18 +45,12 @@ ANTENNA = slice(18, 21)
 
 def states_of(config: EkfConfig) -> int:
     """Return the number of error states that the parameters ask for."""
-    antenna = 3 if config.aircraft.rtk_lever_sigma_b.any() else 0
-    return GPS_ERROR.stop + antenna + (config.heading.bias_sigma_deg > 0)
+    return ANTENNA.stop if config.aircraft.rtk_lever_sigma_b.any() else GPS_ERROR.stop
 
 
 def has_antenna(states: int) -> bool:
     """Return whether the RTK antenna's place is one of ``states`` error states."""
     return states >= ANTENNA.stop
-
-
-def heading_error(states: int) -> int | None:
-    """Return the index of the headings' error among ``states`` error states, or None."""
-    return states - 1 if states in {GPS_ERROR.stop + 1, ANTENNA.stop + 1} else None
 
 
 def flat_memory(square: Array) -> memoryview[float]:
@@ -161,21 +154,19 @@ class CovariancePropagation:
         self._identity = np.eye(states)
         self._f, self._q, self._a, self._transition, self._half = np.zeros((5, states, states))
         self._flat_f, self._flat_q = flat_memory(self._f), flat_memory(self._q)
-        imu, gps, heading = config.imu, config.gps, config.heading
-        slow = [(s, gps.position_time_s) for s in gps.position_sigma_m]
-        if has_antenna(states):
-            slow += [(0.0, math.inf)] * 3
-        if heading_error(states) is not None:
-            slow.append((math.radians(heading.bias_sigma_deg), heading.bias_time_s))
-        sigmas, times_s = np.array(slow).T
-        decay = [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *times_s]
-        self._f[range(9, states), range(9, states)] = -1 / np.array(decay)
+        imu, gps, antenna = config.imu, config.gps, states - GPS_ERROR.stop
+        sigmas = np.array(
+            [*imu.gyro_bias_instability, *imu.accel_bias_instability, *gps.position_sigma_m]
+            + [0.0] * antenna
+        )
+        times_s = np.array(
+            [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *[gps.position_time_s] * 3]
+            + [math.inf] * antenna
+        )
+        self._f[range(9, states), range(9, states)] = -1 / times_s
         self._noise_powers = NoisePowers(imu)
         # A Gauss-Markov state of sigma s and correlation time tau is driven by s sqrt(2 / tau).
-        gyro = np.array(imu.gyro_bias_instability) ** 2 * 2 / np.array(imu.gyro_bias_time_s)
-        accel = np.array(imu.accel_bias_instability) ** 2 * 2 / np.array(imu.accel_bias_time_s)
-        driving = np.concatenate([np.zeros(9), gyro, accel, 2 * sigmas**2 / times_s])
-        self._driving = np.diag(driving)
+        self._driving = np.diag(np.concatenate([np.zeros(9), sigmas**2 * 2 / times_s]))
 
     @property
     def transition(self) -> Array:

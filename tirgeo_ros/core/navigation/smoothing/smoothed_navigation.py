@@ -13,7 +13,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.ins_error_model import states_of
 from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
-from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.timeline.epochs import FlightRecord
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Verdict

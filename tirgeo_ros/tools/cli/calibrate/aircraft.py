@@ -6,7 +6,7 @@ the IMU sits against the autopilot's level. What the flight cannot tell is named
 for it. The file is given to --params and to the nodes after the aircraft's own.
 
 example:
-  tirgeo calibrate aircraft flight.mcap --params aircraft.yaml -o found.yaml --plot found.png
+  tirgeo calibrate aircraft flight.mcap --params aircraft.yaml -o found.yaml
   tirgeo process flight.mcap -o out.mcap --params aircraft.yaml --params found.yaml
 """
 
@@ -30,7 +30,6 @@ OPTIONS = (
     *PARAMS,
     *NAMESPACE,
     ("--hold", "NAMES", _HOLD_HELP, {"type": names_of(_NAMES), "default": []}),
-    ("--plot", "PNG", "innovations before and after"),
 )
 
 
@@ -38,7 +37,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
     from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft  # noqa: PLC0415 heavy
 
-    names = "params hold namespace plot"
+    names = "params hold namespace"
     return call(calibrate_aircraft, args, "calibrating, runs", "bag output", names)
 
 

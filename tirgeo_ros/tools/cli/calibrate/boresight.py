@@ -25,7 +25,7 @@ from tirgeo_ros.tools.cli._verb import (
     names_of,
 )
 
-_NAMES = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")
+_NAMES = ("roll", "pitch", "yaw", "latency", "gimbal_north", "ground_height")
 _ESTIMATE_HELP = (
     f"of {', '.join(_NAMES)}, separated by commas; default: the first four, and gimbal_north if "
     "the flight separates it from them"

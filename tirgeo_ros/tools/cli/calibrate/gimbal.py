@@ -25,7 +25,6 @@ OPTIONS = (
     ("--camera", "YAML", "calibration file (default: the bag's own)"),
     ("--rate", "HZ", _RATE_HELP, NUMBER | {"default": 10.0, "dest": "rate_hz"}),
     ("-o --output", "CSV", "the angles over time"),
-    ("--plot", "PNG", "plot of the angles"),
 )
 VERBOSE = "list each picture that was not used, with its reason"
 _COLUMNS = {
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal  # noqa: PLC0415 heavy
 
     args.board = board_of(args.board, args.square)
-    names = "camera rate_hz output plot namespace"
+    names = "camera rate_hz output namespace"
     return call(calibrate_gimbal, args, "looking for the board", "pictures board", names)
 
 

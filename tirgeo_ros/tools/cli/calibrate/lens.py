@@ -14,31 +14,25 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, UsageError, call
+from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, call
 from tirgeo_ros.tools.presentation.results import each_not_used, not_used
 
-_MODELS = {"choices": ("plumb_bob", "rational"), "default": "plumb_bob"}
-_MODEL_HELP = "k1 k2 p1 p2, or with k3 to k6 as a quotient: %(choices)s (default %(default)s)"
 OPTIONS = (
     *BOARD,
     ("-o --output", "YAML", "the calibration", NEEDED),
     ("--plot", "PNG", "plot of corners and errors"),
-    ("--model", "MODEL", _MODEL_HELP, _MODELS),
-    ("--k3", None, "estimate k3 too"),
+    ("--k3", None, "estimate k3 beside k1 k2 p1 p2"),
 )
 VERBOSE = "list each picture that was not used, with its reason"
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
-    if args.k3 and args.model == "rational":
-        raise UsageError("--k3 is part of --model rational already")
     from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
-    from tirgeo_ros.core.calibration.lens_fit import LensModel  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.lens import calibrate_lens  # noqa: PLC0415 heavy
 
-    args.board, args.model = board_of(args.board, args.square), LensModel(args.model, args.k3)
-    first, names = "pictures board output", "model plot namespace"
+    args.board = board_of(args.board, args.square)
+    first, names = "pictures board output", "k3 plot namespace"
     return call(calibrate_lens, args, "looking for the board", first, names)
 
 

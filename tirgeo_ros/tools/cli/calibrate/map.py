@@ -7,7 +7,7 @@ hull is warned of.
 
 example:
   tirgeo calibrate map beds_px.geojson --points marks.csv --survey survey.geojson \
-    -o map.geojson --plot residuals.png
+    -o map.geojson
   tirgeo calibrate map beds_px.geojson --points ortho.points -o map.geojson --order 2
 """
 
@@ -34,7 +34,6 @@ OPTIONS = (
         "coordinate system of a .points file that does not name it",
         WORD,
     ),
-    ("--plot", "PNG", "residuals as arrows"),
 )
 #: Columns of the residuals: title, key, format.
 _COLUMNS = (
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.survey is not None and args.points_crs is not None:
         raise UsageError("--points-crs needs a .points file and no --survey")
-    names = ("survey", "points_crs", "order", "crs", "plot")
+    names = ("survey", "points_crs", "order", "crs")
     options = {name: getattr(args, name) for name in names}
     return calibrate_map(args.vectors, args.points, args.output, **options)
 
