@@ -146,7 +146,6 @@ def test_the_newer_units_rtk_and_the_heading_of_the_nose(tmp_path):
     log.add("vehicle_gps_position", 20_300_000, UTC_US + 200_000, *place, *two)
     log.parameter("EKF2_GPS_POS_Y", 0.25)
     log.parameter("EKF2_GPS_DELAY", 110)
-    log.dropout(30)
     contents = read_px4_ulog(log.write(tmp_path / "new.ulg"), LogOptions())
     found = by_source(contents)
     statuses = [sample.status for sample in found[Source.RTK_POSITION]]
@@ -159,7 +158,7 @@ def test_the_newer_units_rtk_and_the_heading_of_the_nose(tmp_path):
     notes = " ".join(contents.notes)
     for told in (
         *("heading_offset, 90.0 deg", "[0, -0.25, 0] (forward, left, up)", "delay_s, to 0.11"),
-        *("was RTK float or fixed", "spread over 0 ms", "lost data 1 times, 30 ms"),
+        *("was RTK float or fixed", "spread over 0 ms"),
     ):
         assert told in notes
 
