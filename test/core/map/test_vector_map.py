@@ -8,7 +8,7 @@ import pytest
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map import vector_map as map_module
-from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer, VectorMap
+from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.types.errors import ConfigError
 
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
@@ -45,9 +45,9 @@ def feature(offsets_n, *, label="", closed=False, group=-1):
     return GeoFeature(label, closed, points, group)
 
 
-def draped(*features, ground=None):
+def draped(*features, ground=None, style=LayerStyle()):  # noqa: B008 frozen
     ground = terrain() if ground is None else ground
-    return VectorMap.from_layers([MapLayer("m", features)], PLANE, ground)
+    return VectorMap.from_layers([MapLayer("m", features, style)], PLANE, ground)
 
 
 SQUARE = [[0, 0, 0], [0, 10, 0], [10, 10, 0], [10, 0, 0]]
@@ -110,16 +110,19 @@ def test_a_line_ends_where_the_model_ends():
     assert "1 of 2 features lie where the elevation model has no height" in got.notes[0]
 
 
-def test_a_hole_of_the_model_parts_a_line():
-    model = terrain(hole=True)
+def test_a_hole_of_the_model_parts_a_line_and_unfills_its_ring():
+    model, fill = terrain(hole=True), LayerStyle(fill_bgr=(0, 0, 255))
     north, east = (SIZE // 2 - 70) * CELL_M, (70 - SIZE // 2) * CELL_M
     across = feature([[north, east - 200], [north, east + 200]])
     ring = [[north - 20, east], [north - 20, east + 300], [north - 200, east + 300]]
     whole = [[-200, 0], [-200, 50], [-250, 50]]
-    got = draped(across, feature(ring, closed=True), feature(whole, closed=True), ground=model)
+    got = draped(
+        across, feature(ring, closed=True), feature(whole, closed=True), ground=model, style=fill
+    )
     assert got.without_ground == 2
     assert np.isfinite(got.lines.points).all()
     assert (got.lines.owner == 0).sum() == 2
+    assert got.rings.owner.tolist() == [2]
 
 
 def test_marks_off_the_model_are_left_out():

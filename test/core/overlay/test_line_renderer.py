@@ -17,10 +17,10 @@ def picture(height=200, width=300):
     return np.full((height, width, 3), GREY, np.uint8)
 
 
-def polylines(*lines):
+def polylines(*lines, owner=None):
     starts = np.cumsum([0, *map(len, lines)])
     points = np.concatenate([np.empty((0, 2)), *lines]).T
-    return Polylines(points, starts, np.arange(len(lines)))
+    return Polylines(points, starts, np.arange(len(lines)) if owner is None else np.array(owner))
 
 
 def drawn(lines, *styles, layer=None, opacity=None, image=None):
@@ -28,6 +28,17 @@ def drawn(lines, *styles, layer=None, opacity=None, image=None):
     layer = np.zeros(len(lines), np.int64) if layer is None else np.array(layer)
     LineRenderer().strokes(image, lines, layer, styles or (YELLOW,), opacity)
     return image
+
+
+def filled(rings, *styles, layer=None):
+    image = picture()
+    layer = np.zeros(len(rings), np.int64) if layer is None else np.array(layer)
+    LineRenderer().areas(image, rings, layer, styles)
+    return image
+
+
+def square(left, top, size):
+    return np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * size + [left, top]
 
 
 def ink(image):
@@ -84,9 +95,29 @@ def test_an_uncertain_line_fades_and_its_halo_with_it():
     assert len(yellow) == FADES + 1
 
 
+GREEN = LayerStyle(fill_bgr=(0, 200, 0), fill_opacity=0.25)
+MIXED = [96, 146, 96]  # three quarters of the grey and one of the green
+
+
+def test_an_area_is_mixed_with_the_picture():
+    image = filled(polylines(square(50, 50, 100)), GREEN)
+    assert np.abs(image[55:145, 55:145] - np.array(MIXED)).max() <= 1
+    assert (image[:49] == GREY).all()
+    assert (image[152:] == GREY).all()
+
+
+def test_a_hole_stays_open_and_an_island_in_it_is_filled():
+    rings = polylines(square(20, 20, 150), square(50, 50, 90), square(80, 80, 30), owner=[0] * 3)
+    image = filled(rings, GREEN)
+    assert abs(int(image[30, 30, 1]) - 146) <= 1
+    assert (image[60, 60] == GREY).all()
+    assert abs(int(image[95, 95, 1]) - 146) <= 1
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (5, 300), (300, 5)])
 def test_tiny_pictures(shape):
     image, painter = picture(*shape), LineRenderer()
+    painter.areas(image, polylines(square(-50, -50, 900)), np.zeros(1, int), [GREEN])
     painter.strokes(image, polylines([[-9.0, 0.0], [400.0, 3.0]]), np.zeros(1, int), [YELLOW])
     assert image.shape == (*shape, 3)
     assert (image[..., 1] > GREY).any()

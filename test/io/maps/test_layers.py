@@ -206,6 +206,7 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
 
 
 def test_what_is_watched(folder):
+    (folder / "site.prj").write_text("")
     sheet = folder / "style.yaml"
     sheet.write_text("layers: [{file: wells.shp, crs: 4326}, {file: houses.geojson}]")
     watched = map_files(named(folder, "houses.geojson", "roads.gpkg"), str(sheet))

@@ -21,6 +21,8 @@ layers:
     layer: roads
     colour: "#ffd000"
     width: 2
+    fill: Navy
+    fill_opacity: 0.5
     label: name
     scale: [0, 2.5]
     crs: EPSG:25832
@@ -49,6 +51,8 @@ def test_every_key(written, tmp_path):
     assert full.style == LayerStyle(
         line_bgr=(0, 208, 255),
         width_px=2,
+        fill_bgr=(128, 0, 0),
+        fill_opacity=0.5,
         labels=True,
         scale_m_px=(0.0, 2.5),
     )
@@ -61,6 +65,12 @@ def test_every_key(written, tmp_path):
     assert (empty.style, empty.label, empty.crs, empty.sigma_m) == (LayerStyle(), None, "", None)
 
 
+def test_a_file_with_the_system(written, tmp_path):
+    (tmp_path / "site.prj").write_text(UTM33_PRJ)
+    (entry,) = load_style_sheet(written("layers: [{crs: site.prj}]"))
+    assert (entry.crs, entry.crs_file) == (UTM33_PRJ, tmp_path / "site.prj")
+
+
 BAD = {
     "no list": ("layers: 3", "not a style sheet: it needs a list under layers:"),
     "no layers": ("layers: []", "the list of layers is empty"),
@@ -71,7 +81,7 @@ BAD = {
     "width": ("layers: [{width: 6}]", "layer 1: width: 6 px is outside 1 to 5"),
     "comment": ("layers:\n- colour: #ffd000", "layer 1: colour has no value; .* needs quotes"),
     "colour": ("layers: [{colour: reddish}]", "layer 1: colour: 'reddish' is not a colour"),
-    "fill": ("layers: [{fill: red}]", "layer 1: unknown key fill"),
+    "no fill": ("layers: [{fill_opacity: 0.5}]", "layer 1: fill_opacity without fill"),
     "nan": ("layers: [{sigma: .nan}]", "layer 1: sigma: "),
     "scale": ("layers: [{scale: [2, 1]}]", "layer 1: scale: .* must be two numbers, the smaller"),
     "label": ("layers: [{label: true}]", "layer 1: label: True is neither a field nor false"),

@@ -231,7 +231,8 @@ class Details:
 
     ``points`` (3, M) holds all levels; piece ``i`` at level ``k`` is the run of ``count[k, i]``
     points from ``first[k, i]`` on. ``owner`` has the feature of each piece. ``boxes`` enclose the
-    pieces, ``blocks`` each run of 64 pieces.
+    pieces, ``blocks`` each run of 64 pieces. Line ``j`` consists of the pieces
+    ``place[piece_starts[j]:piece_starts[j + 1]]``, in this order.
     """
 
     points: Array
@@ -240,6 +241,8 @@ class Details:
     owner: IntArray
     boxes: Boxes
     blocks: Boxes
+    place: IntArray
+    piece_starts: IntArray
 
     @classmethod
     def of(cls, lines: Polylines, layer: IntArray) -> Details:
@@ -252,7 +255,9 @@ class Details:
         low, high = boxes.centres - boxes.halves, boxes.centres + boxes.halves
         starts = np.append(np.arange(0, len(pieces), _BLOCK_PIECES), len(pieces))
         blocks = Boxes.around(low, high, starts if len(pieces) else starts[:1])
-        return cls(points, first, count, pieces.owner, boxes, blocks)
+        piece_starts = np.searchsorted(line, np.arange(len(lines) + 1))
+        place = np.argsort(order)
+        return cls(points, first, count, pieces.owner, boxes, blocks, place, piece_starts)
 
     def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
         """Return rising indices of the pieces that may be inside planes, and which wholly are."""

@@ -15,7 +15,7 @@ import numpy as np
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.polylines import Details, Polylines, joined
+from tirgeo_ros.core.map.polylines import Boxes, Details, Polylines, joined, runs
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError
 
@@ -29,7 +29,8 @@ class GeoFeature:
     label: str
     closed: bool  # an outline: its last point is joined to its first
     points: Array  # (N, 3) latitude, longitude (rad), ellipsoidal height (m), nan = unknown
-    group: int = -1  # parts of one feature share a number >= 0 and one label
+    group: int = -1  # parts of one feature share a number >= 0 and one label; closed parts inside
+    # others are holes (even-odd rule)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,8 @@ class LayerStyle:
 
     line_bgr: Colour = (0, 255, 255)
     width_px: int = 1  # 1 to 5
+    fill_bgr: Colour | None = None  # fill of outlines; None: not filled
+    fill_opacity: float = 0.25  # 0 to 1
     labels: bool = True
     #: The layer is shown while a pixel at the picture's centre spans this range of ground, m.
     scale_m_px: tuple[float, float] = (0.0, math.inf)
@@ -119,6 +122,24 @@ def _placed(
     return Polylines(np.ascontiguousarray(points_n.T), lines.starts, lines.owner)
 
 
+@dataclass(frozen=True, slots=True)
+class Rings:
+    """Hold the outlines that are filled, as indices of the pieces of the map's lines.
+
+    Ring ``i`` consists of ``pieces[starts[i]:starts[i + 1]]``, in this order, and belongs to
+    feature ``owner[i]``. ``boxes`` enclose the rings.
+    """
+
+    pieces: IntArray
+    starts: IntArray
+    owner: IntArray
+    boxes: Boxes
+
+    def __len__(self) -> int:
+        """Return the number of rings."""
+        return len(self.owner)
+
+
 @dataclass(frozen=True)
 class VectorMap:
     """Hold a map in the tangent plane: north, east, down from its origin, metres.
@@ -127,9 +148,9 @@ class VectorMap:
     for each feature; ``labelled`` (features,) is False where it is empty. Outlines are lines that
     end where they begin. ``layers`` are in the order of drawing, without their features; ``layer``
     (features,) is the index of each feature's layer, in ascending order.
-    ``details`` are the lines at their levels of detail. ``without_ground`` is the number of
-    features with parts where the ground's height is unknown; these parts are left out. ``notes``
-    are messages for the user.
+    ``details`` are the lines at their levels of detail, ``rings`` the outlines of layers with a
+    fill. ``without_ground`` is the number of features with parts where the ground's height is
+    unknown; these parts are left out. ``notes`` are messages for the user.
     """
 
     labels: tuple[str, ...]
@@ -139,6 +160,7 @@ class VectorMap:
     lines: Polylines
     marks: Polylines
     details: Details
+    rings: Rings
     without_ground: int
     notes: tuple[str, ...]
 
@@ -155,8 +177,11 @@ class VectorMap:
         parts = [_closed(feature) for feature in features]
         lines, cells = drape(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
         marks, _ = drape(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
-        lines, lost = _on_ground(lines)
-        marks, lost_marks = _on_ground(marks)
+        filled = np.array([each.style.fill_bgr is not None for each in layers], bool)
+        rings = np.array([feature.closed for feature in features], bool)[~single]
+        rings &= filled[layer[lines.owner]]
+        lines, rings, lost = _on_ground(lines, rings)
+        marks, _, lost_marks = _on_ground(marks, np.zeros(len(marks), bool))
         without_ground = len(np.union1d(lost, lost_marks))
         notes = []
         if without_ground:
@@ -169,6 +194,7 @@ class VectorMap:
                 f"map: its lines follow the elevation model in steps of {cells:.1f} cells, since "
                 "they are too long for a vertex in each; cut the map to where you fly"
             )
+        details = Details.of(lines, layer[lines.owner])
         return cls(
             labels=labels,
             labelled=np.array([bool(label) for label in labels], bool),
@@ -176,7 +202,8 @@ class VectorMap:
             layer=layer,
             lines=lines,
             marks=marks,
-            details=Details.of(lines, layer[lines.owner]),
+            details=details,
+            rings=_rings(lines, np.flatnonzero(rings), details),
             without_ground=without_ground,
             notes=tuple(notes),
         )
@@ -217,15 +244,27 @@ def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylin
     return Polylines(np.ascontiguousarray(geodetic.T), starts, owner[which])
 
 
-def _on_ground(lines: Polylines) -> tuple[Polylines, IntArray]:
-    """Return the finite parts of lines, and the features cut."""
+def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray, IntArray]:
+    """Return the finite parts of lines, which of them are whole rings, and the features cut."""
     finite: BoolArray = np.isfinite(lines.points.sum(axis=0))
     if finite.all():
-        return lines, np.empty(0, np.int64)
+        return lines, rings, np.empty(0, np.int64)
     unknown = np.cumsum(np.append(0, ~finite))
     whole = np.diff(unknown[lines.starts]) == 0
     broken = lines.select(np.flatnonzero(~whole))
     finite = np.isfinite(broken.points.sum(axis=0))
     leave = broken.links() & finite[:-1] & finite[1:]
     left = broken.cut(np.zeros(len(leave)), leave.astype(float))
-    return joined(lines.select(np.flatnonzero(whole)), left), np.unique(broken.owner)
+    lines = joined(lines.select(np.flatnonzero(whole)), left)
+    rings = np.append(rings[whole], np.zeros(len(left), bool))
+    return lines, rings, np.unique(broken.owner)
+
+
+def _rings(lines: Polylines, which: IntArray, details: Details) -> Rings:
+    """Return the lines with these indices as rings, each from its pieces in order."""
+    first = details.piece_starts[which]
+    number, starts = runs(first, details.piece_starts[which + 1] - first)
+    pieces = details.place[number]
+    centres, halves = details.boxes.centres[:, pieces], details.boxes.halves[:, pieces]
+    boxes = Boxes.around(centres - halves, centres + halves, starts)
+    return Rings(pieces, starts, lines.owner[which], boxes)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import (
@@ -31,10 +32,11 @@ from tirgeo_ros.core.map.polylines import (
     runs,
 )
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
 _BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
+_DISC_SIDES = 64
 
 
 def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polylines:
@@ -82,6 +84,65 @@ def _cut_lines(
     return lines.cut(enter_all, leave_all)
 
 
+def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Polylines:
+    """Return the part of the rings' insides where ``normals @ point >= offsets``; (m, k), (m,).
+
+    The last point of a ring is joined to its first; it is not repeated.
+    """
+    for normal, offset in zip(normals, offsets, strict=True):
+        rings = _cut_rings(rings, normal @ rings.points - offset)
+    return rings
+
+
+def cone(radius: float) -> Array:
+    """Return the normals (64, 3) of planes through the camera that hold an inscribed polygon.
+
+    The polygon of 64 sides lies in the disc of a radius on the plane z = 1. Between its corners
+    0.1 % of the radius is lost.
+    """
+    turn = np.arange(_DISC_SIDES) * (2 * math.pi / _DISC_SIDES)
+    inner = np.full(_DISC_SIDES, radius * math.cos(math.pi / _DISC_SIDES))
+    return np.stack([-np.cos(turn), -np.sin(turn), inner], axis=1)
+
+
+def disc(radius: float) -> Polylines:
+    """Return the polygon, one ring (2, V), in which the planes of ``cone`` meet z = 1."""
+    turn = (np.arange(_DISC_SIDES) + 0.5) * (2 * math.pi / _DISC_SIDES)
+    points = radius * np.stack([np.cos(turn), np.sin(turn)])
+    return Polylines(points, np.array([0, _DISC_SIDES]), np.zeros(1, np.int64))
+
+
+def closed(rings: Polylines) -> Polylines:
+    """Return the rings with their first point repeated at the end."""
+    last = rings.starts[1:] - 1
+    index = np.insert(np.arange(rings.points.shape[1]), last + 1, rings.starts[:-1])
+    starts = rings.starts + np.arange(len(rings) + 1)
+    return Polylines(rings.points.take(index, axis=1), starts, rings.owner)
+
+
+def _cut_rings(rings: Polylines, distance: Array) -> Polylines:
+    """Return the part of the rings where ``distance`` (V,), linear in the points, is >= 0."""
+    inside = distance >= 0
+    if inside.all():
+        return rings
+    following = np.arange(1, rings.points.shape[1] + 1)
+    following[rings.starts[1:] - 1] = rings.starts[:-1]
+    crosses = inside != inside[following]
+    count = inside.astype(np.int64) + crosses
+    after = np.cumsum(count)
+    points = np.empty((len(rings.points), int(after[-1])))
+    points[:, (after - count)[inside]] = rings.points[:, inside]
+    start = np.flatnonzero(crosses)
+    end = following[start]
+    share = distance[start] / (distance[start] - distance[end])
+    points[:, after[start] - 1] = rings.points[:, start] + share * (
+        rings.points[:, end] - rings.points[:, start]
+    )
+    starts = np.append(0, after)[rings.starts]
+    left = np.diff(starts) > 0
+    return Polylines(points, np.append(starts[:-1][left], starts[-1]), rings.owner[left])
+
+
 #: Largest distance between a drawn chord and the curve into which the lens bends a line.
 CHORD_PX = 0.1
 #: Lines and marks farther ahead than this are never drawn.
@@ -96,6 +157,8 @@ _FEW_VERTICES = 4096
 #: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
 _DETAILS_PX = (0.5, 1.0, 2.0)
 _MANY_VERTICES = 40_000
+#: Erosion by two pixels: OpenCV draws an area's edge one pixel wide and may round it either way.
+_RIM = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +207,18 @@ class View:
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
         self._pieces_per_length = math.sqrt(largest_bend(camera, radius) / (8 * CHORD_PX))
         self._px_per_rad = largest_scale(camera, radius)
+        #: Mask (h, w), 255 where areas may be filled; None for the whole image.
+        self.reached = self._lens_mask() if self._reaches_past_lens else None
+
+    def _lens_mask(self) -> Pixels:
+        """Return the mask of a lens model that ends within the image, without its rim."""
+        # Rings may run back and forth along the rim, and OpenCV draws the edges of areas.
+        rim = self._bent(closed(disc(self.camera.max_radius)))
+        uv = self.camera.pixels(*rim.points).T
+        mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
+        cv2.fillPoly(mask, [np.rint(uv * 16).astype(np.int32)], (255,), cv2.LINE_8, 4)
+        # The image's border is not eroded: OpenCV treats pixels outside the image as set.
+        return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
     def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's lines as they are drawn, (2, V) pixels, up to ``far_m`` ahead.
@@ -183,6 +258,9 @@ class View:
             uv = self.camera.pixels(*spans.points[:2])
             sheet = 2 * vector_map.layer[spans.owner] + vector_map.labelled[spans.owner]
             flat = joined(flat, merged(spans, uv, sheet))
+        return self._seen(flat)
+
+    def _seen(self, flat: Polylines) -> VisibleLines:
         flat = self._bent(flat)
         uv = self.camera.pixels(*flat.points[:2])
         return VisibleLines(uv, flat.starts, flat.owner, flat.points)
@@ -204,6 +282,43 @@ class View:
         turned = np.abs(down[:, None] - (y / depth) * ahead[:, None])
         half = np.einsum("ij,ij->j", turned, boxes.halves)
         return np.asarray(whole & (half * (2 * self._px_per_rad) < row_px * depth))
+
+    def areas(self, vector_map: VectorMap, pose: CameraPose) -> VisibleLines:
+        """Return the filled areas of layers with a fill, as closed rings (2, V) in pixels.
+
+        The caller fills all rings of one owner together by the even-odd rule. The rings reach a
+        little beyond the image. They are not cut at the distance at which lines end.
+        """
+        rings, details = vector_map.rings, vector_map.details
+        if not len(rings):
+            return _NOTHING
+        rotation_cn = matrix_from_quat(pose.q_nc).T
+        normals = self._normals_c @ rotation_cn
+        offsets_c = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -FAR_M])
+        offsets = offsets_c + normals @ pose.position_n
+        ring, whole = rings.boxes.in_view(normals, offsets)
+        if not len(ring):
+            return _NOTHING
+        whole &= not self._reaches_past_lens
+        ring = np.concatenate([ring[whole], ring[~whole]])
+        number, starts = runs(rings.starts[ring], np.diff(rings.starts)[ring])
+        piece = rings.pieces[number]
+        boxes = details.boxes.take(piece)
+        level, _ = self._levels(details, piece, boxes.distance(pose.position_n))
+        # Pieces wholly out of view do not change the visible fill: use the coarsest level.
+        out = np.ones(len(piece), bool)
+        out[boxes.in_view(normals, offsets)[0]] = False
+        level[out] = len(details.count) - 1
+        lines = details.lines(piece, level)
+        points_c = rotation_cn @ (lines.points - pose.position_n[:, None])
+        lines = Polylines(points_c, lines.starts[starts], rings.owner[ring])
+        # Rings wholly in view are not clipped, and already end where they begin.
+        inner, outer = lines.parted(int(whole.sum()))
+        outer = cut_rings_to_planes(outer, self._normals_c[:-1], offsets_c[:-1])
+        if self._reaches_past_lens:
+            planes = cone(self.camera.max_radius)
+            outer = cut_rings_to_planes(outer, planes, np.zeros(len(planes)))
+        return self._seen(joined(_flat(inner), closed(_flat(outer))))
 
     def _levels(
         self, details: Details, piece: IntArray, distance_m: Array

@@ -78,6 +78,7 @@ def _writable_map(draped: VectorMap) -> VectorMap:
 class VisibleMap(NamedTuple):
     """Hold the visible part of a map."""
 
+    areas: VisibleLines
     lines: VisibleLines
     marks: VisibleLines
     hidden: bool  # whether features in view were left out because of their layers' scale range
@@ -85,7 +86,7 @@ class VisibleMap(NamedTuple):
     @property
     def empty(self) -> bool:
         """Return whether there is nothing to draw."""
-        return not (len(self.lines) or len(self.marks))
+        return not (len(self.areas) or len(self.lines) or len(self.marks))
 
 
 class MapRenderer:
@@ -109,13 +110,18 @@ class MapRenderer:
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
 
     def visible(self, view: View, pose: CameraPose, scale_m_px: float, far_m: float) -> VisibleMap:
-        """Return what is in view: lines and marks up to ``far_m`` ahead.
+        """Return what is in view: areas, and lines and marks up to ``far_m`` ahead.
 
         ``scale_m_px`` is the ground length that a pixel in the middle spans, nan without ground.
         """
-        in_view = view.lines(self._map, pose, far_m), view.marks(self._map, pose, far_m)
-        lines, marks = (self._at_scale(each, scale_m_px) for each in in_view)
-        return VisibleMap(lines, marks, len(lines) + len(marks) < sum(map(len, in_view)))
+        in_view = (
+            view.areas(self._map, pose),
+            view.lines(self._map, pose, far_m),
+            view.marks(self._map, pose, far_m),
+        )
+        areas, lines, marks = (self._at_scale(each, scale_m_px) for each in in_view)
+        shown = len(areas) + len(lines) + len(marks)
+        return VisibleMap(areas, lines, marks, hidden=shown < sum(map(len, in_view)))
 
     def paint(
         self,
@@ -130,9 +136,10 @@ class MapRenderer:
 
         Labels avoid the boxes in ``taken``. ``rates`` are the camera's at the pose, or None.
         """
-        lines, marks, _ = visible
+        areas, lines, marks, _ = visible
         of = self._map.layer
         frame = FrameConfidence(self.confidence, view.camera, pose, rates)
+        self.lines.areas(image, areas, of[areas.owner], self._styles, view.reached)
         labels, points = self._labels.place(image, lines, marks, taken)
         anchors, radius_px = with_marks(points, marks), mark_radius_px(image)
         lines_px, opacity, outlines, unknown = marked(

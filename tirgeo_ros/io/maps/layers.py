@@ -272,7 +272,7 @@ def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the param
             entries = load_style_sheet(style)
         except ConfigError:
             entries = []
-        paths += [each.file for each in entries if each.file]
+        paths += [file for each in entries for file in (each.file, each.crs_file) if file]
     files = []
     for path in paths:
         files.append(path)

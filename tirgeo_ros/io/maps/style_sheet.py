@@ -27,6 +27,7 @@ from tirgeo_ros.core.config.schema import Parameter
 from tirgeo_ros.core.map.vector_map import Colour, LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.coordinates.crs import checked_system
+from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _RUBBISH = re.compile(r"[\x00-\x20\x7f-\xa0\u2028\u2029]+")
@@ -245,10 +246,11 @@ _PLAIN = (
     Parameter("file", "", "map of the layer"),
     Parameter("layer", "", "table or folder of the map"),
     Parameter("width", _DEFAULT.width_px, "width of lines", "px", 1, 5),
+    Parameter("fill_opacity", _DEFAULT.fill_opacity, "opacity of the fill", "", 0, 1),
     Parameter("sigma", 0.0, "standard deviation of the positions", "m", 0, 1000),
 )
 _MOST_LAYERS = 200  # each reads its file
-_KEYS = (*(each.name for each in _PLAIN), "colour", "label", "scale", "crs", "where")
+_KEYS = (*(each.name for each in _PLAIN), "colour", "fill", "label", "scale", "crs", "where")
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +263,7 @@ class SheetLayer:
     style: LayerStyle
     label: LabelRule | None  # None: as without a sheet
     crs: str  # "" is what the file says
+    crs_file: Path | None  # where ``crs`` comes from, if from a file
     sigma_m: float | None
     condition: Condition | None = None  # which features are drawn; None: all
 
@@ -271,8 +274,7 @@ def load_style_sheet(path: str | Path) -> list[SheetLayer]:
     Raises ConfigError, naming the sheet, the layer's number and the key, for anything unknown, of
     a wrong type or out of its range.
     """
-    if Path(path).exists() and not Path(path).is_file():  # a node that reads it would block on it
-        raise ConfigError(f"{path}: is no file")
+    _check_file(Path(path), str(path))
     root = load_yaml(path)
     layers = root.get("layers") if isinstance(root, Mapping) else None
     if not isinstance(layers, list):
@@ -295,9 +297,13 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
     values = {
         each.name: _plain(entry[each.name], each, where) for each in _PLAIN if each.name in entry
     }
+    if "fill_opacity" in entry and "fill" not in entry:
+        raise ConfigError(f"{where}: fill_opacity without fill: give fill a colour")
     style = LayerStyle(
-        line_bgr=_colour(entry["colour"], where) if "colour" in entry else _DEFAULT.line_bgr,
+        line_bgr=_colour(entry, "colour", where) if "colour" in entry else _DEFAULT.line_bgr,
         width_px=values.get("width", _DEFAULT.width_px),
+        fill_bgr=_colour(entry, "fill", where) if "fill" in entry else None,
+        fill_opacity=values.get("fill_opacity", _DEFAULT.fill_opacity),
         labels=entry.get("label") is not False,
         scale_m_px=_scale(entry["scale"], where) if "scale" in entry else _DEFAULT.scale_m_px,
     )
@@ -311,9 +317,9 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
         text = _words(entry["where"], f"{where}: where", "not a condition such as kind == hydrant")
         condition = Condition.parsed(text, f"{where}: where")
     file = folder / values["file"] if "file" in values else None
-    crs = _crs(entry["crs"], where) if "crs" in entry else ""
+    crs, crs_file = _crs(entry["crs"], where, folder) if "crs" in entry else ("", None)
     layer, sigma_m = values.get("layer", ""), values.get("sigma")
-    return SheetLayer(where, file, layer, style, label, crs, sigma_m, condition)
+    return SheetLayer(where, file, layer, style, label, crs, crs_file, sigma_m, condition)
 
 
 def _check_keys(entry: Mapping[Any, Any], keys: tuple[str, ...], where: str) -> None:
@@ -340,16 +346,17 @@ def _plain(value: Any, parameter: Parameter, where: str) -> Any:
     return checked
 
 
-def _colour(value: Any, where: str) -> Colour:
+def _colour(entry: Mapping[str, Any], key: str, where: str) -> Colour:
+    value = entry[key]
     if value is None:
-        raise ConfigError(f'{where}: colour has no value; with # it needs quotes: "#ffd000"')
+        raise ConfigError(f'{where}: {key} has no value; a colour with # needs quotes: "#ffd000"')
     try:
         rgb: tuple[int, ...] = ImageColor.getrgb(value)
         red, green, blue = rgb
         bytes((red, green, blue))  # ValueError beyond 255
     except (ValueError, TypeError, AttributeError):
         raise ConfigError(
-            f'{where}: colour: {value!r} is not a colour; give a name (red) or "#rrggbb"'
+            f'{where}: {key}: {value!r} is not a colour; give a name (red) or "#rrggbb"'
         ) from None
     return blue, green, red
 
@@ -373,12 +380,25 @@ def _words(value: Any, where: str, wanted: str) -> str:
     return value
 
 
-def _crs(value: Any, where: str) -> str:
+def _crs(value: Any, where: str, folder: Path) -> tuple[str, Path | None]:
+    """Return the text of a coordinate system, and the file that it comes from."""
     if isinstance(value, int) and not isinstance(value, bool):
         value = f"EPSG:{value}"
-    text = _words(value, f"{where}: crs", "not an EPSG code, WKT or PROJ string")
+    text = _words(value, f"{where}: crs", "not an EPSG code, WKT, PROJ string or .prj file")
+    file = folder / text if text.lower().endswith((".prj", ".wkt")) else None
     try:
+        if file:
+            _check_file(file, str(file))
+            text = read_text(file, ConfigError, damaged=True)
         checked_system(text, f"{where}: crs")
+    except ConfigError as error:
+        raise ConfigError(f"{where}: crs: {error}") from None
     except MapError as error:
         raise ConfigError(str(error).partition(";")[0]) from None
-    return text
+    return text, file
+
+
+def _check_file(path: Path, where: str) -> None:
+    """Refuse what exists but is no file: a node that checks it repeatedly would block on it."""
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{where}: is no file")

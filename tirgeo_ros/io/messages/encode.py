@@ -63,7 +63,7 @@ class FrameMessages(MessageParts):
         return self._transform(body.stamp_ns, link, (east, north, -down), turned)
 
     def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
-        """Return ``TransformStamped``, base_link -> camera; the camera was composed with ``body``."""
+        """Return ``TransformStamped``, base_link -> camera, which was composed with ``body``."""
         offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
         w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
         turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU
