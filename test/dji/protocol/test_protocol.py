@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.broadcast import (
     Layout,
     broadcast_length,
@@ -168,17 +166,6 @@ def test_the_old_layout_of_the_m600():
     assert found.status == Status(2)
     assert found.battery == Battery(None, None, None, 36)
     assert found.mask == mask
-
-
-def test_the_example_frames_encode_to_the_same_bytes(shared):
-    data = (shared / "dji" / "frames.bin").read_bytes()
-    lines = map(json.loads, (shared / "dji" / "frames.jsonl").read_text().splitlines())
-    masks = [line["mask"] for line in lines if line["kind"] == "broadcast"]
-    reader = FrameReader()
-    frames = [f for f in reader.feed(data) + reader.rescan() if f.cmd_id == 0]
-    found = [decode_broadcast(frame.value) for frame in frames]
-    assert [broadcast.mask for broadcast in found] == masks
-    assert [encode_broadcast(b) for b in found] == [frame.value for frame in frames]
 
 
 def test_the_usual_packages_have_the_lengths_of_their_pushes():

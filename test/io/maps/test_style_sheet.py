@@ -8,6 +8,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from map_files import UTM33_PRJ
 from project import PROJECT
 
 from tirgeo_ros.core.map.vector_map import LayerStyle

@@ -52,15 +52,26 @@ def twist_stamped(bag, at_ns, *linear):
     return bag.new("geometry_msgs/msg/TwistStamped", header=bag.header(at_ns), twist=twist)
 
 
+@pytest.fixture
+def mapped(tmp_path):
+    """Import a bag's topics; return the result. The new bag is out.mcap."""
+
+    def imported(bag, pairs, **options):
+        path = tmp_path / "a.bag"
+        if not path.exists():
+            bag.write(path)
+        return import_flight(path, tmp_path / "out.mcap", mapped=MappedTopics(pairs, **options))
+
+    return imported
+
+
 def samples(path, source):
     topic, decode = NAVIGATION_INPUTS[source]
     return [decode(message) for _, message in by_time(path, f"/{topic}")]
 
 
-def test_topics_of_ros_1_with_their_stamps_and_log_times(tmp_path):
-    path = mavros_bag().write(tmp_path / "mavros.bag")
-    out = tmp_path / "out.mcap"
-    result = import_flight(path, out, mapped=MappedTopics(MAVROS))
+def test_topics_of_ros_1_with_their_stamps_and_log_times(mapped, tmp_path):
+    result, out = mapped(mavros_bag(), MAVROS), tmp_path / "out.mcap"
     assert BagReader(out).topics() == {f"/{to}": TOPIC_TYPES[to] for _, to in sorted(
         MAVROS, key=lambda pair: pair[1]
     )}  # fmt: skip
@@ -98,7 +109,7 @@ def test_pictures_and_gimbal_go_on_byte_by_byte_into_a_namespace(sample, tmp_pat
     assert sorted(found) == sorted(whole)
 
 
-def test_an_odometry_becomes_a_velocity_east_north_up(tmp_path):
+def test_an_odometry_becomes_a_velocity_east_north_up(mapped, tmp_path):
     """Forward 2 m/s with the nose to the north; the covariance turns along."""
     bag = Bag()
     covariance = np.zeros((6, 6))
@@ -123,10 +134,8 @@ def test_an_odometry_becomes_a_velocity_east_north_up(tmp_path):
         ),
     )
     bag.add(BEGUN_NS, "/odom", odometry)
-    out = tmp_path / "out.mcap"
-    path = bag.write(tmp_path / "odom.bag")
-    result = import_flight(path, out, mapped=MappedTopics((("/odom", "rtk/vel"),)))
-    (velocity,) = samples(out, Source.RTK_VELOCITY)
+    result = mapped(bag, (("/odom", "rtk/vel"),))
+    (velocity,) = samples(tmp_path / "out.mcap", Source.RTK_VELOCITY)
     assert velocity.velocity_n == pytest.approx((2.0, -0.5, 1.0))
     assert velocity.covariance_n.diagonal() == pytest.approx((0.04, 0.01, 0.09))
     assert "wheel's odometry" in result["notes"][0]
@@ -160,23 +169,18 @@ def test_parameters_that_turn_it_later_are_no_cause_for_doubt(tmp_path):
     assert result["warning"] is None
 
 
-def test_heights_and_fixes_that_are_none_of_rtk(tmp_path):
-    path = mavros_bag().write(tmp_path / "a.bag")
-    out = tmp_path / "out.mcap"
-    mapped = MappedTopics((("/mavros/fix", "rtk/fix"),), undulation_m=43.5)
-    result = import_flight(path, out, mapped=mapped)
-    first = samples(out, Source.RTK_POSITION)[0]
+def test_heights_and_fixes_that_are_none_of_rtk(mapped, tmp_path):
+    result = mapped(mavros_bag(), (("/mavros/fix", "rtk/fix"),), undulation_m=43.5)
+    first = samples(tmp_path / "out.mcap", Source.RTK_POSITION)[0]
     assert (first.height_m, first.status) == (87.5, FixStatus.SINGLE)
     assert result["notes"] == []
     assert "no message has status 1 (float) or 2 (fixed)" in result["warning"]
     assert "map it to gps/fix" in result["warning"]
 
 
-def test_stamps_of_another_clock_are_kept_and_told(tmp_path):
-    path = mavros_bag(lag_ns=7_200_000_000_000).write(tmp_path / "a.bag")
-    out = tmp_path / "out.mcap"
-    result = import_flight(path, out, mapped=MappedTopics(MAVROS[:2]))
-    assert samples(out, Source.IMU)[0].stamp_ns == BEGUN_NS
+def test_stamps_of_another_clock_are_kept_and_told(mapped, tmp_path):
+    result = mapped(mavros_bag(lag_ns=7_200_000_000_000), MAVROS[:2])
+    assert samples(tmp_path / "out.mcap", Source.IMU)[0].stamp_ns == BEGUN_NS
     assert "(/mavros/imu/data -7200.0 s, /mavros/fix -7200.0 s) and are kept" in result["warning"]
 
 
@@ -198,10 +202,9 @@ def test_stamps_of_another_clock_are_kept_and_told(tmp_path):
         ),
     ],
 )
-def test_topics_that_do_not_fit_are_named(tmp_path, pairs, told):
-    path = mavros_bag(0.2).write(tmp_path / "a.bag")
-    with pytest.raises(BagError, match=rf"^{path}: .*{told}"):
-        import_flight(path, tmp_path / "out.mcap", mapped=MappedTopics(tuple(pairs)))
+def test_topics_that_do_not_fit_are_named(mapped, tmp_path, pairs, told):
+    with pytest.raises(BagError, match=rf"^{tmp_path}/a\.bag: .*{told}"):
+        mapped(mavros_bag(0.2), tuple(pairs))
     assert not (tmp_path / "out.mcap").exists()
 
 
@@ -217,7 +220,7 @@ def test_pictures_that_are_left_are_named_with_the_option_that_takes_them(tmp_pa
     assert told in capsys.readouterr().out
 
 
-def test_a_joint_state_without_the_gimbals_joints_is_refused(tmp_path):
+def test_a_joint_state_without_the_gimbals_joints_is_refused(mapped):
     bag = mavros_bag(0.5)
     doubles = {name: np.zeros(1) for name in ("position", "velocity", "effort")}
     for k in range(4):
@@ -228,14 +231,12 @@ def test_a_joint_state_without_the_gimbals_joints_is_refused(tmp_path):
             **doubles,
         )
         bag.add(BEGUN_NS + k, "/joint_states", joints)
-    path = bag.write(tmp_path / "a.bag")
-    mapped = MappedTopics((("/joint_states", "gimbal/joint_states"),))
+    pair = ("/joint_states", "gimbal/joint_states")
     with pytest.raises(
         BagError, match=r"nothing to import: /joint_states: 4 of 4 refused \(.*yaw"
     ):
-        import_flight(path, tmp_path / "out.mcap", mapped=mapped)
-    both = MappedTopics((*MAVROS[:1], *mapped.pairs))
-    result = import_flight(path, tmp_path / "out.mcap", mapped=both)
+        mapped(bag, (pair,))
+    result = mapped(bag, (*MAVROS[:1], pair))
     assert "/joint_states: 4 of 4 refused" in result["warning"]
 
 
