@@ -127,7 +127,7 @@ def _located(
     layers = tried_map(failed, overlay, overlay.map, used=False)
     of_flight = (fitted, reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
-    checks.found += failed
+    checks.at_start += failed
     flight = Flight(reader, namespace, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
     poses = flight.registered(ekf, gimbal, exposures_ns, checks.watch, smooth=smooth)

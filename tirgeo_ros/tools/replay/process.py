@@ -143,7 +143,7 @@ def _prepared(
     checks = FlightChecks(
         fitted, reader, params, namespace, ground=ground, layers=to_lay, camera=known
     )
-    checks.found += found
+    checks.at_start += found
     dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     undulation_m = dji.geoid_undulation_m
     return _Job(fitted, reader, namespace, topics, drawn, checks, notes, undulation_m)
