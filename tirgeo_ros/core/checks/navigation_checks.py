@@ -114,6 +114,9 @@ class NavigationChecks:
             return
         if IMU in self._streams:
             self._stamps.take(topic, stream, self._streams[IMU])
+        self._aid(sample)
+
+    def _aid(self, sample: NavigationInput) -> None:
         if isinstance(sample, HeadingSample):
             self._heading.heading(sample)
             if not fault_of(sample):
