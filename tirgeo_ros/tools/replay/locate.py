@@ -65,7 +65,7 @@ def locate_pixels(
     layers = tried_map(unread, overlay, overlay.map, used=False)
     of_flight = (opened.configs, opened.reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
-    checks.found += unread
+    checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
     used = opened.configs.ekf, opened.configs.gimbal, exposures_ns
