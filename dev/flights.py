@@ -57,7 +57,6 @@ class LoopedFlight:
         first_ns = flight.scenario.start_ns + round(_HOVER_FIRST_S * 1e9)
         end_ns = first_ns + round(_MINUTE_S * 1e9)
         self.config: EkfConfig = fitting_config(flight)
-        self.imu_samples = round(_MINUTE_S * imu_rate_hz)  # in each minute
         self._samples: list[NavigationInput] = [
             sample
             for arrival_ns, sample in flight.samples
