@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -43,16 +42,6 @@ def fixed(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-def plus_minus(value: float, sigma: float) -> str:
-    """Return a value and its sigma."""
-    return f"{value:.3e} ± {sigma:.1e}"
-
-
-def p_value(value: float | None) -> str:
-    """Return a p-value as the paper prints them."""
-    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)
-
-
 def ground_factors(results: Results) -> dict[str, object]:
     """Return Table 2."""
     names = ("Position", "Height", "Position3D", "Yaw")
@@ -69,9 +58,6 @@ def ground_factors(results: Results) -> dict[str, object]:
         [f"E_Cam{name}", *(fixed(column[k], 4) for column in columns), f"{ratios[k]:.2f}"]
         for k, name in enumerate(names)
     ]
-    both = [math.hypot(*column[:2]) for column in columns]
-    last = f"{both[1] / columns[0][2]:.2f}"
-    rows.append(["hypotenuse of the first two", *(fixed(one, 4) for one in both), last])
     forms = ("paper", "Eq. 15-21", "same, centred", "covariance")
     head = ["mean over the field of view, m", *forms, "Eq. 15-21 / paper"]
     return {
@@ -107,23 +93,10 @@ def imu_noise(allan: Mapping[str, Any]) -> dict[str, object]:
             given = f"{paper:g}" if ours == "correlation_time_s" else f"{paper:.4e}"
             rows.append([name, axis, given, *_imu_cells(here, ours, paper)])
             walks += [abs(here[ours] / paper - 1)] if ours == "random_walk" else []
-    terms = []
-    for name, axis in axes.items():
-        below, beyond = ("", "") if axis["minimum_reached"] else ("< ", "> ")
-        cells = [f"{below}{axis['minimum']:.3e}", f"{beyond}{axis['minimum_at_s']:.0f}"]
-        cells.append(f"{below}{axis['minimum_over_0.664']:.3e}")
-        for key in ("bias_instability", "rate_random_walk"):
-            known = axis[key] is not None and math.isfinite(axis[key])
-            upper = f"< {axis[f'{key}_upper']:.3e}"
-            cells.append(plus_minus(axis[key], axis[f"{key}_sigma"]) if known else upper)
-        terms.append([name, *cells])
     seen = [name for name, axis in axes.items() if axis["bias_seen"]]
     return {
         "imu_noise": table(
             ["parameter", "axis", "paper, and put in", "here", "here / paper"], rows
-        ),
-        "allan_terms": table(
-            ["axis", "floor of the curve", "at, s", "floor / 0.664", "B", "K"], terms
         ),
         "hours": f"{allan['span_s'] / 3600:.2g}",
         "imu_hz": f"{allan['rate_hz']:.0f}",
@@ -138,7 +111,7 @@ def _imu_cells(here: Mapping[str, Any], key: str, paper: float) -> list[str]:
         return ["not seen" if key != "bias_sigma" else f"< {here[key]:.3e}", ""]
     ratio = f"{here[key] / paper:.2f}"
     if key != "correlation_time_s":
-        return [plus_minus(here[key], here[f"{key}_sigma"]), ratio]
+        return [f"{here[key]:.3e} ± {here[f'{key}_sigma']:.1e}", ratio]
     factor = here["correlation_time_factor"]
     return [f"{here[key]:.0f}{f' (to a factor of {factor:.1f})' if factor else ''}", ratio]
 
@@ -194,7 +167,7 @@ def _mean(result: Mapping[str, Any], method: str) -> float:
 
 
 def located(results: Results) -> dict[str, object]:
-    """Return Table 6: its averages by way, and the gains."""
+    """Return Table 6: its averages by way."""
     seeds = [
         name.split()[1] for name in results if name.startswith("flight ") and name[-1].isdigit()
     ]
@@ -223,25 +196,11 @@ def located(results: Results) -> dict[str, object]:
         flights = zip(*(means[way][method] for method in list(METHODS)[:4]), strict=True)
         ordered = sum(all(a > b for a, b in pairwise(flight)) for flight in flights)
         values[f"in_order_{way}"] = f"{ordered} of {len(seeds) + 1}"
-    rows = []
-    for method in list(METHODS)[1:]:
-        pairs = [(sum(means[way][method]), sum(means[way]["raw"])) for way in _WAYS]
-        paper = TABLE_6_AVERAGE_M.get(method)
-        less = "-" if paper is None else _share(paper, TABLE_6_AVERAGE_M["raw"])
-        rows.append([f"`{method}`", less, *(_share(*pair) for pair in pairs)])
-    ways = [f"here, `composition: {way}`" for way in _WAYS]
-    calibrated = ", ".join(
+    values["calibrated"] = ", ".join(
         f"{name} {one['found']:.2f} ± {one['sigma']:.2f} {one['unit']}"
         for name, one in results["boresight encoders"]["parameters"].items()
     )
-    return values | {
-        "gains": table(["less than `raw` by", "paper", *ways], rows),
-        "calibrated": calibrated,
-    }
-
-
-def _share(value: float, raw: float) -> str:
-    return f"{100 * (1 - value / raw):.0f} %"
+    return values
 
 
 def askew(results: Results) -> dict[str, object]:
@@ -277,7 +236,7 @@ def p_values(results: Results) -> str:
     ]
     rows = [
         [f"`{pair[0]}`, `{pair[1]}`", fixed(TABLE_7.get(pair), 4)]
-        + [p_value(column[pair]) for column in columns]
+        + ["< 0.0001" if column[pair] < 0.0001 else fixed(column[pair], 4) for column in columns]
         for pair in columns[0]
     ]
     head = ["methods", "paper", "from the paper's Table 6", *(f"here, `{way}`" for way in _WAYS)]
