@@ -10,9 +10,8 @@ import pytest
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch
-from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
-from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, encode_broadcast
-from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Time
+from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Layout, Time, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,

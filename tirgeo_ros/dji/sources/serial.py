@@ -10,8 +10,8 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, AircraftClock
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame, parse_key
-from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
-from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
+from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
