@@ -89,16 +89,9 @@ def test_broadcast_of_an_imu_sample(telemetry):
         acceleration_as_packed=ACCELERATION,
         angular_rate_radps=RATE,
     )
-    assert read(telemetry, said) == [
-        ImuReading(
-            1_234_000_000,
-            ImuOrigin.BROADCAST,
-            ACCELERATION,
-            AccelerationUnit.UNKNOWN,
-            RATE,
-            Q,
-        )
-    ]
+    origin, unit = ImuOrigin.BROADCAST, AccelerationUnit.UNKNOWN
+    expected = ImuReading(1_234_000_000, origin, ACCELERATION, unit, RATE, Q)
+    assert read(telemetry, said) == [expected]
 
 
 def test_a_broadcast_without_time_is_stamped_at_arrival_and_counted(telemetry):
@@ -133,16 +126,9 @@ def test_broadcast_of_satellites_and_gimbal(telemetry, layout):
 
 def test_hard_sync_is_timed_by_its_ticks(telemetry, clocks):
     tick = parts.HardSync(400, 12_345, 0, 0, 0, Q, ACCELERATION, RATE)
-    assert push(telemetry, 3, HARD_SYNC=tick) == [
-        ImuReading(
-            400 * 2_500_000 + 12_345,
-            ImuOrigin.HARD_SYNC,
-            ACCELERATION,
-            AccelerationUnit.G,
-            RATE,
-            Q,
-        )
-    ]
+    stamp_ns, origin = 400 * 2_500_000 + 12_345, ImuOrigin.HARD_SYNC
+    expected = ImuReading(stamp_ns, origin, ACCELERATION, AccelerationUnit.G, RATE, Q)
+    assert push(telemetry, 3, HARD_SYNC=tick) == [expected]
     assert clocks.hard_sync.arrivals == [ARRIVAL_NS]
     assert clocks.subscription.arrivals == [ARRIVAL_NS]
 
