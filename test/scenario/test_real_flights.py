@@ -10,6 +10,7 @@ import math
 import pytest
 
 from dev.real_flights import ASKED, bags_in, groups, judge_all, report
+from tirgeo_ros.tools.replay.check import check
 
 pytestmark = pytest.mark.slow
 
