@@ -72,12 +72,7 @@ def not_used(refused: Mapping[str, str]) -> list[str]:
         return []
     counts = Counter(why.partition(":")[0] for why in refused.values())
     counted = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
-    return [f"not used: {counted}; -v names each"]
-
-
-def each_not_used(refused: Mapping[str, str]) -> str:
-    """Return a line for each picture that was not used."""
-    return "\n".join(f"not used: {name}: {why}" for name, why in refused.items())
+    return [f"not used: {counted}; --json names each"]
 
 
 def _in_words(key: str, value: object) -> tuple[str, str]:
