@@ -259,7 +259,9 @@ class SerialDecoder:
     def _read(self, frames: list[ProtocolFrame], arrivals: list[int]) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
-            self.locked += _is_locked(frame)
+            # decrypted data makes sense if it is a push: that is what an aircraft sends
+            opened = frame.encryption != PLAIN and not frame.is_ack
+            self.locked += frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)
             readings += self._telemetry.read(frame, arrival_ns)
         return readings
 
@@ -276,12 +278,3 @@ class SerialDecoder:
         for name, clock in self._clocks.items():
             items |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
         return items
-
-
-def _is_locked(frame: ProtocolFrame) -> bool:
-    """Return whether a frame's data is encrypted, or makes no sense after decryption.
-
-    Decrypted data makes sense if it is a push: that is what an aircraft sends.
-    """
-    opened = frame.encryption != PLAIN and not frame.is_ack
-    return frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)
