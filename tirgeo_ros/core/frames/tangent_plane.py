@@ -62,11 +62,7 @@ class TangentPlane:
         return np.asarray(np.dot(self._rotation_en.T, local_en))
 
     def body_pose(self, solution: NavSolution) -> BodyPose:
-        """Convert a navigation solution to a pose in the plane.
-
-        The solution's NED axes are those at the aircraft: attitude and covariance are rotated to
-        the plane's axes, which includes the meridian convergence.
-        """
+        """Convert a solution, whose axes are those at the aircraft, to a pose in the plane."""
         latitude, longitude = solution.latitude_rad, solution.longitude_rad
         both = np.zeros((6, 6))
         both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)

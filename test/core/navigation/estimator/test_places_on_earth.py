@@ -87,21 +87,6 @@ def test_nothing_published_jumps(place):
     assert np.degrees(turns).max() < 0.6 + 0.3
 
 
-@pytest.mark.parametrize("name", ["antimeridian, eastwards", "antimeridian, westwards"])
-def test_the_antimeridian_is_crossed_while_errors_count(name):
-    """Else the tests above would say nothing of it."""
-    place = PLACES[name]
-    late = [s for s in found_at(place) if s.stamp_ns > late_ns(place)]
-    assert {math.copysign(1, s.longitude_rad) for s in late} == {-1.0, 1.0}
-    fixes = [s for s in navigation_samples(flown_at(place)) if isinstance(s, PositionSample)]
-    assert max(abs(s.longitude_rad) for s in fixes) <= math.pi  # as a receiver says it
-    assert {math.copysign(1, s.longitude_rad) for s in fixes} == {-1.0, 1.0}
-
-
-def late_ns(place):
-    return flown_at(place).scenario.start_ns + round(SETTLED_S * 1e9)
-
-
 def test_longitudes_beyond_180_degrees_are_the_same_places():
     """Some receivers count to 360 degrees."""
     place = PLACES["antimeridian, eastwards"]
