@@ -146,10 +146,6 @@ class Aid:
 
     def __init__(self, config: EkfConfig) -> None:
         """Take the parameters. Raises ConfigError where they are of no use."""
-        self.configure(config)
-
-    def configure(self, config: EkfConfig) -> None:
-        """Take the parameters, also others in flight."""
         self._config = config
         self._states = states_of(config)
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)

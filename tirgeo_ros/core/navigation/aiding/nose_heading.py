@@ -60,10 +60,6 @@ class AutopilotHeadingAid(Aid):
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
         self._newest_ns = NEVER_NS
-
-    def configure(self, config: EkfConfig) -> None:
-        """Take the parameters, also others in flight."""
-        super().configure(config)
         self._variance_rad2 = math.radians(config.autopilot.attitude_sigma_deg[2]) ** 2
         self._worth_rad2 = _SIGMAS**2 * self._variance_rad2
 

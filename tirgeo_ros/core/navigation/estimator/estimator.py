@@ -111,8 +111,7 @@ class Navigation:
         self._imu_clock.configure(config.max_imu_gap_s)
         for part in (self._health, self._clocks, self._passthrough):
             part.configure(config)
-        for aid in self._in_imu:
-            aid.configure(config)
+        self._in_imu = [aid(config) for aid in AIDS.values() if aid.in_imu]
         if self._ekf is not None:
             self._ekf.configure(config)
         else:
