@@ -1,4 +1,4 @@
-"""Note when messages of some topics arrive, for ``make bench`` and ``dev.bench.imu_load``.
+"""Note when messages of some topics arrive, for ``make bench``.
 
 After ``duration_s``, or when it is stopped, it writes as JSON stamp and time of arrival (ns) of
 each message by topic, and whether the overlay's last picture has lines.
