@@ -51,7 +51,6 @@ OPTIONS = (
     ("--estimate", "LIST", _ESTIMATE_HELP, _LIST),
     ("--hold", "LIST", "of the same: as --params has them", _LIST | {"default": []}),
     ("--click-sigma", "PX", _SIGMA_HELP, _SIGMA),
-    ("--plot", "PNG", "residuals before and after"),
 )
 
 
@@ -65,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
         raise UsageError("nothing to estimate")
     first = "bag survey observations output"
-    names = "params camera estimate hold namespace click_sigma_px plot smooth"
+    names = "params camera estimate hold namespace click_sigma_px smooth"
     return call(calibrate_boresight, args, "calibrating, s", first, names)
 
 
