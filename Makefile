@@ -96,7 +96,7 @@ FLIGHTS := ../shared/real_flights
 
 real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of bags
 	@if [ -d "$(FLIGHTS)" ]; then \
-		$(BIN)/python -m dev.real_flights_table "$(FLIGHTS)"; \
+		$(BIN)/python -m dev.real_flights "$(FLIGHTS)"; \
 	else echo "skipped: there is no folder $(FLIGHTS); FLIGHTS=folder names one of bags"; fi
 
 smoothing: $(READY)  ## the smoother beside the filter, also over FLIGHTS=folder of bags

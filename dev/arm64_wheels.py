@@ -5,22 +5,16 @@ ROS itself has none: on ARM64 it comes from Ubuntu's packages (docs/install.md).
 
 from __future__ import annotations
 
-import argparse
-import json
-import re
 import runpy
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
 from unittest import mock
 
-from dev.judging import MarkedTable
 from tirgeo_ros.io.files.child_process import python_command
-from tirgeo_ros.tools.presentation.progress import Progress
 
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 #: The oldest system with a Python 3.10 is Ubuntu 22.04, glibc 2.35: wheels for any older one run.
@@ -28,8 +22,7 @@ _TAGS = ("manylinux2014", *(f"manylinux_2_{minor}" for minor in range(17, 36)))
 _FROM_APT = "ros"
 #: Without a wheel for any computer: plain Python, of which pip makes one.
 _FROM_SOURCE = ("taky",)
-_NAME = re.compile(r"[A-Za-z0-9._-]+")
-_NONE = "none"
+_PIP = "import runpy; runpy.run_module('pip', run_name='__main__')"
 
 
 def requirements(setup_py: Path) -> list[str]:
@@ -42,71 +35,26 @@ def requirements(setup_py: Path) -> list[str]:
     return [wanted for wanted in every if not wanted.startswith(_FROM_SOURCE)]
 
 
-def versions(wanted: Sequence[str], python: str) -> dict[str, str]:
-    """Return name to version of the wheels that pip would install, dependencies included.
-
-    Empty if one of them has no wheel. Raises OSError where pip fails for another reason.
-    """
+def refusal(wanted: Sequence[str], python: str) -> str:
+    """Return pip's error for wheels of these and all that they need; empty if it has them all."""
     with tempfile.TemporaryDirectory() as work:
-        report = Path(work, "report.json")
         options = ["--dry-run", "--ignore-installed", "--only-binary=:all:", "--target", work]
-        options += ["--python-version", python, "--report", str(report), "--quiet"]
+        options += ["--python-version", python, "--quiet"]
         options += [word for tag in _TAGS for word in ("--platform", f"{tag}_aarch64")]
-        command = [*python_command("import runpy; runpy.run_module('pip', run_name='__main__')")]
-        command += ["install", *options, *wanted]
+        command = python_command(_PIP, "install", *options, *wanted)
         done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-        if done.returncode:
-            if "No matching distribution" in done.stderr:
-                return {}
-            raise OSError(f"pip: {done.stderr.strip().splitlines()[-1:]}")
-        installed: dict[str, Any] = json.loads(report.read_text())
-    wheels = [one["metadata"] for one in installed["install"]]
-    return {_plain(wheel["name"]): wheel["version"] for wheel in wheels}
+    return done.stderr.strip().splitlines()[-1] if done.returncode else ""
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
-
-
-def found_for(wanted: Sequence[str], python: str) -> dict[str, str]:
-    """Return for each requirement the version for a Python, or ``none``.
-
-    All are asked for at once; only where that fails, one by one.
-    """
-    together = versions(wanted, python)
-    rows = {}
-    for one in wanted:
-        name = _plain(_NAME.match(one).group())  # type: ignore[union-attr]
-        rows[one] = (together or versions([one], python)).get(name, _NONE)
-    return rows
-
-
-def table(wanted: Sequence[str], columns: dict[str, dict[str, str]]) -> Iterator[str]:
-    """Yield the lines: a requirement each, a column a Python."""
-    rows = MarkedTable(36, 12)
-    yield rows.row("wheels for Linux on aarch64", [f"Python {python}" for python in columns])
-    for one in wanted:
-        yield rows.row(one, [found[one] for found in columns.values()])
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; return 1 if a wheel is missing, 2 if pip cannot be asked."""
-    parser = argparse.ArgumentParser(prog="python -m dev.arm64_wheels", description=__doc__)
-    parser.add_argument("setup_py", type=Path, nargs="?", default=Path("setup.py"))
-    wanted = requirements(parser.parse_args(argv).setup_py)
-    columns = {}
-    try:
-        with Progress("asking pip", unit="Python") as bar:
-            for done, python in enumerate(PYTHONS):
-                bar(done, len(PYTHONS))
-                columns[python] = found_for(wanted, python)
-    except OSError as error:
-        sys.stderr.write(f"check-arm64: {error}\n")
-        return 2
-    missing = sum(each == _NONE for found in columns.values() for each in found.values())
-    sys.stdout.write("\n".join(table(wanted, columns)) + "\n")
-    sys.stdout.write(f"{missing} missing; ROS 2 Jazzy comes from Ubuntu's packages there\n")
-    return 1 if missing else 0
+def main(setup_py: Path = Path("setup.py")) -> int:
+    """Print a line for each Python; return 1 if a wheel is missing or pip fails."""
+    wanted, code = requirements(setup_py), 0
+    for python in PYTHONS:
+        why = refusal(wanted, python)
+        sys.stdout.write(f"Python {python}: {why or f'{len(wanted)} dependencies have wheels'}\n")
+        code |= bool(why)
+    sys.stdout.write("ROS 2 Jazzy comes from Ubuntu's packages there\n")
+    return code
 
 
 if __name__ == "__main__":

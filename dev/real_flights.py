@@ -1,12 +1,18 @@
-"""Judge the filter on recorded flights, which have no truth.
+"""Judge the filter on a folder of recorded flights, which have no truth: ``make real-flights``.
 
-The references are fixes before they are used, fixes that are held back for some seconds, positions
-moved on purpose, and the autopilot's own tilt; all later than 8 s after the first sample.
+Each bag is flown as it is, with RTK hidden for some seconds again and again, and with positions
+that are wrong for a second. The references are fixes before they are used, fixes that are held
+back, and the autopilot's own tilt; all later than 8 s after the first sample. Prints the results
+by bag and by group: bags of one carrier (their name up to the first ``_``) with the same kinds of
+RTK data. If a figure is missed, it is marked and the exit code is 1.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
+import os
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,9 +21,10 @@ from pathlib import Path
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
+import yaml
 
 from dev.flight_errors import published
-from dev.judging import in_processes
+from dev.judging import MarkedTable, exit_code, in_processes, print_report
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
@@ -26,21 +33,19 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
-    HeadingSample,
     ImuSample,
     NavigationInput,
     PositionSample,
     Source,
-    VelocitySample,
 )
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, Verdict
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS
-from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 #: The filter is judged from here on.
 SETTLED_S = 8.0
@@ -89,7 +94,7 @@ def samples_of(path: str | Path) -> list[NavigationInput]:
     ]
 
 
-class _Run:
+class FlightRun:
     """Run the filter over samples and collect the results."""
 
     def __init__(self, config: EkfConfig, samples: Sequence[NavigationInput]) -> None:
@@ -165,17 +170,6 @@ def _is_fix(sample: NavigationInput) -> TypeGuard[PositionSample]:
     )
 
 
-def _is_rtk(sample: NavigationInput) -> bool:
-    return isinstance(sample, HeadingSample) or (
-        isinstance(sample, PositionSample | VelocitySample) and sample.source in _RTK
-    )
-
-
-def fly(config: EkfConfig, samples: Sequence[NavigationInput]) -> Flown:
-    """Run the filter over samples."""
-    return _Run(config, samples).flown()
-
-
 def _missed(fix: PositionSample, pose: NavSolution, lever_b: Array) -> Miss:
     plane = TangentPlane(fix.latitude_rad, fix.longitude_rad, fix.height_m)
     found_n = plane.ned_from_geodetic(pose.latitude_rad, pose.longitude_rad, pose.height_m)
@@ -185,39 +179,26 @@ def _missed(fix: PositionSample, pose: NavSolution, lever_b: Array) -> Miss:
     return Miss(math.hypot(found_n[0], found_n[1]), sigma_m)
 
 
-def cuts_of(config: EkfConfig, samples: Sequence[NavigationInput]) -> list[Miss]:
-    """Return, for every cut, the pose's error at the last fix that was held back.
-
-    All RTK data are held back; ordinary GPS, where there is some, goes on.
-    """
-    return [misses[-1] for misses in hidden_fixes(config, samples)]
-
-
 def hidden_fixes(
     config: EkfConfig, samples: Sequence[NavigationInput], *, smooth: bool = False
 ) -> list[list[Miss]]:
-    """Return, for every cut, the pose's errors at all fixes that were held back."""
-    return [
-        misses
-        for phase_s in PHASES_S
-        for misses in _cuts_at(config, samples, phase_s, smooth=smooth)
-    ]
+    """Return, for every cut, the pose's errors at all fixes that were held back.
 
-
-def _cuts_at(
-    config: EkfConfig, samples: Sequence[NavigationInput], phase_s: float, *, smooth: bool
-) -> Iterator[list[Miss]]:
-    cut = _cut_of(samples, phase_s)
-    kept = [sample for sample, number in zip(samples, cut, strict=True) if number is None]
-    navigation, pose = smoothed(config, kept) if smooth else Navigation(config), None
-    hidden: defaultdict[int, list[tuple[PositionSample, NavSolution | None]]] = defaultdict(list)
-    for sample, number in zip(samples, cut, strict=True):
-        if number is None:
-            pose = navigation.process(sample).solution or pose
-        elif _is_fix(sample):
-            hidden[number].append((sample, pose))
-    for fixes in hidden.values():
-        yield [_missed_by(fix, last, config) for fix, last in fixes]
+    All RTK data are held back; ordinary GPS, where there is some, goes on.
+    """
+    cuts: list[list[Miss]] = []
+    for phase_s in PHASES_S:
+        cut = _cut_of(samples, phase_s)
+        kept = [sample for sample, number in zip(samples, cut, strict=True) if number is None]
+        navigation, pose = smoothed(config, kept) if smooth else Navigation(config), None
+        hidden: defaultdict[int, list[Miss]] = defaultdict(list)
+        for sample, number in zip(samples, cut, strict=True):
+            if number is None:
+                pose = navigation.process(sample).solution or pose
+            elif _is_fix(sample):
+                hidden[number].append(_missed_by(sample, pose, config))
+        cuts += hidden.values()
+    return cuts
 
 
 def _cut_of(samples: Sequence[NavigationInput], phase_s: float) -> list[int | None]:
@@ -231,20 +212,17 @@ def _cut_of(samples: Sequence[NavigationInput], phase_s: float) -> list[int | No
         inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S)).tolist()
         return inside[0] if inside else None
 
-    return [number(sample) if _is_rtk(sample) else None for sample in samples]
+    return [number(sample) if sample.source in _RTK else None for sample in samples]
 
 
 def _missed_by(fix: PositionSample, pose: NavSolution | None, config: EkfConfig) -> Miss:
     """Return how far a fix is from the pose before it; the sigma is that of the difference."""
     if pose is None or fix.stamp_ns - pose.stamp_ns > _FRESH_NS:
-        return _NO_POSE
+        return Miss(math.nan, math.nan)
     error_m, sigma_m = _missed(fix, pose, config.aircraft.rtk_lever_b)
     least_m2 = config.rtk.position_sigma_floor_m**2
     own_m2 = np.maximum(fix.covariance_n.diagonal()[:2], least_m2).sum()
     return Miss(error_m, math.sqrt(sigma_m * sigma_m + own_m2))
-
-
-_NO_POSE = Miss(math.nan, math.nan)
 
 
 def moved_east(
@@ -253,23 +231,15 @@ def moved_east(
     """Return the samples with the RTK positions of some seconds moved east by ``metres``."""
     begin_ns = samples[0].stamp_ns + round(begin_s * 1e9)
     end_ns = begin_ns + round(seconds * 1e9)
-    return [
-        _moved(sample, metres)
-        if _is_fix(sample) and begin_ns <= sample.stamp_ns < end_ns
-        else sample
-        for sample in samples
-    ]
 
+    def moved(sample: NavigationInput) -> NavigationInput:
+        if not _is_fix(sample) or not begin_ns <= sample.stamp_ns < end_ns:
+            return sample
+        plane = TangentPlane(sample.latitude_rad, sample.longitude_rad, sample.height_m)
+        lat, lon, height_m = map(float, plane.geodetic_from_ned(np.array([0.0, metres, 0.0])))
+        return replace(sample, latitude_rad=lat, longitude_rad=lon, height_m=height_m)
 
-def _moved(sample: PositionSample, metres: float) -> PositionSample:
-    plane = TangentPlane(sample.latitude_rad, sample.longitude_rad, sample.height_m)
-    latitude, longitude, height = plane.geodetic_from_ned(np.array([0.0, metres, 0.0]))
-    return replace(
-        sample,
-        latitude_rad=float(latitude),
-        longitude_rad=float(longitude),
-        height_m=float(height),
-    )
+    return [moved(sample) for sample in samples]
 
 
 def largest_change_m(a: Sequence[NavSolution], b: Sequence[NavSolution]) -> float:
@@ -306,11 +276,6 @@ class Judged:
         return f"{self.name.partition('_')[0]}, {self.aids}"
 
     @property
-    def used(self) -> float:
-        """Return the share of the fixes that was used."""
-        return self.flown.used / self.flown.fixes if self.flown.fixes else math.nan
-
-    @property
     def tilt_deg(self) -> Array:
         """Return the rms of roll and pitch less the autopilot's, (2,); nan without one."""
         tilt = self.flown.tilt
@@ -324,7 +289,7 @@ class Judged:
 
 def config_of(samples: Sequence[NavigationInput], values: Mapping[str, object]) -> EkfConfig:
     """Return the defaults with ``values`` and, unless they set it, the method for the aids."""
-    headings = any(isinstance(sample, HeadingSample) for sample in samples)
+    headings = any(sample.source is Source.RTK_HEADING for sample in samples)
     method = "ekf_heading" if headings else "ekf"
     return config_from(EkfConfig, {"method": method} | dict(values))
 
@@ -336,7 +301,7 @@ def judge(path: Path, values: Mapping[str, object]) -> Judged:
     if length_s <= SETTLED_S + MOVED_FOR_S:
         raise TirgeoError(f"{path}: {length_s:.1f} s of samples for the filter are too few")
     config = config_of(samples, values)
-    flown = fly(config, samples)
+    flown = FlightRun(config, samples).flown()
     moved_m = [
         largest_change_m(
             flown.poses,
@@ -344,18 +309,11 @@ def judge(path: Path, values: Mapping[str, object]) -> Judged:
         )
         for t_s in (MOVED_AT_S, *(max(share * length_s, SETTLED_S) for share in MOVED_AT_SHARES))
     ]
-    cuts = tuple(cuts_of(config, samples))
-    return Judged(path.stem, _aids(samples), replace(flown, poses=()), cuts, tuple(moved_m))
-
-
-def _aids(samples: Sequence[NavigationInput]) -> str:
-    kinds = {
-        "velocities": any(
-            isinstance(s, VelocitySample) and s.source is Source.RTK_VELOCITY for s in samples
-        ),
-        "headings": any(isinstance(s, HeadingSample) for s in samples),
-    }
-    return ", ".join(["positions", *(name for name, there in kinds.items() if there)])
+    cuts = tuple(misses[-1] for misses in hidden_fixes(config, samples))
+    sources = {sample.source for sample in samples}
+    kinds = {"velocities": Source.RTK_VELOCITY, "headings": Source.RTK_HEADING}
+    aids = ["positions", *(name for name, source in kinds.items() if source in sources)]
+    return Judged(path.stem, ", ".join(aids), replace(flown, poses=()), cuts, tuple(moved_m))
 
 
 def judge_all(
@@ -393,11 +351,166 @@ def beyond(bags: Sequence[Judged]) -> float:
     return float(np.mean([not miss.within(5) for miss in misses])) if misses else math.nan
 
 
-def mean_tilt_deg(bags: Sequence[Judged]) -> Array:
-    """Return the mean over bags of the rms of roll and pitch, (2,), deg."""
-    return np.asarray(np.mean([each.tilt_deg for each in bags], axis=0))
+#: Least share of fixes used in each bag and in all; least share of the time with a pose.
+#: Largest share of poses beyond 5 sigma, in all bags; largest move by a wrong position, m.
+ASKED_USED_EACH, ASKED_USED, ASKED_POSE = 0.94, 0.97, 0.95
+ASKED_BEYOND, ASKED_MOVED_M = 0.01, 0.5
 
 
-def mean_nis(bags: Sequence[Judged], source: Source) -> float:
-    """Return the mean over bags of the NIS over its degrees of freedom."""
-    return float(np.mean([each.nis(source) for each in bags]))
+_TIMES = 1 + len(MOVED_AT_SHARES)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Hold the required figures of a group: means and medians over its bags."""
+
+    used: float = 0.0  # share
+    roll_pitch_deg: tuple[float, float] = (math.inf, math.inf)
+    nis: tuple[float, float] = (-math.inf, math.inf)  # of positions, over degrees of freedom
+    cut_m: float = math.inf
+    within: float = 0.0  # share of the cuts within 3 sigma
+    sigma_m: float = math.inf
+
+
+#: Groups with figures of their own: the recordings of ../shared/real_flights.
+ASKED = {
+    "p4rtk, positions": Asked(0.0, (1.3, 1.6), (0.5, 1.5), 2.0, 0.95, 3.2),
+    "walk, positions, velocities": Asked(0.98, cut_m=0.4),
+}
+
+
+def report(judged: Sequence[Judged]) -> tuple[list[str], int]:
+    """Return the lines of the report and the number of missed figures."""
+    table = MarkedTable(46, 10)
+    lines = [*_fixes(table, judged), "", *_tilt(table, judged), "", *_cuts(table, judged)]
+    return lines, table.missed
+
+
+def _fixes(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
+    yield f"fixes and poses later than {SETTLED_S:g} s; moved: the largest change of a pose by"
+    yield f"positions that are {MOVED_M:g} m wrong for {MOVED_FOR_S:g} s ({_TIMES} times a flight)"
+    yield table.row("", ["used ", "lost ", "resets ", "pose ", ">5 sigma ", "moved "])
+    yield table.row("", ["% ", "s ", "", "% ", "% ", "m "])
+    asked = [f">={100 * ASKED_USED_EACH:g} ", "0 ", "0 ", f">={100 * ASKED_POSE:g} ", ""]
+    yield table.row("asked of each bag", [*asked, f"<={ASKED_MOVED_M:g} "])
+    for each in judged:
+        flown = each.flown
+        cells = [
+            table.cell(100 * used_of([each]), 100 * ASKED_USED_EACH, digits=1),
+            table.cell(flown.lost_s, high=0.0, digits=1),
+            table.cell(flown.resets, high=0, digits=0),
+            table.cell(100 * flown.pose, 100 * ASKED_POSE, digits=1),
+            table.cell(100 * beyond([each])),
+            table.cell(max(each.moved_m), high=ASKED_MOVED_M),
+        ]
+        yield table.row(each.name, cells)
+    for name, bags in groups(judged).items():
+        least = ASKED.get(name, Asked()).used
+        words = f"{name} (>={100 * least:g} %)" if least else name
+        yield table.row(words, _together(table, bags, least or -math.inf, math.inf))
+    yield table.row(
+        f"all (>={100 * ASKED_USED:g} %, >5 sigma <={100 * ASKED_BEYOND:g} %)",
+        _together(table, judged, ASKED_USED, ASKED_BEYOND),
+    )
+
+
+def _together(table: MarkedTable, bags: Sequence[Judged], used: float, most: float) -> list[str]:
+    share = used_of(bags)
+    cells = [table.cell(100 * share, 100 * used, digits=1), "", "", ""]
+    return [*cells, table.cell(100 * beyond(bags), high=100 * most)]
+
+
+def _tilt(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
+    yield "roll and pitch less the autopilot's, rms; NIS over its degrees of freedom"
+    yield table.row("", ["roll ", "pitch ", *("NIS " for _ in _RTK)])
+    yield table.row("", ["deg ", "deg ", "position ", "velocity ", "heading "])
+    for each in judged:
+        values = [*each.tilt_deg, *(each.nis(source) for source in _RTK)]
+        yield table.row(each.name, [table.cell(value) for value in values])
+    for name, bags in groups(judged).items():
+        asked = ASKED.get(name, Asked())
+        low, high = asked.nis
+        if math.isfinite(high):
+            most = [f"<={deg:g} " for deg in asked.roll_pitch_deg]
+            yield table.row(f"asked, {name}", [*most, f"{low:g}..{high:g} "])
+        means = np.mean([each.tilt_deg for each in bags], axis=0)
+        first, *nis = (float(np.mean([each.nis(source) for each in bags])) for source in _RTK)
+        tilts = zip(means, asked.roll_pitch_deg, strict=True)
+        cells = [table.cell(value, high=most_deg) for value, most_deg in tilts]
+        cells += [table.cell(first, low, high), *map(table.cell, nis)]
+        yield table.row(f"mean, {name}", cells)
+
+
+def _cuts(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
+    yield f"RTK hidden for {CUT_S:g} s: the pose at the last hidden fix, medians, horizontal"
+    yield table.row("", ["cuts ", "error ", "<3 sigma ", "sigma "])
+    yield table.row("", ["", "m ", "% ", "m "])
+    for each in judged:
+        yield table.row(each.name, _of_cuts(table, each.cuts, Asked()))
+    for name, bags in groups(judged).items():
+        asked = ASKED.get(name, Asked())
+        if asked != Asked():
+            within = f">={100 * asked.within:g} " if asked.within else ""
+            sigma = f"<={asked.sigma_m:g} " if math.isfinite(asked.sigma_m) else ""
+            yield table.row(f"asked, {name}", ["", f"<={asked.cut_m:g} ", within, sigma])
+        cuts = [cut for each in bags for cut in each.cuts]
+        yield table.row(f"all, {name}", _of_cuts(table, cuts, asked))
+
+
+def _of_cuts(table: MarkedTable, cuts: Sequence[Miss], asked: Asked) -> list[str]:
+    within = np.mean([cut.within(3) for cut in cuts]) if cuts else math.nan
+    return [
+        f"{len(cuts)} ",
+        table.cell(median([cut.error_m for cut in cuts]), high=asked.cut_m),
+        table.cell(100 * float(within), 100 * asked.within or -math.inf, digits=1),
+        table.cell(median([cut.sigma_m for cut in cuts]), high=asked.sigma_m),
+    ]
+
+
+def values_from(pairs: Sequence[Sequence[str]]) -> dict[str, object]:
+    """Return parameters from pairs of name and YAML value. Raises ConfigError."""
+    try:
+        values = {name: yaml.safe_load(text) for name, text in pairs}
+    except yaml.YAMLError as error:
+        raise ConfigError(f"a value is not YAML: {error}") from None
+    config_from(EkfConfig, values)
+    return values
+
+
+def bags_in(folder: Path) -> list[Path]:
+    """Return the bags of a folder that have an IMU, sorted. Raises TirgeoError where none has."""
+    paths = sorted(folder.glob("*.mcap"))
+    bags = [path for path in paths if "/imu/data" in BagReader(path).topics()]
+    if not bags:
+        raise TirgeoError(f"{folder}: no bags (*.mcap) with /imu/data in it")
+    return bags
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly all bags and print the report."""
+    parser = argparse.ArgumentParser(prog="python -m dev.real_flights")
+    parser.add_argument("folder", type=Path, help="bags (*.mcap) of recorded flights")
+    parser.add_argument(
+        "--set",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("NAME", "VALUE"),
+        help="a parameter of ekf_node, its value as YAML writes it; may be repeated",
+    )
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
+    args = parser.parse_args(argv)
+    if args.workers < 1:
+        parser.error("at least one worker")
+    return exit_code("real_flights", lambda: _run(args))
+
+
+def _run(args: argparse.Namespace) -> int:
+    values, bags = values_from(args.set), bags_in(args.folder)
+    with Progress("flying", "bags") as bar:
+        judged = judge_all(bags, values, args.workers, bar)
+    return print_report(*report(judged))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

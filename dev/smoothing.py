@@ -2,7 +2,7 @@
 
 Prints errors over seeded flights of three shapes, over outages of RTK, and at fixes that are
 hidden from recorded flights, the smoother's beside the required figures. If a figure is missed,
-it is marked and the exit code is 1. ``--plot`` draws one outage: ``docs/smoothing.png``.
+it is marked and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -39,14 +38,11 @@ from dev.flight_errors import (
     rms_of,
 )
 from dev.judging import MarkedTable, exit_code, in_processes, print_report
-from dev.real_flights import CUT_S, Miss, config_of, hidden_fixes, median, samples_of
-from dev.real_flights_table import bags_in
+from dev.real_flights import CUT_S, Miss, bags_in, config_of, hidden_fixes, median, samples_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
-from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
@@ -102,8 +98,8 @@ def outage_flight(seed: int) -> SimulatedFlight:
     return fly(replace(base, duration_s=OUTAGE_FLIGHT_S, route=route), seed)
 
 
-def outage_errors(seed: int) -> dict[str, Errors]:
-    """Return the errors of a flight with RTK lost from LOST_S to FOUND_S."""
+def fly_outage(seed: int) -> dict[str, Squares]:
+    """Return the errors of a seeded flight while RTK is lost, from LOST_S to FOUND_S."""
     flight = outage_flight(seed)
     start_ns = flight.truth.stamp_ns[0]
     samples = [
@@ -111,42 +107,19 @@ def outage_errors(seed: int) -> dict[str, Errors]:
         for sample in navigation_samples(flight)
         if sample.source not in _RTK or not LOST_S <= (sample.stamp_ns - start_ns) * 1e-9 < FOUND_S
     ]
-    return both(flight, fitting_config(flight), samples)
-
-
-def fly_outage(seed: int) -> dict[str, Squares]:
-    """Return the errors during the outage of a seeded flight."""
-    by_kind = outage_errors(seed)
+    by_kind = both(flight, fitting_config(flight), samples)
     return {name: Squares.of(one, LOST_S, FOUND_S) for name, one in by_kind.items()}
 
 
-@dataclass(frozen=True)
-class Hidden:
-    """Hold the errors at the fixes that were hidden from a recorded flight, by cut."""
-
-    name: str
-    misses: dict[str, list[list[Miss]]]
-
-    def last(self, kind: str) -> Iterator[Miss]:
-        """Yield the miss at the last hidden fix of each cut: where the filter has drifted most."""
-        return (misses[-1] for misses in self.misses[kind])
-
-    def worst(self, kind: str) -> Iterator[Miss]:
-        """Yield the largest miss of each cut: a smoother's is in its middle."""
-        return (max(misses, key=lambda one: one.error_m) for misses in self.misses[kind])
-
-    def every(self, kind: str) -> Iterator[Miss]:
-        """Yield the misses at all hidden fixes."""
-        return (one for misses in self.misses[kind] for one in misses)
-
-
-def fly_hidden(path: Path) -> Hidden:
-    """Fly a recorded flight with RTK hidden again and again."""
+def fly_hidden(path: Path) -> dict[str, list[Miss]]:
+    """Return a recorded flight's errors at the last fix of each time for which RTK is hidden."""
     samples = samples_of(path)
     config = config_of(samples, {})
     kinds = {FILTER: False, SMOOTHER: True}
-    misses = {name: hidden_fixes(config, samples, smooth=smooth) for name, smooth in kinds.items()}
-    return Hidden(path.stem, misses)
+    return {
+        name: [misses[-1] for misses in hidden_fixes(config, samples, smooth=smooth)]
+        for name, smooth in kinds.items()
+    }
 
 
 #: Largest rms of the smoother: roll, pitch, heading in deg; position by axis in m.
@@ -206,89 +179,36 @@ def outages(table: MarkedTable, flights: Sequence[dict[str, Squares]]) -> Iterat
         yield table.row(kind, cells)
 
 
-_AT: tuple[tuple[str, Callable[[Hidden, str], Iterator[Miss]]], ...] = (
-    ("last fix", Hidden.last),
-    ("worst fix", Hidden.worst),
-    ("all fixes", Hidden.every),
-)
-
-
-def hidden(table: MarkedTable, flights: Sequence[Hidden]) -> Iterator[str]:
-    """Yield the errors at hidden fixes."""
-    yield f"recorded flights, RTK hidden for {CUT_S:g} s: distance to hidden fixes, horizontal"
+def hidden(table: MarkedTable, flights: Sequence[dict[str, list[Miss]]]) -> Iterator[str]:
+    """Yield the errors at the last fix of each cut."""
+    yield f"recorded flights, RTK hidden for {CUT_S:g} s: distance to the last hidden fix"
     yield table.row("", ["fixes ", "median ", "sigma ", "<3 sigma "])
     yield table.row("", ["", "m ", "m ", "% "])
     asked = [f"<={ASKED_HIDDEN_M:g} ", "", f">={100 * ASKED_WITHIN:g} "]
     yield table.row("asked of the smoother", ["", *asked])
-    for name, of in _AT:
-        for kind in KINDS:
-            misses = [one for flight in flights for one in of(flight, kind)]
-            judged = kind == SMOOTHER and name == _AT[0][0]
-            yield table.row(f"{name}, {kind}", _misses(table, misses, judged=judged))
-
-
-def _misses(table: MarkedTable, misses: Sequence[Miss], *, judged: bool) -> list[str]:
-    most_m, least = (ASKED_HIDDEN_M, 100 * ASKED_WITHIN) if judged else (math.inf, -math.inf)
-    within = 100 * float(np.mean([one.within(3) for one in misses]))
-    return [
-        f"{len(misses)} ",
-        table.cell(median([one.error_m for one in misses]), high=most_m),
-        table.cell(median([one.sigma_m for one in misses])),
-        table.cell(within, least, digits=1),
-    ]
-
-
-_FROM_S, _TO_S = 16.0, 42.0
-_PLOTTED_SEED = 1
-#: Title, unit of the axis, and error and sigma in that unit.
-_PANELS: tuple[tuple[str, Callable[[Errors], Array], Callable[[Errors], Array]], ...] = (
-    ("north, cm", lambda e: 100 * e.state[:, 0], lambda e: 100 * e.sigma[:, 0]),
-    ("east, cm", lambda e: 100 * e.state[:, 1], lambda e: 100 * e.sigma[:, 1]),
-    ("heading, deg", lambda e: np.degrees(e.rpy[:, 2]), lambda e: np.degrees(e.sigma[:, 5])),
-)
-
-
-def outage_png(by_kind: dict[str, Errors]) -> bytes:
-    """Return a PNG: errors as lines in bands of two sigmas, filter and smoother."""
-    made, panels = figure(8.0, 6.4, len(_PANELS), 1, sharex=True)
-    for panel, (title, error, sigma) in zip(panels, _PANELS, strict=True):
-        panel.axvspan(LOST_S, FOUND_S, color="#f0f0f0", zorder=0)
-        for name, colour in zip((FILTER, SMOOTHER), COLOURS[1::-1], strict=True):
-            _draw(panel, by_kind[name], error, sigma, name, colour)
-        panel.set_ylabel(f"error {title}")
-    panels[0].set_title(f"RTK and heading are missing from {LOST_S:g} to {FOUND_S:g} s (grey)")
-    panels[0].legend(loc="upper left", ncols=2)
-    panels[-1].set_xlabel("time, s; bands: two sigmas")
-    return png(made)
-
-
-def _draw(
-    panel: Any,
-    flight_errors: Errors,
-    error: Callable[[Errors], Array],
-    sigma: Callable[[Errors], Array],
-    name: str,
-    colour: str,
-) -> None:
-    inside = (flight_errors.t_s >= _FROM_S) & (flight_errors.t_s <= _TO_S)
-    t_s, two = flight_errors.t_s[inside], 2 * sigma(flight_errors)[inside]
-    panel.fill_between(t_s, -two, two, color=colour, alpha=0.18, linewidth=0)
-    panel.plot(t_s, error(flight_errors)[inside], color=colour, label=name)
+    for kind in KINDS:
+        misses = [one for flight in flights for one in flight[kind]]
+        within = 100 * float(np.mean([one.within(3) for one in misses]))
+        judged = kind == SMOOTHER
+        most_m, least = (ASKED_HIDDEN_M, 100 * ASKED_WITHIN) if judged else (math.inf, -math.inf)
+        cells = [
+            f"{len(misses)} ",
+            table.cell(median([one.error_m for one in misses]), high=most_m),
+            table.cell(median([one.sigma_m for one in misses])),
+            table.cell(within, least, digits=1),
+        ]
+        yield table.row(kind, cells)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fly everything and print the report, or draw one outage."""
+    """Fly everything and print the report."""
     parser = argparse.ArgumentParser(prog="python -m dev.smoothing")
     parser.add_argument("folder", type=Path, nargs="?", help="bags (*.mcap) of recorded flights")
     parser.add_argument("--seeds", type=int, default=10, help="flights of each kind")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--plot", type=Path, metavar="PNG", help="only draw one outage")
     args = parser.parse_args(argv)
     if args.seeds < 1 or args.workers < 1:
         parser.error("at least one seed and one worker")
-    if args.plot is not None:
-        args.plot.write_bytes(outage_png(outage_errors(_PLOTTED_SEED)))
-        return 0
     return exit_code("smoothing", lambda: _run(args.folder, args.seeds, args.workers))
 
 

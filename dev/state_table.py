@@ -12,9 +12,7 @@ import csv
 import io
 import sys
 from collections.abc import Iterator, Sequence
-from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +22,6 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import csv_text
 from tirgeo_ros.io.parameters.parameter_file import load_config
@@ -33,37 +30,21 @@ from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Sample, navigated
 
 RATE_HZ = 10.0
-
-
-class Column(NamedTuple):
-    """Hold the name of a number in the table, and its decimals."""
-
-    name: str
-    decimals: int
-
-    @property
-    def tolerance(self) -> float:
-        """Return one in the last digit, for values at a tie that round apart.
-
-        The values themselves differ by 6e-14 at the most between NumPy 1.26 and 2.4 and between
-        BLAS kernels with and without fused multiplication.
-        """
-        return 1.5 * 10.0**-self.decimals
-
-
 _NED = ("north", "east", "down")
-COLUMNS = (
-    Column("latitude_deg", 9),  # 0.1 mm
-    Column("longitude_deg", 9),
-    Column("height_m", 4),
-    *(Column(f"velocity_{axis}_m_s", 4) for axis in _NED),
-    *(Column(f"{angle}_deg", 4) for angle in ("roll", "pitch", "heading")),
-    *(Column(f"sigma_position_{axis}_m", 5) for axis in _NED),
-    *(Column(f"sigma_attitude_{axis}_deg", 5) for axis in _NED),
-    *(Column(f"sigma_velocity_{axis}_m_s", 5) for axis in _NED),
-)
-HEADER = ("stamp_ns", *(column.name for column in COLUMNS), "state")
-_TURN_DEG = 360.0
+#: Name -> decimals.
+COLUMNS = {
+    **dict.fromkeys(("latitude_deg", "longitude_deg"), 9),  # 0.1 mm
+    "height_m": 4,
+    **{f"velocity_{axis}_m_s": 4 for axis in _NED},
+    **{f"{angle}_deg": 4 for angle in ("roll", "pitch", "heading")},
+    **{f"sigma_position_{axis}_m": 5 for axis in _NED},
+    **{f"sigma_attitude_{axis}_deg": 5 for axis in _NED},
+    **{f"sigma_velocity_{axis}_m_s": 5 for axis in _NED},
+}
+HEADER = ("stamp_ns", *COLUMNS, "state")
+#: One in the last digit, for values at a tie that round apart. They differ by 6e-14 at the most
+#: between NumPy 1.26 and 2.4, and between BLAS kernels with and without fused multiplication.
+_TOLERANCE_DIGITS = 1.5
 
 
 def states_text(bag: Path, params: Path) -> str:
@@ -79,23 +60,16 @@ def _rows(bag: Path, params: Path) -> Iterator[list[str]]:
     flight.read_all(silent)
     for sample in samples:
         solution = navigated(navigation, sample)
-        if solution is not None and rate.due(solution.stamp_ns):
-            written = (f"{v:.{c.decimals}f}" for v, c in zip(_values(solution), COLUMNS))  # noqa: B905 as long as each other
-            yield [str(solution.stamp_ns), *written, navigation.status().state.value]
-
-
-def _values(solution: NavSolution) -> Iterator[float]:
-    """Yield the values in the order of COLUMNS."""
-    roll, pitch, heading = np.degrees(euler_from_quat(solution.q_nb)).tolist()
-    sigma = np.sqrt(solution.covariance.diagonal())
-    sigma[3:6] = np.degrees(sigma[3:6])
-    place = np.degrees([solution.latitude_rad, solution.longitude_rad]).tolist()
-    return chain(
-        (*place, solution.height_m),
-        solution.velocity_n.tolist(),
-        (roll, pitch, heading % _TURN_DEG),
-        sigma.tolist(),
-    )
+        if solution is None or not rate.due(solution.stamp_ns):
+            continue
+        place_deg = np.degrees([solution.latitude_rad, solution.longitude_rad])
+        roll, pitch, heading = np.degrees(euler_from_quat(solution.q_nb)).tolist()
+        sigma = np.sqrt(solution.covariance.diagonal())
+        sigma[3:6] = np.degrees(sigma[3:6])
+        angles = roll, pitch, heading % 360.0
+        values = [*place_deg, solution.height_m, *solution.velocity_n, *angles, *sigma]
+        written = [f"{x:.{n}f}" for x, n in zip(values, COLUMNS.values(), strict=True)]
+        yield [str(solution.stamp_ns), *written, navigation.status().state.value]
 
 
 def changes(old: str, new: str) -> list[str]:
@@ -105,36 +79,24 @@ def changes(old: str, new: str) -> list[str]:
     """
     before, now = _read(old), _read(new)
     if [row[0] for row in before] != [row[0] for row in now]:
-        return [f"stamps differ: {_span(before)} before, {_span(now)} now"]
-    differences = []
-    for index, column in enumerate(COLUMNS, start=1):
-        apart = [float(b[index]) - float(a[index]) for a, b in zip(before, now)]  # noqa: B905 the same stamps
-        if column.name == "heading_deg":
-            apart = [(x + _TURN_DEG / 2) % _TURN_DEG - _TURN_DEG / 2 for x in apart]
-        line = _moved(column, apart, before)
-        differences += [line] if line else []
-    other = [(a, b) for a, b in zip(before, now) if a[-1] != b[-1]]  # noqa: B905
-    if other:
-        (stamp, *_, was), (*_, is_now) = other[0]
-        differences.append(
-            f"state: {len(other)} rows, first at {stamp}: {was} before, {is_now} now"
-        )
-    return differences
-
-
-def _moved(column: Column, apart: list[float], rows: list[list[str]]) -> str:
-    """Return a line on a column that moved by more than rounding, or nothing."""
-    beyond = [k for k, x in enumerate(apart) if not abs(x) <= column.tolerance]
-    if not beyond:
-        return ""
-    worst = max(beyond, key=lambda k: abs(apart[k]))
-    after_s = (int(rows[worst][0]) - int(rows[0][0])) * 1e-9
-    was = rows[worst][HEADER.index(column.name)]
-    return (
-        f"{column.name}: {len(beyond)} of {len(rows)} rows moved, most by "
-        f"{apart[worst]:+.{column.decimals}f} at {rows[worst][0]} ({after_s:.1f} s after the "
-        f"first row), where it was {was}; {column.tolerance:g} is rounding"
-    )
+        return [f"stamps differ: {len(before)} rows before, {len(now)} now"]
+    was, is_now = (np.array([row[1:-1] for row in rows], float) for rows in (before, now))
+    lines = []
+    for k, (name, decimals) in enumerate(COLUMNS.items()):
+        apart, tolerance = is_now[:, k] - was[:, k], _TOLERANCE_DIGITS * 10.0**-decimals
+        if name == "heading_deg":
+            apart = (apart + 180.0) % 360.0 - 180.0
+        moved = int(np.count_nonzero(~(np.abs(apart) <= tolerance)))
+        if moved:
+            worst = int(np.argmax(np.abs(apart)))
+            lines.append(
+                f"{name}: {moved} of {len(now)} rows moved, most by {apart[worst]:+.{decimals}f} "
+                f"at {now[worst][0]}, where it was {before[worst][k + 1]}"
+            )
+    states = [(a[0], a[-1], b[-1]) for a, b in zip(before, now, strict=True) if a[-1] != b[-1]]
+    for stamp, first, second in states[:1]:
+        lines.append(f"state: {len(states)} rows, first at {stamp}: {first} before, {second} now")
+    return lines
 
 
 def _read(text: str) -> list[list[str]]:
@@ -142,10 +104,6 @@ def _read(text: str) -> list[list[str]]:
     if tuple(header) != HEADER or any(len(row) != len(HEADER) for row in rows):
         raise BagError("no table of states: its header or the length of a row is another")
     return rows
-
-
-def _span(rows: list[list[str]]) -> str:
-    return f"{len(rows)} rows from {rows[0][0]} to {rows[-1][0]}" if rows else "no rows"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,16 +1,14 @@
-"""The speed of the serial link's decoder, beside bare calls over the same bytes and the line's."""
+"""Measure the speed of the serial link's decoder, beside that of the line."""
 
 from __future__ import annotations
 
 import random
 import time
-import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
-from struct import Struct
 
 from dev.judging import Figure
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, broadcast_length, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable, decode_push
 
@@ -33,15 +31,9 @@ def dji_speeds(seconds: int = _SECONDS) -> list[Figure]:
     def speed(work: Callable[[], int]) -> float:
         return max(_speed(work, len(whole), len(frames)) for _ in range(_RUNS))
 
-    def frames_in(read: int) -> int:
-        return sum(map(len, _framed(whole, read)))
-
     decoded = {read: speed(partial(decode, whole, read)) for read in (FILE_READ, PORT_READ)}
-    framed = {read: speed(partial(frames_in, read)) for read in decoded}
     return [
         *(Figure(f"DJI: decoded, reads of {k} B", v, "MB/s", ">= 2") for k, v in decoded.items()),
-        *(Figure(f"DJI: frames alone, reads of {k} B", v, "MB/s") for k, v in framed.items()),
-        Figure("DJI: bare zlib.crc32 and struct", speed(partial(_bare, frames)), "MB/s"),
         Figure(
             "DJI: decoded over the line of 1 Mbaud", decoded[FILE_READ] / LINE_MB_S, "x", ">= 20"
         ),
@@ -49,7 +41,7 @@ def dji_speeds(seconds: int = _SECONDS) -> list[Figure]:
 
 
 def capture(seconds: int) -> Iterator[bytes]:
-    """The frames of an aircraft that sends all it can, in the order in which they come.
+    """Yield the frames of an aircraft that sends all it can, in the order in which they come.
 
     Broadcasts of 100 Hz and the five usual packages, hard sync at 400 Hz among them: 855 frames
     and 75 kB a second, which fills a line of 921600 baud to four fifths. Their numbers are any.
@@ -75,10 +67,10 @@ def capture(seconds: int) -> Iterator[bytes]:
 
 
 def decode(whole: bytes, read: int) -> int:
-    """Every field of every frame, from reads of so many bytes; how many frames."""
-    table, decoded = PackageTable(), 0
-    for frames in _framed(whole, read):
-        for frame in frames:
+    """Decode every field of every frame, from reads of ``read`` bytes; return their number."""
+    table, decoded, reader = PackageTable(), 0, FrameReader()
+    for at in range(0, len(whole), read):
+        for frame in reader.feed(whole[at : at + read]):
             found = (
                 decode_push(frame.value, table)
                 if frame.cmd_id == 5
@@ -86,21 +78,6 @@ def decode(whole: bytes, read: int) -> int:
             )
             decoded += found is not None
     return decoded
-
-
-def _framed(whole: bytes, read: int) -> Iterator[list[ProtocolFrame]]:
-    reader = FrameReader()
-    for at in range(0, len(whole), read):
-        yield reader.feed(whole[at : at + read])
-
-
-def _bare(frames: list[bytes]) -> int:
-    """A check sum and numbers of four bytes from each frame, which stands alone already."""
-    layouts = {size: Struct(f"<{size // 4}f") for size in set(map(len, frames))}
-    for whole in frames:
-        zlib.crc32(whole)
-        layouts[len(whole)].unpack_from(whole)
-    return len(frames)
 
 
 def _speed(work: Callable[[], int], size: int, expected: int) -> float:

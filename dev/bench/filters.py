@@ -1,19 +1,11 @@
-"""Measure filter and smoother: beside pyins, and their cost over an hour of flight.
-
-``make bench`` prints the costs. ``python -m dev.bench.filters`` compares the smoother's accuracy
-with that of a smoother on pyins' matrices over seeded flights; one flight alone says little.
-"""
+"""Measure filter and smoother: the filter beside pyins, and the cost of both over an hour."""
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import math
-import os
 import resource
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,11 +13,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from dev.bench.pyins import pyins_is_installed, pyins_run, pyins_smoother_errors, smoothed_pyins
-from dev.consistency import SETTLED_S, Case, flight_of
+from dev.bench.pyins import pyins_is_installed, pyins_run
+from dev.consistency import SETTLED_S
 from dev.flight_errors import Errors, errors, fitting_config, navigation_samples, published
 from dev.flights import LoopedFlight
-from dev.judging import Figure, MarkedTable, in_processes, print_report
+from dev.judging import Figure, in_processes
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
@@ -33,9 +25,8 @@ from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     SmoothedNavigation,
     smoothed,
 )
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
-from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
+from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 _Result = TypeVar("_Result")
@@ -47,9 +38,6 @@ _SEED = 3
 _RUNS = 3
 _HOUR_MINUTES = 60
 _COMPARED_MINUTES = 5
-#: Of each flight whose accuracy is compared.
-_COMPARED_S = 60.0
-_COLUMNS = ("roll deg ", "pitch deg ", "yaw deg ", "north cm ", "east cm ", "down cm ")
 
 
 @dataclass(frozen=True)
@@ -93,23 +81,14 @@ def filter_figures() -> Iterator[Figure]:
 
 
 def smoother_figures() -> Iterator[Figure]:
-    """Yield cost and accuracy of the smoother beside pyins', and its cost over an hour."""
-    own, rival = smoother_times()
+    """Yield cost and accuracy of the smoother, and its cost over an hour."""
+    own = smoother_times()
     yield Figure("smoother, CPU per IMU sample, all passes", own.cost_s * 1e6, "us")
-    if rival is not None:
-        yield Figure("pyins and RTS, per IMU sample", rival.cost_s * 1e6, "us")
-        yield Figure("pyins and RTS over smoother", rival.cost_s / own.cost_s, "ratio")
     yield from own.errors("smoother")
-    yield from rival.errors("pyins and RTS") if rival else ()
     (hour,) = in_processes(hour_cost, [_HOUR_MINUTES], 1)  # a process of its own, for its memory
     yield Figure("an hour smoothed: all passes over filter", hour.ratio, "ratio", "<= 3")
     yield Figure("an hour smoothed: the backward pass", hour.backward_s, "s")
     yield Figure("an hour smoothed: peak memory", hour.peak_bytes * 2**-20, "MiB", "<= 2048")
-
-
-def bench_flight() -> SimulatedFlight:
-    """Return the flight on which filters are compared."""
-    return fly(scenario_from({"duration_s": _FLIGHT_S}), _SEED)
 
 
 def filter_times() -> tuple[FilterTimes, FilterTimes | None]:
@@ -119,7 +98,7 @@ def filter_times() -> tuple[FilterTimes, FilterTimes | None]:
     verdicts, and a solution with covariance at every IMU sample. The cost of pyins is the call of
     its filter alone.
     """
-    flight = bench_flight()
+    flight = fly(scenario_from({"duration_s": _FLIGHT_S}), _SEED)
     samples, config = navigation_samples(flight), fitting_config(flight)
     rival = pyins_run(flight) if pyins_is_installed() else None
     own_s, rival_s = [], []
@@ -136,21 +115,13 @@ def filter_times() -> tuple[FilterTimes, FilterTimes | None]:
     return own, FilterTimes.of(min(rival_s) / count, rival.errors(table))
 
 
-def smoother_times() -> tuple[FilterTimes, FilterTimes | None]:
-    """Measure our smoother and pyins' on the flight of the filters; None without pyins.
-
-    Both costs are those of all passes, the filter's own included.
-    """
-    flight = bench_flight()
+def smoother_times() -> FilterTimes:
+    """Measure our smoother on the flight of the filters, the filter's own passes included."""
+    flight = fly(scenario_from({"duration_s": _FLIGHT_S}), _SEED)
     samples, config = navigation_samples(flight), fitting_config(flight)
-    count = len(flight.truth.stamp_ns)
     runs = [_timed(lambda: published(smoothed(config, samples), samples)) for _ in range(_RUNS)]
-    own = FilterTimes.of(min(cost_s for cost_s, _ in runs) / count, errors(flight, runs[0][1]))
-    if not pyins_is_installed():
-        return own, None
-    rival = pyins_run(flight)
-    cost_s, table = _timed(lambda: smoothed_pyins(rival))
-    return own, FilterTimes.of(cost_s / count, pyins_smoother_errors(rival, table))
+    cost_s = min(cost_s for cost_s, _ in runs) / len(flight.truth.stamp_ns)
+    return FilterTimes.of(cost_s, errors(flight, runs[0][1]))
 
 
 def _timed(work: Callable[[], _Result]) -> tuple[float, _Result]:
@@ -222,39 +193,3 @@ def _pass_s(navigation: Navigation, flight: LoopedFlight, minutes: int) -> float
     """Return the CPU time of one pass; making the samples is not counted."""
     each = itertools.islice(flight.minutes(), minutes)
     return sum(_timed(partial(published, navigation, samples))[0] for samples in each)
-
-
-def squares_of(seed: int) -> Array:
-    """Return mean squares (2, 6) of one flight, ours and pyins': attitude, position."""
-    flight = flight_of(Case("lawnmower", 100.0, seed, _COMPARED_S))
-    config, samples = fitting_config(flight), navigation_samples(flight)
-    rival = pyins_run(flight)
-    both = (
-        errors(flight, published(smoothed(config, samples), samples)),
-        pyins_smoother_errors(rival, smoothed_pyins(rival)),
-    )
-    late = [found.after(SETTLED_S) for found in both]
-    return np.array([np.mean(np.hstack([e.rpy, e.state[:, :3]]) ** 2, axis=0) for e in late])
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Compare the accuracy of the two smoothers over seeded flights."""
-    parser = argparse.ArgumentParser(prog="python -m dev.bench.filters", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=16, help="flights")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
-    args = parser.parse_args(argv)
-    if not pyins_is_installed():
-        sys.stderr.write("bench: pyins is not installed: make bench does\n")
-        return 1
-    with Progress("flying", "flights") as bar:
-        squares = in_processes(squares_of, range(1, 1 + args.seeds), args.workers, bar)
-    root = np.sqrt(np.mean(squares, axis=0)) * np.repeat([math.degrees(1.0), 100.0], 3)
-    table = MarkedTable(26, 11)
-    lines = [table.row(f"rms later than {SETTLED_S:g} s", _COLUMNS)]
-    for name, row in zip(("smoother", "pyins and RTS"), root, strict=True):
-        lines.append(table.row(name, [table.cell(value, digits=3) for value in row]))
-    return print_report(lines, table.missed)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

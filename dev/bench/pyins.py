@@ -11,11 +11,9 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
@@ -54,20 +52,16 @@ class PyinsRun:
 
     def errors(self, result: Any) -> Errors:
         """Return the errors of a result at every IMU sample."""
-        return errors_of_pyins(self.flight, self.stamp_ns, result.trajectory)
-
-
-def errors_of_pyins(flight: SimulatedFlight, stamp_ns: list[int], table: Any) -> Errors:
-    """Return the errors of a trajectory in pyins' form at stamps of the flight's IMU samples."""
-    euler = np.radians(table[list(_RPH)].to_numpy())
-    place = table[list(_LLA)].to_numpy()
-    states = States(
-        stamp_ns,
-        *(np.radians(place[:, 0]), np.radians(place[:, 1]), place[:, 2]),
-        table[list(_VELOCITY)].to_numpy(),
-        quat_from_euler(*euler.T),
-    )
-    return errors_of_states(flight.truth, states)
+        table = result.trajectory
+        euler = np.radians(table[list(_RPH)].to_numpy())
+        place = table[list(_LLA)].to_numpy()
+        states = States(
+            self.stamp_ns,
+            *(np.radians(place[:, 0]), np.radians(place[:, 1]), place[:, 2]),
+            table[list(_VELOCITY)].to_numpy(),
+            quat_from_euler(*euler.T),
+        )
+        return errors_of_states(self.flight.truth, states)
 
 
 def pyins_run(flight: SimulatedFlight) -> PyinsRun:
@@ -177,87 +171,3 @@ def _heading_measurement(headings: Sequence[HeadingSample], zero_ns: int) -> Any
 
     values = [[math.degrees(s.heading_rad)] for s in headings]
     return Heading(_table(["heading"], _seconds(headings, zero_ns), values))
-
-
-class _Notes:
-    """Hold what pyins computes at each of its instants: there it corrects, then propagates."""
-
-    def __init__(self) -> None:
-        self.predicted: list[Array] = []  # covariances before and after the corrections
-        self.corrected: list[Array] = []
-        self.error: list[Array] = []  # fed back
-        self.transition: list[Array] = []  # to the next instant
-
-    def begin(self, covariance: Array) -> None:
-        """Note the covariance of an instant, nothing corrected yet."""
-        self.predicted.append(covariance)
-        self.corrected.append(covariance)
-        self.error.append(np.zeros(len(covariance)))
-
-    def smoothed(self) -> list[Array]:
-        """Return the errors of the states after the corrections, smoothed."""
-        errors = [np.zeros_like(self.error[-1])]
-        for number in reversed(range(len(self.transition) - 1)):
-            later = number + 1
-            cross = self.transition[number] @ self.corrected[number]
-            gain = np.linalg.solve(self.predicted[later], cross).T
-            errors.append(gain @ (self.error[later] + errors[-1]))
-        return errors[::-1]
-
-
-@contextmanager
-def _noting() -> Iterator[_Notes]:
-    """Note the matrices of a filter that is run inside."""
-    filters: Any = importlib.import_module("pyins.filters")
-    notes = _Notes()
-    begin, correct, move = (
-        filters._initialize_covariance,  # noqa: SLF001 there is no public way to its matrices
-        filters.kalman.correct,
-        filters._compute_error_propagation_matrices,  # noqa: SLF001 the same
-    )
-
-    def begun(*args: Any) -> Array:
-        covariance: Array = begin(*args)
-        notes.begin(covariance)
-        return covariance
-
-    def corrected(*args: Any) -> Any:
-        update = correct(*args)
-        notes.error[-1], notes.corrected[-1] = update[0], update[1]
-        return update
-
-    def moved(*args: Any) -> Any:
-        transition, noise = move(*args)
-        notes.transition.append(transition)
-        notes.begin(transition @ notes.corrected[-1] @ transition.T + noise)
-        return transition, noise
-
-    with (
-        patch.object(filters, "_initialize_covariance", begun),
-        patch.object(filters.kalman, "correct", corrected),
-        patch.object(filters, "_compute_error_propagation_matrices", moved),
-    ):
-        yield notes
-
-
-def smoothed_pyins(run: PyinsRun) -> Any:
-    """Run the filter and smooth it; return the trajectory (a table) at the filter's instants."""
-    pandas = importlib.import_module("pandas")
-    error_model = importlib.import_module("pyins.error_model")
-    with _noting() as notes:
-        result = run.run()
-    model = error_model.InsErrorModel()
-    rows = result.trajectory.loc[result.gyro.index]
-    smoothed = [
-        model.correct_pva(row, error[: model.n_states])
-        for (_, row), error in zip(rows.iterrows(), notes.smoothed(), strict=True)
-    ]
-    return pandas.DataFrame(smoothed, index=rows.index)
-
-
-def pyins_smoother_errors(run: PyinsRun, table: Any) -> Errors:
-    """Return the errors of a smoothed trajectory, at pyins' own instants of ten a second."""
-    stamps = np.array(run.stamp_ns)
-    instants_ns = stamps[0] + np.round(np.asarray(table.index) * 1e9).astype(np.int64)
-    nearest = np.abs(stamps[:, None] - instants_ns).argmin(axis=0)
-    return errors_of_pyins(run.flight, stamps[nearest].tolist(), table)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.overlay.status_and_notices import status_box
+from tirgeo_ros.core.overlay.written_text import status_box
 from tirgeo_ros.io.messages import (
     STATE_TOPIC,
     camera_pose,

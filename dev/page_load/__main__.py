@@ -1,7 +1,7 @@
 """Measure the operator's page: ``python -m dev.page_load``.
 
 sockets
-    Three viewers without a browser, then two beside one on a thin link.
+    Three viewers without a browser, of which one clicks.
 targets
     Edits among many targets, each with the longest note. An edit lasts until its operator has the
     answer, and until the last looker has the new name.
@@ -30,63 +30,35 @@ import numpy as np
 from dev.judging import Figure, in_processes, percentile, print_figures
 from dev.page_load.floods import flood_figures
 from dev.page_load.served import ServedPage, draw_pictures, pictures_in
-from dev.page_load.viewers import Job, ThinLink, Watched, watch
+from dev.page_load.viewers import Job, watch
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import MOST_TARGETS
 from tirgeo_ros.io.targets.store import MOST_NOTE, TargetStore
 from tirgeo_ros.tools.graph import find_resource
 
 _VIEWERS = 3
-_THIN_BITS_A_S = 1e6
 
 
 def socket_figures(work: Path, seconds: float) -> Iterator[Figure]:
-    """Yield the figures of three viewers alone, then of two beside one on a thin link."""
+    """Yield the figures of three viewers, of which one clicks."""
     flight = find_resource("bags/sample")
     assert flight is not None
     pictures = draw_pictures(flight, work)
     yield Figure("pictures, mean size", fmean(map(len, pictures_in(pictures))) / 1e3, "kB")
     with ServedPage(pictures, work) as page:
         jobs = [Job(page.url, seconds, clicks=k == 0) for k in range(_VIEWERS)]
-        yield from _alone(*_watched(page, jobs))
-        port = int(page.url.rpartition(":")[2])
-        with ThinLink(port, _THIN_BITS_A_S) as near:
-            thin = Job(f"http://127.0.0.1:{near}", seconds)
-            yield from _beside(*_watched(page, [*jobs[1:], thin]))
-        yield Figure("server, memory at the end", page.memory_mib("VmRSS"), "MiB")
-
-
-def _watched(page: ServedPage, jobs: Sequence[Job]) -> tuple[list[Watched], float]:
-    """Return what the viewers saw, and the server's cores meanwhile."""
-    begun, used = time.monotonic(), page.cpu_s()
-    seen = in_processes(watch, jobs, len(jobs))
-    return seen, (page.cpu_s() - used) / (time.monotonic() - begun)
-
-
-def _alone(seen: Sequence[Watched], cores: float) -> Iterator[Figure]:
-    ages, clicks = [age for one in seen for age in one.ages_ms], seen[0].clicks_ms
-    yield _lateness("three viewers", seen)
-    yield Figure("three viewers: pictures a second, least", min(one.hz for one in seen), "Hz")
-    yield Figure("three viewers: frame to screen, 95 %", percentile(ages, 95), "ms", "<= 120")
-    yield Figure("three viewers: click to answer, 95 %", percentile(clicks, 95), "ms", "<= 150")
-    yield Figure("three viewers: server", cores, "cores", "<= 0.35")
-
-
-def _beside(seen: Sequence[Watched], cores: float) -> Iterator[Figure]:
-    *others, thin = seen
-    ages = [age for one in others for age in one.ages_ms]
-    yield _lateness("1 Mbit/s", seen)
-    yield Figure("1 Mbit/s: pictures a second", thin.hz, "Hz")
-    yield Figure("1 Mbit/s: mean size", fmean(thin.sizes) / 1e3, "kB")
-    yield Figure("1 Mbit/s: age, 95 %", percentile(thin.ages_ms, 95), "ms", "<= 500")
-    yield Figure("others beside it: pictures a second", min(o.hz for o in others), "Hz")
-    yield Figure("others beside it: frame to screen, 95 %", percentile(ages, 95), "ms", "<= 120")
-    yield Figure("others beside it: server", cores, "cores", "<= 0.35")
-
-
-def _lateness(name: str, seen: Sequence[Watched]) -> Figure:
+        begun_s, used_s = time.monotonic(), page.cpu_s()
+        seen = in_processes(watch, jobs, len(jobs))
+        cores = (page.cpu_s() - used_s) / (time.monotonic() - begun_s)
+        memory_mib = page.memory_mib("VmRSS")
     late = [one for viewer in seen for one in viewer.late_ms]
-    return Figure(f"{name}: own sleep late, 95 %", percentile(late, 95), "ms")
+    ages = [age for one in seen for age in one.ages_ms]
+    yield Figure("own sleep late, 95 %", percentile(late, 95), "ms")
+    yield Figure("pictures a second, least", min(one.hz for one in seen), "Hz")
+    yield Figure("frame to screen, 95 %", percentile(ages, 95), "ms", "<= 120")
+    yield Figure("click to answer, 95 %", percentile(seen[0].clicks_ms, 95), "ms", "<= 150")
+    yield Figure("server", cores, "cores", "<= 0.35")
+    yield Figure("server, memory at the end", memory_mib, "MiB")
 
 
 _LOOKERS, _EDITS, _EVERY_S, _LIMIT_S = 10, 30, 0.5, 60.0

@@ -15,7 +15,7 @@ from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.page.backend import Click, Pixel
+from tirgeo_ros.page.actions import Click, Pixel
 from tirgeo_ros.page.server import PageServer
 from tirgeo_ros.tools.replay.process import process
 
@@ -88,8 +88,8 @@ class _Level:
 def draw_pictures(flight: Path, work: Path) -> Path:
     """Write the overlay's pictures of a flight to a folder below ``work``; return it."""
     bag, pictures = work / "overlay.mcap", work / "pictures"
-    given = {"params": flight / "params.yaml", "map": flight / "map.geojson"}
-    process(flight / "flight.mcap", bag, images=True, **given)
+    params, map_file = flight / "params.yaml", flight / "map.geojson"
+    process(flight / "flight.mcap", bag, params=params, map=map_file, images=True)
     pictures.mkdir()
     topic = "/tirgeo/overlay/image/compressed"
     for count, message in enumerate(BagReader(bag).messages([topic])):

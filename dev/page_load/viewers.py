@@ -1,14 +1,11 @@
-"""View a page from a process of its own, also through a thin link."""
+"""View a page from a process of its own."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import multiprocessing
-import socket
 import struct
 import time
-from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 import aiohttp
@@ -19,8 +16,6 @@ _HEADER = struct.Struct("<QQIHH")
 _SETTLE_S = 4.0  # not counted: the link is found out
 _CLICK_EVERY_S = 0.5
 _SLEEP_S = 0.05
-_DELAY_S = 0.02  # each way
-_PACKET, _BUFFER = 1400, 16 * 1024  # bytes
 
 
 class Job(NamedTuple):
@@ -35,7 +30,6 @@ class Watched(NamedTuple):
     """Hold what a viewer saw."""
 
     ages_ms: list[float]  # of each picture when it is decoded
-    sizes: list[int]  # bytes
     clicks_ms: list[float]  # from click to answer
     late_ms: list[float]  # of a short sleep: what a busy machine alone does to all of these
     seconds: float
@@ -71,7 +65,7 @@ class _Viewer:
         self._job = job
         self._stamp_ns = 0
         self._clicked: dict[str, float] = {}
-        self._watched = Watched([], [], [], [], job.seconds)
+        self._watched = Watched([], [], [], job.seconds)
 
     async def watch(self) -> Watched:
         origin = {"Origin": self._job.url}
@@ -98,7 +92,6 @@ class _Viewer:
             await video.send_str(f"shown {number}")
             if time.monotonic() - begun > _SETTLE_S:
                 self._watched.ages_ms.append((time.time_ns() - self._stamp_ns) * 1e-6)
-                self._watched.sizes.append(len(message.data))
 
     async def _read(self, state: aiohttp.ClientWebSocketResponse) -> None:
         async for message in state:
@@ -114,82 +107,3 @@ class _Viewer:
             name = f"r{time.monotonic_ns()}"
             self._clicked[name] = time.monotonic()
             await state.send_str(click_text(name, self._stamp_ns))
-
-
-class ThinLink:
-    """Pass connections on to a port of this computer."""
-
-    def __init__(self, port: int, bits_a_s: float) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._ours, theirs = context.Pipe()
-        self._process = context.Process(target=_run, args=(port, bits_a_s, theirs), daemon=True)
-
-    def __enter__(self) -> int:
-        """Return the port of the near end."""
-        self._process.start()
-        return int(self._ours.recv())
-
-    def __exit__(self, *_: object) -> None:
-        """End all connections."""
-        self._process.terminate()
-        self._process.join()
-
-
-def _run(port: int, bits_a_s: float, theirs: Connection) -> None:
-    asyncio.run(_pass_on(port, bits_a_s, theirs))
-
-
-async def _pass_on(port: int, bits_a_s: float, theirs: Connection) -> None:
-    loop = asyncio.get_running_loop()
-    near = _small(socket.socket())
-    near.bind(("127.0.0.1", 0))
-    near.listen()
-    near.setblocking(False)
-    down, up = _Wire(bits_a_s), _Wire(bits_a_s)
-    theirs.send(near.getsockname()[1])
-    tasks = []
-    while True:
-        client, _ = await loop.sock_accept(near)
-        far = _small(socket.socket())
-        far.setblocking(False)
-        await loop.sock_connect(far, ("127.0.0.1", port))
-        _small(client).setblocking(False)
-        tasks += [
-            loop.create_task(down.carry(far, client)),
-            loop.create_task(up.carry(client, far)),
-        ]
-
-
-class _Wire:
-    """Carry bytes one way; all connections share it."""
-
-    def __init__(self, bits_a_s: float) -> None:
-        self._byte_s = 8 / bits_a_s
-        self._free_s = 0.0
-
-    async def carry(self, source: socket.socket, sink: socket.socket) -> None:
-        """Pass packets on, each when the wire is free."""
-        loop = asyncio.get_running_loop()
-        flying: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
-        landing = loop.create_task(_land(flying, sink))
-        while data := await loop.sock_recv(source, _PACKET):
-            self._free_s = max(self._free_s, loop.time()) + len(data) * self._byte_s
-            await asyncio.sleep(self._free_s - loop.time())
-            flying.put_nowait((loop.time() + _DELAY_S, data))
-        landing.cancel()
-
-
-async def _land(flying: asyncio.Queue[tuple[float, bytes]], sink: socket.socket) -> None:
-    loop = asyncio.get_running_loop()
-    while True:
-        at_s, data = await flying.get()
-        await asyncio.sleep(max(0.0, at_s - loop.time()))
-        await loop.sock_sendall(sink, data)
-
-
-def _small(own: socket.socket) -> socket.socket:
-    """Give a socket small buffers: a link holds little."""
-    for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-        own.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
-    own.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return own

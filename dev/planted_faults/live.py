@@ -18,7 +18,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.camera_place import camera_heading_rad
+from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad
 from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import BagError, TirgeoError

@@ -199,7 +199,6 @@ def test_an_alignment_begins_again_with_the_new_values():
             "ekf",
             "method is read at start alone: set it in the parameter file and restart",
         ),
-        ("heading.bias_sigma_deg", 1.0, "heading.bias_sigma_deg is read at start alone"),
         ("aircraft.imu_m", (0.0, 0.0, 1.0), "aircraft.imu_m is measured before flight, and all"),
         ("rtk.gate_sigma", 0.0, "rtk.gate_sigma: 0 is outside 1 to 1e"),
         ("rtk.gate", 5.0, "unknown parameter rtk.gate .did you mean rtk.gate_sigma"),

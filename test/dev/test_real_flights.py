@@ -11,16 +11,18 @@ from process_bags import write_samples
 
 from dev.flight_errors import fitting_config
 from dev.real_flights import (
+    ASKED,
     CUT_S,
+    FlightRun,
     Flown,
     Judged,
     Miss,
-    cuts_of,
-    fly,
     groups,
+    hidden_fixes,
+    main,
     moved_east,
+    report,
 )
-from dev.real_flights_table import ASKED, main, report
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
 
 DURATION_S = 30.0
@@ -43,7 +45,7 @@ def config(simulated):
 
 @pytest.fixture(scope="module")
 def flown(config, samples):
-    return fly(config, samples)
+    return FlightRun(config, samples).flown()
 
 
 def test_a_simulated_flight_is_as_good_as_it_is(flown):
@@ -74,11 +76,11 @@ def test_hidden_rtk_is_not_seen(config, samples):
         else HeadingSample(s.stamp_ns, s.heading_rad + 1.0, s.variance_rad2)
         for s in samples
     ]
-    cuts = cuts_of(config, samples)
+    cuts = [misses[-1] for misses in hidden_fixes(config, samples)]
     # Ordinary GPS is there in the simulation, learned while RTK was: metres do not come.
     assert 0 < cuts[0].error_m < 1.0
     assert cuts[0].within(5)
-    assert cuts_of(config, spoiled)[0] == cuts[0]
+    assert hidden_fixes(config, spoiled)[0][-1] == cuts[0]
     # A length of 30 s leaves cuts from 14, 18.3 and 22.7 s, of which each must end before 30.
     assert len(cuts) == sum(start < DURATION_S - CUT_S for start in (14, 18.33, 22.67))
 

@@ -26,7 +26,7 @@ def drawn(variance, state=None):
     """The picture of an overlay with poses of a variance, or of 0 without poses."""
     overlay = ready()
     if state is not None:
-        overlay.set_status(status(state, "rtk/fix is missing for reasons of its own"))
+        overlay.status = status(state, "rtk/fix is missing for reasons of its own")
     overlay.add_frame(START, GREY, START)
     for before_ms in (100, 0) if variance else ():
         pose = pose_at(START - LATENCY - before_ms * MS)

@@ -139,11 +139,6 @@ def test_the_code_runs_from_top_to_bottom(text, count, said, tmp_path, monkeypat
     assert re.search(said, capsys.readouterr().out, re.DOTALL)
 
 
-def test_the_first_example_has_ten_lines():
-    body = blocks(README)[0].split("\n\n", 1)[1]
-    assert len(body.splitlines()) <= 10
-
-
 @pytest.mark.parametrize("topic", SENSORS)
 def test_the_columns_are_the_present_ones(topic):
     (row,) = (line for line in PAGE.splitlines() if line.startswith("|") and f"`{topic}`" in line)
@@ -151,20 +146,6 @@ def test_the_columns_are_the_present_ones(topic):
     columns = SENSORS[topic].columns
     assert re.findall(r"`(\w+)`", needed) == [c.name for c in columns if c.default is None]
     assert re.findall(r"`(\w+)`", absent) == [c.name for c in columns if c.default is not None]
-
-
-def test_the_columns_of_the_result_are_the_present_ones(flight):
-    listed = PAGE.partition("The columns of `table`: ")[2].partition("\n\n")[0]
-    assert re.findall(r"`(\w+)`", listed) == list(flight.table)
-
-
-def test_the_line_of_the_error_is_the_present_one(tables):
-    fix = {
-        name.replace("latitude_rad", "latitude"): one for name, one in tables["rtk/fix"].items()
-    }
-    with pytest.raises(tirgeo_ros.TableError) as caught:
-        tirgeo_ros.filter_flight(tables["imu/data"], rtk_fix=fix)
-    assert f"`{caught.value}`" in PAGE.replace("\n", " ")
 
 
 def test_the_table_of_names_is_complete():

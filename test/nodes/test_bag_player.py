@@ -17,7 +17,6 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from geometry_msgs.msg import PoseStamped
 from graph_helpers import await_words
 from nav_msgs.msg import Path as PathMessage
-from recorded_bags import record
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, NavSatFix
 
@@ -39,18 +38,8 @@ def seconds(stamp) -> float:
     return stamp.sec + 1e-9 * stamp.nanosec
 
 
-@pytest.fixture
-def split_bag(flight_bag, tmp_path):
-    """The flight as a recorder leaves it: a folder with three databases, compressed."""
-    messages = list(BagReader(flight_bag).messages())
-    parts = [messages[:200], messages[200:500], messages[500:]]
-    return record(tmp_path / "split", parts, "sqlite3", "file")
-
-
-@pytest.mark.parametrize("form", ["flight_bag", "split_bag"])
 @pytest.mark.graph
-def test_every_message_arrives_with_the_clock(spawn, meet, form, request):
-    flight_bag = request.getfixturevalue(form)
+def test_every_message_arrives_with_the_clock(spawn, meet, flight_bag):
     stranger = meet(imu__data=Imu, rtk__fix=NavSatFix, clock=Clock)
     player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "rate:=2.0")
     stranger.spin_until(lambda: player.poll() is not None)

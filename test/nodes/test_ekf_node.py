@@ -218,19 +218,6 @@ def test_another_reason_is_told_when_asked_for():
     assert node.texts() == ["ekf: waiting: a", "ekf: waiting: b"]
 
 
-def test_ros_takes_both_severities():
-    """Its logger raises where one line of code logs with two of them."""
-    logging = pytest.importorskip("rclpy.logging", reason="needs ROS 2 or its wheels")
-
-    class Node(KeptLog):
-        def get_logger(self):
-            return logging.get_logger("test_state_log")
-
-    log = StateLog(Node())
-    for state in (FilterState.RUNNING, FilterState.DEGRADED, FilterState.RUNNING):
-        assert log.note(status(state))
-
-
 TOPIC, ITEM, SIGMA_DEG = "/ekf_node/set_heading", "/ekf_node: navigation", 2.0
 
 

@@ -291,3 +291,21 @@ def test_a_node_that_dies_is_named_with_its_last_words(sample, tmp_path):
     setup = GraphSetup(sample / "flight.mcap", tmp_path, **found)
     with pytest.raises(GraphError, match=r"overlay_node ended .*nowhere\.yaml"):
         run_graph(setup, 30.0)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_beside_an_aircraft_on_a_port_each_picture_keeps_its_place_in_time(
+    sample_graph, sample, tmp_path
+):
+    """test_aircraft_flight.py has the accuracy, without the graph."""
+    run = run_graph(sample_graph(tmp_path, serial=True), 30.0)
+    outputs = read_outputs(run.recording).earlier(run.shift_ns)
+    sent = stamps_of(sample / "flight.mcap", "/thermal/image_raw/compressed")
+    assert run.error is None
+    assert set(outputs.frame_stamps_ns) <= set(sent)  # to the nanosecond
+    assert len(outputs.frame_stamps_ns) >= 0.95 * len(sent)
+    navigation = outputs.navigation[-1]
+    assert (navigation.method, navigation.rtk_status) == ("ekf_heading", FixStatus.FIXED)
+    assert navigation.counts.get(("imu", "out_of_order"), 0) == 0
+    assert "not played" not in (tmp_path / "bag_player.log").read_text()  # no byte was dropped

@@ -19,7 +19,6 @@ from graph_helpers import await_words, sockets
 from launch_stand_ins import environment_of, launched, loaded, ros_arguments_of
 from project import NODES, PROJECT
 
-from dev.soak.run import held_by, shared_files
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.nodes.runner import remove_dead
@@ -224,34 +223,6 @@ def test_links_are_not_followed(tmp_path):
     (tmp_path / f"{DEAD}_el").symlink_to(tmp_path / "target")
     assert remove_dead(tmp_path) == []
     assert left(tmp_path) == sorted([DEAD, f"{DEAD}_el", "target"])
-
-
-@pytest.mark.graph
-@pytest.mark.slow
-def test_a_killed_node_leaves_its_memory_to_the_next_one_to_remove(spawn):
-    before = shared_files()
-    killed, stays = spawn("gimbal_node"), spawn("ekf_node")
-    for node in (killed, stays):
-        await_words(node, "ready")
-    own = held_by(killed.pid) - before
-    segments = {name for name in own if name + "_el" in own and "port" not in name}
-    assert segments
-    time.sleep(2.5)  # what is younger may be in the making
-    killed.signal(signal.SIGKILL)
-    killed.wait(5)
-    assert segments & shared_files()
-    kept = held_by(stays.pid) - own
-    after = spawn("gimbal_node")
-    await_words(after, "ready")
-    assert not segments & shared_files()
-    assert kept <= shared_files() | before  # those of the living are still there
-    for node in (after, stays):
-        node.signal(signal.SIGINT)
-        assert node.wait(15) is not None
-    # The ports from 7000 on are shared by all domains: another program may have them by now.
-    made = {name for name in own | kept if "port" not in name} - before
-    assert made
-    assert not made & shared_files()
 
 
 #: rviz2 is no part of the wheels; ``params`` is another word for ``params_file``.

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import time
-from itertools import groupby, pairwise
 
 import pytest
 
@@ -18,9 +17,7 @@ from graph_helpers import await_words
 from nav_msgs.msg import Odometry
 from overlay_flight import Flight, write_map
 from overlays import SQUARE_N
-from project import PROJECT
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rclpy.serialization import deserialize_message
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, JointState, NavSatFix
 from std_srvs.srv import Trigger
@@ -28,7 +25,6 @@ from std_srvs.srv import Trigger
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.graph_node import message_class
-from tirgeo_ros.tools.graph.whole_graph import read_remaps
 
 pytestmark = pytest.mark.graph
 
@@ -115,31 +111,6 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     assert min(abs(fix.latitude - origins[0].latitude) for fix in fixes) < 1e-12
     assert late.ask("ekf_node/reset", Trigger).success
     late.spin_until(lambda: state_of(late) in {"waiting", "aligning"})
-
-
-@pytest.mark.slow
-def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, meet, flight_bag):
-    stranger = meet(**{"/diagnostics": DiagnosticArray})
-    ekf = spawn("ekf_node", "-p", "use_sim_time:=true")
-    await_words(ekf, "ready")
-    stranger.spin_until(lambda: stranger.received["/diagnostics"])  # they have met
-    player = spawn(*player_of(flight_bag))
-    stranger.spin_until(lambda: player.poll() is not None)
-    stranger.spin_until(lambda: "running" in states_of(stranger))  # late RTK may end it again
-    # Beside those of every second, which have the topics too: one for each change of state.
-    alone = [array for array in stranger.received["/diagnostics"] if is_state_alone(array)]
-    states = [state_in(array.status[0]) for array in alone]
-    assert states[0] == "aligning"
-    assert all(a != b for a, b in pairwise(states))
-    said = [line.partition("ekf_heading: ")[2] for line in ekf.log.read_text().splitlines()]
-    assert all(a != b for a, b in pairwise(filter(None, said)))
-    # Of one state there may be several lines, for its reason may change.
-    told = [state for state, _ in groupby(line.partition(":")[0] for line in said if line)]
-    assert told == ["waiting", *states]
-
-
-def is_state_alone(array: DiagnosticArray) -> bool:
-    return [status.name for status in array.status] == ["/ekf_node: navigation"]
 
 
 def states_of(stranger) -> list[str]:
@@ -256,37 +227,3 @@ def test_a_camera_of_another_name_and_a_map_that_is_not_there_yet(spawn, meet, t
     flown.shown()
     assert node.said(f"there is no map: {path}")
     assert not node.said("ready")  # it is said at the level info
-
-
-@pytest.mark.slow
-def test_mavros_topics_reach_the_filter_by_the_file(spawn, meet, flight_bag):
-    """As the launch file and tirgeo run give it, in a namespace, with MAVROS's quality of service.
-
-    MAVROS publishes its sensors best effort.
-    """
-    pairs = read_remaps(PROJECT / "config" / "mavros.yaml")
-    words = [word for pair in pairs for word in ("-r", ":=".join(pair))]
-    node = spawn("ekf_node", "-r", "__ns:=/uav1", *words, "-p", "method:=raw")
-    await_words(node, "ready")
-    stranger = meet(**{"/uav1/tirgeo/odometry": Odometry})
-    kinds = {"/imu/data": Imu, "/gps/fix": NavSatFix}
-    sent = {
-        name: stranger.node.create_publisher(
-            kinds[f"/{own}"], f"/uav1/{name}", qos_profile_sensor_data
-        )
-        for own, name in pairs
-        if f"/{own}" in kinds
-    }
-    topics = {f"/{own}": name for own, name in pairs}
-    read = [
-        (topics[one.topic], deserialize_message(one.data, kinds[one.topic]))
-        for one in BagReader(flight_bag).messages(kinds)
-    ]
-    stranger.spin_until(lambda: all(one.get_subscription_count() for one in sent.values()))
-
-    def heard() -> bool:
-        for topic, message in read:
-            sent[topic].publish(message)
-        return bool(stranger.received["/uav1/tirgeo/odometry"])
-
-    stranger.spin_until(heard)

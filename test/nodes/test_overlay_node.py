@@ -96,14 +96,9 @@ def a_click_becomes_a_point_on_the_ground(flown, _):
     )
     np.testing.assert_allclose(place_n, point_n, atol=1e-4)
     before = len(points)
-    flown.until(
-        lambda: (
-            flown.click(-5.0, 3.0)
-            or flown.diagnostics().get("last_click_refused") == "the pixel is outside the picture"
-        )
-    )
+    refused = "clicks_refused_outside_picture"
+    flown.until(lambda: flown.click(-5.0, 3.0) or flown.diagnostics().get(refused, "0") != "0")
     assert len(points) <= before + 20  # those of the clicks before; none of these
-    assert int(flown.diagnostics()["clicks_refused_outside_picture"]) > 0
 
 
 @pytest.mark.slow
@@ -252,23 +247,6 @@ def test_one_flight_after_the_other(flight):
     frames_without_a_stamp_take_the_time_of_their_arrival(flown, node)
     messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node)
     the_map_is_laid_again_in_another_plane(flown, node)
-
-
-@pytest.mark.slow
-@pytest.mark.graph
-def test_frames_that_the_transport_loses_are_counted(overlay, meet):
-    """Pictures of 24 MB, which do not fit into the 16 MB that the profile gives."""
-    stranger = meet(**{"/diagnostics": DiagnosticArray})
-    listened = stranger.received["/diagnostics"]
-    video = stranger.node.create_publisher(Image, "thermal/image_raw", 2)
-    huge = MESSAGES.image(0, np.zeros((4000, 6000), np.uint8))
-
-    def lost() -> bool:
-        video.publish(huge)
-        values = [pair for array in listened for status in array.status for pair in status.values]
-        return any(p.key == "thermal/image_raw lost" and int(p.value) > 0 for p in values)
-
-    stranger.spin_until(lost)
 
 
 @pytest.mark.parametrize(

@@ -158,6 +158,7 @@ def marked(picture: Image, uv) -> bool:
 def test_clicks_on_two_aircraft_become_targets_in_every_picture(fleet, start):
     node, url = start()
     corner_n = SQUARE_N[0]
+    fleet.until(lambda: fleet.stranger.node.count_publishers("uav2/tirgeo/targets"))
     first = fleet.browse(url, lambda p, s: clicked(p, s, "uav1", pixel_of(corner_n, "uav1")))
     assert first["ok"], first
     assert off_m(first["target"], corner_n) < 1

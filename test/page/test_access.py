@@ -147,19 +147,6 @@ def test_a_session_outlives_a_restart_but_not_another_token(tmp_path):
         assert asyncio.run(role(one, cookie)) == 401
 
 
-def test_wrong_tokens_wait_longer_each_time_and_then_even_right_ones(tmp_path):
-    async def enter():
-        async with Page(one.url) as page:
-            said = [await page.enter("wrong-token-here") for _ in range(6)]
-            return said, await page.enter(OPERATOR_TOKEN)
-
-    with Served(tmp_path, **TOKENS) as one:
-        said, right = asyncio.run(enter())
-    assert said[0] == 403
-    assert 429 in said
-    assert right == 429
-
-
 @pytest.mark.parametrize(
     "body",
     [b"", b"{", b"[" * 512, b"[]", b'"x"', b'{"token": 1}', b'{"token": ""}', b"\xff"],
@@ -293,13 +280,6 @@ def test_a_request_that_comes_with_the_end_of_the_handshake_is_answered(tmp_path
 
 
 WRONG = json.dumps({"token": "wrong-token-here"}).encode()
-
-
-@pytest.fixture
-def fresh(tmp_path):
-    """A page that has seen no wrong token yet."""
-    with Served(tmp_path, **TOKENS) as one:
-        yield one
 
 
 def head_of(one, length):

@@ -195,21 +195,6 @@ def test_states_come_with_the_whole_track_and_the_own_latency(served):
     assert state["verdict"]["word"] in {"GO", "LOST"}
 
 
-def test_diagnostics_have_counts(served):
-    async def look():
-        async with Page(served.url) as page, page.video() as video:
-            served.server.show("", 1, b"no picture")
-            for _ in range(100):
-                await next_picture(video)
-                if served.server.counts["damaged pictures"]:
-                    return served.server.counts
-            return None
-
-    counts = asyncio.run(look())
-    assert counts["connections"] >= 1
-    assert counts["connections refused"] == 0
-
-
 def test_files_come_zipped_and_not_twice(served):
     async def look():
         async with Page(served.url, auto_decompress=False) as page:

@@ -9,8 +9,7 @@ import math
 
 import pytest
 
-from dev.real_flights import groups, judge_all
-from dev.real_flights_table import ASKED, bags_in, report
+from dev.real_flights import ASKED, bags_in, groups, judge_all, report
 
 pytestmark = pytest.mark.slow
 

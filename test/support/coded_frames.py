@@ -9,7 +9,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.orthorectification.ground_tiles import GroundTiles
+from tirgeo_ros.core.orthorectification.orthophoto import GroundTiles
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.tools.export.frames import ExportFrame

@@ -8,8 +8,8 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import quat_from_euler, rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
-from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, matrix
 from tirgeo_ros.core.types.measurements import (
     FixStatus,

@@ -11,9 +11,9 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.status_and_notices import status_box
+from tirgeo_ros.core.overlay.written_text import status_box
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
@@ -50,7 +50,7 @@ def ready(features=None, *, layers=(), told=True, **config):
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
     if told:
-        overlay.set_status(status())
+        overlay.status = status()
     return overlay
 
 

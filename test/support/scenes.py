@@ -8,8 +8,7 @@ from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import GridOf
-from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer, VectorMap
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +21,6 @@ from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import PoseError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import QUIET, Outcome
-from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.library.projecting import PicturePose
 from tirgeo_ros.library.sensor_tables import arrived
 from tirgeo_ros.library.tables import Table, is_frame
@@ -29,7 +28,6 @@ from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
 from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
 from tirgeo_ros.tools.replay.registration import (
-    FilterRecording,
     Registered,
     Sample,
 )
@@ -126,18 +124,17 @@ class FilteredFlight:
             raise PoseError(f"stamp_ns: must be a number of ns, is {stamp_ns!r}") from None
         found = pose_at(self._cameras, exposed_ns)
         if found is None or self.plane is None:
-            raise PoseError(f"no camera pose at {exposed_ns} ns: {self._why_none(exposed_ns)}")
+            late = f"that is after the last, at {self._cameras.newest_ns} ns"
+            why = _WHY_NOT.get(self._cameras.at(exposed_ns), late)
+            raise PoseError(f"no camera pose at {exposed_ns} ns: {why}")
         return PicturePose(int(stamp_ns), found[0], self.plane, found[1])
 
-    def _why_none(self, exposed_ns: int) -> str:
-        miss = self._cameras.at(exposed_ns)
-        if miss is Miss.EMPTY:
-            return "the flight has none; give filter_flight joints or camera_attitude"
-        if miss is Miss.TOO_OLD:
-            return "that is before the first"
-        if miss is Miss.TOO_NEW:
-            return f"that is after the last, at {self._cameras.newest_ns} ns"
-        return "the poses on both sides are too far apart"
+
+_WHY_NOT: Mapping[object, str] = {
+    Miss.EMPTY: "the flight has none; give filter_flight joints or camera_attitude",
+    Miss.TOO_OLD: "that is before the first",
+    Miss.GAP: "the poses on both sides are too far apart",
+}
 
 
 class Solutions:
@@ -153,38 +150,27 @@ class Solutions:
         if solution is None or body is None:
             return
         self._stamps.append(solution.stamp_ns)
-        place = solution.latitude_rad, solution.longitude_rad, solution.height_m
-        self._rows.extend(place)
-        for part in (body.position_n, *solution[4:7], solution.covariance):
+        self._rows.extend((solution.latitude_rad, solution.longitude_rad, solution.height_m))
+        motion = solution.velocity_n, solution.q_nb, solution.angular_rate_b
+        for part in (body.position_n, *motion, solution.covariance):
             self._rows.frombytes(np.ascontiguousarray(part, float).tobytes())
 
-    def __len__(self) -> int:
-        """Return their number."""
-        return len(self._stamps)
-
-    def flight(self, made: Callable[[dict[str, Any]], Any], **others: Any) -> FilteredFlight:
-        """Return them as a flight; ``made`` turns columns into the table.
-
-        ``others`` are the fields that are no arrays.
-        """
+    def arrays(self) -> dict[str, Any]:
+        """Return them as fields of a FilteredFlight."""
         rows = np.array(self._rows).reshape(-1, _WIDTHS[-1])
         place, position_n, velocity_n, q_nb, rate_b, covariance = np.split(rows, _WIDTHS[:-1], 1)
-        flight = FilteredFlight(
-            stamp_ns=np.array(self._stamps, np.int64),
-            latitude_rad=place[:, 0],
-            longitude_rad=place[:, 1],
-            height_m=place[:, 2],
-            position_n=position_n,
-            velocity_n=velocity_n,
-            q_nb=q_nb,
-            rpy_rad=euler_from_quat(q_nb),
-            angular_rate_b=rate_b,
-            covariance=covariance.reshape(-1, 9, 9),
-            table=None,
-            **others,
-        )
-        object.__setattr__(flight, "table", made(flight.columns()))
-        return flight
+        return {
+            "stamp_ns": np.array(self._stamps, np.int64),
+            "latitude_rad": place[:, 0],
+            "longitude_rad": place[:, 1],
+            "height_m": place[:, 2],
+            "position_n": position_n,
+            "velocity_n": velocity_n,
+            "q_nb": q_nb,
+            "rpy_rad": euler_from_quat(q_nb),
+            "angular_rate_b": rate_b,
+            "covariance": covariance.reshape(-1, 9, 9),
+        }
 
 
 #: Topic -> the argument of its table, in the order of the arguments.
@@ -233,35 +219,39 @@ def filter_flight(
     that says why. Raises TableError naming a column that is missing or wrong, and ConfigError.
     """
     given = (imu, rtk_fix, rtk_velocity, heading, gps_fix, gps_velocity, pressure, set_heading)
-    gimbal = (joints, camera_attitude)
-    pairs = zip(_ARGUMENTS, (*given, *gimbal), strict=True)
+    pairs = zip(_ARGUMENTS, (*given, joints, camera_attitude), strict=True)
     tables = {topic: table for topic, table in pairs if table is not None}
-    configs, _ = load_config(config).fitting(_Given(tables), "")
+    configs, _ = load_config(config).fitting({f"/{topic}" for topic in tables}, "")
     solutions = Solutions()
     poses = FlightPoses(configs.ekf, configs.gimbal, (), None, [solutions.watch])
     if smooth:
-        recording = FilterRecording(poses.ekf)
+        record = poses.recorder()
         for sample in _stream(tables, configs):
-            recording.take(sample)
-        poses.begin(recording.smoothed())
+            record(sample)
+        poses.smooth()
     for sample in _stream(tables, configs):
         poses.take(sample)
-    made = type(imu) if is_frame(imu) else dict
-    flight = _filtered(solutions, poses, configs, made)
+    status = poses.registration.navigation.status()
+    verdicts: defaultdict[str, dict[str, int]] = defaultdict(dict)
+    for (source, outcome), number in status.counts.items():
+        verdicts[source][outcome] = number
+    flight = FilteredFlight(
+        **solutions.arrays(),
+        method=status.method,
+        state=status.state.value,
+        reason=status.reason,
+        verdicts=dict(verdicts),
+        warnings=status.warnings,
+        plane=poses.plane,
+        table=None,
+        video_latency_s=configs.overlay.video_latency_s,
+        _cameras=poses.cameras,
+    )
+    columns = flight.columns()
+    object.__setattr__(flight, "table", type(imu)(columns) if is_frame(imu) else columns)
     if not len(flight):
         warnings.warn(f"filter_flight: no solution: {_why(flight, tables, configs)}", stacklevel=2)
     return flight
-
-
-class _Given:
-    """Say which topics are given, as a bag's reader does."""
-
-    def __init__(self, topics: Iterable[str]) -> None:
-        self._topics = tuple(topics)
-
-    def topics(self) -> dict[str, str]:
-        """Return the given topics, resolved, with their types."""
-        return {f"/{topic}": TOPIC_TYPES[topic] for topic in self._topics}
 
 
 def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sample]:
@@ -273,34 +263,12 @@ def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sampl
             yield arrivals.stamped(topic, sample, arrival_ns)
 
 
-def _filtered(
-    solutions: Solutions,
-    poses: FlightPoses,
-    configs: NodeConfigs,
-    made: Callable[[dict[str, Any]], Any],
-) -> FilteredFlight:
-    """Return the flight that filter and gimbal went through."""
-    status = poses.registration.navigation.status()
-    return solutions.flight(
-        made,
-        method=status.method,
-        state=status.state.value,
-        reason=status.reason,
-        verdicts=_by_source(status.counts),
-        warnings=status.warnings,
-        plane=poses.plane,
-        video_latency_s=configs.overlay.video_latency_s,
-        _cameras=poses.cameras,
-    )
-
-
 def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfigs) -> str:
     """Return what is not given, else what gravity says of the IMU, else what the filter says."""
     if not {"rtk/fix", "gps/fix"} & tables.keys():
         return "there is no position: give rtk_fix or gps_fix"
-    own = {topic: table for topic, table in tables.items() if topic == "imu/data"}
-    rotation_bi = configs.ekf.aircraft.rotation_bi
-    for finding in imu_findings((one.sample for one in arrived(own, _ARGUMENTS)), rotation_bi):
+    own = arrived({"imu/data": tables["imu/data"]}, _ARGUMENTS)
+    for finding in imu_findings((one.sample for one in own), configs.ekf.aircraft.rotation_bi):
         return finding.line
     bad = [
         f"{number} {source} {outcome}"
@@ -310,11 +278,3 @@ def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfi
     ]
     refused = f" (refused: {', '.join(bad)})" if bad else ""
     return f"{flight.reason or flight.state}{refused}"
-
-
-def _by_source(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:
-    """Return source -> outcome -> number."""
-    found: defaultdict[str, dict[str, int]] = defaultdict(dict)
-    for (source, outcome), number in counts.items():
-        found[source][outcome] = number
-    return dict(found)

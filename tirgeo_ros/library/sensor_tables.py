@@ -28,6 +28,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.messages import SensedSample
 from tirgeo_ros.library.tables import Column, Numbers, Table, numbers_of
@@ -42,7 +43,21 @@ class Form(NamedTuple):
 
     columns: tuple[Column, ...]
     sample: Callable[[int, Sequence[float]], SensedSample]
-    values: Callable[[Any], Sequence[float]]
+    fields: tuple[str, ...]  # of the sample, in the order of the columns
+
+    def values(self, sample: Any) -> list[float]:
+        """Return a sample's row."""
+        return [value for name in self.fields for value in _flat(getattr(sample, name))]
+
+
+def _flat(value: Any) -> list[float]:
+    """Return numbers of a field; of a covariance (3, 3) the variances, then the covariances."""
+    if value is None:  # an attitude that is absent
+        return [math.nan] * 4
+    if np.ndim(value) == 2:
+        return [*value.diagonal().tolist(), *(float(value[place]) for place in _PLACES)]
+    numbers: list[float] = np.atleast_1d(np.asarray(value, float)).tolist()
+    return numbers
 
 
 def _angle(name: str, meaning: str, largest: float = math.tau) -> Column:
@@ -83,66 +98,49 @@ def _matrix(row: Sequence[float]) -> Array:
     return matrix
 
 
-def _entries(matrix: Array) -> list[float]:
-    return [*matrix.diagonal().tolist(), *(float(matrix[place]) for place in _PLACES)]
-
-
 def _imu(stamp_ns: int, row: Sequence[float]) -> ImuSample:
     attitude = None if math.isnan(row[6]) else np.array(row[6:])
     return ImuSample(stamp_ns, np.array(row[:3]), np.array(row[3:6]), attitude)
 
 
-def _imu_row(sample: ImuSample) -> list[float]:
-    attitude = sample.autopilot_q_nb
-    return [
-        *sample.specific_force_b.tolist(),
-        *sample.angular_rate_b.tolist(),
-        *([math.nan] * 4 if attitude is None else attitude.tolist()),
-    ]
-
-
 def _position(source: Source, stamp_ns: int, row: Sequence[float]) -> PositionSample:
     known = row[0] in {status.value for status in FixStatus}
     status = FixStatus(int(row[0])) if known else FixStatus.NONE
-    latitude_rad, longitude_rad, height_m = row[1:4]
-    covariance_n = _matrix(row[4:])
-    return PositionSample(
-        stamp_ns, source, status, latitude_rad, longitude_rad, height_m, covariance_n
-    )
-
-
-def _position_row(sample: PositionSample) -> list[float]:
-    place = sample.latitude_rad, sample.longitude_rad, sample.height_m
-    return [float(sample.status), *place, *_entries(sample.covariance_n)]
+    place = row[1], row[2], row[3]
+    return PositionSample(stamp_ns, source, status, *place, _matrix(row[4:]))
 
 
 def _velocity(source: Source, stamp_ns: int, row: Sequence[float]) -> VelocitySample:
     return VelocitySample(stamp_ns, source, np.array(row[:3]), _matrix(row[3:]))
 
 
-def _velocity_row(sample: VelocitySample) -> list[float]:
-    return [*sample.velocity_n.tolist(), *_entries(sample.covariance_n)]
+def _fixes(source: Source) -> Form:
+    columns = (
+        Column("status", "2 RTK fixed, 1 float or differential, 0 single, -1 none"),
+        _angle("latitude", "geodetic latitude of the antenna", math.pi / 2),
+        _angle("longitude", "longitude of the antenna"),
+        Column("height_m", "height of the antenna above the ellipsoid, m"),
+        *_covariance("m", "m2", "the position"),
+    )
+    fields = ("status", "latitude_rad", "longitude_rad", "height_m", "covariance_n")
+    return Form(columns, partial(_position, source), fields)
 
 
-_FIX = (
-    Column("status", "2 RTK fixed, 1 float or differential, 0 single, -1 none"),
-    _angle("latitude", "geodetic latitude of the antenna", math.pi / 2),
-    _angle("longitude", "longitude of the antenna"),
-    Column("height_m", "height of the antenna above the ellipsoid, m"),
-    *_covariance("m", "m2", "the position"),
-)
-_SPEED = (
-    *(Column(f"velocity_{a}_m_s", f"velocity {a} of the antenna, m/s") for a in _NED),
-    *_covariance("m_s", "m2_s2", "the velocity"),
-)
-_HEADING = (
-    _angle("heading", "heading, 0 = true north, clockwise"),
-    _variance("", "rad", "rad2", "the heading's variance"),
-)
+def _velocities(source: Source) -> Form:
+    columns = (
+        *(Column(f"velocity_{a}_m_s", f"velocity {a} of the antenna, m/s") for a in _NED),
+        *_covariance("m_s", "m2_s2", "the velocity"),
+    )
+    return Form(columns, partial(_velocity, source), ("velocity_n", "covariance_n"))
 
 
-def _heading_row(sample: HeadingSample | SetHeading) -> list[float]:
-    return [sample.heading_rad, sample.variance_rad2]
+def _headings(kind: Callable[..., SensedSample]) -> Form:
+    columns = (
+        _angle("heading", "heading, 0 = true north, clockwise"),
+        _variance("", "rad", "rad2", "the heading's variance"),
+    )
+    fields = ("heading_rad", "variance_rad2")
+    return Form(columns, lambda stamp_ns, row: kind(stamp_ns, *row), fields)
 
 
 #: Topic of a sensor -> the form of its table.
@@ -154,26 +152,22 @@ SENSORS: Mapping[str, Form] = {
             *_quaternion("autopilot", "the autopilot's q_nb, FRD to NED; nan = absent", math.nan),
         ),
         _imu,
-        _imu_row,
+        ("specific_force_b", "angular_rate_b", "autopilot_q_nb"),
     ),
-    "rtk/fix": Form(_FIX, partial(_position, Source.RTK_POSITION), _position_row),
-    "rtk/vel": Form(_SPEED, partial(_velocity, Source.RTK_VELOCITY), _velocity_row),
-    "rtk/heading": Form(
-        _HEADING, lambda stamp_ns, row: HeadingSample(stamp_ns, *row), _heading_row
-    ),
-    "gps/fix": Form(_FIX, partial(_position, Source.GPS_POSITION), _position_row),
-    "gps/vel": Form(_SPEED, partial(_velocity, Source.GPS_VELOCITY), _velocity_row),
+    "rtk/fix": _fixes(Source.RTK_POSITION),
+    "rtk/vel": _velocities(Source.RTK_VELOCITY),
+    "rtk/heading": _headings(HeadingSample),
+    "gps/fix": _fixes(Source.GPS_POSITION),
+    "gps/vel": _velocities(Source.GPS_VELOCITY),
     "baro/pressure": Form(
         (
             Column("pressure_pa", "air pressure, Pa"),
             _variance("", "pa", "pa2", "the pressure's variance"),
         ),
         lambda stamp_ns, row: PressureSample(stamp_ns, *row),
-        lambda sample: [sample.pressure_pa, sample.variance_pa2],
+        ("pressure_pa", "variance_pa2"),
     ),
-    "ekf_node/set_heading": Form(
-        _HEADING, lambda stamp_ns, row: SetHeading(stamp_ns, *row), _heading_row
-    ),
+    "ekf_node/set_heading": _headings(SetHeading),
     "gimbal/joint_states": Form(
         (
             _angle("yaw", "gimbal yaw, clockwise from above"),
@@ -182,12 +176,12 @@ SENSORS: Mapping[str, Form] = {
             Column("computed", "1: of reported attitudes, not of encoders", 0.0),
         ),
         lambda stamp_ns, row: JointSample(stamp_ns, row[0], row[1], row[2], computed=bool(row[3])),
-        lambda one: [one.yaw_rad, one.roll_rad, one.pitch_rad, float(one.computed)],
+        ("yaw_rad", "roll_rad", "pitch_rad", "computed"),
     ),
     "gimbal/attitude": Form(
         _quaternion("camera", "the camera body's q_ng, FRD to NED"),
         lambda stamp_ns, row: CameraAttitudeSample(stamp_ns, np.array(row)),
-        lambda sample: sample.q_ng.tolist(),
+        ("q_ng",),
     ),
 }
 
@@ -199,7 +193,13 @@ class Output(NamedTuple):
     """Hold the columns of an output's table, and the conversion of its messages to rows."""
 
     columns: tuple[str, ...]
-    values: Callable[[Any], tuple[int, Sequence[float]]]
+    pose: Callable[[Any], BodyPose | CameraPose]
+
+    def values(self, message: Any) -> tuple[int, list[float]]:
+        """Return the stamp, ns, and the row of a message."""
+        pose = self.pose(message)
+        q = pose.q_nb if isinstance(pose, BodyPose) else pose.q_nc
+        return pose.stamp_ns, [*pose.position_n, *q, *pose.covariance[_UPPER]]
 
 
 def _pose_columns(frame: str) -> tuple[str, ...]:
@@ -208,20 +208,10 @@ def _pose_columns(frame: str) -> tuple[str, ...]:
     return (*_STATES[:3], *quaternion, *(f"covariance_{a}_{b}" for a, b in pairs))
 
 
-def _body_row(message: Any) -> tuple[int, list[float]]:
-    pose = convert.body_pose(message)
-    return pose.stamp_ns, [*pose.position_n, *pose.q_nb, *pose.covariance[_UPPER]]
-
-
-def _camera_row(message: Any) -> tuple[int, list[float]]:
-    pose = convert.camera_pose(message)
-    return pose.stamp_ns, [*pose.position_n, *pose.q_nc, *pose.covariance[_UPPER]]
-
-
 #: Topic of an output -> the form of its table. The poses are in the plane of ``map``, NED.
 OUTPUTS: Mapping[str, Output] = {
-    "tirgeo/odometry": Output(_pose_columns("body"), _body_row),
-    "tirgeo/camera_pose": Output(_pose_columns("camera"), _camera_row),
+    "tirgeo/odometry": Output(_pose_columns("body"), convert.body_pose),
+    "tirgeo/camera_pose": Output(_pose_columns("camera"), convert.camera_pose),
 }
 
 
@@ -233,13 +223,6 @@ class Arrived(NamedTuple):
     sample: SensedSample
 
 
-def form_of(topic: str) -> Form:
-    """Return the form of a topic's table. Raises TableError for a topic that is no sensor's."""
-    if topic not in SENSORS:
-        raise TableError(f"{topic}: no topic of a sensor{nearest(topic, SENSORS)}")
-    return SENSORS[topic]
-
-
 def arrived(
     tables: Mapping[str, Table], names: Mapping[str, str] | None = None
 ) -> Iterator[Arrived]:
@@ -248,25 +231,21 @@ def arrived(
     That is by ``arrival_ns``, then ``arrival_order``, then the order of the tables. ``names`` are
     what errors call the tables, by default the topics. Raises TableError.
     """
-    topics, names = list(tables), names or {}
-    forms = [form_of(topic) for topic in topics]
-    read = [
-        numbers_of(names.get(topic, topic), tables[topic], form.columns)
-        for topic, form in zip(topics, forms, strict=True)
-    ]
-    for place, row in _in_order(read):
-        numbers, form = read[place], forms[place]
-        sample = form.sample(int(numbers.stamps_ns[row]), numbers.rows[row].tolist())
-        yield Arrived(topics[place], int(numbers.arrivals_ns[row]), sample)
-
-
-def _in_order(read: Sequence[Numbers]) -> Iterator[tuple[int, int]]:
-    """Yield the place of the table and the row in it, of one sample after the other."""
+    read: list[tuple[str, Form, Numbers]] = []
+    for topic, table in tables.items():
+        if topic not in SENSORS:
+            raise TableError(f"{topic}: no topic of a sensor{nearest(topic, SENSORS)}")
+        form = SENSORS[topic]
+        numbers = numbers_of((names or {}).get(topic, topic), table, form.columns)
+        read.append((topic, form, numbers))
     if not read:
         return
-    lengths = [len(one.stamps_ns) for one in read]
+    lengths = [len(numbers.stamps_ns) for _, _, numbers in read]
     place = np.repeat(np.arange(len(read)), lengths)
     row = np.concatenate([np.arange(length) for length in lengths])
-    arrival_ns = np.concatenate([one.arrivals_ns for one in read])
-    order = np.lexsort((np.concatenate([one.order for one in read]), arrival_ns))
-    yield from zip(place[order].tolist(), row[order].tolist(), strict=True)
+    arrivals_ns = np.concatenate([numbers.arrivals_ns for _, _, numbers in read])
+    order = np.lexsort((np.concatenate([numbers.order for _, _, numbers in read]), arrivals_ns))
+    for which, k in zip(place[order].tolist(), row[order].tolist(), strict=True):
+        topic, form, numbers = read[which]
+        sample = form.sample(int(numbers.stamps_ns[k]), numbers.rows[k].tolist())
+        yield Arrived(topic, int(numbers.arrivals_ns[k]), sample)

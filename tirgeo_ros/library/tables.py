@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -41,6 +41,11 @@ class Column(NamedTuple):
     others: Mapping[str, Callable[[Any], Any]] = {}
     largest: float = math.inf
 
+    @property
+    def is_of_group(self) -> bool:
+        """Return whether a table has it with others or not at all."""
+        return self.default is not None and math.isnan(self.default)
+
 
 _TIME = Column(STAMP, "time of measurement, ns, int64")
 
@@ -54,7 +59,7 @@ class Numbers(NamedTuple):
     rows: Array  # (n, columns)
 
 
-def numbers_of(name: str, table: Table, columns: Collection[Column]) -> Numbers:
+def numbers_of(name: str, table: Table, columns: Sequence[Column]) -> Numbers:
     """Return the numbers of a table's columns; ``name`` is what errors call the table.
 
     Raises TableError naming the column and what it must be.
@@ -65,18 +70,15 @@ def numbers_of(name: str, table: Table, columns: Collection[Column]) -> Numbers:
         raise TableError(f"{name}: no column {STAMP}: {_TIME.meaning} ({why})")
     _check_presence(name, present, columns)
     stamps_ns = _whole(name, table, STAMP)
-    arrivals_ns = _whole(name, table, ARRIVAL) if ARRIVAL in present else stamps_ns
-    order = _whole(name, table, ORDER) if ORDER in present else np.zeros_like(stamps_ns)
     count = len(stamps_ns)
+    arrivals_ns = _whole(name, table, ARRIVAL, count) if ARRIVAL in present else stamps_ns
+    order = _whole(name, table, ORDER, count) if ORDER in present else np.zeros_like(stamps_ns)
     values = [_values(name, table, present, column, count) for column in columns]
-    for given, numbers in ((ARRIVAL, arrivals_ns), (ORDER, order)):
-        _check_length(name, given, len(numbers), count)
     rows = np.stack(values, axis=1)
-    optional = [one.default is not None and math.isnan(one.default) for one in columns]
-    lacking = np.isnan(rows) & ~np.array(optional)
+    lacking = np.isnan(rows) & ~np.array([column.is_of_group for column in columns])
     if lacking.any():
         number, first = int(lacking.any(axis=1).sum()), int(lacking.any(axis=0).argmax())
-        text = f"{name}: {number} of {count} rows have a nan, as in {[*columns][first].name}"
+        text = f"{name}: {number} of {count} rows have a nan, as in {columns[first].name}"
         warnings.warn(f"{text}: a filter refuses them", stacklevel=2)
     return Numbers(stamps_ns, arrivals_ns, order, rows)
 
@@ -84,6 +86,13 @@ def numbers_of(name: str, table: Table, columns: Collection[Column]) -> Numbers:
 def is_frame(table: Table) -> bool:
     """Return whether a table is a data frame, which a dict of arrays can be made into."""
     return hasattr(table, "columns") and not isinstance(table, Mapping)
+
+
+def check_unmasked(name: str, values: Any) -> None:
+    """Raise TableError for masked values, which NumPy would take as they are below the mask."""
+    if np.ma.is_masked(values):
+        number = int(np.ma.getmaskarray(values).sum())
+        raise TableError(f"{name} has {number} masked values: leave out their rows")
 
 
 def _names(name: str, table: Table) -> list[str]:
@@ -94,88 +103,71 @@ def _names(name: str, table: Table) -> list[str]:
             f"{name}: {type(table).__name__} is no table: give a dict of arrays, a structured "
             "array or a data frame"
         )
-    return [str(one) for one in columns]
+    return [str(column) for column in columns]
 
 
-def _check_presence(name: str, present: list[str], columns: Collection[Column]) -> None:
+def _check_presence(name: str, present: list[str], columns: Sequence[Column]) -> None:
     """Raise TableError for a column that is missing; the hint is at one that is no other's."""
-    together = {c.name for c in columns if c.default is not None and math.isnan(c.default)}
+    group = {column.name for column in columns if column.is_of_group}
     for column in (_TIME, *columns):
-        begun = column.name in together and not together.isdisjoint(present)
-        absent = {column.name, *column.others}.isdisjoint(present)
-        if not absent or (column.default is not None and not begun):
+        needed = column.default is None or (column.name in group and not group.isdisjoint(present))
+        if not needed or not {column.name, *column.others}.isdisjoint(present):
             continue
-        taken = {one for each in columns for one in (each.name, *each.others)}
+        taken = {text for each in columns for text in (each.name, *each.others)}
         near = difflib.get_close_matches(column.name, [p for p in present if p not in taken], 1)
         hint = f"did you mean {near[0]}?" if near else f"it has: {', '.join(present)}"
         choice = " or ".join([column.name, *column.others])
         raise TableError(f"{name}: no column {choice}: {column.meaning} ({hint})")
 
 
-def _whole(name: str, table: Table, column: str) -> IntArray:
-    given = table[column]
-    check_unmasked(f"{name}: column {column}", given)
+def _whole(name: str, table: Table, column: str, count: int | None = None) -> IntArray:
+    """Return times (count,), ns, of whole numbers or of datetimes with or without a time zone."""
+    where, given = f"{name}: column {column}", table[column]
+    check_unmasked(where, given)
     zoned = getattr(getattr(given, "dtype", None), "tz", None) is not None  # pandas; in UTC then
     values = np.asarray(given, "datetime64[ns]" if zoned else None)
     if values.dtype.kind == "M":
-        _check_times(name, column, values)
+        if np.isnat(values).any():
+            row = int(np.isnat(values).argmax())
+            raise TableError(f"{where} has no time (NaT) in row {row}: leave it out")
         values = values.astype("datetime64[ns]").astype(np.int64)
     if values.dtype.kind not in "iu" or values.ndim != 1:
-        raise TableError(f"{name}: column {column} {_WHOLE}; it is {_kind(values)}")
+        raise TableError(f"{where} {_WHOLE}; it is {_kind(values)}")
+    _check_length(where, values, count)
     return values.astype(np.int64)
 
 
 def _values(name: str, table: Table, present: list[str], column: Column, count: int) -> Array:
     """Return the values (count,) of a column, of one in its place, or its default."""
-    given = [one for one in (column.name, *column.others) if one in present]
+    given = [text for text in (column.name, *column.others) if text in present]
     if len(given) > 1:
         raise TableError(f"{name}: columns {' and '.join(given)} say the same: leave one out")
-    if given:
-        values = _floats(name, table, given[0], count)
-        if given[0] == column.name:
-            _check_size(name, column, values)
-        return values if given[0] == column.name else column.others[given[0]](values)
-    return np.full(count, column.default)
-
-
-def check_unmasked(name: str, values: Any) -> None:
-    """Raise TableError for masked values, which NumPy would take as they are below the mask."""
-    if np.ma.is_masked(values):
-        number = int(np.ma.getmaskarray(values).sum())
-        raise TableError(f"{name} has {number} masked values: leave out their rows")
-
-
-def _floats(name: str, table: Table, column: str, count: int) -> Array:
-    check_unmasked(f"{name}: column {column}", table[column])
+    if not given:
+        return np.full(count, column.default)
+    where = f"{name}: column {given[0]}"
+    check_unmasked(where, table[given[0]])
     try:
-        values = np.asarray(table[column], float)
+        values = np.asarray(table[given[0]], float)
     except (TypeError, ValueError):
-        kind = _kind(np.asarray(table[column]))
-        raise TableError(f"{name}: column {column} must be numbers; it is {kind}") from None
+        kind = _kind(np.asarray(table[given[0]]))
+        raise TableError(f"{where} must be numbers; it is {kind}") from None
     if values.ndim != 1:
-        raise TableError(f"{name}: column {column} needs one number a row, has {_kind(values)}")
-    _check_length(name, column, len(values), count)
-    return values
-
-
-def _check_times(name: str, column: str, times: Any) -> None:
-    if np.isnat(times).any():
-        row = int(np.isnat(times).argmax())
-        raise TableError(f"{name}: column {column} has no time (NaT) in row {row}: leave it out")
-
-
-def _check_size(name: str, column: Column, values: Array) -> None:
-    """Warn of angles that no radians reach, by their middle: a single one may be damaged."""
+        raise TableError(f"{where} needs one number a row, has {_kind(values)}")
+    _check_length(where, values, count)
+    if given[0] in column.others:
+        return np.asarray(column.others[given[0]](values))
+    # By their middle: a single one may be damaged.
     sizes = np.abs(values[np.isfinite(values)])
     if sizes.size and (middle := np.median(sizes)) > column.largest:
         degrees = column.name.replace("_rad", "_deg")
-        text = f"{name}: column {column.name} has values like {middle:.4g}: if they are degrees, "
-        warnings.warn(f"{text}name it {degrees}", stacklevel=2)
+        text = f"{where} has values like {middle:.4g}: if they are degrees, name it {degrees}"
+        warnings.warn(text, stacklevel=2)
+    return values
 
 
-def _check_length(name: str, column: str, length: int, count: int) -> None:
-    if length != count:
-        raise TableError(f"{name}: column {column} has {length} rows, {STAMP} has {count}")
+def _check_length(where: str, values: Any, count: int | None) -> None:
+    if count is not None and len(values) != count:
+        raise TableError(f"{where} has {len(values)} rows, {STAMP} has {count}")
 
 
 def _kind(values: Any) -> str:

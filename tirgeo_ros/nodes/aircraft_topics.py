@@ -19,7 +19,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, P, PoseBuffer
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
-from tirgeo_ros.core.overlay.camera_motion import RATES_S, rates_up_to
+from tirgeo_ros.core.overlay.overlay import RATES_S, rates_up_to
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
@@ -62,20 +62,13 @@ class Reports:
     def __init__(self, own: str = "") -> None:
         self._own = own
         self._states: dict[str, tuple[float, NodeState]] = {}  # by name
-        self._navigation: tuple[float, NavigationStatus] | None = None
-        self._picture: tuple[float, PictureState] | None = None
         self._findings: dict[str, tuple[float, list[Finding]]] = {}  # by node
 
     def take_state(self, now_s: float, message: Any) -> None:
         """Take ``tirgeo/state`` of a node. Raises MessageError for another text."""
         state = node_state(message)
-        if state.name not in self._states and len(self._states) >= _MOST_NODES:
-            return
-        self._states[state.name] = now_s, state
-        if state.navigation is not None:
-            self._navigation = now_s, state.navigation
-        if state.picture is not None:
-            self._picture = now_s, state.picture
+        if state.name in self._states or len(self._states) < _MOST_NODES:
+            self._states[state.name] = now_s, state
 
     def take_findings(self, now_s: float, message: Any) -> None:
         """Take ``tirgeo/findings`` of another node. Raises MessageError for another text."""
@@ -104,17 +97,15 @@ class Reports:
 
     def navigation(self, now_s: float) -> tuple[NavigationStatus | None, bool]:
         """Return the estimator's status, None if it is silent, and whether it ever spoke."""
-        if self._navigation is None:
-            return None, False
-        then_s, status = self._navigation
-        return status if now_s - then_s <= SILENT_S else None, True
+        then_s, state = self.state("ekf_node")
+        if state is None or now_s - then_s > SILENT_S:
+            return None, state is not None
+        return state.navigation, True
 
-    def picture(self, now_s: float | None = None) -> PictureState | None:
+    def picture(self, now_s: float = -math.inf) -> PictureState | None:
         """Return what overlay_node says of its pictures; at ``now_s``, None if it is silent."""
-        if self._picture is None:
-            return None
-        then_s, picture = self._picture
-        return picture if now_s is None or now_s - then_s <= SILENT_S else None
+        then_s, state = self.state("overlay_node")
+        return state.picture if state and now_s - then_s <= SILENT_S else None
 
 
 class PoseTape(Generic[P]):
@@ -175,7 +166,7 @@ class AircraftTopics:
         self._camera_poses = PoseTape(lambda data: camera_pose(decoded(data, POSE)))
         self._body_poses = PoseTape(lambda data: body_pose(decoded(data, ODOMETRY)))
         for topic, tape in ((POSE, self._camera_poses), (ODOMETRY, self._body_poses)):
-            self.listen(topic, partial(self._tape, topic, tape), STREAM_DEPTH, decoded=False)
+            self.listen(topic, partial(self._keep, topic, tape=tape), STREAM_DEPTH, decoded=False)
         for topic in (INFO, FOOTPRINT):
             self.listen(topic, partial(self._keep, topic), 1, decoded=False)
         self.listen(VIDEO, self._take_picture, IMAGE_DEPTH)
@@ -210,12 +201,10 @@ class AircraftTopics:
         came_s = self.came_s(topic)
         return None if came_s is None else round(time.monotonic() - came_s, 2)
 
-    def _keep(self, topic: str, data: bytes) -> None:
+    def _keep(self, topic: str, data: bytes, tape: PoseTape[Any] | None = None) -> None:
         self._newest[topic] = time.monotonic(), data
-
-    def _tape(self, topic: str, tape: PoseTape[Any], data: bytes) -> None:
-        self._keep(topic, data)
-        tape.add(data)
+        if tape is not None:
+            tape.add(data)
 
     def _take_picture(self, message: Any) -> None:
         stamp = stamp_ns(message)

@@ -1,7 +1,4 @@
-"""Say one aircraft's state to the operator's page: whether it can be relied on, and where it is.
-
-Clicks are passed on, and places are sought in its video.
-"""
+"""Say one aircraft's state to the operator's page, pass on clicks, find places in its video."""
 
 from __future__ import annotations
 
@@ -52,6 +49,19 @@ _ALSO_SILENT_S = 0.5
 _ANSWER_S = 1.6
 #: The longest step of time that counts: in a longer one this node did not run and heard nothing.
 _STEP_S = 0.4
+Place = list[float]  # latitude, longitude (deg)
+
+_RATE_S = 2.0  # over which the video's rate is taken
+_PICTURES = 200
+#: A picture that was drawn with a predicted pose has none on its other side.
+_LAST_POSE_S = 0.2
+_SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))
+#: Markers of 2000 targets take 0.4 s of a processor.
+_MARKERS_S = 2.0
+_DIGITS = 8  # of degrees: a millimetre
+_NO_POSITION: Mapping[str, None] = dict.fromkeys(
+    ("stamp_ns", "position", "heading_deg", "position_sigma_m", "speed_m_s", "above_ground_m")
+)
 
 
 class Verdict(NamedTuple):
@@ -202,21 +212,6 @@ def navigation_verdict(status: NavigationStatus | None) -> Verdict | None:
     return Verdict(word, "caution", "position", status.for_operator, status.reason)
 
 
-Place = list[float]  # latitude, longitude (deg)
-
-_RATE_S = 2.0  # over which the video's rate is taken
-_PICTURES = 200
-#: A picture that was drawn with a predicted pose has none on its other side.
-_LAST_POSE_S = 0.2
-_SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))
-#: Markers of 2000 targets take 0.4 s of a processor.
-_MARKERS_S = 2.0
-_DIGITS = 8  # of degrees: a millimetre
-_NO_POSITION: Mapping[str, None] = dict.fromkeys(
-    ("stamp_ns", "position", "heading_deg", "position_sigma_m", "speed_m_s", "above_ground_m")
-)
-
-
 class AircraftView(AircraftTopics):
     """Give the page the state of one aircraft; ``answered`` takes the answers to clicks."""
 
@@ -233,7 +228,8 @@ class AircraftView(AircraftTopics):
         super().__init__(node, aircraft, terrain, self._count)
         self._track, self._sent = list[Place](), list[Place]()
         self.listen("tirgeo/path", self._take_path, 1)
-        self.listen("tirgeo/findings", self._take_findings, 10)
+        now_s, take = time.monotonic, self.reports.take_findings
+        self.listen("tirgeo/findings", lambda message: take(now_s(), message), 10)
         self.listen("tirgeo/locate/answer", lambda m: answered(answer_of(m)), 20)
         self._pixel = self._advertise("tirgeo/locate/pixel", output())
         self.targets = self._advertise("tirgeo/targets", latched())
@@ -258,9 +254,6 @@ class AircraftView(AircraftTopics):
     def _count(self, stamp: int, jpeg: bytes) -> None:
         self._pictures.append((time.monotonic(), 1e-9 * (self._node.now_ns - stamp)))
         self._pass_on(stamp, jpeg)
-
-    def _take_findings(self, message: Any) -> None:
-        self.reports.take_findings(time.monotonic(), message)
 
     def _take_path(self, message: Any) -> None:
         if self.plane is not None:
@@ -287,7 +280,9 @@ class AircraftView(AircraftTopics):
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
         state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
-        state["video_hz"], state["latency_ms"] = self._video(now_s)
+        recent = [latency for then_s, latency in [*self._pictures] if now_s - then_s < _RATE_S]
+        state["video_hz"] = len(recent) / _RATE_S
+        state["latency_ms"] = round(1e3 * median(recent), 1) if recent else None
         return state
 
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
@@ -304,27 +299,20 @@ class AircraftView(AircraftTopics):
             judged |= dict.fromkeys(("rtk", "heading_sigma_deg"))  # the filter's clock stands
         return judged
 
-    def _video(self, now_s: float) -> tuple[float, float | None]:
-        """Return the rate (Hz) of the last seconds, and the median of the latency (ms)."""
-        recent = [latency for then_s, latency in [*self._pictures] if now_s - then_s < _RATE_S]
-        return len(recent) / _RATE_S, round(1e3 * median(recent), 1) if recent else None
-
     def where(self, latitude_rad: float, longitude_rad: float) -> tuple[int, float, float] | str:
         """Return stamp, column and row of a place in the newest picture, or why it isn't there.
 
-        The place lies on the elevation model, or on the flat ground that fits the picture's
-        footprint best.
+        The place lies on the elevation model, or on the level ground of the picture's footprint.
         """
-        stamp, footprint_n = self.newest_ns, self.footprint_n()
+        stamp = self.newest_ns
         sight = self.sight(stamp, last_pose_s=_LAST_POSE_S)
-        if sight is None or len(footprint_n) < 3:
+        if sight is None:
             return "the newest picture has no trusted pose"
-        place, plane = (latitude_rad, longitude_rad), sight.plane
-        if self.terrain is None:
-            point_n = on_ground(plane, footprint_n, *place)
-        else:
-            point_n = plane.ned_from_geodetic(*place, self.terrain.height_m(*place))
-        uv = pixel_of(sight, point_n)
+        place, ground = (latitude_rad, longitude_rad), sight.ground
+        height_m = ground if isinstance(ground, float) else float(ground.height_m(*place))
+        if math.isnan(height_m):
+            return "the ground there has no known height: set dem of viewer_node"
+        uv = pixel_of(sight, sight.plane.ned_from_geodetic(*place, height_m))
         return (stamp, *uv) if uv else "it is outside the picture"
 
 
@@ -332,12 +320,9 @@ def navigation_fields(reports: Reports, now_s: float) -> dict[str, Any]:
     """Return state, reason, RTK and the heading's sigma; a silent estimator counts as lost."""
     status, spoke = reports.navigation(now_s)
     if status is None:
-        state = "lost" if spoke else "waiting"
-        return {
-            "navigation": {"state": state, "reason": "nothing is heard of ekf_node"},
-            "rtk": None,
-            "heading_sigma_deg": None,
-        }
+        reason, state = "nothing is heard of ekf_node", "lost" if spoke else "waiting"
+        silent = dict.fromkeys(("rtk", "heading_sigma_deg"))
+        return {"navigation": {"state": state, "reason": reason}, **silent}
     return {
         "navigation": {"state": status.state.value, "reason": status.reason},
         "rtk": status.rtk_status.name.lower(),
@@ -388,16 +373,6 @@ def places(points_n: Array, plane: TangentPlane) -> list[Place]:
 
 def _degrees(latitude_rad: float, longitude_rad: float) -> Place:
     return [round(math.degrees(angle), _DIGITS) for angle in (latitude_rad, longitude_rad)]
-
-
-def on_ground(
-    plane: TangentPlane, footprint_n: Array, latitude_rad: float, longitude_rad: float
-) -> Array:
-    """Return a place (3,), NED, on the flat ground that fits a footprint (3 or more, 3) best."""
-    north, east, _ = plane.ned_from_geodetic(latitude_rad, longitude_rad, plane.height_m).tolist()
-    level = np.column_stack([footprint_n[:, :2], np.ones(len(footprint_n))])
-    slope, *_ = np.linalg.lstsq(level, footprint_n[:, 2], rcond=None)
-    return np.array([north, east, float(np.dot(slope, [north, east, 1.0]))])
 
 
 def pixel_of(sight: Sight, point_n: Array) -> tuple[float, float] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import islice
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -12,7 +13,7 @@ from std_srvs.srv import Trigger
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
+from tirgeo_ros.core.navigation.aiding.fusion import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.estimator.track import Track
 from tirgeo_ros.core.streams.arrivals import ArrivalOrder, Arrivals
@@ -32,7 +33,18 @@ from tirgeo_ros.nodes.transforms import Transforms
 
 #: Number of messages handled before the executor runs again: timers, services, more messages.
 _AT_ONCE = 4
+Decode = Callable[[Any], NavigationInput]
+_IMU = NAVIGATION_INPUTS[Source.IMU][0]
+_POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
+_RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
+_SET_HEADING = "~/set_heading"
+_PATH_RATE_HZ = 1.0
+_TAKEN = (Outcome.USED, Outcome.WAITING)
 
+_BEST_FIRST = (
+    *(FilterState.RUNNING, FilterState.DEGRADED, FilterState.DEAD_RECKONING),
+    *(FilterState.ALIGNING, FilterState.WAITING, FilterState.LOST),
+)
 
 #: A function that takes a message, the message, and the node's time (ns) at which it came. It
 #: waits as bytes: an IMU message takes 1.8 kB as an object and 0.6 kB as bytes, and the process
@@ -64,10 +76,7 @@ class Inbox:
     def subscribe(
         self, topic: str, handle: Callable[[Any], None], qos: QoSProfile, typename: str = ""
     ) -> None:
-        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival.
-
-        ``typename`` as in ``GraphNode.listen``.
-        """
+        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
         deferred = partial(self._deferred, topic)
         made = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth
@@ -105,27 +114,10 @@ class Inbox:
         self._taking = True
         try:
             for most, take, put in self._sources:
-                for _ in range(most):
-                    message = take()
-                    if message is None:
-                        break
+                for message in islice(iter(take, None), most):
                     put(message)
         finally:
             self._taking = False
-
-
-Decode = Callable[[Any], NavigationInput]
-_IMU = NAVIGATION_INPUTS[Source.IMU][0]
-_POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
-_RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
-_SET_HEADING = "~/set_heading"
-_PATH_RATE_HZ = 1.0
-_TAKEN = (Outcome.USED, Outcome.WAITING)
-
-_BEST_FIRST = (
-    *(FilterState.RUNNING, FilterState.DEGRADED, FilterState.DEAD_RECKONING),
-    *(FilterState.ALIGNING, FilterState.WAITING, FilterState.LOST),
-)
 
 
 class StateLog:
@@ -211,8 +203,10 @@ class EkfNode(GraphNode):
     def _take(self, topic: str, decode: Decode, message: Any) -> None:
         came, arrival_ns = decode(message), self._inbox.taken_ns
         step = self._navigation.process(self._arrivals.stamped(topic, came, arrival_ns))
-        if step.verdict.outcome in _RESTARTS:
-            self._warn(step.verdict)
+        verdict = step.verdict
+        if verdict.outcome in _RESTARTS:
+            text = f"{verdict.source.value}: {verdict.outcome.value}: {verdict.reason}"
+            self.get_logger().warning(text, throttle_duration_sec=5.0)
         if step.solution is not None:
             self._publish(step.solution)
         self._note_state()
@@ -271,10 +265,6 @@ class EkfNode(GraphNode):
         item = navigation_item(self.item_name("navigation"), status)
         item.values.update(self._arrivals.diagnostics | self._inbox.diagnostics)
         return item
-
-    def _warn(self, verdict: Verdict) -> None:
-        text = f"{verdict.source.value}: {verdict.outcome.value}: {verdict.reason}"
-        self.get_logger().warning(text, throttle_duration_sec=5.0)
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._restart()

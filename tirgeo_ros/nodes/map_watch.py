@@ -31,7 +31,7 @@ class MapWatch:
     """Hold ``config.map`` placed in the plane, and keep it up to date, as a context manager.
 
     Entering waits for the first reading, or a stop signal, and raises what it raises. A MapError
-    is not raised but found like one of a later reading: the video goes on without a map.
+    is not raised, but reported like one of a later reading: the video goes on without a map.
     ``plane`` returns the tangent plane in which the map is placed, or None before it is known;
     ``look`` says that it may have changed. The map's files and its style are checked periodically.
     A thread with a child process does the reading, placing and waiting; ``changed`` returns the
@@ -44,16 +44,12 @@ class MapWatch:
         self.counts = {"reloads": 0, "reload_errors": 0}
         self.error = ""  # of the newest change; empty if the map is up to date
         self.failure = ""  # the same in a few words, for the picture
-        self._node = node
-        self._config = config
-        self._plane = plane
+        self._node, self._config, self._plane = node, config, plane
         # A placed map or an error, and what was read if the files have changed.
-        self._results: SimpleQueue[tuple[DrapedMap | TirgeoError, MapContents | None]]
-        self._results = SimpleQueue()
+        self._results = SimpleQueue[tuple[DrapedMap | TirgeoError, MapContents | None]]()
         self._child = MapProcess()
         self._has_map = False  # a map has come
-        self._stop = threading.Event()
-        self._wake = threading.Event()
+        self._stop, self._wake = threading.Event(), threading.Event()
         self._first = threading.Event()  # the first reading has ended
         self._first_error: Exception | None = None  # what the first reading raised
         self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
@@ -132,13 +128,13 @@ class MapWatch:
         """Read the map if needed and place it in the plane, if files or plane have changed."""
         # The files' state is taken before they are read: a file may still be growing.
         signature, plane = self._signature(), self._plane()
-        (before, laid_in), now = self._tried, (signature, plane)
-        if plane is None or now == self._tried:
+        before, placed_in = self._tried
+        if plane is None or (signature, plane) == self._tried:
             return
-        self._tried, changed = now, signature != before
+        self._tried, changed = (signature, plane), signature != before
         try:
             # A map is placed once: for another plane the child reads it again.
-            reads = changed or laid_in is not None
+            reads = changed or placed_in is not None
             contents = self._child.read(self._config) if reads else None
             self._results.put((self._child.lay(plane), contents if changed else None))
         except TirgeoError as error:
@@ -181,24 +177,19 @@ class PageMap:
         with self._lock:
             state = [_file_state(path) for path in map_files(self._map_text)]
             if state != self._state:
-                self._state = state
-                self._body = self._answer()
+                self._state, self._body, self.error = state, b"", ""
+                try:
+                    content = self._child.answer(self._map_text, "page", self._map_text)
+                    self._body = bytes(content)
+                    self._child.close()
+                except TirgeoError as error:
+                    self.error = str(error)
+                    self._node.log(WARN, f"the page has no map: {error}")
             return self._body
 
     def stop(self) -> None:
         """End a reading in progress."""
         self._child.stop()
-
-    def _answer(self) -> bytes:
-        try:
-            content = self._child.answer(self._map_text, "page", self._map_text)
-        except TirgeoError as error:
-            self.error = str(error)
-            self._node.log(WARN, f"the page has no map: {error}")
-            return b""
-        self._child.close()
-        self.error = ""
-        return bytes(content)
 
 
 def _file_state(path: Path) -> tuple[str, int, int] | None:

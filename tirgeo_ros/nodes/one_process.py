@@ -16,7 +16,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from functools import partial
 from typing import Any
 
@@ -38,8 +37,8 @@ _SETTLE_S = 3.5
 _POLL_S = 0.1
 #: The page may have recordings to complete.
 _PAGE_END_S = 30.0
-#: Before the page is started again; the longer, the sooner it ended.
-_RESTART_S, _LONGEST_RESTART_S, _SOON_S = 2.0, 30.0, 60.0
+#: Before the page is started again.
+_RESTART_S = 2.0
 
 
 def main() -> int:
@@ -59,16 +58,13 @@ def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading
     Return its last exit code, 0 or 1. If it ends with an error before it has reported, its set-up
     is wrong: then all nodes end.
     """
-    wait_s = _RESTART_S
     while not stop.is_set():
-        begin_s = time.monotonic()
         code = _run_page(arguments, stop)
         if stop.is_set() or (code > 0 and "viewer_node" not in overlay.heard_nodes):
             return int(code != 0)
-        soon = time.monotonic() - begin_s < _SOON_S
-        overlay.log(ERROR, f"viewer_node ended (exit code {code}): started again in {wait_s:g} s")
-        stop.wait(wait_s)
-        wait_s = min(2 * wait_s, _LONGEST_RESTART_S) if soon else _RESTART_S
+        again = f"started again in {_RESTART_S:g} s"
+        overlay.log(ERROR, f"viewer_node ended (exit code {code}): {again}")
+        stop.wait(_RESTART_S)
     return 0
 
 

@@ -1,7 +1,4 @@
-"""Record aircraft: a bag of the topics, and the video, each by a child process of viewer_node.
-
-A live stream is a child process too.
-"""
+"""Record aircraft, bag and video, each by a child process of viewer_node, as live streams are."""
 
 from __future__ import annotations
 
@@ -18,24 +15,40 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.config.viewer_parameters import GroundConfig
+from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.files.child_process import node_command
-from tirgeo_ros.io.messages import SENSED_TOPICS
+from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.video.live_stream import stream_url
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
 
 _END_S = 20.0
+_BEGIN_S = 30.0
+_POLL_S = 0.05
+_RETRY_S = 5.0
+_MEET_S = 5.0  # until a camera is known to a node that has just begun
+_RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
+#: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
+#: make it for the recording.
+TOPICS = (
+    *SENSED_TOPICS,
+    *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
+    *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
+    *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
+    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
+    "/diagnostics",
+)
+_TF = ("/tf", "/tf_static")
 
 
 class ChildNode:
-    """Hold a node's process, in a namespace and by the clock of ``node``.
-
-    It ends when the thread ends that started it.
-    """
+    """Hold a node's process, in the namespace and clock of ``node``; it ends with its thread."""
 
     def __init__(
         self, node: GraphNode, name: str, values: Mapping[str, object], namespace: str
@@ -43,12 +56,8 @@ class ChildNode:
         self.name = name
         simulated = node.get_parameter("use_sim_time").value
         words = [word for pair in values.items() for word in _assignment(*pair)]
-        words += [
-            "-p",
-            f"use_sim_time:={json.dumps(simulated)}",
-            "-r",
-            f"__ns:={namespace or '/'}",
-        ]
+        words += ["-p", f"use_sim_time:={json.dumps(simulated)}"]
+        words += ["-r", f"__ns:={namespace or '/'}"]
         self._process = subprocess.Popen(  # noqa: S603  this very Python
             node_command(name, words, ends_with=os.getpid()),
             stdin=subprocess.DEVNULL,
@@ -84,10 +93,7 @@ class ChildNode:
 
 def ground_values(config: GroundConfig) -> dict[str, object]:
     """Return the parameters of the ground, for a child."""
-    return {
-        parameter.name: getattr(config, parameter.name)
-        for parameter in parameters_of(GroundConfig)
-    }
+    return {p.name: getattr(config, p.name) for p in parameters_of(GroundConfig)}
 
 
 def _assignment(name: str, value: object) -> list[str]:
@@ -96,24 +102,6 @@ def _assignment(name: str, value: object) -> list[str]:
         return [] if math.isnan(value) else ["-p", f"{name}:={value!r}"]
     # ROS reads the value as YAML: a file named 7 would be a number without its quotes.
     return ["-p", f"{name}:={json.dumps(str(value), ensure_ascii=False)}"]
-
-
-_BEGIN_S = 30.0
-_POLL_S = 0.05
-_MEET_S = 5.0  # until a camera is known to a node that has just begun
-_RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
-#: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
-#: make it for the recording.
-TOPICS = (
-    *SENSED_TOPICS,
-    *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
-    *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
-    *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
-    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
-    "/diagnostics",
-)
-#: Of a type that not every installation has.
-_TF = {"/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage"}
 
 
 @dataclass
@@ -128,6 +116,10 @@ class Recording:
     def fault(self) -> str:
         """Return why one of its processes has ended by itself; empty while all run."""
         return next(filter(None, (child.fault for child in self.children)), "")
+
+    def end(self) -> str:
+        """End all processes; return the faults in one text."""
+        return "; ".join(filter(None, [child.end() for child in self.children]))
 
 
 class Recordings:
@@ -168,9 +160,10 @@ class Recordings:
             if trouble:
                 return f"not recorded: {trouble}"
             made = self._started(aircraft)
-            trouble = _not_begun(made)
-            if trouble:
-                _ended(made)
+            _wait(lambda: made.bag.exists() or made.fault, _BEGIN_S)
+            if made.fault or not made.bag.exists():
+                trouble = made.fault or f"{made.bag} is not there after {_BEGIN_S:.0f} s"
+                made.end()
                 self.troubles[aircraft] = trouble
                 return f"not recorded: {trouble}"
             self._active[aircraft] = made
@@ -200,7 +193,7 @@ class Recordings:
             made = self._active.pop(aircraft, None)
             if made is None:
                 return "nothing is being recorded"
-            trouble = _ended(made)
+            trouble = made.end()
         megabytes = made.bag.stat().st_size / 1e6 if made.bag.exists() else 0.0
         words = f"recorded {made.bag}: {megabytes:.0f} MB"
         self._node.log(WARN if trouble else OK, f"{words}; {trouble}" if trouble else words)
@@ -246,25 +239,17 @@ class Recordings:
         name = "-".join([*filter(None, aircraft.split("/")), utc])
         bag, video = self._folder / f"{name}.mcap", self._folder / f"{name}.ts"
         namespace = self._namespaces[aircraft]
-        topics = ",".join(self._topics(namespace))
+        # The camera's JPEG where it sends one, else the raw form.
+        compressed = self._node.count_publishers(f"{namespace}/{_COMPRESSED}")
+        topics = [*TOPICS, _COMPRESSED if compressed else _RAW]
+        with suppress(ConfigError):  # tf2_msgs is not installed everywhere
+            topics += [topic for topic in _TF if message_class(TOPIC_TYPES[topic])]
         made = {
-            "recorder": {"output": bag, "topics": topics},
+            "recorder": {"output": bag, "topics": ",".join(topics)},
             "video_writer": {"output": video, "platform": aircraft} | ground_values(self._config),
         }
         children = [ChildNode(self._node, *each, namespace) for each in made.items()]
         return Recording(bag, video, children)
-
-    def _topics(self, namespace: str) -> list[str]:
-        """Return the topics to record: the camera's JPEG where it sends one, else the raw form."""
-        compressed = self._node.count_publishers(f"{namespace}/{_COMPRESSED}")
-        transforms = [topic for topic, kind in _TF.items() if _installed(kind)]
-        return [*TOPICS, _COMPRESSED if compressed else _RAW, *transforms]
-
-
-def _installed(typename: str) -> bool:
-    with suppress(Exception):
-        return bool(message_class(typename))
-    return False
 
 
 def _wait(done: Callable[[], object], timeout_s: float) -> None:
@@ -273,14 +258,41 @@ def _wait(done: Callable[[], object], timeout_s: float) -> None:
         time.sleep(_POLL_S)
 
 
-def _not_begun(made: Recording) -> str:
-    """Wait until the bag is there; return why it is not, else an empty text."""
-    _wait(lambda: made.bag.exists() or made.fault, _BEGIN_S)
-    if made.bag.exists():
-        return made.fault
-    return made.fault or f"{made.bag} is not there after {_BEGIN_S:.0f} s"
+class PageStreams:
+    """Run a video_writer for each aircraft, the first at the given port.
 
+    ``troubles`` says of each aircraft why its stream ended. Raises VideoError for an address that
+    is none.
+    """
 
-def _ended(made: Recording) -> str:
-    """End all processes; return the faults in one text."""
-    return "; ".join(filter(None, [child.end() for child in made.children]))
+    def __init__(
+        self, node: GraphNode, config: ViewerConfig, namespaces: Mapping[str, str]
+    ) -> None:
+        self.troubles: dict[str, str] = {}
+        self._node, self._config, self._namespaces = node, config, namespaces
+        if config.stream:
+            stream_url(config.stream)
+        self._children: dict[str, ChildNode] = {}
+        self._retry_s = 0.0
+
+    def end(self) -> None:
+        """End all."""
+        for child in self._children.values():
+            child.end()
+
+    def watch(self) -> None:
+        """Start each stream that does not run; call it each second, in a thread that lasts."""
+        if not self._config.stream or time.monotonic() < self._retry_s:
+            return
+        for number, (name, namespace) in enumerate(self._namespaces.items()):
+            fault = self._children[name].fault if name in self._children else ""
+            if fault:
+                self.troubles[name] = fault
+                self._node.log(WARN, f"the stream begins again: {fault}")
+                self._retry_s = time.monotonic() + _RETRY_S
+            if fault or name not in self._children:
+                parts = urlsplit(self._config.stream)
+                port = f"{parts.netloc.rpartition(':')[0]}:{(parts.port or 0) + number}"
+                values = {"stream": parts._replace(netloc=port).geturl(), "platform": name}
+                values |= ground_values(self._config)
+                self._children[name] = ChildNode(self._node, "video_writer", values, namespace)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import hmac
 import ipaddress
 import os
@@ -22,12 +21,15 @@ _MOST_ADDRESSES = 1000  # that are remembered
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 60.0
 _ERRORS = 2  # of an honest user's typing
 _TOGETHER = 4  # shares that all viewers have in common, or all strangers
+OPERATOR, VIEWER = "operator", "viewer"
+_SESSION_S = 3 * 24 * 3600
+_SAME_SITE = {"", "same-origin", "none"}  # none: typed or scanned by the user
+_LOOPBACK_NAMES = {"localhost", "localhost.localdomain"}
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?", re.ASCII)
 
 
 class Allowance:
     """Allow ``rate`` units a second, and ``burst`` at once."""
-
-    __slots__ = ("_burst", "_left", "_rate", "_then_s")
 
     def __init__(self, rate: float, burst: float) -> None:
         self._rate, self._burst = rate, burst
@@ -97,19 +99,6 @@ def _keep(table: OrderedDict[str, Any], address: str) -> None:
         table.popitem(last=False)
 
 
-OPERATOR, VIEWER = "operator", "viewer"
-_SESSION_S = 3 * 24 * 3600
-_SAME_SITE = {"", "same-origin", "none"}  # none: typed or scanned by the user
-_LOOPBACK_NAMES = {"localhost", "localhost.localdomain"}
-_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?", re.ASCII)
-
-
-def _made_token(role: str) -> str:
-    seed = os.environ.get(TOKEN_SEED) or secrets.token_urlsafe()
-    digest = hmac.digest(seed.encode(), role.encode(), "sha256")
-    return base64.urlsafe_b64encode(digest[:18]).decode()
-
-
 class Access:
     """Check names, tokens and sessions of one server.
 
@@ -120,14 +109,16 @@ class Access:
     def __init__(self, config: ViewerConfig) -> None:
         host, _ = address_of(config.listen)
         self.open = is_loopback(host) and not (config.token or config.viewer_token)
-        self.tokens = {
-            OPERATOR: config.token or _made_token(OPERATOR),
-            VIEWER: config.viewer_token or _made_token(VIEWER),
-        }
+        seed = (os.environ.get(TOKEN_SEED) or secrets.token_urlsafe()).encode()
+        self.tokens = {OPERATOR: config.token, VIEWER: config.viewer_token}
+        for role, given in self.tokens.items():
+            made = hmac.digest(seed, role.encode(), "sha256")[:18]
+            self.tokens[role] = given or base64.urlsafe_b64encode(made).decode()
         self.scheme = "https" if config.certificate else "http"
         self._names = {*_LOOPBACK_NAMES, host.lower()}
         if not is_loopback(host):
-            self._names |= _own_names()
+            name = socket.gethostname().lower()
+            self._names |= {name, f"{name.partition('.')[0]}.local"}
 
     def refusal(self, request: web.Request) -> str:
         """Return why a request may not come from where it comes from; empty if it may."""
@@ -201,7 +192,7 @@ class Access:
 
     def _signature(self, role: str, signed: str) -> str:
         key = b"tirgeo session " + self.tokens[role].encode()
-        return hmac.new(key, _bytes(signed), hashlib.sha256).hexdigest()
+        return hmac.digest(key, _bytes(signed), "sha256").hex()
 
 
 def plain_host(request: web.Request) -> str:
@@ -237,8 +228,3 @@ def _same(own: str, offered: str) -> bool:
 def _bytes(text: str) -> bytes:
     """Return a text's bytes; one from outside may hold what has none."""
     return text.encode(errors="replace")
-
-
-def _own_names() -> set[str]:
-    name = socket.gethostname().lower()
-    return {name, f"{name.partition('.')[0]}.local"}

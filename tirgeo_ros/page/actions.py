@@ -1,32 +1,89 @@
-"""Read what a page asks, do it and say what came of it; write targets as pages get them.
-
-A request is a JSON text, each field of its type and in its range, and nothing else.
-"""
+"""Read what a page asks, do it and say what came of it; write targets as pages get them."""
 
 from __future__ import annotations
 
 import asyncio
-import functools
 import json
 import logging
 import math
+import re
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import pyproj
 
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.messages.json_codec import target_row
 from tirgeo_ros.io.targets.store import MOST_MARK, MOST_NAME, MOST_NOTE, TargetStore
-from tirgeo_ros.page.backend import Backend, Click, Pixel
 from tirgeo_ros.page.video import VideoFeed
 
 Check = Callable[[Any], Any]  # returns the value, or raises ValueError with what it must be
 _MOST_PIXEL = 1e5
+_T = TypeVar("_T")
+_Was = dict[str, str]  # what each field was to whoever changes it
+_GEOD = pyproj.Geod(ellps="WGS84")
+_CLICK_S = 2.0  # the backend has its own limit, of a second
+#: A name so long is nobody else's: a page that lost the connection before the answer sends the
+#: request again, and it must not be done twice.
+_UNIQUE_NAME, _REMEMBERED = 16, 2000
+_CORNERS = 36  # of an ellipse's outline
+_LOG = logging.getLogger("tirgeo.page")
+
+
+class Click(NamedTuple):
+    """Hold a place in a picture that somebody clicked."""
+
+    aircraft: str  # id; "" for the only one
+    stamp_ns: int  # of the clicked picture
+    u: float  # column and row in the full picture, pixels
+    v: float
+
+
+class Pixel(NamedTuple):
+    """Hold where a place of the map is in a picture."""
+
+    stamp_ns: int  # of the picture
+    u: float  # column and row in the full picture, pixels
+    v: float
+
+
+class Backend(Protocol):
+    """Answer the page's requests.
+
+    The server's asyncio loop awaits the coroutines, which must never block it. What is not a
+    coroutine is called in threads. A refusal is its words, for the operator.
+    """
+
+    async def click(self, click: Click) -> Located | str:
+        """Return the ground point at a pixel, or why there is none; within a second."""
+        ...
+
+    async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
+        """Return where a place is in the newest picture, or why it isn't there."""
+        ...
+
+    async def record(self, aircraft: str, on: bool) -> str:
+        """Begin or end a recording; return words for the operator."""
+        ...
+
+    async def share(self, on: bool) -> str:
+        """Begin or end to send Cursor-on-Target; return words for the operator."""
+        ...
+
+    def vector_map(self, aircraft: str) -> bytes:
+        """Return the map as GeoJSON in WGS84; empty without one."""
+        ...
+
+    @property
+    def targets(self) -> TargetStore:
+        """Return the store of targets."""
+        ...
 
 
 class RequestError(ValueError):
@@ -37,71 +94,59 @@ class RequestError(ValueError):
         self.request = request
 
 
-def _text(most: int, least: int = 0) -> Check:
-    def check(value: Any) -> str:
-        if not isinstance(value, str) or not least <= len(value) <= most:
-            raise ValueError(f"a text of {least} to {most} characters")
-        if any((ord(c) < 32 and c not in "\n\r\t") or 0xD800 <= ord(c) < 0xE000 for c in value):
-            raise ValueError("a text without control characters")
-        return value
+def _check(right: Callable[[Any], object], must_be: str, made: Check = lambda v: v) -> Check:
+    def check(value: Any) -> Any:
+        if not right(value):
+            raise ValueError(must_be)
+        return made(value)
 
     return check
+
+
+def _text(most: int, least: int = 0) -> Check:
+    long = _check(
+        lambda value: isinstance(value, str) and least <= len(value) <= most,
+        f"a text of {least} to {most} characters",
+    )
+    return _check(
+        lambda value: not re.search("[^\n\r\t -\ud7ff\ue000-\U0010ffff]", long(value)),
+        "a text without control characters",
+    )
 
 
 def _number(low: float, high: float) -> Check:
-    def check(value: Any) -> float:
-        right = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not right or not low <= value <= high:  # nan is in no range
-            raise ValueError(f"a number from {low:g} to {high:g}")
-        return float(value)
+    def right(value: Any) -> bool:
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return number and low <= value <= high  # nan is in no range
 
-    return check
+    return _check(right, f"a number from {low:g} to {high:g}", float)
 
 
-def _stamp(value: Any) -> int:
-    right = isinstance(value, str) and value.isascii() and value.isdigit() and len(value) <= 19
-    if not right or int(value) >= 1 << 63:
-        raise ValueError("a text of digits: nanoseconds")
-    return int(value)
+def _matches(pattern: str, value: Any) -> bool:
+    return isinstance(value, str) and re.fullmatch(pattern, value) is not None
 
 
-def _flag(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError("true or false")  # noqa: TRY004 all faults are of one kind
-    return value
-
-
-def _kind(value: Any) -> str:
-    if value not in KINDS:
-        raise ValueError(f"one of {', '.join(KINDS)}")
-    return str(value)
-
-
-def _id(value: Any) -> str:
-    right = isinstance(value, str) and len(value) == 32 and {*value} <= {*"0123456789abcdef"}
-    if not right:
-        raise ValueError("the id of a target")
-    return str(value)
-
-
-def _place(value: Any) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise ValueError("[latitude, longitude]")
-    return _latitude(value[0]), _longitude(value[1])
-
-
-def _texts(value: Any) -> dict[str, str]:
-    if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
-        raise ValueError("an object of texts: what each field was")
-    return value
-
-
-def _or_none(check: Check) -> Check:
-    return lambda value: None if value is None else check(value)
+def _is_texts(value: Any) -> bool:
+    return isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
 
 
 _latitude, _longitude = _number(-90, 90), _number(-180, 180)
 _pixel, _aircraft = _number(-_MOST_PIXEL, _MOST_PIXEL), _text(100)
+_stamp = _check(
+    lambda value: _matches("[0-9]{1,19}", value) and int(value) < 1 << 63,
+    "a text of digits: nanoseconds",
+    int,
+)
+_flag = _check(lambda value: isinstance(value, bool), "true or false")
+_kind = _check(lambda value: value in [*KINDS], f"one of {', '.join(KINDS)}")
+_id = _check(partial(_matches, "[0-9a-f]{32}"), "the id of a target")
+_id_or_none = _check(lambda value: value is None or _id(value), "the id of a target")
+_texts = _check(_is_texts, "an object of texts: what each field was")
+_place = _check(
+    lambda value: isinstance(value, list) and len(value) == 2,
+    "[latitude, longitude]",
+    lambda value: (_latitude(value[0]), _longitude(value[1])),
+)
 #: Type -> the fields that a request must have.
 _MUST: Mapping[str, Mapping[str, Check]] = {
     "click": {
@@ -110,7 +155,7 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
         "u": _pixel,
         "v": _pixel,
         "kind": _kind,
-        "refine": _or_none(_id),
+        "refine": _id_or_none,
     },
     "edit": {"id": _id, "was": _texts},
     "leave_out": {"id": _id, "field": _text(4), "text": _text(MOST_NOTE)},
@@ -147,40 +192,23 @@ def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
     kind = fields.pop("type", None)
     if not isinstance(kind, str) or kind not in _MUST:
         raise RequestError(f"type must be one of {', '.join(_MUST)}", name)
-    return name, kind, _checked(name, kind, fields)
-
-
-def _checked(name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
-    must, may = _MUST[kind], _MAY.get(kind, {})
-    absent = [field for field in must if field not in fields]
-    unknown = [field for field in fields if field not in must and field not in may]
+    checks = {**_MUST[kind], **_MAY.get(kind, {})}
+    absent = [field for field in _MUST[kind] if field not in fields]
+    unknown = [field for field in fields if field not in checks]
     if absent or unknown:
         fault = f"lacks {absent[0]}" if absent else f"has no field {shown(unknown[0], 40)}"
         raise RequestError(f"{kind} {fault}", name)
-    return {field: _value(name, kind, field, value) for field, value in fields.items()}
-
-
-def _value(name: str, kind: str, field: str, value: Any) -> Any:
-    check = _MUST[kind].get(field) or _MAY[kind][field]
+    field = ""
     try:
-        return check(value)
+        for field, value in fields.items():
+            fields[field] = checks[field](value)
     except ValueError as error:
         raise RequestError(f"{kind}: {field} must be {error}", name) from None
+    return name, kind, fields
 
 
 def _refuse_constant(name: str) -> float:
     raise ValueError(name)
-
-
-_T = TypeVar("_T")
-_Was = dict[str, str]  # what each field was to whoever changes it
-_GEOD = pyproj.Geod(ellps="WGS84")
-_CLICK_S = 2.0  # the backend has its own limit, of a second
-#: A name so long is nobody else's: a page that lost the connection before the answer sends the
-#: request again, and it must not be done twice.
-_UNIQUE_NAME, _REMEMBERED = 16, 2000
-_CORNERS = 36  # of an ellipse's outline
-_LOG = logging.getLogger("tirgeo.page")
 
 
 class Actions:
@@ -237,34 +265,28 @@ class Actions:
             raise RequestError(place)
         store, now_ns = self._backend.targets, time.time_ns()
         if refine:
-            return await self._stored(
-                lambda: self._target_answer(store.refine(refine, place, now_ns))
-            )
-        add = functools.partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
-        return await self._stored(lambda: self._target_answer(add(picture=cut_out())))
+            return await self._target(lambda: store.refine(refine, place, now_ns))
+        add = partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
+        return await self._target(lambda: add(picture=cut_out()))
 
     async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002
-        edit = self._backend.targets.edit
-        return await self._stored(
-            lambda: self._target_answer(edit(id, time.time_ns(), was, **words))
-        )
+        edit = partial(self._backend.targets.edit, id, time.time_ns(), was)
+        return await self._target(partial(edit, **words))
 
     async def _leave_out(self, id: str, field: str, text: str) -> dict[str, Any]:  # noqa: A002
-        leave_out = self._backend.targets.leave_out
-        return await self._stored(
-            lambda: self._target_answer(leave_out(id, field, text, time.time_ns()))
-        )
+        leave_out, now_ns = self._backend.targets.leave_out, time.time_ns()
+        return await self._target(partial(leave_out, id, field, text, now_ns))
 
     async def _delete(self, id: str, was: _Was) -> dict[str, Any]:  # noqa: A002 as sent
-        await self._stored(lambda: self._backend.targets.delete(id, time.time_ns(), was))
+        await self._stored(partial(self._backend.targets.delete, id, time.time_ns(), was))
         return {}
 
     async def _undo(self, id: str | None = None) -> dict[str, Any]:  # noqa: A002 as sent
-        text = await self._stored(lambda: self._backend.targets.undo(id))
+        text = await self._stored(partial(self._backend.targets.undo, id))
         return {"text": text or "nothing to undo"}
 
     async def _mark(self, text: str) -> dict[str, Any]:
-        await self._stored(lambda: self._backend.targets.mark(text, time.time_ns()))
+        await self._stored(partial(self._backend.targets.mark, text, time.time_ns()))
         return {}
 
     async def _record(self, aircraft: str, on: bool) -> dict[str, Any]:
@@ -294,9 +316,15 @@ class Actions:
             raise RequestError("there is no such aircraft")
         return self._feeds[aircraft]
 
-    def _target_answer(self, target: Target) -> dict[str, Any]:
-        open_ = self._backend.targets.alternatives()[target.id]
-        return {"target": target_fields(target, self._undulation_m) | {"alternatives": open_}}
+    async def _target(self, call: Callable[[], Target]) -> dict[str, Any]:
+        """Change the store, and return the target as it is then."""
+
+        def change() -> dict[str, Any]:
+            target = call()
+            others = self._backend.targets.alternatives()[target.id]
+            return target_fields(target, self._undulation_m) | {"alternatives": others}
+
+        return {"target": await self._stored(change)}
 
     async def _stored(self, call: Callable[[], _T]) -> _T:
         """Change the store, and tell all pages."""
@@ -315,13 +343,13 @@ def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict
 
     Then ``sent`` is what the store holds.
     """
-    open_ = store.alternatives()
-    now = {one.id: (one, open_.get(one.id, [])) for one in store.all()}
-    changed = [one for id_, one in now.items() if sent.get(id_) != one]
+    alternatives = store.alternatives()
+    now = {target.id: (target, alternatives.get(target.id, [])) for target in store.all()}
     texts = dict.fromkeys(sent.keys() - now.keys(), "")
-    for target, others in changed:
-        fields = target_fields(target, undulation_m) | {"alternatives": others}
-        texts[target.id] = json.dumps(fields)
+    for id_, (target, others) in now.items():
+        if sent.get(id_) != (target, others):
+            fields = target_fields(target, undulation_m) | {"alternatives": others}
+            texts[id_] = json.dumps(fields)
     sent.clear()
     sent.update(now)
     return texts

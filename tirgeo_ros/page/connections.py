@@ -9,7 +9,6 @@ import socket
 import ssl
 import time
 from collections import Counter
-from collections.abc import Callable
 from typing import Any
 
 from aiohttp import web
@@ -84,8 +83,8 @@ class Connection(asyncio.Protocol):
         """Begin, with limits on the time to the first whole request, and to take all answers."""
         self.transport = transport
         self._timers = (
-            self._loop.call_later(_FIRST_REQUEST_S, self._end_unless, lambda: self._asked),
-            self._loop.call_later(_ANSWERS_S, self._end_unless, lambda: self._lasts),
+            self._loop.call_later(_FIRST_REQUEST_S, self._end_unless, "_asked"),
+            self._loop.call_later(_ANSWERS_S, self._end_unless, "_lasts"),
         )
         address = transport.get_extra_info("peername")
         self._listener.opened(self, str(address[0]) if address else "")
@@ -109,7 +108,7 @@ class Connection(asyncio.Protocol):
 
     def _serve(self, transport: asyncio.BaseTransport) -> None:
         self.transport, self._serves = transport, True
-        self._listener.serve(self)
+        self._listener.served[transport] = self
         self._http.connection_made(transport)
         for data in self._early:
             self._http.data_received(data)
@@ -153,9 +152,7 @@ class Connection(asyncio.Protocol):
         """Note that a whole request has come, and from whom."""
         self._asked, self._lasts = True, websocket
         self._frames = MaskedFrames() if websocket else None
-        if (
-            websocket and self._end != b"\r\n\r\n"
-        ):  # frames before the answer: nobody looked at them
+        if websocket and self._end != b"\r\n\r\n":  # frames that nobody looked at
             self.abort()
         self._listener.requested(self, role, owner)
 
@@ -163,8 +160,8 @@ class Connection(asyncio.Protocol):
         """Note that the request has its answer."""
         self._frames = None
 
-    def _end_unless(self, good: Callable[[], bool]) -> None:
-        if not good():
+    def _end_unless(self, good: str) -> None:
+        if not getattr(self, good):
             self.abort()
 
     def abort(self) -> None:
@@ -203,7 +200,7 @@ class Listener:
         #: Role and owner of each, the oldest first.
         self._owners: dict[Connection, tuple[str | None, str]] = {}
         self._idle: set[Connection] = set()  # those without a whole request
-        self._served: dict[Any, Connection] = {}  # by transport
+        self.served: dict[Any, Connection] = {}  # by transport, those whose requests can come
         self.refused = 0
 
     @property
@@ -215,8 +212,7 @@ class Listener:
         self, listening: socket.socket, http: web.Server, tls: ssl.SSLContext | None
     ) -> asyncio.Server:
         """Begin to accept; closing what is returned ends it."""
-        loop = asyncio.get_running_loop()
-        accepting = await loop.create_server(
+        accepting = await asyncio.get_running_loop().create_server(
             lambda: Connection(self, http(), tls), sock=listening, backlog=_ACCEPTED_AT_ONCE
         )
         listening.listen(_BACKLOG)  # asyncio takes its backlog for both
@@ -227,18 +223,10 @@ class Listener:
         for connection in [*self._owners]:
             connection.abort()
 
-    def connection(self, request: web.Request) -> Connection | None:
-        """Return the connection on which a request came, while there is one."""
-        return self._served.get(request.transport)
-
     def opened(self, connection: Connection, address: str) -> None:
         """Count a connection that has just come."""
         self._idle.add(connection)
         self._assign(connection, None, address)
-
-    def serve(self, connection: Connection) -> None:
-        """Note that requests of a connection can come."""
-        self._served[connection.transport] = connection
 
     def requested(self, connection: Connection, role: str | None, owner: str) -> None:
         """Note that a connection's whole request has come, and whose it is."""
@@ -249,7 +237,7 @@ class Listener:
         """Forget a connection."""
         self._owners.pop(connection, None)
         self._idle.discard(connection)
-        self._served.pop(connection.transport, None)
+        self.served.pop(connection.transport, None)
 
     def _assign(self, connection: Connection, role: str | None, owner: str) -> None:
         """Count a connection as its owner's; where there are too many, end one.
@@ -276,16 +264,10 @@ class Listener:
 
 def listening_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens; raises OSError."""
-    family, kind, protocol, _, address = socket.getaddrinfo(
+    family, *_, address = socket.getaddrinfo(
         host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
     )[0]
-    listening = socket.socket(family, kind, protocol)
-    try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind(address)
-        listening.listen(_BACKLOG)
-        listening.setblocking(False)
-    except OSError:
-        listening.close()
-        raise
+    dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
+    listening = socket.create_server(address, family=family, backlog=_BACKLOG, dualstack_ipv6=dual)
+    listening.setblocking(False)
     return listening

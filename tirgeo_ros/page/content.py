@@ -94,17 +94,8 @@ class Tiles:
 _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
-    ".mjs": "text/javascript",
     ".css": "text/css",
-    ".json": "application/json",
-    ".webmanifest": "application/manifest+json",
     ".svg": "image/svg+xml",
-    ".png": "image/png",
-    ".jpg": "image/jpeg",
-    ".ico": "image/x-icon",
-    ".woff2": "font/woff2",
-    ".txt": "text/plain",
-    ".md": "text/plain",
 }
 _GZIP_FROM = 500  # bytes
 
@@ -140,10 +131,7 @@ class Content:
 
 
 def read_static(folder: Path) -> dict[str, Content]:
-    """Return the page's files by their names below ``folder``, with / between folders.
-
-    Raises PageError where the page itself, index.html, is absent.
-    """
+    """Return the page's files by their names below ``folder``; raise PageError without a page."""
     files = {
         path.relative_to(folder).as_posix(): Content.of(path.read_bytes(), _TYPES[path.suffix])
         for path in sorted(folder.rglob("*"))

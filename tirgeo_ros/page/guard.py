@@ -7,7 +7,6 @@ import json
 import logging
 import time
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING
 
 from aiohttp import web
 
@@ -22,9 +21,6 @@ from tirgeo_ros.page.access import (
     plain_host,
 )
 from tirgeo_ros.page.connections import Connection, Listener
-
-if TYPE_CHECKING:
-    from aiohttp.typedefs import Middleware
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 #: A page begins with some thirty files, a map with as many tiles.
@@ -53,25 +49,21 @@ class Guard:
         self._wrong = WrongTokens()
         self._lines, self._unlogged = Allowance(1 / 60, 1), 0  # lines of the log
 
-    def middleware(self) -> Middleware:
-        """Return what aiohttp calls around each handler."""
-
-        @web.middleware
-        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            connection = self._listener.connection(request)
-            try:
-                refused = await self._refused(request, connection)
-                # Not "or": an answer counts as false where aiohttp has it as an empty mapping.
-                return await handler(request) if refused is None else refused
-            except web.HTTPException as error:
-                return refusal(error.status, error.reason.lower())
-            except TirgeoError as error:
-                return refusal(500, str(error))
-            finally:
-                if connection is not None:
-                    connection.answered()
-
-        return guard
+    @web.middleware
+    async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Answer a request, as aiohttp calls it around each handler."""
+        connection = self._listener.served.get(request.transport)
+        try:
+            refused = await self._refused(request, connection)
+            # Not "or": an answer counts as false where aiohttp has it as an empty mapping.
+            return await handler(request) if refused is None else refused
+        except web.HTTPException as error:
+            return refusal(error.status, error.reason.lower())
+        except TirgeoError as error:
+            return refusal(500, str(error))
+        finally:
+            if connection is not None:
+                connection.answered()
 
     async def _refused(
         self, request: web.Request, connection: Connection | None
@@ -86,7 +78,9 @@ class Guard:
         words = self._access.refusal(request)
         if words:
             return refusal(403, words)
-        if role is None and not _is_open(request):
+        # The page itself, which holds no data, needs no session.
+        is_open = request.path in {"/", "/enter"} or request.path.startswith("/static/")
+        if role is None and not is_open:
             return refusal(401, "open the page by the address or the code that the terminal shows")
         return None
 
@@ -108,7 +102,11 @@ class Guard:
             return answer
         role = self._access.role_of_token(token or "")
         if role is None:
-            self._count_wrong(address, now_s)
+            self._wrong.add(address, now_s)
+            self._unlogged += 1
+            if self._lines.take(now_s):
+                _LOG.warning("wrong tokens: %d, the last from %s", self._unlogged, address)
+                self._unlogged = 0
             if token is None:
                 return refusal(400, "the body is no token")
             return refusal(403, "wrong token: scan the code again")
@@ -117,13 +115,6 @@ class Guard:
         response = web.json_response({"role": role})
         self._access.admit(response, request, role)
         return response
-
-    def _count_wrong(self, address: str, now_s: float) -> None:
-        self._wrong.add(address, now_s)
-        self._unlogged += 1
-        if self._lines.take(now_s):
-            _LOG.warning("wrong tokens: %d, the last from %s", self._unlogged, address)
-            self._unlogged = 0
 
 
 def refusal(status: int, words: str) -> web.Response:
@@ -139,11 +130,6 @@ async def mark(request: web.Request, response: web.StreamResponse) -> None:
         response.headers.setdefault(name, value.format(sockets))
     response.headers.setdefault("Cache-Control", "no-store")
     response.headers["Server"] = "tirgeo"
-
-
-def _is_open(request: web.Request) -> bool:
-    """Return whether a request needs no session: the page itself, which holds no data."""
-    return request.path in {"/", "/enter"} or request.path.startswith("/static/")
 
 
 async def _token(request: web.Request) -> str | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import io
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
 from functools import partial
 from typing import TypeVar
 
@@ -17,8 +18,7 @@ from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.formats import FORMATS, exported
 from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Shares
-from tirgeo_ros.page.actions import Actions
-from tirgeo_ros.page.backend import Backend
+from tirgeo_ros.page.actions import Actions, Backend
 from tirgeo_ros.page.content import Content, Tiles
 from tirgeo_ros.page.guard import Guard
 from tirgeo_ros.page.state_hub import StateHub, StatePage
@@ -56,16 +56,12 @@ class Routes:
 
     def table(self, guard: Guard, actions: Actions) -> list[web.RouteDef]:
         """Return the paths with their handlers."""
-
-        async def state(request: web.Request) -> web.StreamResponse:
-            return await self._state(request, actions)
-
         return [
-            web.get("/", self._page),
+            web.get("/", self._static_file),
             web.get("/static/{name:.*}", self._static_file),
             web.get("/enter", guard.role),
             web.post("/enter", guard.enter),
-            web.get("/state", state),
+            web.get("/state", partial(self._state, actions=actions)),
             web.get("/video/{aircraft:.*}", self._video),
             web.get("/map/{aircraft:.*}", self._map),
             web.get(r"/tiles/{z:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", self._tile),
@@ -76,16 +72,12 @@ class Routes:
 
     async def close(self, _: web.Application) -> None:
         """Tell every page that the server ends."""
-        closing = (
-            socket.close(code=1001, message=b"the server ends") for socket in [*self._sockets]
-        )
+        closing = [one.close(code=1001, message=b"the server ends") for one in self._sockets]
         await asyncio.gather(*closing, return_exceptions=True)
 
-    async def _page(self, request: web.Request) -> web.Response:
-        return self._static["index.html"].response(request)
-
     async def _static_file(self, request: web.Request) -> web.Response:
-        return _or_404(self._static.get(request.match_info["name"])).response(request)
+        name = request.match_info.get("name", "index.html")
+        return _or_404(self._static.get(name)).response(request)
 
     async def _state(self, request: web.Request, actions: Actions) -> web.StreamResponse:
         role, owner = self._user(request)
@@ -98,30 +90,29 @@ class Routes:
             "tiles": self._tiles.about if self._tiles else None,
             "now_ns": str(time.time_ns()),
         }
-        socket = await self._opened(request, compress=True)
-        may = partial(self._asked.take, role, owner)
-        page = StatePage(socket, role or VIEWER, actions, self.hub, may)
-        try:
+        async with self._opened(request, compress=True) as socket:
+            may = partial(self._asked.take, role, owner)
+            page = StatePage(socket, role or VIEWER, actions, self.hub, may)
             await page.run(hello, _who(request))
-        finally:
-            self._sockets.discard(socket)
         return socket
 
     async def _video(self, request: web.Request) -> web.StreamResponse:
         aircraft = request.match_info["aircraft"]
         feed = _or_404(self._feeds.get(aircraft))
-        socket = await self._opened(request, compress=False)
-        bound_kernel_buffer(request)
-        viewer = aircraft, VideoViewer(feed, socket, _who(request))
-        self._viewers.add(viewer)
-        try:
-            await viewer[1].run()
-        finally:
-            self._viewers.discard(viewer)
-            self._sockets.discard(socket)
+        async with self._opened(request, compress=False) as socket:
+            bound_kernel_buffer(request)
+            viewer = aircraft, VideoViewer(feed, socket, _who(request))
+            self._viewers.add(viewer)
+            try:
+                await viewer[1].run()
+            finally:
+                self._viewers.discard(viewer)
         return socket
 
-    async def _opened(self, request: web.Request, *, compress: bool) -> web.WebSocketResponse:
+    @asynccontextmanager
+    async def _opened(
+        self, request: web.Request, *, compress: bool
+    ) -> AsyncIterator[web.WebSocketResponse]:
         socket = web.WebSocketResponse(
             timeout=_CLOSING_S,
             heartbeat=_HEARTBEAT_S,
@@ -130,7 +121,10 @@ class Routes:
         )
         await socket.prepare(request)
         self._sockets.add(socket)
-        return socket
+        try:
+            yield socket
+        finally:
+            self._sockets.discard(socket)
 
     def _latency_ms(self, aircraft: str, who: str) -> float | None:
         """Return the slowest of somebody's screens."""
@@ -148,8 +142,8 @@ class Routes:
                 self._maps[aircraft] = Content.of(body, "application/geo+json")
             return self._maps[aircraft]
 
-        content_made = await self._made(request, content)
-        return content_made.response(request) if content_made.body else web.Response(status=204)
+        made = await self._made(request, content)
+        return made.response(request) if made.body else web.Response(status=204)
 
     async def _tile(self, request: web.Request) -> web.Response:
         tiles = _or_404(self._tiles)
@@ -164,22 +158,20 @@ class Routes:
     async def _export(self, request: web.Request) -> web.Response:
         form = request.match_info["format"]
         _or_404(FORMATS.get(form))
-        targets = self._backend.targets
-        body = await self._made(
-            request, lambda: exported(targets.for_others(), form, targets.picture)
-        )
+        store = self._backend.targets
+        body = await self._made(request, lambda: exported(store.for_others(), form, store.picture))
         named = {"Content-Disposition": f'attachment; filename="targets.{form}"'}
         return web.Response(body=body, content_type="application/octet-stream", headers=named)
 
     async def _picture(self, request: web.Request) -> web.Response:
-        picture, id_ = self._backend.targets.picture, request.match_info["id"]
-        body = await self._made(request, lambda: picture(id_))
+        picture = partial(self._backend.targets.picture, request.match_info["id"])
+        body = await self._made(request, picture)
         return web.Response(body=_or_404(body), content_type="image/jpeg")
 
     async def _code(self, request: web.Request) -> web.Response:
         try:
-            get, id_ = self._backend.targets.get, request.match_info["id"]
-            target = await self._made(request, lambda: get(id_))
+            get = partial(self._backend.targets.get, request.match_info["id"])
+            target = await self._made(request, get)
         except TargetError:
             raise web.HTTPNotFound from None
         out = io.BytesIO()

@@ -18,8 +18,7 @@ from aiohttp import web
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
-from tirgeo_ros.page.actions import Actions, Sent, changed_targets
-from tirgeo_ros.page.backend import Backend
+from tirgeo_ros.page.actions import Actions, Backend, Sent, changed_targets
 from tirgeo_ros.page.connections import Listener, http_runner, listening_socket
 from tirgeo_ros.page.content import Tiles, read_static
 from tirgeo_ros.page.guard import Guard, mark
@@ -121,8 +120,9 @@ class PageServer:
         try:
             return listening_socket(*address_of(self._config.listen))
         except OSError as error:
+            reason = str(error.strerror or error).partition(" (while")[0]
             raise PageError(
-                f"listen: {self._config.listen}: {error.strerror or error}: is another one "
+                f"listen: {self._config.listen}: {reason}: is another one "
                 "running? Choose an address of this computer and a free port"
             ) from None
 
@@ -164,7 +164,7 @@ class PageServer:
         )
         undulation_m = self._config.geoid_undulation_m
         actions = Actions(self._backend, self._feeds, undulation_m, self._stale.set)
-        app = web.Application(middlewares=[guard.middleware()], client_max_size=_BODY_BYTES)
+        app = web.Application(middlewares=[guard.middleware], client_max_size=_BODY_BYTES)
         app.add_routes(self._routes.table(guard, actions))
         app.on_response_prepare.append(mark)
         app.on_shutdown.append(self._routes.close)

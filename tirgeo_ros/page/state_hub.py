@@ -1,7 +1,4 @@
-"""Give each page the newest of what all must know, and answers to what it asks.
-
-All on the server's loop.
-"""
+"""Give each page the newest of what all must know, and answers to what it asks."""
 
 from __future__ import annotations
 
@@ -22,6 +19,9 @@ _REQUESTS_A_S, _REQUESTS_AT_ONCE = 50.0, 100.0  # a page that was offline sends 
 _PAUSE_S = 0.1  # after a refusal nothing is read: a flood stays in its own network
 _RUNNING = 64  # requests of a page that are being answered
 _UNREAD = 100  # answers that a page has not taken: it does not read
+_PERIOD_S = 0.2  # states go out at most at 5 Hz
+_MOST_POINTS = 20_000  # of a track that newcomers get
+_POINTS_AT_ONCE, _TARGETS_AT_ONCE = 500, 50  # so that a slow link's state isn't late for them
 
 
 class StatePage:
@@ -45,7 +45,12 @@ class StatePage:
         """Send and answer until the peer leaves."""
         self._outbox.answer(hello)
         self._hub.join(self._outbox, who)
-        sending = asyncio.create_task(self._send())
+
+        async def send() -> None:
+            while True:
+                await self._socket.send_str(await self._outbox.take())
+
+        sending = asyncio.create_task(send())
         try:
             await self._listen()
         finally:
@@ -53,13 +58,9 @@ class StatePage:
             sending.cancel()
             await asyncio.gather(sending, *self._running, return_exceptions=True)
 
-    async def _send(self) -> None:
-        while True:
-            await self._socket.send_str(await self._outbox.take())
-
     async def _listen(self) -> None:
         async for message in self._socket:
-            if message.type is not WSMsgType.TEXT or self._outbox.answers > _UNREAD:
+            if message.type is not WSMsgType.TEXT or len(self._outbox.answers) > _UNREAD:
                 await self._socket.close(code=1008, message=b"texts alone, and read the answers")
                 return
             try:
@@ -79,19 +80,15 @@ class StatePage:
             raise RequestError("too many requests at once: wait a moment", name)
         if self._role != OPERATOR and kind not in FOR_VIEWERS:
             raise RequestError("you may look on, not change anything", name)
-        task = asyncio.create_task(self._answer(name, kind, fields))
+
+        async def answer() -> None:
+            """Answer; a confirmed change is then on the disk."""
+            result = await self._actions.answer(name, kind, fields)
+            self._outbox.answer({"type": "answer", "request": name, **result})
+
+        task = asyncio.create_task(answer())
         self._running.add(task)
         task.add_done_callback(self._running.discard)
-
-    async def _answer(self, name: str, kind: str, fields: dict[str, Any]) -> None:
-        """Answer; a confirmed change is then on the disk."""
-        fields = await self._actions.answer(name, kind, fields)
-        self._outbox.answer({"type": "answer", "request": name, **fields})
-
-
-_PERIOD_S = 0.2  # states go out at most at 5 Hz
-_MOST_POINTS = 20_000  # of a track that newcomers get
-_POINTS_AT_ONCE, _TARGETS_AT_ONCE = 500, 50  # so that a slow link's state isn't late for them
 
 
 class Track:
@@ -122,21 +119,16 @@ class Outbox:
     """Hold what one page gets next: of each thing the newest, and every answer."""
 
     def __init__(self) -> None:
-        self._answers: list[str] = []
+        self.answers: list[str] = []  # that wait
         self._newest: dict[str, Callable[[], str]] = {}
         self._some = asyncio.Event()
         self.track_ends: dict[str, int] = {}
         self.targets: dict[str, str] = {}  # to be sent yet, by id
         self.has_targets = False
 
-    @property
-    def answers(self) -> int:
-        """Return how many answers wait."""
-        return len(self._answers)
-
     def answer(self, message: Mapping[str, Any]) -> None:
         """Add an answer."""
-        self._answers.append(json.dumps(message))
+        self.answers.append(json.dumps(message))
         self._some.set()
 
     def put(self, what: str, text: Callable[[], str]) -> None:
@@ -146,11 +138,11 @@ class Outbox:
 
     async def take(self) -> str:
         """Return the next text: answers first."""
-        while not self._answers and not self._newest:
+        while not self.answers and not self._newest:
             self._some.clear()
             await self._some.wait()
-        if self._answers:
-            return self._answers.pop(0)
+        if self.answers:
+            return self.answers.pop(0)
         return self._newest.pop(next(iter(self._newest)))()
 
 
@@ -230,19 +222,13 @@ class StateHub:
     def _state_text(self, outbox: Outbox, who: str, aircraft: str) -> str:
         start, points = self._tracks[aircraft].after(outbox.track_ends.get(aircraft, 0))
         outbox.track_ends[aircraft] = start + len(points)
-        own = {
-            "track_from": start,
-            "track": points,
-            "latency_ms": self._latency_ms(aircraft, who),
-        }
+        own = {"track_from": start, "track": points}
+        own["latency_ms"] = self._latency_ms(aircraft, who)
         return json.dumps(self._states[aircraft] | own)
 
 
 def plain(value: Any) -> Any:
-    """Return a value that JSON has: numbers that are not finite become None, tuples lists.
-
-    Raises TypeError for one that has no JSON.
-    """
+    """Return a value as JSON has it: no number but finite ones, no tuples; raise TypeError."""
     if isinstance(value, np.generic):
         return plain(value.item())
     if value is None or isinstance(value, (str, bool)):

@@ -1,7 +1,4 @@
-"""Send the video: each aircraft's newest pictures, as fast and as large as a viewer takes them.
-
-All on the server's loop.
-"""
+"""Send the video: each aircraft's newest pictures, as fast and as large as a viewer takes them."""
 
 from __future__ import annotations
 
@@ -56,6 +53,18 @@ _VERY_LONG_S, _IN_SUCCESSION = 0.6, 2  # one long trip alone may be a hiccup
 _READABLE = 5  # the least level that shows a person; below it only for very long trips
 #: How often a larger size is tried; one that leads to long trips so soon has failed.
 _PROBE_S, _RAREST_PROBE_S, _SOON_S = 1.0, 32.0, 3.0
+_KEPT_BYTES = 16 * 2**20  # of pictures to cut targets out of: five seconds
+_HELD = 30  # pictures that were the last on somebody's screen: he may press on one for long
+_CUT_HALF = 80  # pixels: half a cut-out's side
+_LOG = logging.getLogger("tirgeo.page")
+_REDUCED = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
+#: stamp_ns, sent_ns, number, width, height; the JPEG follows.
+HEADER = struct.Struct("<QQIHH")
+#: What a page that lies about what it has drawn can make the kernel hold.
+_KERNEL_BUFFER = 256 * 1024
+_ANSWERS_A_S = 150.0
+_AGES = 30  # pictures over which an age is taken
+_SENT = 3  # pictures of which one may be on the screen: two unanswered, and the one before
 
 
 class Pace:
@@ -90,8 +99,13 @@ class Pace:
         self._forget(lambda other, _: other <= number)
         self._trip_s = now_s - sent_s
         self._least_s[level] = min(self._trip_s, self._least_s.get(level, math.inf))
-        if level == self.level:  # else it tells of a size that is no longer sent
-            self._judge(self._trip_s, now_s)
+        if level != self.level:
+            return True  # it tells of a size that is no longer sent
+        self._long = self._long + 1 if self._trip_s > _LONG_S else 0
+        if self._long >= _IN_SUCCESSION or self._trip_s > _VERY_LONG_S:
+            self._shrink(self._trip_s, now_s)
+        elif self._trip_s < _SHORT_S and self.level > 0:
+            self._grow(self._trip_s, now_s)
         return True
 
     def _of_bytes_s(self) -> float:
@@ -107,13 +121,6 @@ class Pace:
         gone = [n for n, (sent_s, _) in self._on_the_way.items() if which(n, sent_s)]
         for number in gone:
             del self._on_the_way[number]
-
-    def _judge(self, trip_s: float, now_s: float) -> None:
-        self._long = self._long + 1 if trip_s > _LONG_S else 0
-        if self._long >= _IN_SUCCESSION or trip_s > _VERY_LONG_S:
-            self._shrink(trip_s, now_s)
-        elif trip_s < _SHORT_S and self.level > 0:
-            self._grow(trip_s, now_s)
 
     def _shrink(self, trip_s: float, now_s: float) -> None:
         """Take the level whose trip will be short if the bytes alone make it long."""
@@ -136,17 +143,6 @@ class Pace:
             self.level -= 1
             self._probed_s = now_s
             self._probe_at_s = now_s + self._probe_every_s
-
-
-_KEPT, _KEPT_BYTES = 100, 16 * 2**20  # pictures to cut targets out of: three seconds
-_HELD = 30  # pictures that were the last on somebody's screen: he may press on one for long
-_CUT_HALF = 80  # pixels: half a cut-out's side
-_LOG = logging.getLogger("tirgeo.page")
-_REDUCED = {
-    1: cv2.IMREAD_COLOR,
-    2: cv2.IMREAD_REDUCED_COLOR_2,
-    4: cv2.IMREAD_REDUCED_COLOR_4,
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,11 +168,11 @@ class VideoFeed:
         self.newest: Picture | None = None
         self.damaged = 0
         self._workers = workers
-        self._kept: deque[Picture] = deque(maxlen=_KEPT)
+        self._kept: deque[Picture] = deque()
         self._kept_bytes = 0
         self._held: deque[Picture] = deque(maxlen=_HELD)
         self._smaller: dict[int, asyncio.Future[bytes]] = {}  # by level, of the newest alone
-        self._waking: set[Callable[[], None]] = set()
+        self.waking: set[Callable[[], None]] = set()  # called at each picture
 
     def show(self, stamp_ns: int, begun_ns: int, jpeg: bytes) -> None:
         """Take the newest picture; count what is no JPEG of a video, and log the first."""
@@ -190,17 +186,12 @@ class VideoFeed:
         number = self.newest.number + 1 if self.newest else 1
         self.newest = Picture(number, stamp_ns, begun_ns, jpeg, width, height)
         self._smaller = {}
-        self._keep(self.newest)
-        for wake in self._waking:
+        self._kept.append(self.newest)
+        self._kept_bytes += len(jpeg)
+        while self._kept_bytes > _KEPT_BYTES and len(self._kept) > 1:
+            self._kept_bytes -= len(self._kept.popleft().jpeg)
+        for wake in self.waking:
             wake()
-
-    def wake(self, call: Callable[[], None]) -> None:
-        """Call it at each picture."""
-        self._waking.add(call)
-
-    def forget(self, call: Callable[[], None]) -> None:
-        """Call it no more."""
-        self._waking.discard(call)
 
     def hold(self, pictures: Iterable[Picture]) -> None:
         """Keep pictures for targets: those that a page had last when it stopped the video."""
@@ -223,14 +214,6 @@ class VideoFeed:
         picture = next((picture for picture in every if picture.stamp_ns == stamp_ns), None)
         return lambda: _cut_out(picture, u, v) if picture else None
 
-    def _keep(self, picture: Picture) -> None:
-        if len(self._kept) == _KEPT:
-            self._kept_bytes -= len(self._kept.popleft().jpeg)
-        self._kept.append(picture)
-        self._kept_bytes += len(picture.jpeg)
-        while self._kept_bytes > _KEPT_BYTES and len(self._kept) > 1:
-            self._kept_bytes -= len(self._kept.popleft().jpeg)
-
 
 def _smaller(jpeg: bytes, level: int) -> bytes:
     divisor, quality, _ = LEVELS[level]
@@ -252,15 +235,6 @@ def _cut_out(picture: Picture, u: float, v: float) -> bytes | None:
     return made
 
 
-#: stamp_ns, sent_ns, number, width, height; the JPEG follows.
-HEADER = struct.Struct("<QQIHH")
-#: What a page that lies about what it has drawn can make the kernel hold.
-_KERNEL_BUFFER = 256 * 1024
-_ANSWERS_A_S = 150.0
-_AGES = 30  # pictures over which an age is taken
-_SENT = 3  # pictures of which one may be on the screen: two unanswered, and the one before
-
-
 class VideoViewer:
     """Send the video to one WebSocket; ``who`` is the session or address behind it."""
 
@@ -280,11 +254,11 @@ class VideoViewer:
     async def run(self) -> None:
         """Send pictures and take answers until the peer leaves."""
         sending = asyncio.create_task(self._send())
-        self._feed.wake(self._news.set)
+        self._feed.waking.add(self._news.set)
         try:
             await self._take_answers()
         finally:
-            self._feed.forget(self._news.set)
+            self._feed.waking.discard(self._news.set)
             self._feed.hold(self._sent.values())
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
@@ -296,19 +270,14 @@ class VideoViewer:
             if newest and newest.number != last and self._pace.may_send(time.monotonic()):
                 last = newest.number
                 await self._send_one(newest)
-                continue
-            self._news.clear()
-            await self._news.wait()
+            else:
+                self._news.clear()
+                await self._news.wait()
 
     async def _send_one(self, picture: Picture) -> None:
         jpeg = await self._feed.bytes_at(picture, self._pace.level)
-        head = HEADER.pack(
-            max(picture.stamp_ns, 0),
-            time.time_ns(),
-            picture.number & 0xFFFFFFFF,
-            picture.width,
-            picture.height,
-        )
+        stamp_ns, number = max(picture.stamp_ns, 0), picture.number & 0xFFFFFFFF
+        head = HEADER.pack(stamp_ns, time.time_ns(), number, picture.width, picture.height)
         self._pace.sent(picture.number, time.monotonic())
         self._sent[picture.number] = picture
         if len(self._sent) > _SENT:
@@ -320,23 +289,16 @@ class VideoViewer:
         allowance = Allowance(_ANSWERS_A_S, _ANSWERS_A_S)
         async for message in self._socket:
             word, _, number = str(message.data).partition(" ")
-            right = message.type is WSMsgType.TEXT and word == "shown" and _is_number(number)
+            is_number = number.isascii() and number.isdigit() and len(number) <= 10
+            right = message.type is WSMsgType.TEXT and word == "shown" and is_number
             if not right or not allowance.take(time.monotonic()):
                 await self._socket.close(code=1008, message=b"only shown NUMBER, once for each")
                 return
-            self._shown(int(number))
+            if self._pace.shown(int(number), time.monotonic()):
+                age_ns = time.time_ns() - self._sent[int(number)].begun_ns
+                self._ages_ms.append(age_ns * 1e-6)
+                self._news.set()
             await asyncio.sleep(0)  # a flood must not hold up the others
-
-    def _shown(self, number: int) -> None:
-        if not self._pace.shown(number, time.monotonic()):
-            return
-        age_ms = (time.time_ns() - self._sent[number].begun_ns) * 1e-6
-        self._ages_ms.append(age_ms)
-        self._news.set()
-
-
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdigit() and len(text) <= 10
 
 
 def bound_kernel_buffer(request: web.Request) -> None:

@@ -24,8 +24,14 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
-from tirgeo_ros.core.ground.camera_place import body_rpy, camera_place, height_above_m
-from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry
+from tirgeo_ros.core.ground.frame_geometry import (
+    Sight,
+    body_rpy,
+    camera_place,
+    footprint,
+    frame_geometry,
+    height_above_m,
+)
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, linear_error_90, place
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 

@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.map.level_of_detail import TOLERANCES_M, Details
-from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.polylines import TOLERANCES_M, Details, Polylines
 
 LENGTHS = st.lists(st.integers(2, 6), min_size=1, max_size=8)
 SEEDS = st.integers(0, 2**31)
@@ -104,7 +103,7 @@ def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
     details = Details.of(walks(3000, 4), np.zeros(3000, int))
     normals, offsets = np.array([[1.0, 0, 0], [0.0, 0.6, 0.8]]), np.array([100.0, -50.0])
     found, whole = details.in_view(normals, offsets)
-    np.testing.assert_array_equal(found, details.boxes.within(normals, offsets))
+    np.testing.assert_array_equal(found, details.boxes.in_view(normals, offsets)[0])
     least = normals @ details.boxes.centres - np.abs(normals) @ details.boxes.halves
     np.testing.assert_array_equal(whole, (least >= offsets[:, None]).all(axis=0)[found])
     assert 100 < len(found) < 2900

@@ -8,8 +8,7 @@ import pytest
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map import vector_map as map_module
-from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.types.errors import ConfigError
 
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)

@@ -8,8 +8,7 @@ from scenes import PLANE, camera_pose, map_of
 from tirgeo_ros.core.camera.camera_model import NEAR_M, XT2, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map import visibility as view_module
-from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.map.visibility import FAR_M, View, farthest_m
 
 LENSES = {
@@ -308,12 +307,6 @@ def assert_views(seeds, reach=REACH_PX):
 
 def test_no_ghost_and_nothing_lost():
     assert_views(range(120))
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_no_ghost_and_nothing_lost_in_2000_views():
-    assert_views(range(1000, 3000))
 
 
 def test_simplified_lines_leave_no_ghost_either(monkeypatch):

@@ -22,8 +22,8 @@ from coded_frames import (
 from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.ground.backprojection import hidden
-from tirgeo_ros.core.orthorectification.ground_tiles import TILE_PX
 from tirgeo_ros.core.orthorectification.orthophoto import (
+    TILE_PX,
     FrameView,
     MosaicTile,
     Patch,

@@ -13,7 +13,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.overlay.camera_motion import predicted
+from tirgeo_ros.core.overlay.overlay import predicted
 from tirgeo_ros.core.types.poses import CameraPose
 
 STEP_S = 0.02

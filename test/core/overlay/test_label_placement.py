@@ -9,11 +9,10 @@ from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.label_placement import Labels
-from tirgeo_ros.core.overlay.text_rendering import Box
+from tirgeo_ros.core.overlay.written_text import Box
 
 CAMERA = Camera(640, 512, 640.0, 640.0, 319.5, 255.5)
 HEIGHT_M = 64.0  # a metre is ten pixels, straight down

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.map.map_layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.vector_map import LayerStyle
 from tirgeo_ros.core.overlay.line_renderer import FADES, LineRenderer
 
 GREY = 128

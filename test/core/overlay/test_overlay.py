@@ -32,7 +32,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.map.map_layers import MapLayer
+from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Frame, FrameQueue, Overlay
 from tirgeo_ros.core.types.verdicts import FilterState
@@ -160,7 +160,7 @@ def test_a_click_needs_no_map(layers, failure, notice, untrusted):
 )
 def test_the_notice_says_why(poses_ns, state, notice):
     overlay = ready()
-    overlay.set_status(status(*state))
+    overlay.status = status(*state)
     for stamp_ns in poses_ns:
         overlay.add_pose(pose_at(START + stamp_ns))
     now = START + LATENCY
@@ -283,7 +283,7 @@ def test_nothing_is_predicted_too_far(ahead_ms, most_s):
 def test_nothing_is_predicted_for_an_estimator_that_has_given_up():
     overlay = ready()
     fly(overlay, START - 40 * MS)
-    overlay.set_status(status(FilterState.LOST, "position sigma 11 m"))
+    overlay.status = status(FilterState.LOST, "position sigma 11 m")
     overlay.add_frame(START + LATENCY, GREY, START)
     assert overlay.take(START + WAIT).notice == (
         "NO MAP: no position, as the filter's errors grew too large"

@@ -13,17 +13,20 @@ from hypothesis import strategies as st
 from overlays import PLANE, SQUARE_N, geo, luminance
 from PIL import Image, ImageDraw, ImageFont
 
-from tirgeo_ros.core.map.map_layers import MapLayer
-from tirgeo_ros.core.overlay import text_rendering as text
+from tirgeo_ros.core.map.vector_map import MapLayer
+from tirgeo_ros.core.overlay import written_text as text
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
-from tirgeo_ros.core.overlay.status_and_notices import (
+from tirgeo_ros.core.overlay.written_text import (
+    TEXT_BGR,
     Field,
+    coverage,
     fitted,
     paint_notice,
     paint_status,
+    passing_stamp,
+    stamp,
     status_line,
 )
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, coverage, passing_stamp, stamp
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
@@ -192,7 +195,7 @@ def is_within_a_pixel(one, other):
     return not (one & ~near).any()
 
 
-DEJAVU = text._pillow_font("DejaVuSans", 40).getname()[0] == "DejaVu Sans"
+DEJAVU = text._font("DejaVuSans", 40).getname()[0] == "DejaVu Sans"
 
 
 @pytest.mark.skipif(not (text.can_shape() and DEJAVU), reason="no libfribidi0 or no DejaVu Sans")

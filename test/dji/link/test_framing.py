@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import random
 import sys
 from itertools import pairwise
@@ -111,34 +110,9 @@ def test_lengths_that_are_refused(length):
     assert counts["bad_crc32"] == counts["truncated"] == 0
 
 
-#: Check sum, polynomial, start in unreflected notation, bits.
-SUMS = [(crc16, 0x8005, 0xC55C, 16), (crc32, 0x04C11DB7, 0xC55C0000, 32)]
-
-
-def reversed_bits(value, bits):
-    return int(f"{value:0{bits}b}"[::-1], 2)
-
-
-def bit_by_bit(data, polynomial, start, bits):
-    """The long division as books give it: unreflected, with bytes and result turned round."""
-    top, register = 1 << (bits - 1), start
-    for byte in data:
-        register ^= reversed_bits(byte, 8) << (bits - 8)
-        for _ in range(8):
-            register = (register << 1) ^ (polynomial if register & top else 0)
-            register &= 2 * top - 1
-    return reversed_bits(register, bits)
-
-
 @pytest.mark.parametrize(("check_sum", "expected"), [(crc16, 0x2752), (crc32, 0xE4D9DC14)])
 def test_check_values(check_sum, expected):
     assert check_sum(b"123456789") == expected
-
-
-@pytest.mark.parametrize(("check_sum", "polynomial", "start", "bits"), SUMS)
-@given(data=st.binary(max_size=40))
-def test_equals_the_long_division(check_sum, polynomial, start, bits, data):
-    assert check_sum(data) == bit_by_bit(data, polynomial, start, bits)
 
 
 FRAMES = [encode_frame(bytes([2, 0, *range(size)]), sequence=size) for size in (2, 60, 31, 200)]
@@ -212,44 +186,6 @@ def test_a_stray_start_costs_no_frame_of_any_length(before):
         frames, counts = read_with(before + whole)
         assert [(f.offset, f.length) for f in frames] == [(len(before), len(whole))]
         assert counts["skipped_bytes"] == len(before)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_the_example_frames_among_damage(shared, seed):
-    """Each intact one is found, with all its bytes, and nothing else is."""
-    data = (shared / "dji" / "frames.bin").read_bytes()
-    lines = map(json.loads, (shared / "dji" / "frames.jsonl").read_text().splitlines())
-    examples = [data[line["offset"] : line["offset"] + line["length"]] for line in lines]
-    rng = random.Random(seed)
-    stream, expected = b"", []
-    for example in rng.sample(examples * 4, 128):
-        stream += damage(rng, example)
-        expected.append((len(stream), example))
-        stream += example
-    frames, counts = read_in(cut_at(stream, rng.sample(range(len(stream)), 300)))
-    assert [(f.offset, stream[f.offset : f.offset + f.length]) for f in frames] == expected
-    assert counts["bytes"] == len(stream)
-    assert counts["skipped_bytes"] == len(stream) - sum(len(whole) for _, whole in expected)
-
-
-def damage(rng, whole):
-    """Something that holds no intact frame, though nearly one."""
-    at = rng.randrange(1, len(whole))
-    flipped = bytearray(whole)
-    flipped[at] ^= 1 << rng.randrange(8)
-    return rng.choice(
-        [
-            b"",
-            rng.randbytes(rng.randrange(300)),
-            b"\xaa" * rng.randrange(300),
-            bytes(rng.choices([0xAA, 0, 0x14], k=100)),
-            bytes(flipped),
-            whole[:at],
-            whole[at:],
-            whole[:at] + rng.randbytes(2) + whole[at:],
-            false_header(rng.randrange(16, 1024)),
-        ]
-    )
 
 
 def test_a_frame_given_up_frees_those_behind_it():
@@ -366,15 +302,6 @@ def test_what_cannot_be_encrypted_data_is_counted(size, padding):
 
 def empty(padding):
     return with_sums(bytes([0xAA, 16, 0, 0, padding | 1 << 5, 0, 0, 0, 0, 0]), b"")
-
-
-@pytest.mark.parametrize("key", [None, CIPHER_KEY])
-@pytest.mark.parametrize("encryption", range(2, 8))
-def test_other_codes_are_counted_and_not_read(encryption, key):
-    frame, counts = read(frame_of(bytes(16), 4, encryption), key)
-    assert (frame.is_encrypted, frame.encryption) == (True, encryption)
-    assert (frame.cmd_set, frame.value) == (None, b"")
-    assert counts["encrypted"] == 1
 
 
 @pytest.mark.parametrize(

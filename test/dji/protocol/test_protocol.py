@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.broadcast import (
     Layout,
     broadcast_length,
@@ -36,7 +34,6 @@ from tirgeo_ros.dji.protocol.subscription import (
     encode_push,
     package_table,
 )
-from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.convert.dump import push_fields
 
 #: Bytes of each part by bit, in the modern layout.
@@ -171,17 +168,6 @@ def test_the_old_layout_of_the_m600():
     assert found.mask == mask
 
 
-def test_the_example_frames_encode_to_the_same_bytes(shared):
-    data = (shared / "dji" / "frames.bin").read_bytes()
-    lines = map(json.loads, (shared / "dji" / "frames.jsonl").read_text().splitlines())
-    masks = [line["mask"] for line in lines if line["kind"] == "broadcast"]
-    reader = FrameReader()
-    frames = [f for f in reader.feed(data) + reader.rescan() if f.cmd_id == 0]
-    found = [decode_broadcast(frame.value) for frame in frames]
-    assert [broadcast.mask for broadcast in found] == masks
-    assert [encode_broadcast(b) for b in found] == [frame.value for frame in frames]
-
-
 def test_the_usual_packages_have_the_lengths_of_their_pushes():
     # Frames of 144, 101, 67, 82 and 55 bytes; 18 are header, check sum, set and id.
     assert [package.length for package in USUAL_PACKAGES] == [126, 83, 49, 64, 37]
@@ -261,30 +247,9 @@ def without(key):
     return {name: value for name, value in entry().items() if name != key}
 
 
-def test_a_table_is_read_from_a_file(tmp_path):
-    file = tmp_path / FILE
-    file.write_text(
-        "packages:\n"
-        "  0:\n"
-        "    rate_hz: 5\n"
-        "    with_timestamp: true\n"
-        "    topics: [RTK_POSITION, RTK_YAW]\n"
-        "  3:\n"
-        "    rate_hz: 400\n"
-        "    with_timestamp: false\n"
-        "    topics:\n"
-        "      - HARD_SYNC\n"
-    )
-    assert list(package_table(load_yaml(file), str(file)).values()) == [
-        Package.of(0, 5, with_timestamp=True, names=("RTK_POSITION", "RTK_YAW")),
-        Package.of(3, 400, with_timestamp=False, names=("HARD_SYNC",)),
-    ]
-
-
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
-        (None, "not a table of packages"),
         ({"packages": None}, "not a table of packages"),
         ({"packages": {5: entry()}}, r"packages\.5: ids of packages are 0 to 4"),
         (
@@ -299,20 +264,7 @@ def test_a_table_is_read_from_a_file(tmp_path):
             {"packages": {1: entry(topics=["RTK_JAW"])}},
             r"packages\.1\.topics: unknown topic RTK_J",
         ),
-        ({"packages": {1: entry(topics=[18])}}, r"packages\.1\.topics: unknown topic 18"),
-        (
-            {
-                "packages": {
-                    1: entry(
-                        topics=[
-                            *("ESC_DATA", "HARD_SYNC", "RC_FULL_RAW_DATA", "GPS_DETAILS"),
-                            *("QUATERNION", "GPS_FUSED"),
-                        ]
-                    )
-                }
-            },
-            r"packages\.1: 261 bytes, more than the 250 of a push",
-        ),
+        ({"packages": {1: entry(topics=["ESC_DATA"] * 4)}}, r"packages\.1: .* more than the 250 "),
     ],
 )
 def test_what_is_no_table_is_told_with_file_and_key(tree, message):

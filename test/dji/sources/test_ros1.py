@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
@@ -75,23 +76,14 @@ def readings(name, message, record_ns=START + LAG, setup=None):
 def test_imu_is_turned_to_ned_and_frd():
     q_nb = quat_from_euler(0.1, -0.2, 2.5)
     rotation = ENU_NED @ matrix_from_quat(q_nb) @ FLU_FRD
-    half = np.array([0.5 * math.sqrt(max(0.0, 1 + s @ np.diag(rotation))) for s in _SIGNS])
-    q = half * [1.0, *np.sign(_axial(rotation))]
-    (reading,) = readings("imu", imu(START, q=tuple(q)))
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    (reading,) = readings("imu", imu(START, q=(w, x, y, z)))
     assert isinstance(reading, ImuReading)
     assert reading.stamp_ns == START
     assert reading.unit is AccelerationUnit.M_S2
     assert reading.acceleration_b == (0.5, 0.25, -9.8)
     assert reading.angular_rate_b == (0.1, -0.2, 0.3)
     assert abs(np.dot(reading.q_nb, q_nb)) == pytest.approx(1.0, abs=ROUNDING)
-
-
-#: Diagonals to the size of each component of a quaternion (Shepperd's method).
-_SIGNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
-
-
-def _axial(m):
-    return np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
 
 
 @pytest.mark.parametrize(

@@ -106,25 +106,6 @@ def test_each_real_variant(shared, name):
     assert stamps == sorted(stamps)
 
 
-def test_places_are_where_they_were_flown(shared):
-    """Cadiz, Olavarria, Folsom: longitude and latitude are not exchanged."""
-    folder = shared / "foreign_logs" / "dji" / "srt"
-    for name, place in (
-        ("matrice_300", (36.6, -6.1)),
-        ("p4_rtk", (-34.2, -58.9)),
-        ("mini_folsom_DJI_0031", (38.7, -121.2)),
-    ):
-        first = of(read_srt(folder / f"{name}.srt", OPTIONS), PositionSample)[0]
-        found = math.degrees(first.latitude_rad), math.degrees(first.longitude_rad)
-        assert found == pytest.approx(place, abs=0.06)
-
-
-def test_the_gimbal_in_brackets_has_yaw_first(shared):
-    path = shared / "foreign_logs" / "dji" / "srt" / "avata360_gimbal.srt"
-    first = of(read_srt(path, OPTIONS), CameraAttitudeSample)[0]
-    assert np.degrees(euler_from_quat(first.q_ng)) == pytest.approx([0.0, 0.0, -162.8])
-
-
 def test_times_are_local(tmp_path):
     contents = read(tmp_path, SRT, utc_offset_s=7200, geoid_undulation_m=45.0)
     first, second = of(contents, PositionSample)

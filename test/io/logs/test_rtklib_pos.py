@@ -7,7 +7,6 @@ import re
 from datetime import datetime, timezone
 
 import numpy as np
-import pyproj
 import pytest
 from foreign_logs import OPTIONS, POS
 
@@ -62,29 +61,6 @@ def test_the_walk_is_what_its_columns_say(shared):
     np.testing.assert_allclose(sigmas, numbers[:, 16:19])
 
 
-def test_the_walk_is_that_of_its_receiver(shared):
-    """The same solutions in UBX and .pos: GPS time against UTC, sea level against ellipsoid.
-
-    The .pos has milliseconds (and cuts), 1e-7 deg and mm; its undulation is that of the first fix,
-    and changes by 1 mm on the way.
-    """
-    pytest.importorskip("pyubx2")
-    from tirgeo_ros.io.logs.ubx import read_ubx  # noqa: PLC0415  needs it
-
-    folder = shared / "foreign_logs"
-    ours = kinds(read_pos(folder / "rtklib" / "walk_0827_120s.pos", OPTIONS))
-    theirs = kinds(read_ubx(folder / "ublox" / "walk_0827_pvt_nmea.ubx", OPTIONS))
-    for own, other in zip(ours[0], theirs[0][:480], strict=True):
-        assert 0 <= other.stamp_ns - own.stamp_ns < 1_500_000
-        assert own.latitude_rad == pytest.approx(other.latitude_rad, abs=1e-12)
-        assert own.longitude_rad == pytest.approx(other.longitude_rad, abs=1e-12)
-        assert own.height_m == pytest.approx(other.height_m, abs=2.1e-3)
-        assert own.status is other.status
-        np.testing.assert_allclose(own.covariance_n, other.covariance_n, rtol=1e-4)
-    for own, other in zip(ours[1], theirs[1][:480], strict=True):
-        np.testing.assert_allclose(own.velocity_n, other.velocity_n, atol=1e-9)
-
-
 @pytest.mark.parametrize("name", VARIANTS)
 def test_all_variants_are_the_same_solution(shared, name):
     """Formats round: a place to 1e-5 arc seconds or 0.1 mm, a sigma to 0.1 mm."""
@@ -116,17 +92,6 @@ def test_all_variants_are_the_same_solution(shared, name):
     # 0.05 mm of each root: d(r^2) = 2 r dr, through a rotation at most three terms of it
     atol = 6 * 7.1259 * 5e-5 if name.startswith("ecef") else 1e-9
     np.testing.assert_allclose(first.covariance_n, expected, rtol=0, atol=atol)
-
-
-def test_ecef_is_that_of_proj(shared):
-    path = shared / "foreign_logs" / "rtklib" / "variants" / "ecef__ecef_gpst2_111_dd.pos"
-    rows = [line.split()[2:5] for line in path.read_text().splitlines() if line[0] != "%"]
-    to_geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979")
-    for position, row in zip(kinds(read_pos(path, OPTIONS))[0], rows, strict=True):
-        place = to_geodetic.transform(*map(float, row))
-        assert math.degrees(position.latitude_rad) == pytest.approx(place[0], abs=1e-11)
-        assert math.degrees(position.longitude_rad) == pytest.approx(place[1], abs=1e-11)
-        assert position.height_m == pytest.approx(place[2], abs=1e-6)
 
 
 def test_a_corrupt_line_is_refused_and_the_rest_read(shared):

@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 
 import numpy as np
 import pytest
-from foreign_logs import OPTIONS, by_topic, pvt, relposned, samples
+from foreign_logs import OPTIONS, pvt, relposned
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
@@ -77,14 +77,6 @@ def test_positions_and_velocities_are_those_of_pyubx2(shared, name):
     assert contents.read["NAV-PVT"] == len(messages["NAV-PVT"])
 
 
-def test_hacc_is_the_root_of_both_variances(shared):
-    """As the receiver's own NAV-COV of the same epoch says, to the millimetre that hAcc has."""
-    folder = shared / "foreign_logs" / "ublox"
-    messages = judged(folder / "zed_x20p_relposned_invalid.ubx")
-    cov, place = messages["NAV-COV"][-1], messages["NAV-HPPOSLLH"][-1]
-    assert math.sqrt(cov.posCovNN + cov.posCovEE) == pytest.approx(place.hAcc / 1000, abs=1e-3)
-
-
 def test_headings_of_a_moving_base(shared):
     path = shared / "foreign_logs" / "ublox" / "made_moving_base.ubx"
     headings = of(read_ubx(path, OPTIONS), HeadingSample)
@@ -95,24 +87,6 @@ def test_headings_of_a_moving_base(shared):
         assert heading.stamp_ns in stamps
         assert heading.heading_rad == pytest.approx(math.radians(m.relPosHeading), abs=1e-12)
         assert heading.variance_rad2 == pytest.approx(math.radians(m.accHeading) ** 2)
-
-
-def test_a_moving_base_is_the_flight_it_was_made_of(shared, sample):
-    """Cut to the last digit of UBX: 1e-7 deg, mm, mm/s, 1e-5 deg of heading, ms in time."""
-    path = shared / "foreign_logs" / "ublox" / "made_moving_base.ubx"
-    found = by_topic(read_ubx(path, OPTIONS))
-    flown = samples(sample / "flight.mcap", found)
-    pairs = {topic: [(s, nearest(flown[topic], s)) for s in found[topic]] for topic in found}
-    for own, other in pairs["rtk/fix"]:
-        assert own.latitude_rad == pytest.approx(other.latitude_rad, abs=math.radians(1e-7))
-        assert own.longitude_rad == pytest.approx(other.longitude_rad, abs=math.radians(1e-7))
-        assert own.height_m == pytest.approx(other.height_m, abs=1e-3)
-    for own, other in pairs["rtk/vel"]:
-        np.testing.assert_allclose(own.velocity_n, other.velocity_n, atol=1e-3)
-    for own, other in pairs["rtk/heading"]:
-        apart_rad = math.remainder(own.heading_rad - other.heading_rad, math.tau)
-        assert math.degrees(abs(apart_rad)) < 1e-5
-    assert [len(of_topic) for of_topic in pairs.values()] == [150] * 3
 
 
 def nearest(known, sample):

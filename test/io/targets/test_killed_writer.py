@@ -47,11 +47,11 @@ def confirmed_before_kill(path, edits, wanted, delay_s):
         return wanted + len(process.stdout.read().splitlines())
 
 
-def check_kills(folder, edits, kills, seed):
-    expected = states_after_each(folder, edits)
-    rng = random.Random(seed)
-    for kill in range(kills):
-        path = folder / f"{kill}.gpkg"
+def test_three_kills_lose_no_confirmed_edit(tmp_path):
+    edits, rng = 60, random.Random(1)
+    expected = states_after_each(tmp_path, edits)
+    for kill in range(3):
+        path = tmp_path / f"{kill}.gpkg"
         wanted = rng.randrange(1, edits)
         confirmed = confirmed_before_kill(path, edits, wanted, rng.uniform(0, 0.03))
         assert confirmed <= edits
@@ -60,16 +60,6 @@ def check_kills(folder, edits, kills, seed):
         assert state_of(store) in expected[confirmed : confirmed + 2], (kill, confirmed)
         assert store.undo()
         store.close()
-
-
-def test_three_kills_lose_no_confirmed_edit(tmp_path):
-    check_kills(tmp_path, edits=60, kills=3, seed=1)
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_twenty_kills_during_a_thousand_edits_lose_no_confirmed_edit(tmp_path):
-    check_kills(tmp_path, edits=1000, kills=20, seed=2)
 
 
 def test_a_file_whose_making_was_killed_can_be_opened(tmp_path):

@@ -78,17 +78,8 @@ def test_each_change_is_undone_in_turn_also_after_a_restart(store):
         "",
     ]
     assert states == [[edited], [refined], [one], [], []]
+    assert store.picture(one.id) == JPEG
     store.close()
-
-
-def test_undo_after_new_changes_takes_the_newest(store):
-    one = store.add(click(), now_ns=1)
-    store.edit(one.id, 2, name="b")
-    store.undo()
-    store.edit(one.id, 3, name="c")
-    store.undo()
-    assert [target.name for target in store.all()] == [""]
-    assert store.undo() == "target 1 removed again"
 
 
 def test_one_target_is_undone_past_the_changes_of_others(store):
@@ -101,14 +92,6 @@ def test_one_target_is_undone_past_the_changes_of_others(store):
     assert store.undo(one.id) == "target 1 removed again"
     assert store.undo(one.id) == ""
     assert store.undo() == "target 2 as before"
-
-
-def test_a_deleted_target_comes_back_with_its_picture(store):
-    one = store.add(click(), picture=JPEG, now_ns=1)
-    store.delete(one.id, 2)
-    store.undo()
-    assert store.all() == [one]
-    assert store.picture(one.id) == JPEG
 
 
 def test_the_journal_and_loose_pictures_have_a_bound(store, monkeypatch):

@@ -7,9 +7,6 @@ import json
 import queue
 import sqlite3
 
-import cv2
-import numpy as np
-import pyogrio
 import pytest
 from browser import DESK, LEVEL, PHONE, TABLET
 from page_backend import GO, GROUND_M, LATITUDE, LONGITUDE, M_PER_PIXEL, SimulatedBackend
@@ -157,22 +154,15 @@ def test_a_target_is_named_deleted_brought_back_and_handed_over(serve, tablet, t
     (target,) = page.targets
     assert (target.name, target.note, target.kind) == ("Zwei Personen <b>", "am Ufer", "person")
     screen.tap_on("#export")
-    files = {
-        form: screen.download(
-            lambda form=form: screen.tap_on(f".exports a[href$={form}]"), tmp_path
-        )
-        for form in ("geojson", "gpkg", "kml", "gpx", "csv")
-    }
+    file = screen.download(lambda: screen.tap_on(".exports a[href$=geojson]"), tmp_path)
+    points = [
+        feature
+        for feature in json.loads(file.read_text())["features"]
+        if feature["geometry"]["type"] == "Point"
+    ]
     place = (target.place.longitude_deg, target.place.latitude_deg)
-    written = json.loads(files["geojson"].read_text())
-    points = [f for f in written["features"] if f["geometry"]["type"] == "Point"]
     assert points[0]["geometry"]["coordinates"][:2] == pytest.approx(place, abs=1e-8)
-    for form in ("geojson", "gpkg", "kml", "gpx"):
-        layers = [name for name, _ in pyogrio.list_layers(files[form])]
-        _, _, shapes, fields = pyogrio.raw.read(files[form], layer=layers[0])
-        assert len(shapes) >= 1, form
-        assert any("Zwei Personen" in str(one) for column in fields for one in column), form
-    assert "Zwei Personen" in files["csv"].read_text()
+    assert "Zwei Personen" in str(points[0]["properties"])
 
 
 def test_a_restart_of_the_server_loses_nothing(serve, tablet):
@@ -272,38 +262,6 @@ def test_an_old_edit_takes_nothing_from_a_newer_one(serve, tablet):
     first.tap_on("#toast button", has_text="Undo")
     second.tap_on(".row", has_text="choose a text")
     second.reads(".choice .other", "typed while the other deletes")
-
-
-def test_red_light_leaves_lines_visible(serve, tablet):
-    """WCAG 2.2, 1.4.11: three to one, of a yellow line on grey video and of lines on the map."""
-    screen = tablet(serve().url)
-    screen.hold_still()
-    screen.set(theme="red")
-    screen.page.evaluate(
-        """() => {
-          const context = document.querySelector(".stage canvas").getContext("2d");
-          [["#808080", 0], ["#ffff00", 50]].forEach(([colour, x]) => {
-            context.fillStyle = colour;
-            context.fillRect(x, 200, 50, 50);
-          });
-        }"""
-    )
-    image = cv2.imdecode(np.frombuffer(screen.video()[0], np.uint8), cv2.IMREAD_COLOR)
-    assert contrast(image[225, 75], image[225, 25]) > 3
-    ground, *lines = screen.page.evaluate(
-        """() => ["ground", "line", "way", "building", "water", "track", "target"].map((name) =>
-          getComputedStyle(document.documentElement).getPropertyValue(`--map-${name}`).trim())"""
-    )
-    for line in lines:
-        assert contrast(*(bytes.fromhex(text[1:])[::-1] for text in (line, ground))) > 3
-
-
-def contrast(*colours):
-    """Return the contrast ratio of two colours, BGR of 0 to 255, as WCAG 2.2 defines it."""
-    parts = np.array([[*colour] for colour in colours]) / 255
-    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-    light = linear @ (0.0722, 0.7152, 0.2126) + 0.05
-    return light.max() / light.min()
 
 
 def test_many_targets_come_in_parts_and_a_change_moves_one(serve, tablet):

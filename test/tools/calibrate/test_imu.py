@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from imu_noise import FLIGHT_DENSITY as DENSITY
 from imu_noise import FLIGHT_HZ as RATE_HZ
 from imu_noise import START_NS, flown, imu_bag, white
 
+from dev.real_flights import FlightRun, hidden_fixes, samples_of
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, ConfigError
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.calibrate.imu import calibrate_imu
@@ -180,6 +183,27 @@ def test_steps_of_a_walker_are_no_noise(shared):
     np.testing.assert_allclose(column(result, "density"), table, rtol=0.3)
     assert result["resting_s"] == 21  # the first 15 s and pauses
     assert max(column(result, "density_at_rest")[3:]) < 0.1 * 0.005
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["p4rtk_horizontal_09", "p4rtk_horizontal_24_differenced_velocity", "walk_0827"]
+)
+@pytest.mark.long
+def test_what_is_written_makes_no_flight_worse(name, shared, tmp_path):
+    bag = shared / "real_flights" / f"{name}.mcap"
+    calibrate_imu(bag, tmp_path / "imu.yaml")
+    samples = samples_of(bag)
+    method = config_from(EkfConfig, {"method": "ekf"})
+    written = ParameterFile(tmp_path / "imu.yaml").config("ekf_node", EkfConfig).imu
+    configs = (method, replace(method, imu=written))
+    before, after = (FlightRun(config, samples).flown() for config in configs)
+    # The share of fixes used may change by two fixes, the error after 5 s without them by a tenth.
+    assert after.used >= before.used - 2
+    cuts = [[misses[-1] for misses in hidden_fixes(one, samples)] for one in configs]
+    errors_m = [np.median([cut.error_m for cut in some]) for some in cuts]
+    assert errors_m[1] <= 1.1 * errors_m[0]
+    assert sum(cut.within(3) for cut in cuts[1]) >= sum(cut.within(3) for cut in cuts[0])
 
 
 def test_the_noise_at_rest_is_not_gone_below(tmp_path):

@@ -178,33 +178,3 @@ def test_a_cut_log_ends_as_a_cut_bag_does(shared, tmp_path, capsys):
     assert main(["import", str(tmp_path / "a.ulg"), "-o", str(tmp_path / "a.mcap")]) == 1
     assert "a.ulg: the file is cut off or damaged: what could be" in capsys.readouterr().err
     assert len(list(BagReader(tmp_path / "a.mcap").messages(["/imu/data"]))) > 500
-
-
-@pytest.mark.parametrize(
-    ("log", "method", "topics"),
-    [
-        ("px4/made_heading.ulg", "rtk", ()),
-        pytest.param("px4/cubeorange_airframe.ulg", "raw", (), marks=pytest.mark.slow),
-        pytest.param("px4/sitl_epoch_clock.ulg", "ekf", (), marks=pytest.mark.slow),
-        ("ardupilot/plane_1s.BIN", "raw", ()),
-        (
-            "ros1/made_mavros.bag",
-            "ekf",
-            (
-                "/mavros/imu/data=imu/data",
-                "/mavros/global_position/raw/fix=gps/fix",
-                "/mavros/global_position/raw/gps_vel=gps/vel",
-            ),
-        ),
-    ],
-)
-def test_logs_of_others_give_poses(shared, tmp_path, log, method, topics):
-    """Import and process as docs/import_autopilots.md says."""
-    if reader := {"px4": "pyulog", "ardupilot": "pymavlink"}.get(log.partition("/")[0]):
-        pytest.importorskip(reader)
-    bag, out = tmp_path / "a.mcap", tmp_path / "b.mcap"
-    words = [word for one in topics for word in ("--map-topic", one)]
-    words = words or ["--geoid-undulation", "19"]
-    assert main(["import", str(shared / "foreign_logs" / log), "-o", str(bag), *words]) == 0
-    assert main(["process", str(bag), "-o", str(out), "--no-images", "--method", method]) == 0
-    assert len(list(BagReader(out).messages(["/tirgeo/odometry"]))) > 20

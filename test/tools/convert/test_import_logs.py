@@ -7,9 +7,8 @@ import math
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from foreign_logs import CDR, IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
+from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from project import PROJECT
@@ -17,7 +16,6 @@ from project import PROJECT
 from tirgeo_ros.core.types.errors import LogError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.logs.log_contents import LogOptions
-from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_flight import import_flight
 
@@ -197,16 +195,6 @@ def test_the_command(folder, capsys):
             main(wrong)
 
 
-def test_the_template(folder, capsys):
-    assert main(["import", "--example"]) == 0
-    text = capsys.readouterr().out
-    path = folder / "columns.yaml"
-    assert main(["import", "--example", "-o", str(path)]) == 0
-    assert path.read_text() == text
-    assert main(["import", "--example", "-o", str(path)]) == 1
-    assert "is there already" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("off_s", [-20.0, 20.0])
 def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s):
     """One IMU row in another time would be between others of another attitude."""
@@ -271,64 +259,6 @@ def test_no_real_log_fails_otherwise_than_in_one_line(shared, tmp_path):
         *("mavic_2_style", "mavic_2pro", "mavic_air_no_gps"),
         *("nmea_rtk", "sensor_fusion_nav_att"),
     }
-
-
-@pytest.mark.slow
-def test_the_walk_flies_as_its_own_bag(shared, tmp_path, capsys):
-    """IMU and solution of the walk, imported and filtered, against the bag made of them.
-
-    That bag has heights above the sea and GPS time, and an orientation where this import has a
-    heading that a person sets. Both filters know the position to 1 cm where RTK is fixed, and
-    their clocks come to differ by 3 cm of walking: 5 cm bound how far they may be apart.
-    """
-    folder, bag = shared / "foreign_logs" / "rtklib", tmp_path / "walk.mcap"
-    # By the mounting angles of the source, rpy (180, 0, -90) deg.
-    columns = (COLUMNS / "imu_since_start.yaml").read_text().replace("flu", "[left, back, up]")
-    (tmp_path / "imu.yaml").write_text(columns)
-    logs = [str(folder / "walk_0827_imu_raw_120s.csv"), str(folder / "walk_0827_120s.pos")]
-    heights = ["--height", "msl", "--geoid-undulation", "-21.387"]
-    begun = ["--start-time", "2025-08-28T17:30:22.961", "--set-heading", "136.5"]
-    more = ["--columns", str(tmp_path / "imu.yaml"), *heights, *begun]
-    assert main(["import", *logs, "-o", str(bag), *more]) == 0
-    reference = shared / "real_flights" / "walk_0827.mcap"
-    found, known = samples(bag), samples(reference)
-    imu = found["imu/data"]
-    for own, other in zip(imu, known["imu/data"][: len(imu)], strict=True):
-        np.testing.assert_allclose(own.specific_force_b, other.specific_force_b, atol=1e-9)
-        np.testing.assert_allclose(own.angular_rate_b, other.angular_rate_b, atol=1e-9)
-    # The bag's clock of the IMU was scaled: 18 ms at the end, 3 cm at the walker's 1.5 m/s.
-    apart_s = [
-        (b.stamp_ns - a.stamp_ns) * 1e-9 - 18 for a, b in zip(imu, known["imu/data"], strict=False)
-    ]
-    assert apart_s == pytest.approx(np.linspace(0, apart_s[-1], len(apart_s)), abs=1e-3)
-    assert 0 < apart_s[-1] < 0.02
-    for own, other in zip(found["rtk/fix"], known["rtk/fix"][:480], strict=True):
-        assert own.latitude_rad == pytest.approx(other.latitude_rad, abs=1e-15)
-        assert other.height_m - own.height_m == pytest.approx(21.387)
-        assert own.status is other.status
-    tracks = []
-    for path in (bag, reference):
-        output = tmp_path / f"out_{path.name}"
-        how = ["-o", str(output), "--method", "ekf", "--no-images"]
-        assert main(["process", str(path), *how]) == 0
-        tracks.append(track(output))
-    capsys.readouterr()
-    (times, own), (known_times, other) = tracks
-    times = times + 18.0
-    assert len(times) > 1000
-    between = [np.interp(times, known_times, column) for column in other.T]
-    apart_m = (own - np.stack(between, axis=1)) * [6.37e6, 6.37e6 * math.cos(0.7), 1.0]
-    apart_m[:, 2] += 21.387
-    assert np.abs(apart_m).max() < 0.05
-
-
-def track(path):
-    """Times, s, and latitude, longitude, rad, and height, m, of a processed bag."""
-    found = [
-        CDR.deserialize(m.data, m.typename) for m in BagReader(path).messages(["/tirgeo/fix"])
-    ]
-    places = [(math.radians(m.latitude), math.radians(m.longitude), m.altitude) for m in found]
-    return np.array([stamp_ns(m) * 1e-9 for m in found]), np.array(places)
 
 
 BASES = {

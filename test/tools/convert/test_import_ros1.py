@@ -171,23 +171,6 @@ def test_the_result_can_be_processed(imported, folder, capsys):
     assert messages(folder / "out.mcap", "/tirgeo/camera_pose")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("broadcast", [False, True])
-def test_a_bag_without_rtk_stays_on_its_gps(folder, capsys, broadcast):
-    """DJI's own fused position: its height is next to unknown, which is no cause to be lost."""
-    source = wrapper_bag(Flight(duration_s=25.0), broadcast=broadcast)
-    source.messages = [one for one in source.messages if "/rtk_" not in one[2]]
-    bag, target = source.write(folder / f"gps_{broadcast}.bag"), folder / f"gps_{broadcast}.mcap"
-    import_flight(bag, target, params=folder / "params.yaml")
-    out = ["-o", str(folder / "out.mcap"), "--no-images", "--json"]
-    assert main(["process", str(target), *out]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert (result["method"], result["state"]) == ("ekf", "degraded")
-    assert result["reason"].endswith("gps/fix has a sigma of 100 m in height")
-    assert set(result["states_s"]) <= {"waiting", "aligning", "degraded"}
-    assert result["states_s"]["degraded"] >= 17
-
-
 def test_delays_are_taken_off(folder):
     params = parameters_file(
         folder / "delays.yaml",
@@ -273,63 +256,36 @@ def test_what_is_wrong_is_told_and_the_rest_imported(empty_folder, capsys):
 def test_pictures_go_on_as_they_are(empty_folder):
     bag = wrapper_bag(Flight(duration_s=1.0))
     pixels = np.arange(12, dtype=np.uint8)
+    form = {"height": 3, "width": 4, "encoding": "mono8", "is_bigendian": 0, "step": 4}
     for k in range(3):
         at_ns = BEGUN_NS + k * 100_000_000
         head = {"header": bag.header(at_ns, "camera")}
-        image = bag.new(
-            "sensor_msgs/msg/Image",
-            height=3,
-            width=4,
-            encoding="mono8",
-            is_bigendian=0,
-            step=4,
-            data=pixels + k,
-            **head,
-        )
+        image = bag.new("sensor_msgs/msg/Image", **form, data=pixels + k, **head)
         bag.add(at_ns + 5, "/flir/image", image)
         jpeg = bag.new("sensor_msgs/msg/CompressedImage", format="jpeg", data=pixels, **head)
         bag.add(at_ns + 6, "/flir/image/compressed", jpeg)
-        bag.add(at_ns + 7, "/flir/camera_info", camera_info(bag, head))
     path = bag.write(empty_folder / "pictures.bag")
     target = empty_folder / "pictures.mcap"
-    result = import_flight(path, target, pictures=Pictures("/flir/image", "flir/camera_info"))
+    result = import_flight(path, target, pictures=Pictures("flir/image"))
     found = by_time(target, "/thermal/image_raw")
     assert [round(t_s, 9) for t_s, _ in found] == [0.0, 0.1, 0.2]
     assert [m.data.tolist() for _, m in found] == [(pixels + k).tolist() for k in range(3)]
     logged = [m.log_time_ns for m in BagReader(target).messages(["/thermal/image_raw"])]
     assert logged == [BEGUN_NS + k * 100_000_000 + 5 for k in range(3)]
-    info = messages(target, "/thermal/camera_info")[0]
-    camera = convert.camera(info)
-    assert (camera.width, camera.fx, camera.cy) == (640, 760.0, 256.0)
     assert result["not_read"] == {"/flir/image/compressed": "sensor_msgs/msg/CompressedImage"}
     import_flight(path, target, pictures=Pictures("/flir/image/compressed"))
     assert messages(target, "/thermal/image_raw/compressed")[0].format == "jpeg"
 
 
-def camera_info(bag, head):
-    roi = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
-    return bag.new(
-        "sensor_msgs/msg/CameraInfo",
-        height=512,
-        width=640,
-        distortion_model="plumb_bob",
-        D=np.zeros(5),
-        K=np.array([760.0, 0, 320, 0, 760, 256, 0, 0, 1]),
-        R=np.eye(3).ravel(),
-        P=np.zeros(12),
-        binning_x=0,
-        binning_y=0,
-        roi=bag.new("sensor_msgs/msg/RegionOfInterest", **roi),
-        **head,
-    )
-
-
 @pytest.mark.parametrize(
     ("pictures", "message"),
     [
-        (Pictures("/none"), r"/none is not there; of type sensor_msgs/msg/Image or .* are: none"),
-        (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is sensor_msgs/msg/Imu; of type"),
-        (Pictures(camera_info="/x"), r"/x is not there; of type sensor_msgs/msg/CameraInfo are"),
+        (
+            Pictures("/none"),
+            r"/none is not there; thermal/image_raw takes .*: no topic of the bag",
+        ),
+        (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is of type sensor_msgs/msg/Imu; th"),
+        (Pictures(camera_info="/x"), r"/x is not there; thermal/camera_info takes"),
     ],
 )
 def test_pictures_that_are_not_there(empty_folder, pictures, message):

@@ -229,7 +229,6 @@ def test_what_cannot_be_cut(bag, tmp_path):
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        ("", "give --from or --to"),
         ("--from noon", "noon: neither seconds nor a time as 2024-06-11T07:44:39"),
         ("--from nan", "nan: neither seconds"),
     ],

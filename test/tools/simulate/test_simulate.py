@@ -112,22 +112,6 @@ def test_parameters_fit_the_flight(whole):
     assert dji.rtk.delay_s == scenario.rtk.arrival_delay_s
 
 
-def test_an_imu_that_averages_has_its_delay_in_the_parameters_and_means_in_its_samples():
-    """Means over 10 ms before the stamp: nearer to the rate 5 ms before it than to that at it."""
-    values = {"imu.averages": True, "imu.noise_scale": 0.0, "duration_s": 20.0}
-    scenario = scenario_from(values)
-    assert "delay_s: 0.005\n" in parameters_text(scenario)
-    flown = fly(scenario)
-    means = np.array([s.angular_rate_b for _, s in flown.samples if isinstance(s, ImuSample)])
-    motion = flown.trajectory.motion(flown.truth.t_s[1:] - 0.005)
-    middle = flown.trajectory.inertial(motion)[1]
-    # Of a mean over h the rest is h^2 / 24 times the curvature: a hundredth of what 5 ms make.
-    off, as_stamped = (
-        np.abs(means[1:] - x).max() for x in (middle, flown.truth.angular_rate_b[1:])
-    )
-    assert off < 0.1 * as_stamped
-
-
 @pytest.mark.parametrize(
     ("start_s", "duration_s"), [(-1.0, 2.0), (0.0, 0.0), (3.0, 4.0), (7.0, None), (np.nan, 1.0)]
 )
@@ -173,10 +157,7 @@ def test_the_paper_flight_is_the_default_and_says_so_in_full():
         ("route:\n  speed_m_s: fast", r"bad.yaml: parameter route.speed_m_s: 'fast' is not"),
         ("duration_s: -3", r"bad.yaml: parameter duration_s: -3 s is outside"),
         ("rtk: 5", r"bad.yaml: unknown parameter rtk"),
-        ("route:\n  shape: spiral", r"bad.yaml: .*route.shape: 'spiral' is not one of lawnmower"),
         ("start_utc: noon", r"bad.yaml: start_utc: 'noon' is not a time such as"),
-        ("start_utc: 2040-01-01T00:00:00Z", r"bad.yaml: start_utc: 2040.* outside 1970 to 2038"),
-        ("rtk:\n  lever_arm_m: [1, 2]", r"bad.yaml: parameter rtk.lever_arm_m: needs 3 numbers"),
         ("rtk:\n  second_antenna_m: [-0.1, 0.3, 0]", r"bad.yaml: .* too little for a heading"),
         ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 is smaller than one cell"),
         ("video:\n  bits: 12", r"bad.yaml: parameter video.bits: 12 is neither 8 nor 16"),
@@ -262,12 +243,13 @@ OTHER = "pitch-yaw-roll"
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """Folders by order, from the verb."""
+    """Folders by order of the joints."""
     folder = tmp_path_factory.mktemp("orders")
-    (folder / "scenario.yaml").write_text("duration_s: 40.0\nroute: {hover_s: 2.0}\n")
     for order in (USUAL_ORDER, OTHER):
-        given = ["-o", str(folder / order), "--no-images", "--joint-order", order]
-        assert main(["simulate", str(folder / "scenario.yaml"), *given]) == 0
+        scenario = folder / f"{order}.yaml"
+        gimbal = f"gimbal: {{joint_order: {order}}}"
+        scenario.write_text(f"duration_s: 40.0\nroute: {{hover_s: 2.0}}\n{gimbal}\n")
+        simulate(scenario, folder / order, images=False)
     return {order: folder / order for order in (USUAL_ORDER, OTHER)}
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
+from tirgeo_ros.core.navigation.aiding.aid import Aiding
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
@@ -110,8 +110,6 @@ def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
         ),
         heading=replace(
             heading,
-            resolution_deg=0.0,
-            bias_sigma_deg=0.0,
             sigma_floor_deg=max(heading.sigma_floor_deg, math.degrees(floors.heading_rad)),
         ),
     )

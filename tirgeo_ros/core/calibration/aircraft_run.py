@@ -35,14 +35,14 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
-from tirgeo_ros.core.navigation.aiding.state_estimate import (
+from tirgeo_ros.core.navigation.aiding.aid import (
     Aiding,
     AidMeasurement,
     Fused,
     StateEstimate,
 )
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
 from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ATTITUDE,

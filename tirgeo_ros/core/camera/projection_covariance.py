@@ -163,10 +163,10 @@ class FrameConfidence:
         The covariances are (3, N): variance of the column, covariance, variance of the row, px2.
         The second result, (closely,), is computed for the first ``closely`` points alone.
         """
-        sigma = np.full(rays.shape[1], math.nan)
+        more = np.zeros(rays.shape[1])
         if sigma_m is not None:
-            sigma[:] = sigma_m
-        more = np.where(np.isnan(sigma), 0.0, sigma**2 - self._map_variance)
+            variance = np.asarray(sigma_m, float) ** 2
+            more[:] = np.where(np.isnan(variance), 0.0, variance - self._map_variance)
         starts = range(0, max(len(more), 1), _BLOCK)
         blocks = [slice(start, start + _BLOCK) for start in starts]
         done = [self._spread(rays[:, b], more[b], max(closely - b.start, 0)) for b in blocks]
@@ -189,7 +189,8 @@ class FrameConfidence:
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         spread = np.array([u_x * ux + u_y * uy, u_x * vx + u_y * vy, v_x * vx + v_y * vy])
         spread[::2] += self._lens_variance
-        few = (np.asarray(each)[..., :closely] for each in (rays, depth, (xx, xy, yy), slopes))
+        on_plane, slopes_px = np.array([xx, xy, yy]), np.array(slopes)
+        few = (each[..., :closely] for each in (rays, depth, on_plane, slopes_px))
         return spread, self._linear(*few)
 
     def _linear(self, rays: Array, depth: Array, plane: Array, slopes: Array) -> BoolArray:

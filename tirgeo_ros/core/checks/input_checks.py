@@ -191,7 +191,8 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
     aside_px = math.hypot(right, down)
     if aside_px > _ASIDE * camera.width:
         numbers = {"cx": camera.cx, "cy": camera.cy, "aside_px": aside_px}
-        texts = {"share": aside_px / camera.width, "lens_size": lens_size, "lens": lens}
+        numbers["share"] = aside_px / camera.width
+        texts = {"lens_size": lens_size, "lens": lens}
         findings.append(finding("principal_point", **numbers, **texts))
     view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:

@@ -17,7 +17,7 @@ import numpy as np
 from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import azimuths, matrix_from_quat, matrix_from_rotvec, skew
-from tirgeo_ros.core.navigation.aiding.aids import Delays
+from tirgeo_ros.core.navigation.aiding.fusion import Delays
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aids import AIDS, Delays
+from tirgeo_ros.core.navigation.aiding.fusion import AIDS, Delays
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,

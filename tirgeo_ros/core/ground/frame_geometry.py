@@ -1,7 +1,18 @@
-"""Describe where a picture was taken and what it shows, as video systems want to know it.
+"""Describe where a camera was, how it was turned, and what its picture shows of the ground.
 
-The line of sight is the ray of the picture's middle, not the optical axis: a viewer takes field
-of view and angles as symmetrical about the middle, and the two can be degrees apart.
+Two conventions of angles are in use, both applied yaw, pitch, roll (z-y-x, intrinsic):
+
+``rpy``
+    Those of the camera's body (forward, right, down), as of an aircraft, and as DJI gives its
+    gimbals': a level camera that looks north has 0, 0, 0; one that looks straight down has the
+    pitch -90 deg, where yaw and roll are not defined apart.
+``mapping_rpy``
+    Those of a level aircraft in which the camera looks straight down with the picture's top to
+    the nose, as Pix4D defines them: straight down with the top to the north is 0, 0, 0; a level
+    camera has the pitch 90 deg, where yaw and roll are not defined apart.
+
+A video system's line of sight is the ray of the picture's middle, not the optical axis: a viewer
+takes field of view and angles as symmetrical about the middle, and the two can be degrees apart.
 """
 
 from __future__ import annotations
@@ -15,13 +26,127 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground, locate
-from tirgeo_ros.core.ground.camera_place import rpy_of
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, linear_error_90, place
 from tirgeo_ros.core.types.arrays import Array, BoolArray, Vector
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+
+#: ``R_mc``: optical frame (right, down, forward) to the aircraft of ``mapping_rpy``.
+_MAPPING_OPTICAL = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+#: Nearer to the pitch at which yaw and roll fall together (cosine), their sigmas mean nothing.
+_LEAST_COSINE = 0.05
+_STEEP = math.cos(math.radians(10))  # steeper than this, the optical axis' heading is ill-defined
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPlace:
+    """Hold a camera's place and attitude in the axes ``l``: north, east, down at the camera."""
+
+    latitude_rad: float
+    longitude_rad: float
+    height_m: float  # ellipsoidal
+    rotation_lc: Array  # (3, 3), from the optical frame
+    covariance_l: Array  # (6, 6) position m2, attitude phi rad2; nan if it is not known
+
+    @property
+    def rpy(self) -> Vector:
+        """Return roll, pitch and yaw of the camera's body, rad."""
+        return rpy_of(self.rotation_lc @ BODY_OPTICAL.T)
+
+    @property
+    def mapping_rpy(self) -> Vector:
+        """Return roll, pitch and yaw as photogrammetry has them, rad: 0 is straight down."""
+        return rpy_of(self.rotation_lc @ _MAPPING_OPTICAL.T)
+
+    def altitude_m(self, undulation_m: float) -> float:
+        """Return the height above sea level; the ellipsoidal one if the undulation is nan.
+
+        The undulation is that of the geoid: ellipsoidal height less height above sea level.
+        """
+        return self.height_m - undulation_m if math.isfinite(undulation_m) else self.height_m
+
+    @property
+    def position_sigmas_m(self) -> Vector:
+        """Return the standard deviations north, east and down; nan if they are not known."""
+        north, east, down = np.sqrt(self.covariance_l.diagonal()[:3]).tolist()
+        return north, east, down
+
+    @property
+    def mapping_sigmas_rad(self) -> Vector:
+        """Return the standard deviations of ``mapping_rpy``.
+
+        They are nan where they are not known, and near the pitch 90 deg. An error phi of the
+        attitude is the sum of turns about the axes of yaw (down), pitch (the nose's right, level)
+        and roll (the nose).
+        """
+        _, pitch, yaw = self.mapping_rpy
+        if abs(math.cos(pitch)) < _LEAST_COSINE:
+            return math.nan, math.nan, math.nan
+        nose_l = (self.rotation_lc @ _MAPPING_OPTICAL.T)[:, 0]
+        axes_l = np.stack([nose_l, [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]], axis=1)
+        by_phi = np.linalg.inv(axes_l)
+        variances = (by_phi @ self.covariance_l[3:, 3:] @ by_phi.T).diagonal()
+        roll, pitch_sigma, yaw_sigma = np.sqrt(variances).tolist()
+        return roll, pitch_sigma, yaw_sigma
+
+
+def camera_place(pose: CameraPose, plane: TangentPlane) -> CameraPlace:
+    """Return the place and the attitude of a camera whose pose is in ``plane``."""
+    latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
+    to_local = plane.rotation_from_local(latitude, longitude).T
+    both = np.kron(np.eye(2), to_local)
+    rotation_lc = to_local @ matrix_from_quat(pose.q_nc)
+    covariance_l = both @ pose.covariance @ both.T
+    return CameraPlace(latitude, longitude, height_m, rotation_lc, covariance_l)
+
+
+def body_rpy(body: BodyPose, plane: TangentPlane) -> Vector:
+    """Return the aircraft's roll, pitch and heading, rad, against north, east, down at it."""
+    latitude, longitude, _ = (float(x) for x in plane.geodetic_from_ned(body.position_n))
+    to_local = plane.rotation_from_local(latitude, longitude).T
+    return rpy_of(to_local @ matrix_from_quat(body.q_nb))
+
+
+def height_above_m(pose: CameraPose, plane: TangentPlane, ground: Ground | None) -> float:
+    """Return the camera's height, m, over the ground below.
+
+    It is nan without a ground, and where the elevation model has no height.
+    """
+    if ground is None:
+        return math.nan
+    if isinstance(ground, Terrain):
+        latitude, longitude, height = plane.geodetic_from_ned(pose.position_n)
+        return float(height - ground.height_m(latitude, longitude))
+    # The ellipsoid curves away from the plane. Its radius of curvature differs by less than 1 %
+    # from place to place, which is 1 cm of height 4 km from the map's origin.
+    north, east, down = pose.position_n.tolist()
+    away2 = north * north + east * east
+    return float(plane.height_m - down + away2 / (2 * SEMI_MAJOR_AXIS_M) - ground)
+
+
+def rpy_of(rotation: Array) -> Vector:
+    """Return roll, pitch and yaw of a rotation (3, 3), rad."""
+    roll, pitch, yaw = euler_from_matrix(rotation).tolist()
+    return roll, pitch, yaw
+
+
+def camera_heading_rad(pose: CameraPose) -> float:
+    """Return the camera's heading: 0 is north, clockwise, 0 to 2 pi.
+
+    It is the azimuth of the optical axis. As the axis comes within 10 degrees of straight down,
+    the azimuth of the picture's upper edge gains weight.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    ahead, up = rotation_nc[:, 2], -rotation_nc[:, 1]
+    steep = min(max((ahead[2] - _STEEP) / (1 - _STEEP), 0.0), 1.0)
+    north, east = ahead[:2] + steep * up[:2]
+    return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0
+
 
 _UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 _NO_CORNERS = np.full((4, 2), np.nan)
@@ -78,14 +203,28 @@ def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
     middle, left, right, top, bottom = camera.rays(_crosshair(camera))
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
     to_local = plane.rotation_from_local(latitude, longitude).T
-    rotation_ls = to_local @ matrix_from_quat(pose.q_nc) @ _sensor_axes(middle, left, right)
+    # Forward is the middle's ray; right is to the right edge. nan where the lens has no ray.
+    forward = middle / np.linalg.norm(middle)
+    across = right - left
+    across -= (across @ forward) * forward
+    across /= np.linalg.norm(across)
+    axes_c = np.stack([forward, across, np.cross(forward, across)], axis=1)
+    rotation_ls = to_local @ matrix_from_quat(pose.q_nc) @ axes_c
     platform_rpy = sensor_rpy = _UNKNOWN
     if sight.body is not None:
         rotation_lb = to_local @ matrix_from_quat(sight.body.q_nb)
         platform_rpy = rpy_of(rotation_lb)
         sensor_rpy = rpy_of(rotation_lb.T @ rotation_ls)
-    centre = _centre(sight, config)
-    width_m, corners = _rim(sight) if centre else (math.nan, _NO_CORNERS)
+    u, v = _crosshair(camera)[0].tolist()
+    answer = place(camera, pose, (u, v), plane, sight.ground, config, sight.rates)
+    centre = answer if isinstance(answer, Located) else None
+    width_m, corners = math.nan, _NO_CORNERS
+    if centre:
+        uv = np.concatenate([_crosshair(camera)[1:3], _corners(camera)])
+        points_n, _ = locate(camera, pose, uv, plane, sight.ground)
+        width_m = math.dist(*points_n[:2].tolist())
+        places = np.stack(plane.geodetic_from_ned(points_n[2:])[:2], axis=1)
+        corners = places if np.isfinite(places).all() else _NO_CORNERS
     return FrameGeometry(
         sensor=(latitude, longitude, height_m),
         platform_rpy=platform_rpy,
@@ -110,40 +249,9 @@ def _crosshair(camera: Camera) -> Array:
     return np.array([[u, v], [-0.5, v], [right, v], [u, -0.5], [u, bottom]])
 
 
-def _sensor_axes(middle: Array, left: Array, right: Array) -> Array:
-    """Return the rotation (3, 3) to the optical frame from forward, right and down of the picture.
-
-    Forward is the middle's ray; right is to the right edge. nan where the lens has no ray.
-    """
-    forward = middle / np.linalg.norm(middle)
-    across = right - left
-    across -= (across @ forward) * forward
-    across /= np.linalg.norm(across)
-    return np.stack([forward, across, np.cross(forward, across)], axis=1)
-
-
 def _between(first: Array, last: Array) -> float:
     """Return the angle between two rays (3,), rad."""
     return math.atan2(float(np.linalg.norm(np.cross(first, last))), float(first @ last))
-
-
-def _centre(sight: Sight, config: ConfidenceConfig) -> Located | None:
-    u, v = _crosshair(sight.camera)[0].tolist()
-    surface = sight.plane, sight.ground
-    answer = place(sight.camera, sight.pose, (u, v), *surface, config, sight.rates)
-    return answer if isinstance(answer, Located) else None
-
-
-def _rim(sight: Sight) -> tuple[float, Array]:
-    """Return the width on the ground, m, and the corners (4, 2), as in FrameGeometry."""
-    camera = sight.camera
-    right, bottom = camera.width - 0.5, camera.height - 0.5
-    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-    uv = np.concatenate([_crosshair(camera)[1:3], corners])
-    points_n, _ = locate(camera, sight.pose, uv, sight.plane, sight.ground)
-    places = np.stack(sight.plane.geodetic_from_ned(points_n[2:])[:2], axis=1)
-    width_m = math.dist(*points_n[:2].tolist())
-    return width_m, places if np.isfinite(places).all() else _NO_CORNERS
 
 
 def footprint(
@@ -160,7 +268,10 @@ def footprint(
         ahead_m = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)[:, 2]
         return points_n, ahead_m <= far_m  # nan compares false
 
-    uv = _border(camera)
+    # Along the border, from the upper left corner, clockwise.
+    corners, share = _corners(camera), np.arange(_PER_EDGE)[:, None] / _PER_EDGE
+    edges = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    uv = np.concatenate([here + share * (following - here) for here, following in edges])
     points_n, inside = on_ground(uv)
     after, inside_after = np.roll(uv, -1, axis=0), np.roll(inside, -1)
     cut = np.flatnonzero(inside != inside_after)
@@ -176,10 +287,7 @@ def footprint(
     return np.asarray(with_ends[np.insert(inside, cut + 1, values=True)])
 
 
-def _border(camera: Camera) -> Array:
-    """Return pixels (N, 2) along the picture's border, from the upper left corner, clockwise."""
+def _corners(camera: Camera) -> Array:
+    """Return the pixels (4, 2) of the corners, from the upper left one, clockwise."""
     right, bottom = camera.width - 0.5, camera.height - 0.5
-    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-    edges = np.roll(corners, -1, axis=0) - corners
-    share = np.arange(_PER_EDGE)[:, None] / _PER_EDGE
-    return np.concatenate([c + share * e for c, e in zip(corners, edges, strict=True)])
+    return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])

@@ -1,4 +1,4 @@
-"""Build a map in its tangent plane: lines, outlines and points, draped on the ground.
+"""Define a map as read from its file, and build it in its tangent plane, draped on the ground.
 
 The ground is one height, an elevation model, or the features' own heights.
 """
@@ -15,11 +15,47 @@ import numpy as np
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.level_of_detail import Boxes, Details
-from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
-from tirgeo_ros.core.map.polylines import Polylines, joined, runs
+from tirgeo_ros.core.map.polylines import Boxes, Details, Polylines, joined, runs
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError
+
+Colour = tuple[int, int, int]  # blue, green, red, 0 to 255
+
+
+@dataclass(frozen=True, slots=True)
+class GeoFeature:
+    """Hold a line, an outline or a point of a map; a single point is drawn as a mark."""
+
+    label: str
+    closed: bool  # an outline: its last point is joined to its first
+    points: Array  # (N, 3) latitude, longitude (rad), ellipsoidal height (m), nan = unknown
+    group: int = -1  # parts of one feature share a number >= 0 and one label; closed parts inside
+    # others are holes (even-odd rule)
+
+
+@dataclass(frozen=True, slots=True)
+class LayerStyle:
+    """Hold how a layer is drawn."""
+
+    line_bgr: Colour = (0, 255, 255)
+    width_px: int = 1  # 1 to 5
+    fill_bgr: Colour | None = None  # fill of outlines; None: not filled
+    fill_opacity: float = 0.25  # 0 to 1
+    labels: bool = True
+    #: The layer is shown while a pixel at the picture's centre spans this range of ground, m.
+    scale_m_px: tuple[float, float] = (0.0, math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class MapLayer:
+    """Hold features of one style; they are drawn over those of the layers before."""
+
+    name: str
+    features: Sequence[GeoFeature]
+    style: LayerStyle = LayerStyle()
+    sigma_m: float | None = None  # standard deviation of its horizontal positions; None: unknown
+    left_out: tuple[str, ...] = ()  # what is left out or changed from the file, one line each
+
 
 #: A 1 m model under the map of a whole county would need more memory than there is. Above this
 #: number, lines get fewer vertices than cells.
@@ -138,7 +174,12 @@ class VectorMap:
         labels, layer, owner = _owners(of_layers)
         features = list(chain.from_iterable(of_layers))
         single = np.array([len(feature.points) == 1 for feature in features], bool)
-        parts = [_closed(feature) for feature in features]
+        parts = [
+            np.concatenate([each.points, each.points[:1]])
+            if each.closed and not np.array_equal(each.points[0], each.points[-1])
+            else each.points
+            for each in features
+        ]
         lines, cells = drape(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
         marks, _ = drape(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
         filled = np.array([each.style.fill_bgr is not None for each in layers], bool)
@@ -191,13 +232,6 @@ def _owners(
         labels[index[key]] = labels[index[key]] or feature.label
     layer = np.array([key[0] for key in index], np.int64)
     return tuple(labels), layer, np.array([index[key] for key in keys], np.int64)
-
-
-def _closed(feature: GeoFeature) -> Array:
-    points = feature.points
-    if not feature.closed or len(points) < 2 or np.array_equal(points[0], points[-1]):
-        return points
-    return np.concatenate([points, points[:1]])
 
 
 def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylines:

@@ -1,5 +1,10 @@
 """Resample a picture to the tiles of the ground that it shows, and blend the views of a tile.
 
+All rasters of one run share a lattice: pixel (0, 0) has its upper left corner at x = y = 0 of a
+projected plane, columns count to the east and rows to the south. Places are computed at nodes,
+one for each block of ``STEP_PX`` x ``STEP_PX`` pixels, in its middle, and one more block around
+the tile. Values at pixels are interpolated between nodes.
+
 Each pixel of a tile is projected into the picture, through the lens model, and takes the value
 there. Its score says how good the view is: the ground sample distance, m, times 1 + rho^2, where
 rho is 0 in the picture's middle and 1 in its corners. In a rim of the picture it grows evenly, to
@@ -21,28 +26,95 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import lru_cache
+from typing import NamedTuple, Protocol, TypeAlias
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, hidden, locate
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.orthorectification.ground_tiles import (
-    NODES,
-    STEP_PX,
-    TILE_PX,
-    Floats,
-    GroundNodes,
-    GroundTiles,
-    TileKey,
-    at_pixels,
-)
 from tirgeo_ros.core.types.arrays import Array, BoolArray, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
+
+TILE_PX, STEP_PX = 512, 4
+NODES = TILE_PX // STEP_PX + 2
+
+#: Column and row of a tile: it begins at TILE_PX times that in pixels.
+TileKey: TypeAlias = tuple[int, int]
+Floats: TypeAlias = npt.NDArray[np.float32]
+_KEPT = 48  # tiles whose nodes are kept: 0.8 MB each
+
+
+class ProjectedPlane(Protocol):
+    """Define a plane in metres: x to the east, y to the north."""
+
+    def metres(self, degrees: Array) -> Array:
+        """Return x, y (n, 2) in metres of longitudes and latitudes (n, 2) in degrees."""
+
+    def degrees(self, metres: Array) -> Array:
+        """Return longitudes and latitudes (n, 2) in degrees of x, y (n, 2) in metres."""
+
+
+class GroundNodes(NamedTuple):
+    """Hold the ground at the nodes of a tile, NED in the map's plane."""
+
+    points_n: (
+        Array  # (NODES, NODES, 3) m; as low as all known ground where its height is not known
+    )
+    normals_n: Array  # (NODES, NODES, 3) unit vectors, upwards; nan where it is not known
+
+
+class GroundTiles:
+    """Compute the ground's places for a lattice of ``pixel_m``; the newest tiles are kept."""
+
+    def __init__(
+        self, projected: ProjectedPlane, pixel_m: float, plane: TangentPlane, ground: Ground
+    ) -> None:
+        self.pixel_m, self.plane, self.ground = pixel_m, plane, ground
+        self._projected = projected
+        self.nodes = lru_cache(maxsize=_KEPT)(self._nodes)
+
+    def keys(self, points_n: Array) -> set[TileKey]:
+        """Return the tiles in which points (N, 3), NED in the map's plane, lie."""
+        latitude, longitude, _ = self.plane.geodetic_from_ned(points_n)
+        x, y = self._projected.metres(np.degrees(np.stack([longitude, latitude], axis=1))).T
+        places = np.floor(np.stack([x, -y], axis=1) / (self.pixel_m * TILE_PX))
+        return {(int(column), int(row)) for column, row in places}
+
+    def _nodes(self, key: TileKey) -> GroundNodes:
+        """Return the ground at a tile's nodes."""
+        blocks = np.arange(-1, NODES - 1) * STEP_PX + STEP_PX / 2
+        x, y = (
+            sign * (number * TILE_PX + blocks) * self.pixel_m
+            for sign, number in zip((1, -1), key, strict=True)
+        )
+        metres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        longitude, latitude = np.radians(self._projected.degrees(metres)).T
+        ground = self.ground
+        heights = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
+        points_n = self._points_n(latitude, longitude, heights)
+        normals_n = np.cross(np.gradient(points_n, axis=0), np.gradient(points_n, axis=1))
+        normals_n /= np.linalg.norm(normals_n, axis=2, keepdims=True)
+        if isinstance(ground, Terrain):
+            lowest_n = self._points_n(latitude, longitude, ground.lowest_m)
+            points_n = np.where(np.isnan(points_n), lowest_n, points_n)
+        return GroundNodes(points_n, normals_n)
+
+    def _points_n(self, latitude: Array, longitude: Array, height_m: Array | float) -> Array:
+        points_n = self.plane.ned_from_geodetic(latitude, longitude, height_m)
+        return points_n.reshape(NODES, NODES, 3)
+
+
+def at_pixels(nodes: Array) -> Floats:
+    """Return values at pixels (h * STEP_PX, w * STEP_PX) from those at nodes (h, w), bilinear."""
+    size = nodes.shape[1] * STEP_PX, nodes.shape[0] * STEP_PX
+    return np.asarray(cv2.resize(nodes.astype(np.float32), size, interpolation=cv2.INTER_LINEAR))
+
 
 #: Nodes this many pixels beyond the picture's edge are taken along: between them may lie pixels
 #: of the picture.
@@ -99,22 +171,19 @@ class FrameView:
         self._rotation_nc = matrix_from_quat(pose.q_nc)
         self._seeds_n = seeds(camera, pose, tiles.plane, tiles.ground)
         self._way = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        self._factor = 1 if nearest else self._reduction()
+        self._factor = 1
+        if not nearest:  # the power of two by which the picture's middle is finer than the lattice
+            gsd_m = level_gsd_m(camera, pose, tiles.plane, self._seeds_n, grazing_rad)
+            finite = gsd_m[np.isfinite(gsd_m)]
+            times = tiles.pixel_m / float(np.median(finite)) if finite.size else 1.0
+            most = max(min(camera.width, camera.height) // _LEAST_PX, 1)
+            self._factor = int(2 ** math.floor(math.log2(min(max(times, 1.0), most))))
         if self._factor > 1:
             # Whole blocks only: the rest of a row is less than a pixel of the reduced picture.
             width, height = camera.width // self._factor, camera.height // self._factor
             pixels = pixels[: height * self._factor, : width * self._factor]
             pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
         self._pixels = pixels
-
-    def _reduction(self) -> int:
-        """Return the power of two by which the picture's middle is finer than the lattice."""
-        plane, grazing_rad = self._tiles.plane, math.asin(self._least_sine)
-        gsd_m = level_gsd_m(self._camera, self._pose, plane, self._seeds_n, grazing_rad)
-        finite = gsd_m[np.isfinite(gsd_m)]
-        times = self._tiles.pixel_m / float(np.median(finite)) if finite.size else 1.0
-        most = max(min(self._camera.width, self._camera.height) // _LEAST_PX, 1)
-        return int(2 ** math.floor(math.log2(min(max(times, 1.0), most))))
 
     def patches(self) -> Iterator[tuple[TileKey, Patch]]:
         """Yield what the picture shows, tile by tile: from the middle to the neighbours."""
@@ -126,8 +195,15 @@ class FrameView:
             view = self._at_nodes(self._tiles.nodes(key))
             if not view.near.any():
                 continue
-            for neighbour in _neighbours(key, view.near):
-                if neighbour not in begun:
+            (column, row), near = key, view.near
+            reaches = {
+                (column, row - 1): near[0],
+                (column, row + 1): near[-1],
+                (column - 1, row): near[:, 0],
+                (column + 1, row): near[:, -1],
+            }
+            for neighbour, edge in reaches.items():
+                if edge.any() and neighbour not in begun:
                     begun.add(neighbour)
                     waiting.append(neighbour)
             patch = self._patch(view)
@@ -148,20 +224,16 @@ class FrameView:
             near &= offset_n[..., 2] > least_m * (_FLATTER if self._terrain else 1.0)
             seen = near & (above_m > least_m)
             if self._terrain and seen.any():
-                seen &= ~self._hidden(self._terrain, nodes.points_n)
+                some = nodes.points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
+                places = self._tiles.plane, self._pose.position_n, some.reshape(-1, 3)
+                hides = hidden(self._terrain, *places).reshape(some.shape[:2])
+                whole = hides.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
+                seen &= ~whole[:NODES, :NODES]
             gsd_m = _gsd_m(camera, offset_n @ self._rotation_nc[:, 2], above_m)
             aside = uv / (0.5 * np.array([camera.width - 1, camera.height - 1])) - 1
             score = gsd_m * (1 + 0.5 * np.square(aside).sum(axis=2))
         uv[~seen] = np.nan
         return _NodeView(uv, score, near)
-
-    def _hidden(self, terrain: Terrain, points_n: Array) -> BoolArray:
-        """Return which nodes the terrain hides; every fourth one is computed."""
-        some = points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
-        place = self._tiles.plane, self._pose.position_n
-        hides = hidden(terrain, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
-        whole = hides.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
-        return np.asarray(whole[:NODES, :NODES])
 
     def _patch(self, view: _NodeView) -> Patch | None:
         """Return the picture's part in a tile, in the box of the nodes near it; None without."""
@@ -215,18 +287,6 @@ def _gsd_m(camera: Camera, depth_m: Array, above_m: Array) -> Array:
     return np.sqrt(depth_m**3 / (camera.fx * camera.fy * above_m))
 
 
-def _neighbours(key: TileKey, near: BoolArray) -> list[TileKey]:
-    """Return the tiles beside a tile into which the picture reaches."""
-    column, row = key
-    reaches = {
-        (column, row - 1): near[0],
-        (column, row + 1): near[-1],
-        (column - 1, row): near[:, 0],
-        (column + 1, row): near[:, -1],
-    }
-    return [neighbour for neighbour, edge in reaches.items() if edge.any()]
-
-
 def _span(near: BoolArray, across: int) -> slice:
     """Return the nodes from the first to the last that is near, and one more on each side."""
     first, last = np.flatnonzero(np.any(near, axis=across))[[0, -1]].tolist()
@@ -241,11 +301,11 @@ def _pixels_of(span: slice) -> slice:
 
 def _cropped(pixels: Floats, box: tuple[slice, slice]) -> Floats:
     """Return interpolated pixels without those outside the tile."""
-    cut = []
-    for span in box:
-        first, wanted = (span.start - 1) * STEP_PX, _pixels_of(span)
-        cut.append(slice(wanted.start - first, wanted.stop - first))
-    return pixels[tuple(cut)]
+    rows, columns = (
+        slice(_pixels_of(span).start - first, _pixels_of(span).stop - first)
+        for span, first in ((span, (span.start - 1) * STEP_PX) for span in box)
+    )
+    return pixels[rows, columns]
 
 
 _SQUARINGS = 5  # (best / score) to the power of 2^5
@@ -274,17 +334,14 @@ class MosaicTile:
             better = patch.score < self.best[box]
             self.total[box][better], self.weight[box][better] = values[better], 1.0
         else:
-            self._blend(patch, values[patch.seen])
+            seen = patch.seen
+            former, score = self.best[box][seen], patch.score[seen]
+            best: Floats = np.minimum(former, score)
+            kept, weight = _weight(best, former), _weight(best, score)
+            self.weight[box][seen] = kept * self.weight[box][seen] + weight
+            former_total = self.total[box][seen]
+            self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values[seen]
         self.best[box] = np.minimum(self.best[box], patch.score)
-
-    def _blend(self, patch: Patch, values: Floats) -> None:
-        box, seen = (patch.rows, patch.columns), patch.seen
-        former, score = self.best[box][seen], patch.score[seen]
-        best: Floats = np.minimum(former, score)
-        kept, weight = _weight(best, former), _weight(best, score)
-        self.weight[box][seen] = kept * self.weight[box][seen] + weight
-        former_total = self.total[box][seen]
-        self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values
 
     def values(self) -> tuple[Floats, BoolArray]:
         """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""

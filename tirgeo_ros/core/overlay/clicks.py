@@ -21,12 +21,12 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason, is_given
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
-from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.vector_map import Colour, LayerStyle
 from tirgeo_ros.core.overlay.label_placement import FreeSpace, request_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
+from tirgeo_ros.core.overlay.written_text import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
@@ -93,16 +93,13 @@ class Clicks:
         self._place_targets()
 
     def _place_targets(self) -> None:
-        if self._plane is None or not self._targets:
-            self._target_markers = []
+        self._target_markers, plane = [], self._plane
+        if plane is None:
             return
-        places = [target.place for target in self._targets]
-        geodetic = [(at.latitude_rad, at.longitude_rad, at.height_m) for at in places]
-        points_n = self._plane.ned_from_geodetic(*np.array(geodetic).T)
-        self._target_markers = [
-            Marker(point_n, target.label, at.covariance_n)
-            for point_n, target, at in zip(points_n, self._targets, places, strict=True)
-        ]
+        for target in self._targets or ():
+            at = target.place
+            point_n = plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
+            self._target_markers.append(Marker(point_n, target.label, at.covariance_n))
 
     def set_ground(self, ground: Ground | None) -> None:
         """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
@@ -141,9 +138,12 @@ class Clicks:
 
     def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Answer:
         stamp_ns = stamp_ns or self._shown.newest_ns or 0
-        shown = self._picture(stamp_ns)
-        if isinstance(shown, Reason):
-            return Refusal(stamp_ns, uv, shown)
+        around = self._shown.around(stamp_ns)
+        if isinstance(around, Miss):
+            return Refusal(stamp_ns, uv, _MISSED.get(around, Reason.UNKNOWN_PICTURE))
+        shown, _, fraction = around
+        if fraction > 0:  # between two pictures
+            return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
         if self._ground is None:
@@ -152,14 +152,6 @@ class Clicks:
             shown.camera, shown.pose, uv, self._plane, self._ground, self.confidence, shown.rates
         )
         return dataclasses.replace(answer, stamp_ns=stamp_ns)
-
-    def _picture(self, stamp_ns: int) -> ShownFrame | Reason:
-        """Return the picture of a stamp, or why there is none."""
-        around = self._shown.around(stamp_ns)
-        if isinstance(around, Miss):
-            return _MISSED.get(around, Reason.UNKNOWN_PICTURE)
-        shown, _, fraction = around
-        return Reason.UNKNOWN_PICTURE if fraction > 0 else shown  # between two pictures
 
 
 class PlacedMarkers:

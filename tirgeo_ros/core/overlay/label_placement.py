@@ -3,36 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.map.map_layers import Colour
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import Colour, VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
+from tirgeo_ros.core.overlay.written_text import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
 
 
-@dataclass(frozen=True, slots=True)
-class Features:
+class Features(NamedTuple):
     """Hold visible features with labels, the most important first; one row or column each."""
 
     feature: IntArray  # (F,) index of the map's labels
     mark: BoolArray  # (F,) whether it is a point mark, which its label must not hide
     inside: BoolArray  # (F,) whether it is a closed outline, whose label belongs inside it
     uv: Array  # (2, F) pixels
-    rays: Array  # (3, F) the anchor's place on the map, as in Seen.rays
+    rays: Array  # (3, F) the anchor's place on the map, as in VisibleLines.rays
     half: Array  # (2, F) half of the feature's width and height in the picture, px
-
-
-_NOTHING = np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool)
-_NOWHERE = np.empty((2, 0)), np.empty((3, 0)), np.empty((2, 0))
 
 
 class AnchorFinder:
@@ -50,8 +43,8 @@ class AnchorFinder:
 
     def find(
         self, lines: VisibleLines, marks: VisibleLines, shown: IntArray, most: int
-    ) -> Features:
-        """Return the anchors of at most ``most`` of the visible features; points are in pixels.
+    ) -> Features | None:
+        """Return the anchors of at most ``most`` of the visible features; None if none is visible.
 
         Upper layers come first. Within a layer marks come first, then the features in ``shown``
         (those of the previous frame), then nearer features.
@@ -59,48 +52,37 @@ class AnchorFinder:
         line = np.flatnonzero(self._labelled[lines.owner])
         mark = np.flatnonzero(self._labelled[marks.owner])
         if not len(line) and not len(mark):
-            return Features(*_NOTHING, *_NOWHERE)
-        mark_owner, line_owner = marks.owner[mark], lines.owner[line]
+            return None
+        owner = np.concatenate([marks.owner[mark], lines.owner[line]])
         near = np.concatenate([marks.rays[2, mark], lines.rays[2, lines.starts[line]]])
-        chosen = self._first(mark_owner, line_owner, near, shown, most)
+        was_shown = np.zeros(len(self._layer), bool)
+        was_shown[shown] = True
+        is_line = np.arange(len(owner)) >= len(mark)
+        ordered = owner[np.lexsort((-near, ~was_shown[owner], is_line, -self._layer[owner]))]
+        place = np.arange(len(owner))
+        first = np.empty(len(self._layer), np.int64)
+        first[ordered[::-1]] = place[::-1]  # where an owner repeats, its first place is kept
+        chosen = ordered[first[ordered] == place][:most]
+
         row = np.full(len(self._layer), -1)
         row[chosen] = np.arange(len(chosen))
         points, half = np.zeros((5, len(chosen))), np.zeros((2, len(chosen)))
         is_mark = np.zeros(len(chosen), bool)
-        if len(mark):
-            of_mark = row[mark_owner]
-            is_mark[of_mark[of_mark >= 0]] = True
-            points[:, of_mark[of_mark >= 0]] = _columns(marks, mark[of_mark >= 0])
-            row[chosen[is_mark]] = -1
-        kept = line[row[line_owner] >= 0]
+        mark = mark[row[marks.owner[mark]] >= 0]
+        of_mark = row[marks.owner[mark]]
+        is_mark[of_mark] = True
+        points[:2, of_mark], points[2:, of_mark] = marks.points[:, mark], marks.rays[:, mark]
+        row[chosen[is_mark]] = -1
         outline = self._outline[chosen] & ~is_mark
+        kept = line[row[lines.owner[line]] >= 0]
         if len(kept):
             number = row[lines.owner[kept]]
             order = np.argsort(number, kind="stable")
-            parts, number = lines.select(kept[order]), number[order]
+            number = number[order]
             at = np.unique(number)
+            parts = lines.select(kept[order])
             points[:, at], half[:, at] = _anchors(parts, number, outline[at])
         return Features(chosen, is_mark, outline, points[:2], points[2:], half)
-
-    def _first(
-        self, mark: IntArray, line: IntArray, near: Array, shown: IntArray, most: int
-    ) -> IntArray:
-        """Return the owners of marks and lines by importance; ``near`` is their inverse depth."""
-        owner = np.concatenate([mark, line])
-        is_line = np.arange(len(owner)) >= len(mark)
-        was_shown = np.zeros(len(self._layer), bool)
-        was_shown[shown] = True
-        order = np.lexsort((-near, ~was_shown[owner], is_line, -self._layer[owner]))
-        ordered = owner[order]
-        place = np.arange(len(owner))
-        first = np.empty(len(self._layer), np.int64)
-        first[ordered[::-1]] = place[::-1]  # where an owner repeats, its first place is kept
-        return np.asarray(ordered[first[ordered] == place][:most])
-
-
-def _columns(lines: VisibleLines, vertex: IntArray) -> Array:
-    """Return pixels and rays (5, N) of the given vertices."""
-    return np.concatenate([lines.points.take(vertex, axis=1), lines.rays.take(vertex, axis=1)])
 
 
 def _anchors(parts: VisibleLines, number: IntArray, outline: BoolArray) -> tuple[Array, Array]:
@@ -195,49 +177,6 @@ class Label(NamedTuple):
     box: Box
 
 
-class Labels:
-    """Place the labels of one map, frame after frame."""
-
-    def __init__(self, vector_map: VectorMap) -> None:
-        self._texts = vector_map.labels
-        self._anchors = AnchorFinder(vector_map)
-        #: By feature, of the labels shown in the last frame.
-        self._places: dict[int, LabelPlace] = {}
-
-    def place(
-        self, image: Pixels, lines: VisibleLines, marks: VisibleLines, taken: Sequence[Box] = ()
-    ) -> tuple[list[Label], Anchors]:
-        """Return the placed labels and the anchor points of their features.
-
-        A label keeps its place relative to its feature as long as possible.
-        """
-        shown = np.array([*self._places], np.int64)
-        features = self._anchors.find(lines, marks, shown, _CONSIDERED)
-        room = FreeSpace(image, marks.points[:2], taken)
-        places, self._places = self._places, {}
-        labels, rows = [], []
-        columns = features.feature, features.mark, features.inside, features.uv.T, features.half.T
-        rows_of = zip(*(each.tolist() for each in columns), strict=True)
-        for row, (number, is_mark, inside, (u, v), half) in enumerate(rows_of):
-            size = stamp(self._texts[number], room.text_px, TEXT_BGR).size
-            last = places.get(number)
-            if is_mark:
-                request = request_beside(u, v, size, room.mark_px)
-            else:
-                request = _request_on((u, v), half, size, last, inside=inside)
-            placed = room.find(request, last)
-            if placed is None:
-                continue
-            self._places[number] = LabelPlace(request.places, placed[0])
-            labels.append(Label(number, placed[1]))
-            rows.append(row)
-            if len(labels) == MOST:
-                break
-        chosen = np.array(rows, np.int64)
-        points = features.uv.take(chosen, axis=1), features.rays.take(chosen, axis=1)
-        return labels, Anchors(*points, features.feature[chosen], features.mark[chosen])
-
-
 class LabelPlace(NamedTuple):
     """Hold which of a tuple of candidate places a label had."""
 
@@ -258,29 +197,64 @@ class PlacementRequest(NamedTuple):
     places: _Places
 
 
+_NO_ANCHORS = Anchors(np.empty((2, 0)), np.empty((3, 0)), np.empty(0, np.int64), np.empty(0, bool))
+
+
+class Labels:
+    """Place the labels of one map, frame after frame."""
+
+    def __init__(self, vector_map: VectorMap) -> None:
+        self._texts = vector_map.labels
+        self._anchors = AnchorFinder(vector_map)
+        #: By feature, of the labels shown in the last frame.
+        self._places: dict[int, LabelPlace] = {}
+
+    def place(
+        self, image: Pixels, lines: VisibleLines, marks: VisibleLines, taken: Sequence[Box] = ()
+    ) -> tuple[list[Label], Anchors]:
+        """Return the placed labels and the anchor points of their features.
+
+        A label keeps its place relative to its feature as long as possible.
+        """
+        last_places, self._places = self._places, {}
+        shown = np.array([*last_places], np.int64)
+        features = self._anchors.find(lines, marks, shown, _CONSIDERED)
+        if features is None:
+            return [], _NO_ANCHORS
+        room = FreeSpace(image, marks.points[:2], taken)
+        labels, rows = [], []
+        columns = features.feature, features.mark, features.inside, features.uv.T, features.half.T
+        rows_of = zip(*(each.tolist() for each in columns), strict=True)
+        for row, (number, is_mark, inside, (u, v), half) in enumerate(rows_of):
+            size = stamp(self._texts[number], room.text_px, TEXT_BGR).size
+            last = last_places.get(number)
+            if is_mark:
+                request = request_beside(u, v, size, room.mark_px)
+            else:  # on its line, inside its outline, or under a small outline
+                half_u, half_v = size[0] / 2, size[1] / 2
+                places: _Places = _WITHIN if inside else _ALONG
+                stays = last is not None and last.places is _WITHIN
+                fits = _STAYS_WITHIN if stays else 1.0
+                if inside and (half[0] < fits * half_u or half[1] < fits * half_v):
+                    half_u, half_v, places = half_u + half[0], half_v + half[1], _UNDER
+                request = PlacementRequest(u, v, *size, half_u, half_v, False, places)
+            placed = room.find(request, last)
+            if placed is None:
+                continue
+            self._places[number] = LabelPlace(request.places, placed[0])
+            labels.append(Label(number, placed[1]))
+            rows.append(row)
+            if len(labels) == MOST:
+                break
+        chosen = np.array(rows, np.int64)
+        points = features.uv.take(chosen, axis=1), features.rays.take(chosen, axis=1)
+        return labels, Anchors(*points, features.feature[chosen], features.mark[chosen])
+
+
 def request_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:
     """Return the request of a label of this size for a place beside a mark."""
     half_u, half_v = size[0] / 2 + mark_px, size[1] / 2 + mark_px
     return PlacementRequest(u, v, *size, half_u, half_v, True, _BESIDE)
-
-
-def _request_on(
-    uv: tuple[float, float],
-    half: Sequence[float],
-    size: tuple[int, int],
-    last: LabelPlace | None,
-    *,
-    inside: bool,
-) -> PlacementRequest:
-    """Return the request of a label on its line, inside its outline, or under a small outline."""
-    half_u, half_v = size[0] / 2, size[1] / 2
-    places: _Places = _ALONG
-    if inside:
-        fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
-        places = _WITHIN
-        if half[0] < fits * half_u or half[1] < fits * half_v:
-            half_u, half_v, places = half_u + half[0], half_v + half[1], _UNDER
-    return PlacementRequest(*uv, *size, half_u, half_v, False, places)
 
 
 class FreeSpace:

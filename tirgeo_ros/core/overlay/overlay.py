@@ -4,6 +4,10 @@ No line is drawn that cannot be trusted. Without a camera, without an origin, or
 the exposure, neither interpolated nor predicted, the picture carries a notice instead of the
 lines. A map that is missing takes nothing else away: with a trusted pose, clicks are answered and
 targets are drawn.
+
+A pose beyond the newest one continues at constant linear and angular rates, which are the slopes
+of a straight line fitted to the last tenth of a second. The extrapolation error is measured, not
+assumed: the poses of the last second are predicted in the same way from the poses before them.
 """
 
 from __future__ import annotations
@@ -15,12 +19,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.rotations import (
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_multiply,
+    rotvec_from_quat,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.map_layers import MapLayer
-from tirgeo_ros.core.overlay.camera_motion import FIT_S, TRIAL_S, predicted, rates_up_to
+from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.overlay.picture_painter import (
@@ -30,9 +40,105 @@ from tirgeo_ros.core.overlay.picture_painter import (
     Unpainted,
 )
 from tirgeo_ros.core.streams.stamps import exposure_ns
-from tirgeo_ros.core.types.arrays import RawPixels
+from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
+
+#: Less than a turn takes, enough for the noise.
+RATES_S = 0.1
+
+
+def rates_up_to(pose: CameraPose, poses: PoseBuffer[CameraPose]) -> CameraRates | None:
+    """Return the camera's rates up to a pose; None if they are not known."""
+    before = poses.at(pose.stamp_ns - round(RATES_S * 1e9))
+    return None if isinstance(before, Miss) else CameraRates.between(before, pose)
+
+
+#: The length of the fitted line, and the least span that a fit needs. On simulated flights a
+#: shorter line passes on the poses' noise (with 20 ms a predicted attitude is twice as wrong as
+#: with 100 ms); a longer line lags behind turns.
+FIT_S, _LEAST_FIT_S = 0.1, 0.05
+#: The poses of this time span are predicted to measure the extrapolation error.
+TRIAL_S = 1.0
+_FEWEST_TRIALS = 5
+#: The least manoeuvre that is assumed to begin after the newest pose, where no past pose shows it:
+#: standard deviations of the camera's acceleration (m/s2) and angular acceleration (rad/s2), those
+#: of an aircraft that corrects its course in light wind.
+_ACCELERATION, _ANGULAR_ACCELERATION = 0.5, 0.2
+_ROUNDING_S = 1e-9
+
+
+def predicted(poses: Sequence[CameraPose], stamp_ns: int, max_gap_s: float) -> CameraPose | None:
+    """Return the pose at a stamp after the last of ``poses``, which are in order of their stamps.
+
+    Its covariance is the last pose's plus that of the extrapolation. None if the poses after the
+    last gap longer than ``max_gap_s`` span less than 0.05 s.
+    """
+    stamps = np.array([pose.stamp_ns for pose in poses], np.int64)
+    gaps = np.flatnonzero(np.diff(stamps) > max_gap_s * 1e9)
+    first = int(gaps[-1]) + 1 if len(gaps) else 0
+    poses, stamps = poses[first:], stamps[first:]
+    if len(poses) < 2:
+        return None
+    last, times_s, places = poses[-1], (stamps - stamps[-1]) * 1e-9, _places(poses)
+    first_of = np.searchsorted(times_s, times_s - FIT_S - _ROUNDING_S)
+    first_of = np.minimum(first_of, np.maximum(np.arange(len(times_s)) - 1, 0))
+    is_fitted = times_s - times_s[first_of] >= _LEAST_FIT_S - _ROUNDING_S
+    if not is_fitted[-1]:
+        return None
+    rates = _slopes(times_s, places, first_of)
+    ahead_s = (stamp_ns - last.stamp_ns) * 1e-9
+    step = rates[-1] * ahead_s
+    turned = quat_multiply(quat_from_rotvec(step[3:]), last.q_nc)
+    tried = np.flatnonzero((times_s <= -ahead_s) & is_fitted)
+    reached = [np.interp(times_s[tried] + ahead_s, times_s, column) for column in places.T]
+    missed = np.stack(reached, axis=-1) - places[tried] - rates[tried] * ahead_s
+    covariance = last.covariance + _spread(missed, ahead_s, last.covariance)
+    return CameraPose(stamp_ns, last.position_n + step[:3], turned, covariance)
+
+
+def _places(poses: Sequence[CameraPose]) -> Array:
+    """Return (N, 6) positions and angles in NED, relative to the last and to the first pose.
+
+    The angles are sums of the turns from each pose to the next. Over a tenth of a second their
+    differences are the turn itself, to second order.
+    """
+    q_nc = np.array([pose.q_nc for pose in poses])
+    turns = rotvec_from_quat(quat_multiply(q_nc[1:], quat_conjugate(q_nc[:-1])))
+    places = np.zeros((len(poses), 6))
+    places[:, :3] = [pose.position_n - poses[-1].position_n for pose in poses]
+    places[1:, 3:] = turns.cumsum(axis=0)
+    return places
+
+
+def _slopes(times_s: Array, places: Array, first: IntArray) -> Array:
+    """Return slopes (N, 6) of lines fitted to ``places[first[k]]`` to ``places[k]``; 0 for one."""
+
+    def total(values: Array) -> Array:
+        sums = np.concatenate([np.zeros((1, values.shape[1])), values.cumsum(axis=0)])
+        return np.asarray(sums[1:] - sums[first])
+
+    t = times_s[:, None]
+    count = (np.arange(len(t)) + 1 - first)[:, None]
+    sum_t, sum_x = total(t), total(places)
+    above = total(t * places) - sum_t * sum_x / count
+    below = total(t * t) - sum_t * sum_t / count
+    return above / np.where(below > _ROUNDING_S, below, np.inf)
+
+
+def _spread(missed: Array, ahead_s: float, covariance: Array) -> Array:
+    """Return the (6, 6) mean square error of a prediction over ``ahead_s``, plus a floor.
+
+    ``missed`` (N, 6) are the errors of predictions from past poses over the same time. With too
+    few of them, both ends of the fitted line are assumed to have independent errors with the last
+    pose's covariance.
+    """
+    floor = np.repeat([_ACCELERATION, _ANGULAR_ACCELERATION], 3) * ahead_s**2 / 2
+    spread = np.diag(floor**2)
+    if len(missed) < _FEWEST_TRIALS:
+        return spread + 2 * (ahead_s / _LEAST_FIT_S) ** 2 * covariance
+    return np.asarray(spread + missed.T @ missed / len(missed))
+
 
 #: A stamp that goes back by more than this means that a clock was set, not a late frame.
 _JUMP_NS = 1_000_000_000
@@ -77,28 +183,23 @@ class FrameQueue:
 
     def put(self, frame: Frame) -> None:
         """Add a frame, or count why it is refused."""
-        pixels = frame.pixels
+        pixels, stamp_ns = frame.pixels, frame.stamp_ns
         is_picture = pixels.ndim in _SHAPES.get(pixels.dtype, ()) and pixels.size > 0
+        before_ns = self._stamps[-1] if self._stamps else stamp_ns - 1
         if not is_picture or (pixels.ndim == 3 and pixels.shape[2] != 3):
             self.counts["invalid"] += 1
         elif max(pixels.shape) > _LARGEST_PX:
             self.counts["too_large"] += 1
-        elif not self._in_order(frame.stamp_ns):
+        elif before_ns - _JUMP_NS <= stamp_ns <= before_ns:
             self.counts["out_of_order"] += 1
         else:
-            self._stamps.append(frame.stamp_ns)
+            if stamp_ns < before_ns:
+                self.counts["time_jumps"] += 1
+                self._stamps.clear()
+                self._replace(len(self._frames))
+            self._stamps.append(stamp_ns)
             self._frames.append(frame)
             self._replace(len(self._frames) - _MOST_WAITING)
-
-    def _in_order(self, stamp_ns: int) -> bool:
-        if not self._stamps or stamp_ns > self._stamps[-1]:
-            return True
-        if self._stamps[-1] - stamp_ns <= _JUMP_NS:
-            return False
-        self.counts["time_jumps"] += 1
-        self._stamps.clear()
-        self._replace(len(self._frames))
-        return True
 
     def take(self, frame: Frame) -> None:
         """Remove a frame, and all older ones, which count as replaced."""
@@ -153,8 +254,10 @@ class Overlay:
         self.plane: TangentPlane | None = None
         self._camera: Camera | None = None
         self._rectify = config.rectify
-        self._status: NavigationStatus | None = None
-        self._verdict = DrawingVerdict()
+        #: The estimator's, for the status line and the notices.
+        self.status: NavigationStatus | None = None
+        #: The checks' on the set-up, for the notice at the top and the status line.
+        self.verdict = DrawingVerdict()
         self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
         self.configure(config)
 
@@ -222,14 +325,6 @@ class Overlay:
         """Record why the map from elsewhere does not come; a map that is drawn stays."""
         self._map_not_ready = self._map_not_ready and why
 
-    def set_status(self, status: NavigationStatus) -> None:
-        """Set the estimator's status, for the status line and the notices."""
-        self._status = status
-
-    def set_verdict(self, verdict: DrawingVerdict) -> None:
-        """Set the checks' verdict on the set-up, for the notice at the top and the status line."""
-        self._verdict = verdict
-
     def add_pose(self, pose: CameraPose) -> None:
         """Add a camera pose, in order of time; an invalid one is counted."""
         self.poses.add(pose)
@@ -250,14 +345,14 @@ class Overlay:
     def take_unpainted(self, now_ns: int) -> Unpainted | None:
         """Return the picture of ``take`` as it is before a PicturePainter painted it."""
         for frame in self.frames:
-            pose = self.poses.at(exposure_ns(frame.stamp_ns, self._latency_s))
-            obstacle = self._no_view(frame.pixels)
+            exposed_ns = exposure_ns(frame.stamp_ns, self._latency_s)
+            pose, obstacle = self.poses.at(exposed_ns), self._no_view(frame.pixels)
             # Negative if the clock went back: without the lower limit it would wait for ever.
             has_time = 0 <= now_ns - frame.arrival_ns < self._wait_ns
             if obstacle or not (has_time and pose in (Miss.EMPTY, Miss.TOO_NEW)):
                 self.frames.take(frame)
                 self._results["late"] += now_ns - frame.arrival_ns >= self._wait_ns
-                return self._unpainted(frame, now_ns, pose, obstacle)
+                return self._unpainted(frame, now_ns, exposed_ns, pose, obstacle)
         return None
 
     def _no_view(self, pixels: RawPixels) -> str:
@@ -272,59 +367,48 @@ class Overlay:
             return self._not_navigating() or "no origin"
         return ""
 
-    def _why_no_pose(self, miss: Miss, exposed_ns: int) -> str:
-        newest_ns = self.poses.newest_ns
-        why = "camera poses are missing" if miss is Miss.GAP else "no pose at this frame"
-        if miss is Miss.TOO_NEW and newest_ns is not None:
-            why = f"pose {(exposed_ns - newest_ns) / 1e9:.1f} s old"
-        return self._not_navigating() or why
-
     def _not_navigating(self) -> str:
         """Return why the estimator does not navigate, else an empty text."""
-        if self._status is None or self._status.state.navigating:
+        if self.status is None or self.status.state.navigating:
             return ""
-        why = self._status.for_operator
+        why = self.status.for_operator
         return why[0].lower() + why[1:]
 
     def _unpainted(
-        self, frame: Frame, now_ns: int, looked_up: CameraPose | Miss, obstacle: str
+        self, frame: Frame, now_ns: int, exposed_ns: int, pose: CameraPose | Miss, obstacle: str
     ) -> Unpainted:
-        pose, predicted_s, notice = self._trusted(frame, looked_up, obstacle)
-        rates = None if pose is None else rates_up_to(pose, self.poses)
+        predicted_s, newest_ns = 0.0, self.poses.newest_ns
+        if not obstacle and pose is Miss.TOO_NEW:
+            pose, predicted_s = self._predicted(exposed_ns)
+        if not obstacle and isinstance(pose, Miss):
+            why = "camera poses are missing" if pose is Miss.GAP else "no pose at this frame"
+            if pose is Miss.TOO_NEW and newest_ns is not None:
+                why = f"pose {(exposed_ns - newest_ns) / 1e9:.1f} s old"
+            obstacle = self._not_navigating() or why
+        trusted = None if obstacle or isinstance(pose, Miss) else pose
+        self._results["notices" if trusted is None else "drawn"] += 1
+        self._results["predicted"] += trusted is not None and predicted_s > 0
+        rates = None if trusted is None else rates_up_to(trusted, self.poses)
         camera = self.painter.scene.camera
         if camera is not None:
-            self.clicks.show(frame.stamp_ns, camera, pose, rates)
+            self.clicks.show(frame.stamp_ns, camera, trusted, rates)
+            if frame.pixels.shape[:2] != (camera.height, camera.width):
+                camera = None
         return Unpainted(
             stamp_ns=frame.stamp_ns,
             pixels=frame.pixels,
-            camera=camera if self._fits(frame.pixels) else None,
-            pose=pose,
+            camera=camera,
+            pose=trusted,
             rates=rates,
-            notice=notice,
+            notice=self._notice(obstacle),
             predicted_s=predicted_s,
-            markers=() if pose is None else tuple(self.clicks.markers()),
-            verdict=self._verdict,
-            status=self._status,
+            markers=() if trusted is None else tuple(self.clicks.markers()),
+            verdict=self.verdict,
+            status=self.status,
             age_s=(now_ns - frame.stamp_ns) * 1e-9,
             rate_hz=self.frames.rate_hz,
             replaced=self.frames.counts["replaced"],
         )
-
-    def _trusted(
-        self, frame: Frame, pose: CameraPose | Miss, obstacle: str
-    ) -> tuple[CameraPose | None, float, str]:
-        """Return the trusted pose or None, how far it was predicted, s, and the notice."""
-        exposed_ns, predicted_s = exposure_ns(frame.stamp_ns, self._latency_s), 0.0
-        if not obstacle and pose is Miss.TOO_NEW:
-            pose, predicted_s = self._predicted(exposed_ns)
-        if not obstacle and isinstance(pose, Miss):
-            obstacle = self._why_no_pose(pose, exposed_ns)
-        if obstacle or isinstance(pose, Miss):
-            self._results["notices"] += 1
-            return None, predicted_s, self._notice(obstacle)
-        self._results["drawn"] += 1
-        self._results["predicted"] += predicted_s > 0
-        return pose, predicted_s, self._notice("")
 
     def _notice(self, no_pose: str) -> str:
         """Return why there is no map, or no trusted pose for the reason given; else empty."""
@@ -347,7 +431,3 @@ class Overlay:
         latest = self.poses.latest(FIT_S + TRIAL_S)
         pose = predicted(latest, exposed_ns, self.poses.max_gap_s)
         return (pose, ahead_ns * 1e-9) if pose is not None else (Miss.TOO_NEW, 0.0)
-
-    def _fits(self, pixels: RawPixels) -> bool:
-        camera = self._camera
-        return camera is not None and pixels.shape[:2] == (camera.height, camera.width)

@@ -69,7 +69,12 @@ class ReceiverEpochs:
         """
         changed = {part for part in parts if not _same(parts[part], self._values.get(part))}
         if changed:
-            self._begin_or_join(stamp_ns, changed)
+            together = self.begun_ns is not None and 0 <= stamp_ns - self.begun_ns < _TOGETHER_NS
+            if together and not changed & self._changed:
+                self._changed |= changed
+            else:  # another epoch begins
+                self._number += 1
+                self.begun_ns, self._changed = stamp_ns, changed
             if "place" in changed:
                 self._place_before = self._values.get("place")
             self._values.update(parts)
@@ -77,16 +82,6 @@ class ReceiverEpochs:
         fresh = {part for part in parts if part in changed or new_in.get(part) != self._number}
         new_in.update(dict.fromkeys(fresh, self._number))
         return fresh
-
-    def _begin_or_join(self, stamp_ns: int, changed: set[str]) -> None:
-        """Add the changed parts to the current epoch, or begin another one."""
-        together = self.begun_ns is not None and 0 <= stamp_ns - self.begun_ns < _TOGETHER_NS
-        if together and not changed & self._changed:
-            self._changed |= changed
-            return
-        self._number += 1
-        self.begun_ns = stamp_ns
-        self._changed = changed
 
 
 def _same(value: Value, other: Value | None) -> bool:
@@ -216,28 +211,21 @@ class Receiver(Generic[R]):
         if place is not None and "place" in fresh:
             self._place, self._place_ns = place, stamp_ns
             samples.append(self._position(stamp_ns, place, quality))
-        elif self._place is not None and self._fell(stamp_ns, quality.status):
+        # A fix that becomes worse is published at once with the place that is still sent. One that
+        # gets better waits for the next place: this one was measured without it.
+        recent = abs(stamp_ns - self._seen_ns) <= _SILENT_NS
+        if not samples and self._place and quality.status < self._status and recent:
             self._count("status_fell")
-            samples.append(self._position(stamp_ns, self._place, self._moved(stamp_ns, quality)))
+            moved_m = self._speed_m_s * max(stamp_ns - self._place_ns, 0) * 1e-9
+            north, east, down = (value + moved_m**2 for value in quality.position_variance)
+            moved = quality._replace(position_variance=(north, east, down))
+            samples.append(self._position(stamp_ns, self._place, moved))
         if velocity_n is not None and "velocity" in fresh:
             samples += self._velocity(stamp_ns, velocity_n, quality)
         return fresh, samples
 
     def _count(self, what: str) -> None:
         self._counts[f"{self._name}_{what}"] += 1
-
-    def _fell(self, stamp_ns: int, status: FixStatus) -> bool:
-        """Return whether the fix is worse than when the place, which is still sent, was published.
-
-        A fix that becomes better waits for the next place: this one was measured without it.
-        """
-        return status < self._status and abs(stamp_ns - self._seen_ns) <= _SILENT_NS
-
-    def _moved(self, stamp_ns: int, quality: Quality) -> Quality:
-        """Return the quality with the aircraft's possible motion since the place was new."""
-        moved_m = self._speed_m_s * max(stamp_ns - self._place_ns, 0) * 1e-9
-        north, east, down = (value + moved_m**2 for value in quality.position_variance)
-        return quality._replace(position_variance=(north, east, down))
 
     def _position(self, stamp_ns: int, place: GeodeticPlace, quality: Quality) -> PositionSample:
         self._status = quality.status
@@ -257,10 +245,9 @@ class Receiver(Generic[R]):
         if quality.status < FixStatus.SINGLE:
             self._count("velocity_without_fix")
             return []
-        covariance = np.diag((quality.velocity_variance,) * 3)
-        stamp_ns = self._velocities.after(stamp_ns)
-        velocity = np.array(velocity_n)
-        return [VelocitySample(stamp_ns, self._velocity_source, velocity, covariance)]
+        covariance_n = np.diag((quality.velocity_variance,) * 3)
+        stamp_ns, source = self._velocities.after(stamp_ns), self._velocity_source
+        return [VelocitySample(stamp_ns, source, np.array(velocity_n), covariance_n)]
 
 
 def _is_place(place: GeodeticPlace) -> bool:
@@ -270,24 +257,7 @@ def _is_place(place: GeodeticPlace) -> bool:
     return within and (latitude > _NO_PLACE_RAD or longitude > _NO_PLACE_RAD)
 
 
-#: The receiver's status numbers, which are NovAtel's position types, of position and yaw.
-FLAG_NAMES = {
-    0: "no solution",
-    1: "fixed by command",
-    2: "height fixed",
-    8: "Doppler velocity",
-    16: "single point",
-    17: "pseudorange differential",
-    18: "SBAS",
-    19: "propagated",
-    20: "OmniSTAR VBS",
-    32: "L1 float",
-    33: "ionosphere-free float",
-    34: "narrow-lane float",
-    48: "L1 integer",
-    49: "wide-lane integer",
-    50: "narrow-lane integer",
-}
+#: The receiver's status number of a narrow-lane integer solution (NovAtel's position types).
 FIXED_FLAG = 50
 #: Flags; status; horizontal and vertical sigma (m); velocity sigma relative to a fixed solution's.
 #: Wrong integers of the wide lane are 0.86 m apart, and their carrier noise is a few times the
@@ -373,15 +343,9 @@ class RtkInterpreter(Receiver[RtkReading]):
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return the newest flags of position and yaw, in words."""
-        flags = {
-            "rtk_flag": self._position_flag.newest,
-            "rtk_yaw_flag": self._yaw_flag.newest,
-        }
-        return {
-            name: "not told" if flag is None else f"{flag} {FLAG_NAMES.get(flag, 'unknown')}"
-            for name, flag in flags.items()
-        }
+        """Return the newest flags of position and yaw."""
+        flags = {"rtk_flag": self._position_flag.newest, "rtk_yaw_flag": self._yaw_flag.newest}
+        return {name: str(flag) for name, flag in flags.items()}
 
 
 def _qualities(config: DjiRtkConfig) -> dict[int, Quality]:

@@ -236,20 +236,15 @@ class DrivingStream:
 
     def drives(self, origin: ImuOrigin, stamp_ns: int) -> bool:
         """Return whether a reading of this stream is to be used."""
-        if origin is not self.driver and not self._takes_over(origin, stamp_ns):
-            return False
-        self._newest_ns = stamp_ns
-        return True
-
-    def _takes_over(self, origin: ImuOrigin, stamp_ns: int) -> bool:
         if self.driver is None:
             self.driver = origin
-            return True
-        silent = not -_CLOCK_NS < stamp_ns - self._newest_ns <= _SILENT_NS
-        if not (silent or self._is_steadily_better(self.driver, origin, stamp_ns)):
-            return False
-        self.driver, self._better = origin, None
-        self.handovers += 1
+        elif origin is not self.driver:
+            silent = not -_CLOCK_NS < stamp_ns - self._newest_ns <= _SILENT_NS
+            if not (silent or self._is_steadily_better(self.driver, origin, stamp_ns)):
+                return False
+            self.driver, self._better = origin, None
+            self.handovers += 1
+        self._newest_ns = stamp_ns
         return True
 
     def _is_steadily_better(self, driver: ImuOrigin, origin: ImuOrigin, stamp_ns: int) -> bool:

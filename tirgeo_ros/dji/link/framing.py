@@ -18,12 +18,9 @@ import re
 import zlib
 from collections.abc import Callable
 from struct import Struct
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
-
-if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.ciphers import Cipher, modes
 
 BLOCK = 16
 KEY_BYTES = 32
@@ -57,7 +54,14 @@ class Aes256:
     """
 
     def __init__(self, key: bytes) -> None:
-        cipher = _cipher(key)
+        try:
+            from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes  # noqa: PLC0415 optional
+        except ImportError:
+            raise DjiError(
+                "key: encrypted frames need the library cryptography: install it "
+                "(pip install cryptography) or leave the key empty"
+            ) from None
+        cipher = Cipher(algorithms.AES(key), modes.ECB())  # noqa: S305 what the aircraft speaks
         # Blocks do not depend on each other: one context serves all frames.
         self._encrypt: Callable[[bytes], bytes] = cipher.encryptor().update
         self._decrypt: Callable[[bytes], bytes] = cipher.decryptor().update
@@ -75,17 +79,6 @@ class Aes256:
         if not data or len(data) % BLOCK or not 1 <= padding <= BLOCK:
             return None
         return self._decrypt(data)[:-padding]
-
-
-def _cipher(key: bytes) -> Cipher[modes.ECB]:
-    try:
-        from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes  # noqa: PLC0415 optional
-    except ImportError:
-        raise DjiError(
-            "key: encrypted frames need the library cryptography: install it "
-            "(pip install cryptography) or leave the key empty"
-        ) from None
-    return Cipher(algorithms.AES(key), modes.ECB())  # noqa: S305 what the aircraft speaks
 
 
 HEADER_BYTES = 12
@@ -206,13 +199,19 @@ class FrameReader:
             at = header.start()
             length = self._length(header.group())
             if at + length > len(held) and not at_end:
-                self._keep(at, length)
-                return frames
+                self._needed = length
+                break
             frame = self._frame(at, length) if length else None
             at += length if frame else 1
             if frame:
                 frames.append(frame)
-        self._keep(len(held) if at_end else self._tail(at), HEADER_BYTES)
+        else:
+            # where an incomplete header may begin
+            begin = held.find(_SOF, max(at, len(held) - HEADER_BYTES + 1))
+            at = len(held) if at_end or begin < 0 else begin
+            self._needed = HEADER_BYTES
+        self._held = held[at:]
+        self._offset += at
         return frames
 
     def _length(self, header: bytes) -> int:
@@ -256,16 +255,6 @@ class FrameReader:
         is_aes = frame.encryption == _AES_256
         data = self._aes.decrypt(frame.data, frame.padding) if is_aes and self._aes else None
         return frame._replace(is_encrypted=True) if data is None else frame._replace(data=data)
-
-    def _tail(self, at: int) -> int:
-        """Return where an incomplete header may begin."""
-        begin = self._held.find(_SOF, max(at, len(self._held) - HEADER_BYTES + 1))
-        return len(self._held) if begin < 0 else begin
-
-    def _keep(self, start: int, needed: int) -> None:
-        self._held = self._held[start:]
-        self._offset += start
-        self._needed = needed
 
 
 def encode_frame(

@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import yaml
 import zstandard
@@ -30,7 +30,7 @@ ROS2_MAGICS = (MCAP, SQLITE, ZSTD_MAGIC)
 #: What is left free on the disk, and what a file may unpack to: recordings shrink to a third,
 #: pictures without noise to a hundredth.
 _RESERVE, _MOST_TIMES, _ANYWAY = 256 << 20, 1000, 64 << 20
-_PIECE = 1 << 20
+_PIECE, _ZSTD = 1 << 20, ".zstd"
 #: What SQLite writes beside a database, and takes back into it after a power cut.
 _BESIDE = ("-wal", "-journal")
 
@@ -42,14 +42,29 @@ def opened_file(path: Path) -> BagFile:
     database that was not closed, for SQLite to mend; both are removed with the reader. Raises
     BagError if it is neither, cannot be read, or is larger unpacked than the disk or a bound.
     """
-    packed = _begins(path, ZSTD_MAGIC)
+    with reading(path, BagError):
+        if path.exists() and not path.is_file():  # a pipe would be waited for without end
+            raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
+    packed = first_bytes(path, len(ZSTD_MAGIC), BagError) == ZSTD_MAGIC
     beside = [path.with_name(path.name + end) for end in _BESIDE]
     unclosed = [file for file in beside if file.is_file() and file.stat().st_size]
-    if not packed and not (unclosed and _begins(path, SQLITE)):
-        return _reader(path, path)
+    if not packed and not (unclosed and _kind(path) is SqliteFile):
+        return _kind(path)(path, path)
     folder = Path(tempfile.mkdtemp(prefix="tirgeo-bag-"))
+    copy = folder / path.name.removesuffix(_ZSTD)
     try:
-        file = _reader(_copied(path, unclosed, folder, packed=packed), path)
+        if packed:
+            _unpack(path, copy)
+        else:
+            for source in (path, *unclosed):
+                shutil.copyfile(source, folder / source.name)
+        file = _kind(copy)(copy, path)
+    except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise BagError(
+            f"{path}: cannot be unpacked to {folder.parent}: {error.strerror or error}; set "
+            "TMPDIR to a folder with more room"
+        ) from None
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -57,41 +72,16 @@ def opened_file(path: Path) -> BagFile:
     return file
 
 
-def _reader(path: Path, name: Path) -> BagFile:
-    return SqliteFile(path, name) if _begins(path, SQLITE) else McapFile(path, name)
+def _kind(path: Path) -> type[SqliteFile | McapFile]:
+    return SqliteFile if first_bytes(path, len(SQLITE), BagError) == SQLITE else McapFile
 
 
-def _begins(path: Path, magic: bytes) -> bool:
-    with reading(path, BagError):
-        if path.exists() and not path.is_file():  # a pipe would be waited for without end
-            raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
-    return first_bytes(path, len(magic), BagError) == magic
-
-
-def _copied(path: Path, beside: list[Path], folder: Path, *, packed: bool) -> Path:
-    """Return the copy of a file in a folder: unpacked, or with the files beside it."""
-    copy = folder / path.name.removesuffix(".zstd")
-    try:
-        if packed:
-            with path.open("rb") as file, copy.open("wb") as out:
-                _unpack(path, file, out)
-        else:
-            for source in (path, *beside):
-                shutil.copyfile(source, folder / source.name)
-    except OSError as error:
-        raise BagError(
-            f"{path}: cannot be unpacked to {folder.parent}: {error.strerror or error}; set "
-            "TMPDIR to a folder with more room"
-        ) from None
-    return copy
-
-
-def _unpack(path: Path, file: IO[bytes], out: IO[bytes]) -> None:
+def _unpack(path: Path, copy: Path) -> None:
     """Write what a file holds. Of a cut or damaged one, the part before: its reader finds that."""
-    free = shutil.disk_usage(Path(out.name).parent).free - _RESERVE
+    free = shutil.disk_usage(copy.parent).free - _RESERVE
     most = path.stat().st_size * _MOST_TIMES + _ANYWAY
-    stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-    with suppress(zstandard.ZstdError):
+    with path.open("rb") as file, copy.open("wb") as out, suppress(zstandard.ZstdError):
+        stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
         while piece := stream.read(_PIECE):
             written = out.tell() + len(piece)
             if written > most:
@@ -100,7 +90,7 @@ def _unpack(path: Path, file: IO[bytes], out: IO[bytes]) -> None:
             if written > free:
                 raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
             out.write(piece)
-    if not out.tell():
+    if not copy.stat().st_size:
         raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
 
 
@@ -146,10 +136,7 @@ class BagReader:
 
     @property
     def damage(self) -> str | None:
-        """Return in one line what could not be read, None if nothing was lost.
-
-        The line is complete after an iteration over all topics.
-        """
+        """Return in one line what was lost, else None; it is complete after an iteration."""
         losses = self._losses()
         read = sum(file.read for file in self._files)
         return f"{losses}; {read} messages were read" if losses else None
@@ -161,10 +148,7 @@ class BagReader:
         *,
         any_form: bool = False,
     ) -> Iterator[BagMessage]:
-        """Return the messages of these topics in order of log time, from a log time on.
-
-        Raises BagError if one of these topics is not in CDR, unless they may have ``any_form``.
-        """
+        """Return the messages of topics (None: all) by log time; BagError for one not in CDR."""
         streams = [
             (_span(file)[0], file.messages(topics, start_ns or 0, any_form=any_form))
             for file in self._files
@@ -208,30 +192,24 @@ def _span(file: BagFile) -> tuple[int, int]:
 def _merged(streams: Iterable[tuple[int, Iterator[BagMessage]]]) -> Iterator[BagMessage]:
     """Yield the messages of streams, each in order of time, in order of time.
 
-    Streams come with their first times (ns) and in the order of these; none is begun before its
-    time. Messages of one time come in the order of the streams.
+    Streams come with their first times (ns); none is begun before its time. Messages of one time
+    come in the order of the streams.
     """
-    begun: list[tuple[int, int, BagMessage, Iterator[BagMessage]]] = []
 
-    def advance(place: int, stream: Iterator[BagMessage]) -> None:
-        message = next(stream, None)
+    def placed(
+        place: int, start_ns: int, stream: Iterator[BagMessage]
+    ) -> Iterator[tuple[int, int, BagMessage | None]]:
+        yield start_ns, place, None  # when this is passed, the stream is begun
+        for message in stream:
+            yield message.log_time_ns, place, message
+
+    every = [placed(place, *stream) for place, stream in enumerate(streams)]
+    for _, _, message in heapq.merge(*every, key=lambda item: item[:2]):
         if message is not None:
-            heapq.heappush(begun, (message.log_time_ns, place, message, stream))
-
-    def until(end_ns: int | None) -> Iterator[BagMessage]:
-        while begun and (end_ns is None or begun[0][0] < end_ns):
-            _, place, message, stream = heapq.heappop(begun)
             yield message
-            advance(place, stream)
-
-    for place, (start_ns, stream) in enumerate(streams):
-        yield from until(start_ns)
-        advance(place, stream)
-    yield from until(None)
 
 
 METADATA = "metadata.yaml"
-_ZSTD = ".zstd"
 _SUFFIXES = (".mcap", ".db3")
 _STORAGES = ("mcap", "sqlite3")
 _MOST_BYTES = 4 << 20  # of metadata: some hundred bytes a topic and a file
@@ -252,12 +230,25 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
     metadata = folder / METADATA
     if not metadata.is_file():
         return _in_folder(folder), []
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where there is C
     try:
-        recorded = _information(metadata)
+        tree = yaml.load(read_text(metadata, BagError, _MOST_BYTES), loader)  # noqa: S506  safe
+        recorded: dict[str, Any] = tree["rosbag2_bagfile_information"]
+        # Before version 4 the files' names have the folder's in front.
         names = [Path(name).name for name in recorded["relative_file_paths"]]
     except (BagError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         return _in_folder(folder), [f"{METADATA} is damaged"]
-    _check_known(metadata, recorded)
+    packed = str(recorded.get("compression_mode") or "none").lower() != "none"
+    form = recorded.get("compression_format") or "zstd"
+    for what, value, known in (
+        ("storage", recorded.get("storage_identifier"), _STORAGES),
+        ("compression", form if packed else "zstd", ("zstd",)),
+    ):
+        if value not in known:
+            raise BagError(
+                f"{metadata}: {what} {value!r} is not known ({', '.join(known)}); convert the "
+                "bag with ros2 bag convert"
+            )
     by_name = {name: _file_of(folder, name) for name in names}
     files = [file for file in by_name.values() if file]
     lost = [f"{name}, named in {METADATA}, is absent" for name in names if not by_name[name]]
@@ -265,10 +256,7 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: a file by its name, a folder by what is in it.
-
-    A folder without metadata is one if it has nothing but files of bags.
-    """
+    """Return whether a path looks like a bag: a file by its name, a folder by what is in it."""
     if path.is_dir():
         inside = list(path.iterdir())
         return path / METADATA in inside or (bool(inside) and all(map(_bag_name, inside)))
@@ -281,29 +269,6 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-def _information(metadata: Path) -> dict[str, Any]:
-    """Return the contents; before version 4 the files' names have the folder's in front."""
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where there is C
-    tree = yaml.load(read_text(metadata, BagError, _MOST_BYTES), loader)  # noqa: S506  safe
-    recorded: dict[str, Any] = tree["rosbag2_bagfile_information"]
-    return recorded
-
-
-def _check_known(metadata: Path, recorded: dict[str, Any]) -> None:
-    storage = recorded.get("storage_identifier")
-    if storage not in _STORAGES:
-        raise BagError(
-            f"{metadata}: storage {storage!r} is not known ({', '.join(_STORAGES)} are); "
-            "convert the bag with ros2 bag convert"
-        )
-    form = recorded.get("compression_format") or "zstd"
-    if str(recorded.get("compression_mode") or "none").lower() != "none" and form != "zstd":
-        raise BagError(
-            f"{metadata}: compression {form!r} is not known (zstd is); "
-            "convert the bag with ros2 bag convert"
-        )
-
-
 def _file_of(folder: Path, name: str) -> Path | None:
     """Return the file of this name; of a recorder that was killed, before or after compression."""
     for spelling in (name, name + _ZSTD, name.removesuffix(_ZSTD)):
@@ -314,11 +279,10 @@ def _file_of(folder: Path, name: str) -> Path | None:
 
 def _in_folder(folder: Path) -> list[Path]:
     """Return the files of the one bag in a folder, in the order of their numbers."""
-    files = sorted((file for file in folder.iterdir() if _bag_name(file)), key=by_numbers)
+    names = {file.name for file in folder.iterdir() if _bag_name(file)}
     # Where a recorder was killed while it compressed a file, the plain one is the whole one.
-    files = [
-        file for file in files if file.name.removesuffix(_ZSTD) == file.name or not _plain(file)
-    ]
+    names -= {name + _ZSTD for name in names}
+    files = sorted((folder / name for name in names), key=by_numbers)
     bags = sorted({re.sub(r"_\d+$", "", file.name.split(".")[0]) for file in files})
     if not bags:
         raise BagError(f"{folder}: no bag in this folder: no .mcap and no .db3 file")
@@ -329,10 +293,6 @@ def _in_folder(folder: Path) -> list[Path]:
             " give one of them"
         )
     return files
-
-
-def _plain(path: Path) -> bool:
-    return path.with_name(path.name.removesuffix(_ZSTD)).is_file()
 
 
 def _bag_name(path: Path) -> bool:

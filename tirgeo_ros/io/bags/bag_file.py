@@ -93,10 +93,7 @@ class BagFile(ABC):
     def messages(
         self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False
     ) -> Iterator[BagMessage]:
-        """Return the messages of these topics (None: all) in order of log time, from one on.
-
-        Raises BagError if one of these topics cannot be decoded, unless it may have ``any_form``.
-        """
+        """Return the messages of topics (None: all) by log time; BagError as ``fault`` says."""
         chosen: dict[int, tuple[str, str]] = {}
         for key, (topic, form) in self.connections.items():
             if topics is None or topic in topics:
@@ -121,10 +118,7 @@ class BagFile(ABC):
 
 
 def plain(data: bytes) -> bytes:
-    """Return a message's CDR, unpacked if it was compressed by itself.
-
-    Raises ValueError: ``is cut off or damaged``.
-    """
+    """Return a message's CDR, unpacked if it was compressed. ValueError: is cut off or damaged."""
     if data[:4] != ZSTD_MAGIC:
         return data
     try:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import IO, Any, final
 
 import yaml
@@ -13,7 +12,7 @@ from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_file import TopicForm
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of
+from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
 from tirgeo_ros.io.messages.sensor_messages import offered_qos
 
 #: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
@@ -40,13 +39,6 @@ custom_data: ~"""
 #: Bytes of messages that a process that is killed takes with it: a second without pictures.
 _GROWING_CHUNK = 1 << 17
 _CHUNK = 1 << 20
-#: The numbers of rmw/types.h.
-_WORDS = {
-    "history": ("system_default", "keep_last", "keep_all", "unknown"),
-    "reliability": ("system_default", "reliable", "best_effort", "unknown"),
-    "durability": ("system_default", "transient_local", "volatile", "unknown"),
-    "liveliness": ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown"),
-}
 
 
 @final
@@ -81,7 +73,7 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the future bag."""
         check_place(self.path, BagError)
-        with self._errors():
+        with writing(self.path, BagError):
             self._file = self._part.open("wb")
             chunk = _GROWING_CHUNK if self._growing else _CHUNK
             self._writer = Writer(self._file, chunk, CompressionType.ZSTD)
@@ -96,14 +88,12 @@ class BagWriter:
             raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
         ready = isinstance(message, bytes)
         data = message if ready else self._cdr.serialize(message, typename)
-        try:
+        with writing(self.path, BagError):
             self._writer.add_message(number, log_time_ns, data, log_time_ns)
-        except OSError as error:
-            raise self._error(error) from None
 
     def flush(self) -> None:
         """Pass all messages to the system but those of the newest chunk."""
-        with self._errors():
+        with writing(self.path, BagError):
             self._file.flush()
 
     def _channel(self, topic: str, typename: str) -> tuple[int, str]:
@@ -116,10 +106,7 @@ class BagWriter:
         return number, typename
 
     def _schema(self, typename: str, form: TopicForm, *, copied: bool) -> int:
-        """Return the number of the recorded definition, else of the one that is known here.
-
-        It is 0, as MCAP has it, for a copied topic without a type.
-        """
+        """Return the number of a type's definition, recorded or known here; 0 without a type."""
         if copied and not typename:
             return 0
         key = typename, form.definition
@@ -133,63 +120,42 @@ class BagWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the file and rename it, or remove it after an error."""
         try:
-            with self._errors(), self._file:
+            with writing(self.path, BagError), self._file:
                 if kind is None or self._growing:
                     self._writer.finish()  # type: ignore[no-untyped-call]
             if kind is None:
-                with self._errors():
+                with writing(self.path, BagError):
                     self._part.replace(self.path)
         finally:
             if not self._growing:
                 self._part.unlink(missing_ok=True)
-
-    @contextmanager
-    def _errors(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise self._error(error) from None
-
-    def _error(self, error: OSError) -> BagError:
-        return BagError(f"{self.path}: cannot be written: {error.strerror or error}")
 
 
 def qos_in_words(topic: str, metadata: Mapping[str, str]) -> str:
     """Return the QoS of a recorded topic as Jazzy writes it: ``offered_qos_profiles``.
 
     It is a YAML list with one entry for each publisher. Its policies are numbers in the bags of
-    Humble and before, and words in those of Jazzy. Without one, or with one that cannot be read,
-    it is what tirgeo would offer.
+    Humble and before: then, and without one that can be read, it is what tirgeo would offer, with
+    the recorded durability.
     """
     text = metadata.get("offered_qos_profiles", "")
-    publishers = _publishers(text)
-    if not publishers:
-        return offered_qos(topic).text
-    numbered = [
-        entry for entry in publishers if any(isinstance(entry.get(key), int) for key in _WORDS)
-    ]
-    if not numbered:
+    durabilities = _durabilities(text)
+    if durabilities and not any(isinstance(each, int) for each in durabilities):
         return text
-    for entry in numbered:
-        entry.update({key: _word(key, entry.get(key)) for key in _WORDS})
-    return str(yaml.safe_dump(publishers, sort_keys=False)).strip()
+    offered = offered_qos(topic)
+    return offered._replace(latched=offered.latched or 1 in durabilities).text
 
 
 def is_latched(topic: str, metadata: Mapping[str, str]) -> bool:
     """Return whether late subscribers of a recorded topic get its last message."""
-    publishers = _publishers(qos_in_words(topic, metadata))
-    return any(publisher.get("durability") == "transient_local" for publisher in publishers)
+    return "transient_local" in _durabilities(qos_in_words(topic, metadata))
 
 
-def _publishers(text: str) -> list[dict[str, Any]]:
+def _durabilities(text: str) -> list[object]:
+    """Return the durability of each publisher; 1 is transient local in numbers (rmw/types.h)."""
     try:
         document = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError):
         return []
     entries = document if isinstance(document, list) else []
-    return [entry for entry in entries if isinstance(entry, dict)]
-
-
-def _word(key: str, value: object) -> str:
-    words = _WORDS[key]
-    return words[value] if isinstance(value, int) and 0 <= value < len(words) else str(value)
+    return [entry.get("durability") for entry in entries if isinstance(entry, dict)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -26,20 +25,8 @@ def _store() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _decoder(definition: Msgdef[Any], data: bytes) -> Callable[..., tuple[Any, int]]:
-    mark = data[:2]
-    if mark == b"\0\1":
-        return definition.deserialize_cdr_le
-    if mark == b"\0\0":
-        return definition.deserialize_cdr_be
-    raise ValueError("no plain CDR")
-
-
 def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp (ns) of a message that begins with a header, without decoding the rest.
-
-    Raises MessageError if the bytes end before it.
-    """
+    """Return the stamp (ns) of a message that begins with a header. Raises MessageError."""
     try:
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] else ">iI", data, 4)
     except (IndexError, struct.error):
@@ -57,10 +44,7 @@ class Cdr:
         self._store = _store()
 
     def types(self, typename: str) -> type:
-        """Return the message class.
-
-        Raises BagError for a type that is not in common_interfaces.
-        """
+        """Return the message class. Raises BagError for a type outside common_interfaces."""
         return self._definition(typename).cls
 
     def __contains__(self, typename: str) -> bool:
@@ -79,8 +63,11 @@ class Cdr:
     def deserialize(self, data: bytes, typename: str, topic: str = "") -> Any:
         """Decode CDR bytes. Raises MessageError naming ``topic`` if they are no such message."""
         definition = self._definition(typename)
+        orders = {b"\0\1": definition.deserialize_cdr_le, b"\0\0": definition.deserialize_cdr_be}
         try:
-            message, end = _decoder(definition, data)(data[4:], 0, definition.cls, self._store)
+            if data[:2] not in orders:
+                raise ValueError("no plain CDR")
+            message, end = orders[data[:2]](data[4:], 0, definition.cls, self._store)
         except UNREADABLE as error:
             raise MessageError(
                 f"{topic or typename}: {len(data)} bytes are no {typename}: {error}"
@@ -93,10 +80,7 @@ class Cdr:
         return message
 
     def from_ros1(self, data: bytes, typename: str, topic: str = "") -> bytes:
-        """Convert a message of ROS 1 to CDR. Raises MessageError if it is no such message.
-
-        The fields are those of ROS 2, without the ``seq`` of ROS 1's headers.
-        """
+        """Convert a message of ROS 1 to CDR. Raises MessageError if it is no such message."""
         self.types(typename)
         try:
             return bytes(self._store.ros1_to_cdr(data, typename))

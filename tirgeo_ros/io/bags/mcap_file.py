@@ -11,8 +11,8 @@ import os
 import struct
 import zlib
 from bisect import bisect_left
-from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from pathlib import Path
@@ -45,14 +45,7 @@ _LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
 _PRIVATE = 0x80  # opcodes from here on belong to applications and are skipped
 
 # Raised by the parsers for bytes that are no such record.
-_BROKEN = (
-    McapError,
-    RuntimeError,
-    struct.error,
-    ValueError,
-    MemoryError,
-    OverflowError,
-)
+_BROKEN = McapError, RuntimeError, struct.error, ValueError, MemoryError, OverflowError
 
 
 class Segment(NamedTuple):
@@ -76,16 +69,21 @@ class McapFile(BagFile):
 
     def __init__(self, path: Path, name: Path) -> None:
         super().__init__(path, name)
+        self.segments: list[Segment] = []
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
         with self._mapped() as data:
             self._check_header(data)
             silent = self._find(data)
         spans = [(segment.start_ns, segment.end_ns) for segment in self.segments]
         self.span_ns = (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
-        self.connections = {
-            key: Connection(channel.topic, self._form(channel))
-            for key, channel in self._channels.items()
-            if key not in silent
-        }
+        self.connections = {}
+        for key in [key for key in self._channels if key not in silent]:
+            channel = self._channels[key]
+            schema = self._schemas.get(channel.schema_id)
+            of_type = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
+            form = TopicForm(*of_type, channel.message_encoding, channel.metadata)
+            self.connections[key] = Connection(channel.topic, form)
 
     def fault(self, form: TopicForm) -> str:
         """Return how a topic is encoded, unless it is CDR with a ``ros2msg`` schema."""
@@ -99,28 +97,31 @@ class McapFile(BagFile):
 
     def rows(self, keys: Collection[int], start_ns: int) -> Iterator[Row]:
         """Yield the messages of channels in order of log time, from one on."""
+        waiting: list[Row] = []
         with self._mapped() as data:
-            parts = (
-                (segment.start_ns, self._loaded(data, segment, keys, start_ns))
-                for segment in sorted(self.segments, key=lambda part: (part.start_ns, part.offset))
-                if segment.end_ns >= start_ns
-                and (segment.channels is None or not segment.channels.isdisjoint(keys))
-            )
-            yield from _in_time_order(parts, self.name)
-
-    def _loaded(
-        self, data: mmap, segment: Segment, keys: Collection[int], start_ns: int
-    ) -> Iterator[Row]:
-        place = segment.offset
-        raw = self._read(data, place, segment.length)
-        for number, (channel, log_ns, body) in enumerate(raw):
-            if channel in keys and log_ns >= start_ns:
-                yield log_ns, place, number, channel, body
-
-    def _form(self, channel: Channel) -> TopicForm:
-        schema = self._schemas.get(channel.schema_id)
-        of_type = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
-        return TopicForm(*of_type, channel.message_encoding, channel.metadata)
+            for segment in sorted(self.segments, key=lambda part: (part.start_ns, part.offset)):
+                silent = segment.channels is not None and segment.channels.isdisjoint(keys)
+                if segment.end_ns < start_ns or silent:
+                    continue
+                ready = bisect_left(waiting, (segment.start_ns,))
+                yield from waiting[:ready]
+                del waiting[:ready]
+                size = sum(len(row[-1]) + _BESIDE_BYTES for row in waiting)
+                place = segment.offset
+                raw = self._read(data, place, segment.length)
+                for number, (channel, log_ns, body) in enumerate(raw):
+                    if channel not in keys or log_ns < start_ns:
+                        continue
+                    size += len(body) + _BESIDE_BYTES
+                    if size > _MOST_WAITING:
+                        raise BagError(
+                            f"{self.name}: more than {_MOST_WAITING >> 20} MiB of messages "
+                            "overlap in time; rewrite it in order of time, in chunks of a "
+                            "megabyte (mcap sort)"
+                        )
+                    waiting.append((log_ns, place, number, channel, body))
+                waiting.sort()
+        yield from waiting
 
     # what the file holds
 
@@ -129,7 +130,11 @@ class McapFile(BagFile):
             raise BagError(
                 f"{self.name}: not a ROS 2 bag; give an MCAP file, a .db3 file or a bag's folder"
             )
-        profile = _profile(data)
+        opcode, end = _record_at(data, len(MAGIC))
+        body = data[len(MAGIC) + _RECORD.size : end] if opcode == Opcode.HEADER else b""
+        profile = ""  # also of a broken header
+        with suppress(*_BROKEN):
+            profile = str(Header.read(ReadDataStream(BytesIO(body))).profile)
         if profile not in _PROFILES:
             raise BagError(
                 f"{self.name}: profile {profile!r} is not 'ros2'; convert it to a ROS 2 bag"
@@ -137,7 +142,6 @@ class McapFile(BagFile):
 
     def _find(self, data: mmap) -> set[int]:
         """Find segments, channels and schemas; return the channels known to have no message."""
-        self._forget()
         try:
             silent = self._take_summary(data)
         except _BROKEN as error:
@@ -149,12 +153,6 @@ class McapFile(BagFile):
             return set()
         return silent
 
-    def _forget(self) -> None:
-        self.segments: list[Segment] = []
-        self._channels: dict[int, Channel] = {}
-        self._schemas: dict[int, Schema] = {}
-        self.losses.clear()
-
     def _take_summary(self, data: mmap) -> set[int]:
         footer = _footer(data)
         if not footer.summary_start:
@@ -164,7 +162,7 @@ class McapFile(BagFile):
         if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
             raise McapError("checksum of the index is wrong")
         counts: dict[int, int] = {}
-        late: list[tuple[int, int]] = []
+        chunks: list[ChunkIndex] = []
         for record in StreamReader(BytesIO(summary), skip_magic=True, emit_chunks=True).records:
             if isinstance(record, Schema):
                 self._schemas[record.id] = record
@@ -172,28 +170,27 @@ class McapFile(BagFile):
                 self._channels[record.id] = record
             elif isinstance(record, Statistics):
                 counts = record.channel_message_counts
-            elif isinstance(record, ChunkIndex) and not self._take_index(data, record):
-                late.append((record.chunk_start_offset, record.chunk_length))
-        for offset, length in late:
-            self._add_segment(data, offset, length)
+            elif isinstance(record, ChunkIndex):
+                chunks.append(record)
+        for chunk in chunks:
+            self._take_chunk(data, chunk)
         return {key for key in self._channels if counts and not counts.get(key)}
 
-    def _take_index(self, data: mmap, index: ChunkIndex) -> bool:
-        """Take a chunk by its index; return False if it holds times that no stamp can hold."""
-        at, length = index.chunk_start_offset, index.chunk_length
+    def _take_chunk(self, data: mmap, chunk: ChunkIndex) -> None:
+        at, length = chunk.chunk_start_offset, chunk.chunk_length
         if _record_at(data, at)[0] != Opcode.CHUNK:
             self.losses[at] = f"{length} bytes from byte {at} are not readable"
-            return True
-        if index.message_end_time >= LAST_NS:
-            return False
-        span = index.message_start_time, index.message_end_time
-        channels = frozenset(index.message_index_offsets) or None
-        self.segments.append(Segment(*span, at, length, channels))
-        return True
+        elif chunk.message_end_time >= LAST_NS:  # some have times that no stamp can hold
+            self._add_segment(data, at, length)
+        else:
+            span = chunk.message_start_time, chunk.message_end_time
+            channels = frozenset(chunk.message_index_offsets) or None
+            self.segments.append(Segment(*span, at, length, channels))
 
     def _walk(self, data: mmap) -> None:
         """Find the segments from the first record to the first broken one."""
-        self._forget()
+        for taken in (self.segments, self._channels, self._schemas, self.losses):
+            taken.clear()
         at = start = len(MAGIC)
         while at < len(data):
             opcode, end = _record_at(data, at)
@@ -220,8 +217,9 @@ class McapFile(BagFile):
 
     def _read(self, data: mmap, offset: int, length: int) -> Iterator[tuple[int, int, bytes]]:
         """Yield channel, log time and data of the messages in a range of records."""
-        part = _part_of_file(data, offset, length)
-        at = 0
+        part, at = data[offset : offset + length], 0
+        # Otherwise every page that was read counts as this process's memory until the end.
+        data.madvise(MADV_DONTNEED)
         while at < len(part):
             opcode, end = _record_at(part, at)
             body, place = part[at + _RECORD.size : end], offset + at
@@ -268,21 +266,17 @@ class McapFile(BagFile):
                 else:
                     self.losses[offset] = f"messages at byte {offset} belong to no known topic"
             elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                self._add(opcode, records[at : at + length], offset)
+                stream = ReadDataStream(BytesIO(records[at : at + length]))
+                try:  # the first of a number holds
+                    if opcode == Opcode.SCHEMA:
+                        schema = Schema.read(stream)
+                        self._schemas.setdefault(schema.id, schema)
+                    else:
+                        added = Channel.read(stream)
+                        channels.setdefault(added.id, added)
+                except _BROKEN:
+                    self.losses[offset] = f"a topic's record at byte {offset} is damaged"
             at += length
-
-    def _add(self, opcode: int, body: bytes, offset: int) -> None:
-        """Add a schema or a channel; the first of a number holds."""
-        stream = ReadDataStream(BytesIO(body))
-        try:
-            if opcode == Opcode.SCHEMA:
-                schema = Schema.read(stream)
-                self._schemas.setdefault(schema.id, schema)
-            else:
-                channel = Channel.read(stream)
-                self._channels.setdefault(channel.id, channel)
-        except _BROKEN:
-            self.losses[offset] = f"a topic's record at byte {offset} is damaged"
 
     @contextmanager
     def _mapped(self) -> Iterator[mmap]:
@@ -292,17 +286,6 @@ class McapFile(BagFile):
                 raise BagError(f"{self.name}: the file is empty")
             with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
                 yield data
-
-
-def _profile(data: mmap) -> str:
-    """Return the profile by the file's header; "" if it is broken."""
-    try:
-        opcode, length = _RECORD.unpack_from(data, len(MAGIC))
-        begin = len(MAGIC) + _RECORD.size
-        body = data[begin : begin + length] if opcode == Opcode.HEADER else b""
-        return str(Header.read(ReadDataStream(BytesIO(body))).profile)
-    except _BROKEN:
-        return ""
 
 
 def _footer(data: mmap) -> Footer:
@@ -328,37 +311,3 @@ def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
 def _reason(error: BaseException) -> str:
     lines = str(error).splitlines()
     return lines[0] if lines else type(error).__name__
-
-
-def _part_of_file(data: mmap, start: int, length: int) -> bytes:
-    """Return a copy of a part, and release all pages mapped so far.
-
-    Otherwise every page of a file that was read once counts as this process's memory until the
-    file is closed.
-    """
-    part = data[start : start + length]
-    data.madvise(MADV_DONTNEED)
-    return part
-
-
-def _in_time_order(parts: Iterable[tuple[int, Iterable[Row]]], name: object) -> Iterator[Row]:
-    """Yield the rows of parts, which come in the order of their first times (ns).
-
-    Raises BagError, naming ``name``, if too many overlap.
-    """
-    waiting: list[Row] = []
-    for start_ns, loaded in parts:
-        ready = bisect_left(waiting, (start_ns,))
-        yield from waiting[:ready]
-        del waiting[:ready]
-        room = _MOST_WAITING - sum(len(row[-1]) + _BESIDE_BYTES for row in waiting)
-        for row in loaded:
-            room -= len(row[-1]) + _BESIDE_BYTES
-            if room < 0:
-                raise BagError(
-                    f"{name}: more than {_MOST_WAITING >> 20} MiB of messages overlap in time; "
-                    "rewrite it in order of time, in chunks of a megabyte (mcap sort)"
-                )
-            waiting.append(row)
-        waiting.sort()
-    yield from waiting

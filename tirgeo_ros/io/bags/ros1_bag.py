@@ -67,10 +67,7 @@ class UnindexedReader(Reader):
             while self._read_to < self._size:
                 self._take_record()
         self.lost_bytes = self._size - self._read_to
-        self._finish()
-
-    def _finish(self) -> None:
-        """Give the base class what it would have of an index."""
+        # What the base class would have of an index.
         self.indexes = {key: sorted(self._entries[key]) for key in self._found}
         counts = {key: len(entries) for key, entries in self.indexes.items()}
         self.connections = [
@@ -83,10 +80,9 @@ class UnindexedReader(Reader):
     def _take_record(self) -> None:
         """Take one record of the file. Raises ReaderError if it is not whole."""
         assert self.bio is not None
-        begun, header = self._read_to, Header.read(self.bio)
+        header = Header.read(self.bio)
         if header.get_uint8("op") == RecordType.CHUNK:
-            self.bio.seek(begun)
-            self._take_chunk(begun, header.get_string("compression"))
+            self._take_chunk(self._read_to, header.get_string("compression"))
             return
         if header.get_uint8("op") not in _BESIDE:
             raise ReaderError("no record that stands between chunks")
@@ -97,6 +93,7 @@ class UnindexedReader(Reader):
 
     def _take_chunk(self, begun: int, compression: str) -> None:
         assert self.bio is not None
+        self.bio.seek(begun)
         chunk = self.read_chunk()
         left = self._size - chunk.datapos
         if not 0 < chunk.datasize <= left:  # 0 while it was being written
@@ -127,16 +124,13 @@ class UnindexedReader(Reader):
                 entry = IndexData(header.get_time("time"), chunk_at, self._inside)
                 self._entries[key].append(entry)
             elif key not in self._found:
-                self._found[key] = self._connection(inside[self._inside : end])
+                # The base class reads a connection's record from its file.
+                file, self.bio = self.bio, BytesIO(inside[self._inside : end])
+                try:
+                    self._found[key] = self.read_connection()
+                finally:
+                    self.bio = file
             self._inside = source.seek(end)
-
-    def _connection(self, record: bytes) -> Connection:
-        """Return a connection's record, by the base class, which reads it from its file."""
-        file, self.bio = self.bio, BytesIO(record)
-        try:
-            return self.read_connection()
-        finally:
-            self.bio = file
 
 
 class Ros1Message(NamedTuple):
@@ -220,12 +214,8 @@ class Ros1Bag:
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
         """Return the messages of these topics in order of the times when they were recorded."""
-
-        def wanted(connection: Connection) -> bool:
-            return topics is None or connection.topic in topics
-
         with self._opened() as reader:
-            chosen = [connection for connection in reader.connections if wanted(connection)]
+            chosen = [c for c in reader.connections if topics is None or c.topic in topics]
             if not chosen:  # which would be all of them to the reader
                 return
             late = 0
@@ -243,14 +233,16 @@ class Ros1Bag:
         return self._cdr.from_ros1(message.data, message.typename, message.topic)
 
     def decoded(self, message: Ros1Message) -> Any:
-        """Decode the message by its definition in the bag; times have sec, nanosec.
-
-        Raises MessageError if its bytes are no such message, or its type is not defined.
-        """
+        """Decode the message by its definition in the bag. Raises MessageError."""
         # A store for each type's definition: two wrappers may use one name for different types.
         key = message.typename, message.definition
         if key not in self._stores:
-            self._stores[key] = _store_of(*key)
+            self._stores[key] = None
+            with suppress(*_UNDEFINED):
+                made = get_typestore(Stores.EMPTY)
+                made.register(get_types_from_msg(message.definition, message.typename))
+                made.get_msgdef(message.typename)
+                self._stores[key] = made
         store = self._stores[key]
         if store is None:
             raise MessageError(f"{message.topic}: the bag does not define {message.typename}")
@@ -278,14 +270,3 @@ def _unpacked(compression: str, packed: bytes) -> bytes:
         return unpacked(packed, compression)
     except ValueError as error:
         raise ReaderError(f"a chunk {error}") from None
-
-
-def _store_of(typename: str, definition: str) -> Typestore | None:
-    """Return the types of a definition; None if it is invalid."""
-    store = get_typestore(Stores.EMPTY)
-    try:
-        store.register(get_types_from_msg(definition, typename))
-        store.get_msgdef(typename)
-    except _UNDEFINED:
-        return None
-    return store

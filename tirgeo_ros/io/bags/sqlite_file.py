@@ -64,7 +64,11 @@ class SqliteFile(BagFile):
                 none = None in (first_ns, last_ns)
                 self.span_ns = None if none else (int(first_ns), int(last_ns))
                 self.connections = self._connections(base)
-                self._count(base)
+                there, timed, strays = base.execute(_COUNTS).fetchone()
+                if there != timed:
+                    self.losses[2] = f"of {there} messages {timed} are in the order of time"
+                if strays:
+                    self.losses[3] = f"{strays} messages belong to no known topic"
         except (sqlite3.Error, ValueError) as error:
             raise BagError(
                 f"{name}: the database is cut off or damaged ({error}); recover it with "
@@ -97,14 +101,6 @@ class SqliteFile(BagFile):
         except sqlite3.Error as error:
             self.losses[4] = f"the definitions of its types cannot be read ({error})"
             return {}
-
-    def _count(self, base: sqlite3.Connection) -> None:
-        """Count the messages that no order of time and no topic leads to."""
-        there, timed, strays = base.execute(_COUNTS).fetchone()
-        if there != timed:
-            self.losses[2] = f"of {there} messages {timed} are in the order of time"
-        if strays:
-            self.losses[3] = f"{strays} messages belong to no known topic"
 
     def rows(self, keys: Collection[int], start_ns: int) -> Iterator[Row]:
         """Yield the messages of topics in order of log time, up to where the file is damaged."""

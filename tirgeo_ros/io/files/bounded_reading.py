@@ -63,10 +63,7 @@ def _limit(kind: int, most: int) -> Iterator[None]:
 
 
 def _used_bytes() -> int:
-    """Return the process's private memory in bytes, as the limit counts it.
-
-    Returns 0 if the system does not tell.
-    """
+    """Return the process's private memory in bytes, as the limit counts it; 0 if not known."""
     with suppress(OSError, StopIteration):
         lines = Path("/proc/self/status").read_text().splitlines()
         size = next(line for line in lines if line.startswith("VmData:"))
@@ -134,10 +131,7 @@ def elsewhere(text: str) -> str:
 
 
 def _close_network() -> str:
-    """Let the kernel refuse sockets to this thread and its children.
-
-    Returns "", or the reason why that is impossible.
-    """
+    """Let the kernel refuse sockets to this thread; return "", or why that is impossible."""
     if platform.system() != "Linux" or platform.machine() not in _MACHINES:
         return f"{platform.system()} on {platform.machine()}"
     program = _program(*_MACHINES[platform.machine()])

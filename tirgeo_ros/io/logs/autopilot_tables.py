@@ -13,12 +13,11 @@ from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import slerp
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.streams.stamps import lone_stamps
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
-    NavigationInput,
     PositionSample,
     PressureSample,
     Source,
@@ -125,7 +124,9 @@ def add_samples(
     Stamps are the autopilot's clock plus what it lacks to UTC by the receiver.
     """
     shift_us = _clock_shift_us(gnss, int(imu.time_us[0]), contents)
-    contents.samples += _imu_samples(shift_us, imu, attitude)
+    stamps_ns = ((imu.time_us + shift_us) * 1000).tolist()
+    attitudes = [None] * len(stamps_ns) if attitude is None else _at(imu.time_us, attitude)
+    contents.samples += map(ImuSample, stamps_ns, imu.force_b, imu.rate_b, attitudes)
     if gnss is not None:
         _add_gnss(contents, shift_us, gnss)
     for time_us, pressure_pa in zip(*air, strict=True) if air else ():
@@ -140,7 +141,10 @@ def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents
     """
     shifts_us = np.empty(0, np.int64)
     if gnss is not None:
-        shifts_us = (gnss.utc_us - gnss.time_us)[_dated(gnss)]
+        dated = gnss.utc_us > 0
+        # before a fix, a receiver tells what its own clock counted since it was last switched on
+        fixed = dated & np.isin(gnss.fix, list(_FIXES))
+        shifts_us = (gnss.utc_us - gnss.time_us)[fixed if fixed.any() else dated]
     if len(shifts_us):
         spread_ms = float(np.ptp(shifts_us)) * 1e-3
         contents.notes.append(
@@ -154,26 +158,6 @@ def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents
         else "no receiver tells UTC: times count from the autopilot's start, in 1970"
     )
     return 0
-
-
-def _dated(gnss: GnssTable) -> BoolArray:
-    """Return which records (N,) have UTC; if any has a fix, only those with a fix count.
-
-    Before it, a receiver tells what its own clock counted since it was last switched on.
-    """
-    dated = gnss.utc_us > 0
-    fixed = dated & np.isin(gnss.fix, list(_FIXES))
-    return fixed if fixed.any() else dated
-
-
-def _imu_samples(
-    shift_us: int, imu: ImuTable, attitude: AttitudeTable | None
-) -> Iterator[ImuSample]:
-    """Yield the readings of an IMU, each with the autopilot's attitude at its time."""
-    stamps_ns = ((imu.time_us + shift_us) * 1000).tolist()
-    attitudes = [None] * len(stamps_ns) if attitude is None else _at(imu.time_us, attitude)
-    rows = zip(stamps_ns, imu.force_b, imu.rate_b, attitudes, strict=True)
-    return (ImuSample(*row) for row in rows)
 
 
 def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
@@ -200,31 +184,26 @@ def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
 
 def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:
     """Add a receiver's positions, velocities and headings."""
+    add = contents.samples.append
     stamps_ns = ((gnss.time_us + shift_us) * 1000).tolist()
     for row, (stamp_ns, fix) in enumerate(zip(stamps_ns, gnss.fix.tolist(), strict=True)):
         if fix not in _FIXES:
             contents.refused[gnss.name, f"fix type {fix}: no position in three dimensions"] += 1
             continue
-        contents.samples += _samples_of(gnss, row, stamp_ns, _FIXES[fix])
+        horizontal, vertical = (_known(sigma_m) ** 2 for sigma_m in gnss.sigma_m[row])
+        covariance_n = np.diag([horizontal, horizontal, vertical])
+        latitude_rad, longitude_rad, height_m = gnss.geodetic[row].tolist()
+        place = latitude_rad, longitude_rad, height_m
+        source, status = Source.RTK_POSITION, _FIXES[fix]
+        add(PositionSample(stamp_ns, source, status, *place, covariance_n))
+        velocity_n = gnss.velocity_n[row]
+        if not np.isnan(velocity_n).any():
+            covariance_n = np.eye(3) * _known(gnss.velocity_sigma_m_s[row]) ** 2
+            add(VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n))
+        if not np.isnan(gnss.heading_rad[row]):
+            heading_rad = float(gnss.heading_rad[row] % (2 * np.pi))
+            add(HeadingSample(stamp_ns, heading_rad, _known(gnss.heading_sigma_rad[row]) ** 2))
     say_receiver(contents, gnss.name, is_rtk=bool(np.isin(gnss.fix, _RTK_FIXES).any()))
-
-
-def _samples_of(
-    gnss: GnssTable, row: int, stamp_ns: int, status: FixStatus
-) -> Iterator[NavigationInput]:
-    """Yield what a record of a receiver with a fix holds."""
-    horizontal, vertical = _known(gnss.sigma_m[row, 0]) ** 2, _known(gnss.sigma_m[row, 1]) ** 2
-    covariance_n = np.diag([horizontal, horizontal, vertical])
-    latitude_rad, longitude_rad, height_m = gnss.geodetic[row].tolist()
-    geodetic = latitude_rad, longitude_rad, height_m
-    yield PositionSample(stamp_ns, Source.RTK_POSITION, status, *geodetic, covariance_n)
-    velocity_n = gnss.velocity_n[row]
-    if not np.isnan(velocity_n).any():
-        covariance_n = np.eye(3) * _known(gnss.velocity_sigma_m_s[row]) ** 2
-        yield VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)
-    if not np.isnan(gnss.heading_rad[row]):
-        heading_rad = float(gnss.heading_rad[row] % (2 * np.pi))
-        yield HeadingSample(stamp_ns, heading_rad, _known(gnss.heading_sigma_rad[row]) ** 2)
 
 
 def _known(sigma: float) -> float:
@@ -232,20 +211,18 @@ def _known(sigma: float) -> float:
     return float(sigma) if 0 < sigma < np.inf else 0.0
 
 
-def antenna_note(parameter: str, place_frd_m: Sequence[float]) -> Iterator[str]:
-    """Yield the antenna's place by the log's parameters, unless it is the IMU's."""
+def receiver_notes(
+    antenna: str, place_frd_m: Sequence[float], delay: str, delay_ms: float
+) -> Iterator[str]:
+    """Yield the antenna's place and the receiver's delay by the log's parameters, unless zero."""
     if any(place_frd_m):
         forward, left, up = (flu_from_frd(np.array(place_frd_m)) + 0.0).tolist()  # no -0
         yield (
-            f"{parameter}: the antenna is at [{forward:g}, {left:g}, {up:g}] (forward, left, up); "
+            f"{antenna}: the antenna is at [{forward:g}, {left:g}, {up:g}] (forward, left, up); "
             "set aircraft.gps_antenna_m, or rtk_antenna_m"
         )
-
-
-def delay_note(parameter: str, delay_ms: float) -> Iterator[str]:
-    """Yield what the autopilot took for the receiver's delay, unless that is none."""
     if delay_ms:
         yield (
-            f"{parameter} is {delay_ms:g} ms, which stamps still have: set gps.delay_s, or "
+            f"{delay} is {delay_ms:g} ms, which stamps still have: set gps.delay_s, or "
             f"rtk.delay_s, to {delay_ms * 1e-3:g}"
         )

@@ -32,6 +32,8 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.io.logs.log_contents import DATUMS, LogOptions, Refused
 from tirgeo_ros.io.messages import SensedSample
 
+#: A columns file with every key.
+TEMPLATE = "config/columns/template.yaml"
 #: What a unit is multiplied by to give m/s2, rad/s, rad, m, m/s, Pa; for times, ns.
 UNITS: dict[str, dict[str, float]] = {
     "acceleration": {"m/s2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "ft/s2": 0.3048},
@@ -48,7 +50,6 @@ UNITS: dict[str, dict[str, float]] = {
         "m/s": 1.0,
         "km/h": 1 / 3.6,
         "mph": 0.44704,
-        "kn": 1852 / 3600,
         "knots": 1852 / 3600,
         "ft/s": 0.3048,
         "cm/s": 1e-2,
@@ -95,7 +96,7 @@ class Keys:
 
     def __init__(self, place: str, values: object, cells: list[Cell]) -> None:
         if not isinstance(values, dict) or not all(isinstance(key, str | int) for key in values):
-            raise LogError(f"{place}: must be keys with values; --example shows them")
+            raise LogError(f"{place}: must be keys with values; {TEMPLATE} shows them")
         self.place, self._cells = place, cells
         self._values = {str(key): value for key, value in values.items()}
         self._asked: dict[str, None] = {}
@@ -127,7 +128,7 @@ class Keys:
     def inner(self, key: str) -> Keys:
         """Return the keys of a mapping."""
         if key not in self:
-            raise LogError(f"{self._path(key)} is missing; --example shows it")
+            raise LogError(f"{self._path(key)} is missing; {TEMPLATE} shows it")
         return Keys(self._path(key), self._values[key], self._cells)
 
     def choice(self, key: str, choices: Sequence[str], default: str = "") -> str:
@@ -185,15 +186,9 @@ Row = Sequence[str]
 #: Returns the sample of a row at a time (ns); raises Refused if a value is missing.
 Quantity = Callable[[int, Row], SensedSample]
 
-#: Directions of the body in FRD.
-_DIRECTIONS = {
-    "front": (1.0, 0.0, 0.0),
-    "right": (0.0, 1.0, 0.0),
-    "down": (0.0, 0.0, 1.0),
-    "back": (-1.0, 0.0, 0.0),
-    "left": (0.0, -1.0, 0.0),
-    "up": (0.0, 0.0, -1.0),
-}
+#: Directions of the body in FRD; + 0.0 leaves no -0.
+_NAMES = ("front", "right", "down", "back", "left", "up")
+_DIRECTIONS = dict(zip(_NAMES, np.vstack([np.eye(3), -np.eye(3)]) + 0.0, strict=True))
 _STATUS = {"fixed": FixStatus.FIXED, "float": FixStatus.FLOAT, "single": FixStatus.SINGLE}
 _AXES = {"flu": ("front", "left", "up"), "frd": ("front", "right", "down")}
 

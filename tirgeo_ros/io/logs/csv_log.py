@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.measurements import LAST_NS, ImuSample
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of, first_bytes, reading
 from tirgeo_ros.io.logs.columns import (
     QUANTITIES,
+    TEMPLATE,
     Cell,
     Keys,
     Log,
@@ -41,8 +42,6 @@ from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _ROW = "row"
 _LOOKED_AT = 200  # rows by which the usual number of columns is known
-#: More repeats of an IMU's six values than these are no chance.
-_REPEATS = 0.02
 #: What a column of times counts: since 1970 in UTC or in GPS time, since 1980-01-06 in GPS time,
 #: since the GPS week's or the log's begin; or a written date, in UTC, GPS time or local time.
 _NUMBERS = ("utc", "gpst", "gps", "week", "start")
@@ -61,7 +60,8 @@ def read_csv(path: Path, options: LogOptions) -> LogContents:
     layout = columns.layout
     if layout.header:
         columns.bind(next(_rows(path, layout), []), path)
-    width = 0 if layout.ragged else _usual_width(path, layout)
+    usual = Counter(map(len, islice(_values(path, layout), _LOOKED_AT)))
+    width = 0 if layout.ragged else max(usual, key=usual.__getitem__, default=0)
     for time in dict.fromkeys(quantity.time for quantity in columns.quantities):
         numbered = enumerate(_values(path, layout))
         time.prepare((number, row) for number, row in numbered if len(row) >= width)
@@ -80,8 +80,6 @@ class _Table:
         self._columns, self._width = columns, width
         self._fitting: Counter[str] = Counter()
         self._newest_ns: dict[str, int] = {}
-        self._imu_before = b""
-        self._imu_rows = self._imu_repeats = 0
 
     def take(self, number: int, row: Row) -> None:
         """Take a row."""
@@ -92,20 +90,10 @@ class _Table:
         for named in self._columns.quantities:
             if all(fits(row) for fits in named.where):
                 self._fitting[named.name] += 1
-                self._convert(named, number, row)
-
-    def _convert(self, named: NamedQuantity, number: int, row: Row) -> None:
-        try:
-            sample = self._sample(named, number, row)
-        except Refused as why:
-            self.contents.refused[named.name, str(why)] += 1
-            return
-        self.contents.samples.append(sample)
-        if isinstance(sample, ImuSample):
-            values = sample.specific_force_b.tobytes() + sample.angular_rate_b.tobytes()
-            self._imu_rows += 1
-            self._imu_repeats += values == self._imu_before
-            self._imu_before = values
+                try:
+                    self.contents.samples.append(self._sample(named, number, row))
+                except Refused as why:
+                    self.contents.refused[named.name, str(why)] += 1
 
     def _sample(self, named: NamedQuantity, number: int, row: Row) -> SensedSample:
         """Return the sample of a row; raise Refused for one that is held from the row before."""
@@ -117,7 +105,7 @@ class _Table:
         return sample
 
     def finish(self) -> None:
-        """Say which quantities ``where`` left empty, and whether the IMU was polled too fast."""
+        """Say how many rows ``where`` chose: a damaged row may fit none."""
         rows = self.contents.read[_ROW]
         for named in self._columns.quantities:
             fitting = self._fitting[named.name]
@@ -125,11 +113,6 @@ class _Table:
                 self.contents.refused[named.name, f"no row fits {named.name}.where"] = rows
             elif named.where:
                 self.contents.notes.append(f"{named.name}: {fitting} of {rows} rows fit its where")
-        if self._imu_repeats > _REPEATS * self._imu_rows:
-            self.contents.notes.append(
-                f"{self._imu_repeats} of {self._imu_rows} IMU rows repeat the one before, as "
-                "when it is read faster than it measures"
-            )
 
 
 def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
@@ -165,18 +148,13 @@ def _values(path: Path, layout: Layout) -> Iterator[list[str]]:
     return rows
 
 
-def _usual_width(path: Path, layout: Layout) -> int:
-    """Return the number of columns that most of the first rows have."""
-    counts = Counter(map(len, islice(_values(path, layout), _LOOKED_AT)))
-    return max(counts, key=counts.__getitem__, default=0)
-
-
 class TimeColumns:
     """Convert the cells of a row to ns of Unix time (UTC), exactly."""
 
     def __init__(self, keys: Keys, log: Log) -> None:
         self._log = log
         self._counts = keys.choice("counts", (*_NUMBERS, *_WRITTEN))
+        self._is_written = self._counts in _WRITTEN
         self._cell = keys.cell("column", 1.0 if self._is_written else keys.unit("time"))
         self._week = keys.cell("week") if self._counts == "week" else None
         has_date = (self._counts == "start" or self._is_written) and "date" in keys
@@ -184,10 +162,6 @@ class TimeColumns:
         self._begun_ns = 0
         self._contradict = set[int]()  # rows whose dates do not fit those of most
         keys.finish()
-
-    @property
-    def _is_written(self) -> bool:
-        return self._counts in _WRITTEN
 
     def prepare(self, rows: Iterable[tuple[int, Row]]) -> None:
         """Find when a count since the log's start began. Raise LogError if nothing tells it.
@@ -198,9 +172,19 @@ class TimeColumns:
         if self._counts != "start":
             return
         if self._date is None:
-            self._begun_ns = self._begun_by_option(rows)
+            if self._log.options.start_ns is None:
+                raise LogError(
+                    f"{self._log.path}: its times count from its start: give the UTC of the first "
+                    "row as --start-time"
+                )
+            counts = (count_ns for _, _, count_ns in self._numbered_counts(rows))
+            self._begun_ns = self._log.options.start_ns - first_count(counts)
             return
-        begins = {n: ns for n, row in rows if (ns := self._begun_by_date(row)) is not None}
+        begins = {
+            number: written.local_ns - count_ns
+            for number, row, count_ns in self._numbered_counts(rows)
+            if (written := written_time(self._date.text(row)))
+        }
         if not begins:
             column = f"{self._date.column}: {self._date.label}"
             raise LogError(f"{self._log.path}: no date in column {column}")
@@ -246,24 +230,11 @@ class TimeColumns:
             return written.local_ns
         return self._log.options.utc_ns(written, self._log.path)
 
-    def _begun_by_option(self, rows: Iterable[tuple[int, Row]]) -> int:
-        if self._log.options.start_ns is None:
-            raise LogError(
-                f"{self._log.path}: its times count from its start: give the UTC of the first row "
-                "as --start-time"
-            )
-        return self._log.options.start_ns - first_count(self._counts_ns(rows))
-
-    def _counts_ns(self, rows: Iterable[tuple[int, Row]]) -> Iterator[int]:
-        for _, row in rows:
-            with suppress(Refused):  # counted when it is read again
-                yield self._count_ns(row)
-
-    def _begun_by_date(self, row: Row) -> int | None:
-        written = self._date and written_time(self._date.text(row))
-        with suppress(Refused):
-            return written.local_ns - self._count_ns(row) if written else None
-        return None
+    def _numbered_counts(self, rows: Iterable[tuple[int, Row]]) -> Iterator[tuple[int, Row, int]]:
+        """Yield the rows that have a count; the others are counted when they are read again."""
+        for number, row in rows:
+            with suppress(Refused):
+                yield number, row, self._count_ns(row)
 
 
 @dataclass(frozen=True)
@@ -299,7 +270,7 @@ class Columns:
         self.quantities = [self._quantity(name, keys) for name in QUANTITIES if name in keys]
         keys.finish()
         if not self.quantities:
-            raise LogError(f"{path}: none of {', '.join(QUANTITIES)}; --example shows them")
+            raise LogError(f"{path}: none of {', '.join(QUANTITIES)}; {TEMPLATE} shows them")
         for cell in self.cells:
             if isinstance(cell.column, int) is self.layout.header:
                 raise LogError(
@@ -350,69 +321,3 @@ def _where(keys: Keys) -> tuple[Callable[[Row], bool], ...]:
     """Return the conditions of a mapping of columns to values; a number names a column too."""
     columns = {name: int(name) if name.isdecimal() else name for name in keys.names()}
     return tuple(matching(keys.added(name, at), keys.values(name)) for name, at in columns.items())
-
-
-#: A flight with everything in one table; a test reads it.
-EXAMPLE = """\
-# What the columns of a table mean, for tirgeo import log.csv --columns THIS.yaml -o flight.mcap
-# Keep what the table has and delete the rest. Each value needs its unit:
-#   acceleration  m/s2, g, mg, ft/s2          rate      rad/s, deg/s, mrad/s, mdeg/s, deg/h
-#   angle         deg, rad, mrad, 1e-7deg     length    m, ft, km, cm, mm
-#   speed         m/s, km/h, mph, knots, ft/s, cm/s, mm/s
-#   pressure      Pa, hPa, mbar, kPa          time      s, ms, 0.1ms, us, ns
-# A column is its title, or its number from 1 in a table without a header.
-
-table:
-  header: true           # false: columns are numbers
-  separator: comma       # comma, semicolon, tab, space
-  decimal: point         # comma: 9,81 is a number
-  skip: 0                # lines before the header
-  comment: "#"           # lines that begin so are passed over
-  ragged: false          # true: rows may be shorter than most
-
-time:                    # any quantity below may have a time of its own instead
-  counts: utc            # utc, gpst: since 1970, in UTC or GPS time; gps: since 1980-01-06;
-                         # week: since the GPS week, which is in column 'week: TITLE';
-                         # start: since the log's start, given by --start-time, or by the dates
-                         # (UTC, whole seconds) in column 'date: TITLE';
-                         # written_utc, written_gpst, written_local (with --utc-offset): dates as
-                         # 2024-06-11 07:44:39.25; with 'date: TITLE' that column has the date, and
-                         # column the time of day
-  column: time
-  unit: s                # not with written dates
-
-imu:
-  accel: {columns: [ax, ay, az], unit: m/s2}     # x, y, z: specific force: with gravity
-  gyro: {columns: [gx, gy, gz], unit: rad/s}
-  axes: flu              # flu, frd, or where x, y and z point, as [right, front, up]
-  attitude:              # the autopilot's own, if there is one; or 'wxyz: [qw, qx, qy, qz]'
-    {roll: roll, pitch: pitch, yaw: yaw, unit: deg, frame: ned}  # FRD in NED; enu: FLU in ENU
-
-rtk_position:            # and gps_position, whose sigma may be left out
-  latitude: lat
-  longitude: lon
-  unit: deg
-  height: {column: height, unit: m, above: ellipsoidal}   # msl: --geoid-undulation; takeoff
-  status: {column: fix, fixed: [4], float: [2, 5], single: [1]}   # others are refused;
-                         # or {always: single}
-  sigma: {north: sn, east: se, up: su, unit: m}  # or horizontal and vertical; or one for all
-                         # three: column, or value: a number
-  where: {valid: [1, 2]} # only rows with these values; any quantity may have it
-
-rtk_velocity:            # and gps_velocity
-  {north: vn, east: ve, up: vu, unit: m/s, sigma: {value: 0.05, unit: m/s}}   # or down
-
-rtk_heading:             # of two antennas; never that of a compass
-  column: heading
-  unit: deg              # from true north, clockwise
-  of: nose               # baseline: first antenna to second, as the aircraft.* parameters say
-  sigma: {column: sheading, unit: deg}
-
-pressure: {column: baro, unit: hPa, sigma: {value: 0.1, unit: hPa}}
-
-gimbal_joints:           # encoders: angles from the body, yaw, then roll, then pitch
-  {yaw: joint_yaw, roll: joint_roll, pitch: joint_pitch, unit: deg, axes: flu}
-
-gimbal_attitude:         # from the world: the camera's own attitude
-  attitude: {roll: cam_roll, pitch: cam_pitch, yaw: cam_yaw, unit: deg, frame: ned}
-"""

@@ -23,6 +23,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
+from tirgeo_ros.io.files.whole_files import first_bytes
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
     LOG_BYTES,
@@ -31,9 +32,8 @@ from tirgeo_ros.io.logs.autopilot_tables import (
     ImuTable,
     Records,
     add_samples,
-    antenna_note,
     count_records,
-    delay_note,
+    receiver_notes,
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions, utc_ns_of_week
 
@@ -48,7 +48,7 @@ _FIELDS = {
         *("TimeUS", "I", "Status", "GMS", "GWk", "Lat", "Lng", "Alt"),
         *("Spd", "GCrs", "VZ", "Yaw", "U"),
     ),
-    "GPA": ("TimeUS", "I", "HAcc", "VAcc", "SAcc", "YAcc", "VV", "Und"),
+    "GPA": ("TimeUS", "I", "HAcc", "VAcc", "SAcc", "YAcc", "VV"),
     "BARO": ("TimeUS", "I", "Press"),
     "MNT": ("TimeUS",),
 }
@@ -98,7 +98,11 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     count_records(contents, (imu, attitude, receiver, air))
     gnss = _gnss(path, receiver, accuracy, options) if len(receiver) else None
     pressures = air.time_us, air.column("Press")
-    add_samples(contents, _imu(imu), _attitude(attitude), gnss, pressures)
+    rates_b = imu.columns("GyrX", "GyrY", "GyrZ")
+    inertial = ImuTable(imu.time_us, imu.columns("AccX", "AccY", "AccZ"), rates_b)
+    q_nb = quat_from_euler(*np.radians(attitude.columns("Roll", "Pitch", "Yaw")).T)
+    attitudes = AttitudeTable(attitude.time_us, q_nb) if len(attitude) else None
+    add_samples(contents, inertial, attitudes, gnss, pressures)
     contents.notes += _notes(log, used)
     return contents
 
@@ -127,12 +131,13 @@ def _logged(path: Path) -> _Log:
 
     output = StringIO()  # it prints each place that it cannot read
     log = _Log({name: {key: array("d") for key in names} for name, names in _FIELDS.items()}, {})
+    is_text = first_bytes(path, len(_TEXT), LogError) == _TEXT
     try:
         with (
             bounded_memory(LOG_BYTES),
             redirect_stdout(output),
             redirect_stderr(output),
-            (DFReader_text if _is_text(path) else Reader)(str(path)) as file,
+            (DFReader_text if is_text else Reader)(str(path)) as file,
         ):
             while message := file.recv_match(type={*_FIELDS, _PARAMETER}, strict=True):
                 _take(log, message)
@@ -165,11 +170,6 @@ def _whole_records(data: mmap) -> list[bytes]:
         parts.append(data[begun:at])
         begun = at = after
     return [*parts, data[begun:]]
-
-
-def _is_text(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(_TEXT)) == _TEXT
 
 
 def _take(log: _Log, message: Any) -> None:
@@ -216,28 +216,17 @@ def _used(fields: Mapping[str, array[float]]) -> float | None:
     return float(numbers[counts.argmax() if used.any() else 0])
 
 
-def _imu(records: Records) -> ImuTable:
-    force_b = records.columns("AccX", "AccY", "AccZ")
-    return ImuTable(records.time_us, force_b, records.columns("GyrX", "GyrY", "GyrZ"))
-
-
-def _attitude(records: Records) -> AttitudeTable | None:
-    if not len(records):
-        return None
-    roll, pitch, yaw = np.radians(records.columns("Roll", "Pitch", "Yaw")).T
-    return AttitudeTable(records.time_us, quat_from_euler(roll, pitch, yaw))
-
-
 def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) -> GnssTable:
     """Return the receiver's table; accuracies are those logged at the same time."""
-    try:
-        undulation_m = options.to_ellipsoid_m(MSL, path)
-    except LogError as error:
-        raise LogError(f"{error}{_logged_undulation(accuracy)}") from None
+    undulation_m = options.to_ellipsoid_m(MSL, path)
     course_rad = np.radians(fixes.column("GCrs"))
     speed, down = fixes.column("Spd"), fixes.column("VZ")
     velocity_n = np.stack([speed * np.cos(course_rad), speed * np.sin(course_rad), down], axis=-1)
-    horizontal, vertical, of_speed, yaw_deg, has_down = _at_fixes(fixes, accuracy).T
+    rows = accuracy.columns("HAcc", "VAcc", "SAcc", "YAcc", "VV")
+    by_time = dict(zip(accuracy.time_us.tolist(), rows, strict=True))
+    unknown = np.full(5, math.nan)
+    at_fixes = np.array([by_time.get(time_us, unknown) for time_us in fixes.time_us.tolist()])
+    horizontal, vertical, of_speed, yaw_deg, has_down = at_fixes.T
     velocity_n[has_down == 0] = math.nan
     latitude_rad, longitude_rad = np.radians(fixes.columns("Lat", "Lng")).T
     heading_deg = fixes.column("Yaw")
@@ -256,26 +245,6 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
     )
 
 
-def _logged_undulation(accuracy: Records) -> str:
-    """Return words on the undulation in the log, whose sign differs by receiver."""
-    logged_m = accuracy.column("Und")
-    undulations_m = logged_m[np.isfinite(logged_m) & (logged_m != 0)]
-    if not len(undulations_m):
-        return ""
-    return f" (GPA.Und is {np.median(undulations_m):.1f}, of either sign, as the receiver has it)"
-
-
-def _at_fixes(fixes: Records, accuracy: Records) -> Array:
-    """Return HAcc, VAcc (m), SAcc (m/s), YAcc (deg) and VV of each fix, (n, 5); NaN for none.
-
-    VV is 0 where the receiver has no vertical velocity.
-    """
-    rows = accuracy.columns("HAcc", "VAcc", "SAcc", "YAcc", "VV")
-    by_time = dict(zip(accuracy.time_us.tolist(), rows, strict=True))
-    unknown = np.full(5, math.nan)
-    return np.array([by_time.get(time_us, unknown) for time_us in fixes.time_us.tolist()])
-
-
 def _utc_us(fixes: Records) -> IntArray:
     """Return UTC (n,) in us of Unix time; 0 where the week is not known."""
     weeks, tows_ms = np.nan_to_num(fixes.columns("GWk", "GMS")).astype(np.int64).T.tolist()
@@ -291,10 +260,9 @@ def _notes(log: _Log, used: float | None) -> Iterator[str]:
     number = int(used or 0) + 1
     if number > 1:
         yield f"GPS: receiver {number} is taken"
-    for receiver in (f"GPS{number}_POS", f"GPS_POS{number}"):  # from 4.6 on, and before
-        place = [log.parameters.get(f"{receiver}_{axis}", 0.0) for axis in "XYZ"]
-        yield from antenna_note(receiver, place)
-    for delay in (f"GPS{number}_DELAY_MS", f"GPS_DELAY_MS{number if number > 1 else ''}"):
-        yield from delay_note(delay, log.parameters.get(delay, 0.0))
+    of_old = f"GPS_POS{number}", f"GPS_DELAY_MS{number if number > 1 else ''}"
+    for antenna, delay in ((f"GPS{number}_POS", f"GPS{number}_DELAY_MS"), of_old):  # of 4.6, old
+        place = [log.parameters.get(f"{antenna}_{axis}", 0.0) for axis in "XYZ"]
+        yield from receiver_notes(antenna, place, delay, log.parameters.get(delay, 0.0))
     if np.isfinite(log.fields["MNT"]["TimeUS"]).any():
         yield "MNT (gimbal) is left out: what its angles refer to differs by mount and version"

@@ -87,8 +87,12 @@ def read_srt(path: Path, options: LogOptions) -> LogContents:
             reason = "no position in it" if place is None else "no height in it"
             contents.refused[_CUE_NAME, reason] += 1
         else:
-            contents.samples.append(_position(stamp_ns, place, height_m))
-    contents.notes += [*heights.notes, *_doubts(cues)]
+            source, status, unknown = Source.GPS_POSITION, FixStatus.SINGLE, np.zeros((3, 3))
+            latitude_rad, longitude_rad = (math.radians(float(degrees)) for degrees in place)
+            geodetic = latitude_rad, longitude_rad, height_m
+            contents.samples.append(PositionSample(stamp_ns, source, status, *geodetic, unknown))
+    if heights.used:
+        contents.notes.append(f"heights: {', '.join(heights.used)}")
     return contents
 
 
@@ -97,7 +101,7 @@ class _Heights:
 
     def __init__(self, path: Path, options: LogOptions) -> None:
         self._path, self._options = path, options
-        self._used: dict[str, None] = {}
+        self.used: dict[str, None] = {}  # names of heights, each with its datum
 
     def of(self, text: str) -> float | None:
         """Return a cue's ellipsoidal height, or None; LogError if its datum is not known.
@@ -110,32 +114,24 @@ class _Heights:
             return self._above(TAKEOFF, relative)
         if absolute:
             return self._above(MSL, absolute)
-        if plain is None:
-            return None
-        if not self._options.height:
+        if plain and not self._options.height:
             raise LogError(
                 f"{self._path}: it does not tell what its altitude is above: give --height msl "
                 "(sea level) or --height takeoff"
             )
-        return self._above(self._options.height, plain)
+        return self._above(self._options.height, plain) if plain else None
 
     def _above(self, datum: str, match: re.Match[str]) -> float:
-        self._used[f"{match[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
+        self.used[f"{match[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
         return float(match[1]) + self._options.to_ellipsoid_m(datum, self._path)
-
-    @property
-    def notes(self) -> list[str]:
-        """Return which heights were taken."""
-        return [f"heights: {', '.join(self._used)}"] if self._used else []
 
 
 def _cue(part: str) -> _Cue:
-    begin = _BEGIN.match(part)
-    if begin is None:
-        return _Cue(part, None, written_time(part))
-    hours, minutes, seconds, thousandths = begin.groups()
-    whole_s = (int(hours) * 60 + int(minutes)) * 60 + int(seconds)
-    begin_ns = whole_s * SECOND_NS + int(thousandths.ljust(3, "0")) * 1_000_000
+    begin_ns = None
+    if begin := _BEGIN.match(part):
+        hours, minutes, seconds, thousandths = begin.groups()
+        whole_s = (int(hours) * 60 + int(minutes)) * 60 + int(seconds)
+        begin_ns = whole_s * SECOND_NS + int(thousandths.ljust(3, "0")) * 1_000_000
     return _Cue(part, begin_ns, written_time(part))
 
 
@@ -169,13 +165,6 @@ def _place(text: str) -> tuple[str, str] | None:
     return (match[2], match[1]) if match else None
 
 
-def _position(stamp_ns: int, place: tuple[str, str], height_m: float) -> PositionSample:
-    """Return a position of the ordinary GPS; a covariance of zeros is unknown."""
-    source, status, unknown = Source.GPS_POSITION, FixStatus.SINGLE, np.zeros((3, 3))
-    latitude_rad, longitude_rad = (math.radians(float(degrees)) for degrees in place)
-    return PositionSample(stamp_ns, source, status, latitude_rad, longitude_rad, height_m, unknown)
-
-
 def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:
     """Return the camera's attitude if it is written: degrees, in NED."""
     if match := _GIMBAL_PRY.search(text):
@@ -186,14 +175,3 @@ def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:
         return []
     angles_rad = (math.radians(float(angle)) for angle in (roll, pitch, yaw))
     return [CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
-
-
-def _doubts(cues: list[_Cue]) -> Iterator[str]:
-    """Yield what limits the accuracy of times and positions."""
-    if any(cue.written and cue.written.whole_seconds for cue in cues):
-        yield "times have whole seconds: up to 1 s late"
-    places = [place for cue in cues if (place := _place(cue.text))]
-    decimals = max((len(p.partition(".")[2]) for place in places for p in place), default=0)
-    if 0 < decimals < 6:
-        step_m = 111e3 * 10.0**-decimals  # m in a degree of latitude
-        yield f"positions have {decimals} decimals of a degree: steps of {step_m:.0f} m"

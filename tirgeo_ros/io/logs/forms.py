@@ -75,7 +75,7 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
         raise LogError(f"{path}: NMEA: it has no covariances; record UBX (NAV-PVT) beside it")
     if b"," in head or b";" in head:
         raise LogError(
-            f"{path}: text in columns: say what they mean with --columns; tirgeo import "
-            "--example -o COLUMNS.yaml writes a template"
+            f"{path}: text in columns: say what they mean with --columns YAML, "
+            "made from config/columns/template.yaml"
         )
     return None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from io import BufferedReader, FileIO, StringIO
 from pathlib import Path
@@ -30,9 +30,8 @@ from tirgeo_ros.io.logs.autopilot_tables import (
     ImuTable,
     Records,
     add_samples,
-    antenna_note,
     count_records,
-    delay_note,
+    receiver_notes,
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 
@@ -79,7 +78,8 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     log, cut = _opened(path)
     contents = LogContents(damaged=cut or log.file_corruption)
     tables = _instances_taken(log)
-    imu, receiver = (_first_of(tables, names) for names in (_IMUS, _RECEIVERS))
+    imu = tables.get(_IMUS[0], tables.get(_IMUS[1]))
+    receiver = tables.get(_RECEIVERS[0], tables.get(_RECEIVERS[1]))
     attitude, air = tables.get(_ATTITUDE), tables.get(_AIR)
     if imu is None:
         raise LogError(f"{path}: no IMU in this log: none of {', '.join(_IMUS)} is in it")
@@ -87,17 +87,21 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     try:
         gnss = None if receiver is None else _gnss(path, receiver, options)
         pressures = None if air is None else (air.time_us, air.column("baro_pressure_pa"))
-        add_samples(contents, _imu(imu), _attitude(attitude), gnss, pressures)
+        attitudes = None
+        if attitude is not None:
+            q_nb = attitude.columns(*(f"q[{k}]" for k in range(4)))
+            attitudes = AttitudeTable(attitude.time_us, q_nb)
+        add_samples(contents, _imu(imu), attitudes, gnss, pressures)
         if receiver is not None:
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
     except KeyError as error:
         raise LogError(f"{path}: a topic has no field {error}: a version not known here") from None
-    contents.notes += _left_out(log, tables)
+    contents.notes += [
+        f"{name} is left out: what its angles refer to differs by flags and version"
+        for name in _GIMBALS
+        if name in tables
+    ]
     return contents
-
-
-def _first_of(tables: dict[str, Records], names: Sequence[str]) -> Records | None:
-    return next((tables[name] for name in names if name in tables), None)
 
 
 def _opened(path: Path) -> tuple[Any, bool]:
@@ -119,27 +123,24 @@ def _opened(path: Path) -> tuple[Any, bool]:
 
 
 def _instances_taken(log: Any) -> dict[str, Records]:
-    """Return each topic's table of one instance that has records."""
-    tables = defaultdict[str, list[Records]](list)
+    """Return each topic's records of one instance, by their times of measurement since boot.
+
+    It is the first instance with a fix, else the first; the records of the others are counted.
+    """
+    topics = defaultdict[str, list[Records]](list)
     for data in sorted(log.data_list, key=lambda data: int(data.multi_id)):
-        if len(data.data.get("timestamp", ())):  # none in a damaged format
-            tables[data.name].append(_records(data.name, data.data))
-    return {name: _taken(instances) for name, instances in tables.items()}
-
-
-def _records(name: str, fields: dict[str, Any]) -> Records:
-    """Return records with their times of measurement, by the clock since boot."""
-    logged_us = np.asarray(fields["timestamp"], np.int64)
-    sampled_us = np.asarray(fields.get("timestamp_sample", np.zeros(len(logged_us))), np.int64)
-    return Records(name, np.where(sampled_us > 0, sampled_us, logged_us), fields)
-
-
-def _taken(instances: Sequence[Records]) -> Records:
-    """Return the first instance with a fix, else the first; count the records of the others."""
-    fixed = (table for table in instances if (table.integers("fix_type") >= LEAST_FIX).any())
-    taken = next(fixed, instances[0])
-    taken.others = sum(map(len, instances)) - len(taken)
-    return taken
+        logged_us = np.asarray(data.data.get("timestamp", ()), np.int64)
+        if len(logged_us):  # none in a damaged format
+            sampled_us = data.data.get("timestamp_sample", np.zeros(len(logged_us)))
+            sampled_us = np.asarray(sampled_us, np.int64)
+            time_us = np.where(sampled_us > 0, sampled_us, logged_us)
+            topics[data.name].append(Records(data.name, time_us, data.data))
+    tables = {}
+    for name, instances in topics.items():
+        fixed = (table for table in instances if (table.integers("fix_type") >= LEAST_FIX).any())
+        tables[name] = taken = next(fixed, instances[0])
+        taken.others = sum(map(len, instances)) - len(taken)
+    return tables
 
 
 def _imu(table: Records) -> ImuTable:
@@ -157,12 +158,6 @@ def _xyz(table: Records, name: str) -> Array:
     return table.columns(*(f"{name}[{axis}]" for axis in range(3)))
 
 
-def _attitude(table: Records | None) -> AttitudeTable | None:
-    if table is None:
-        return None
-    return AttitudeTable(table.time_us, table.columns(*(f"q[{k}]" for k in range(4))))
-
-
 def _gnss(path: Path, table: Records, options: LogOptions) -> GnssTable:
     """Return a receiver's table; integers are in 1e-7 deg and mm, doubles in deg and m."""
     degrees = ("latitude_deg", "longitude_deg")
@@ -171,7 +166,10 @@ def _gnss(path: Path, table: Records, options: LogOptions) -> GnssTable:
     velocity_n = table.columns("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
     velocity_n[table.column("vel_ned_valid") == 0] = math.nan
     unit = math.radians(1e-7 if scaled else 1.0)
-    height_m = _height_m(path, table, options, scaled=scaled)
+    heights = ("alt_ellipsoid", "alt") if scaled else ("altitude_ellipsoid_m", "altitude_msl_m")
+    height_m, sea_level_m = (table.column(name) * (1e-3 if scaled else 1.0) for name in heights)
+    if not height_m.any() or np.isnan(height_m).all():  # none is logged
+        height_m = sea_level_m + options.to_ellipsoid_m(MSL, path)
     return GnssTable(
         table.name,
         table.time_us,
@@ -186,21 +184,11 @@ def _gnss(path: Path, table: Records, options: LogOptions) -> GnssTable:
     )
 
 
-def _height_m(path: Path, table: Records, options: LogOptions, *, scaled: bool) -> Array:
-    """Return ellipsoidal heights (N,): as logged, or by the undulation where none is logged."""
-    names = ("alt_ellipsoid", "alt") if scaled else ("altitude_ellipsoid_m", "altitude_msl_m")
-    unit = 1e-3 if scaled else 1.0
-    ellipsoidal_m, sea_level_m = (table.column(name) * unit for name in names)
-    if ellipsoidal_m.any() and not np.isnan(ellipsoidal_m).all():
-        return ellipsoidal_m
-    return sea_level_m + options.to_ellipsoid_m(MSL, path)
-
-
 def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator[str]:
     """Yield notes on the receiver by the log's parameters, for those of the flight."""
     place = [float(parameters.get(f"EKF2_GPS_POS_{axis}", 0.0)) for axis in "XYZ"]
-    yield from antenna_note("EKF2_GPS_POS", place)
-    yield from delay_note("EKF2_GPS_DELAY", float(parameters.get("EKF2_GPS_DELAY", 0.0)))
+    delay_ms = float(parameters.get("EKF2_GPS_DELAY", 0.0))
+    yield from receiver_notes("EKF2_GPS_POS", place, "EKF2_GPS_DELAY", delay_ms)
     offset = receiver.column("heading_offset")[~np.isnan(receiver.column("heading"))]
     offsets = offset[np.isfinite(offset)]
     if len(offsets):
@@ -210,13 +198,3 @@ def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator
             "off the baseline's: aircraft.second_antenna_m lies in that direction, clockwise "
             "from the nose, from aircraft.rtk_antenna_m"
         )
-
-
-def _left_out(log: Any, tables: dict[str, Records]) -> Iterator[str]:
-    """Yield notes on lost data, and on topics that are left out."""
-    for name in _GIMBALS:
-        if name in tables:
-            yield f"{name} is left out: what its angles refer to differs by flags and version"
-    if log.dropouts:
-        longest_ms = max(dropout.duration for dropout in log.dropouts)
-        yield f"the autopilot lost data {len(log.dropouts)} times, {longest_ms} ms at most"

@@ -144,8 +144,10 @@ class _PosLog:
             raise LogError(
                 f"{self._path}: no header with the time scale: give --time-scale gpst or utc"
             )
-        first = next((_cells(line) for line in lines if not line.startswith("%")), [])
-        coordinates = _guessed(first)
+        cells = next((_cells(line) for line in lines if not line.startswith("%")), [])
+        coordinates = _SEXAGESIMAL if len(cells) in _SEXAGESIMAL_COLUMNS else _DEGREES
+        with suppress(ValueError, IndexError):
+            coordinates = _ECEF if abs(float(cells[2])) > 360 else coordinates
         self.contents.notes.append(f"it has no header: coordinates taken as {coordinates}")
         return replace(self._header, scale=scale, coordinates=coordinates)
 
@@ -190,18 +192,14 @@ class _PosLog:
             return (latitude_rad, longitude_rad, height_m), r_en.T
         half = len(cells) // 2
         latitude_rad, longitude_rad = _angle_rad(cells[:half]), _angle_rad(cells[half:-1])
-        offset_m = self._options.to_ellipsoid_m(self._datum, self._path)
-        return (latitude_rad, longitude_rad, float(cells[-1]) + offset_m), _NEU
-
-    @property
-    def _datum(self) -> str:
         datum = self._header.datum or self._options.height
         if not datum:
             raise LogError(
                 f"{self._path}: its header does not tell what heights are above: give --height "
                 "ellipsoidal, or --height msl (sea level)"
             )
-        return datum
+        offset_m = self._options.to_ellipsoid_m(datum, self._path)
+        return (latitude_rad, longitude_rad, float(cells[-1]) + offset_m), _NEU
 
 
 def _cells(line: str) -> list[str]:
@@ -222,11 +220,3 @@ def _covariance_n(roots: list[float], r_nf: Array) -> Array:
     xx, yy, zz, xy, yz, zx = (math.copysign(root * root, root) for root in roots)
     covariance_f = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
     return np.asarray(r_nf @ covariance_f @ r_nf.T)
-
-
-def _guessed(cells: list[str]) -> str:
-    """Return the coordinates of a line without a header, by their size and number."""
-    with suppress(ValueError, IndexError):
-        if abs(float(cells[2])) > 360:
-            return _ECEF
-    return _SEXAGESIMAL if len(cells) in _SEXAGESIMAL_COLUMNS else _DEGREES

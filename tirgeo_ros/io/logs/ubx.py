@@ -55,9 +55,9 @@ _HEAD, _SUM = 6, 2  # bytes before and behind the payload
 
 def read_ubx(path: Path, options: LogOptions) -> LogContents:
     """Read a log of UBX, alone or among NMEA and RTCM. Raise LogError if it cannot be read."""
+    log = _UbxLog(options)
     with reading(path, LogError):
         data = path.read_bytes()
-    log = _UbxLog(options)
     for frame in ubx_frames(data):
         log.take(frame)
     log.finish()
@@ -78,42 +78,41 @@ class _UbxLog:
     def __init__(self, options: LogOptions) -> None:
         self.contents = LogContents()
         self._options = options
-        self._found: dict[str, list[tuple[int, Any]]] = {name: [] for name in _KEYS.values()}
+        self._messages: dict[str, list[tuple[int, Any]]] = {name: [] for name in _KEYS.values()}
         self._dated: list[_Dated] = []
 
     def take(self, frame: bytes | None) -> None:
         """Take a frame, or the remains of one."""
+        from pyubx2 import UBX_MSGIDS, UBXReader  # noqa: PLC0415  an extra
+
         if frame is None:
             self.contents.refused["frame", "cut, or its sum is wrong"] += 1
             return
-        name = _KEYS.get(frame[2:4])
-        self.contents.read[name or _name(frame)] += 1
-        if name is not None:
-            self._keep(name, frame)
-
-    def _keep(self, name: str, frame: bytes) -> None:
-        from pyubx2 import UBXReader  # noqa: PLC0415  an extra
-
+        unknown = f"class {frame[2]:02x} id {frame[3]:02x}"
+        name = _KEYS.get(frame[2:4]) or str(UBX_MSGIDS.get(frame[2:4], unknown))
+        self.contents.read[name] += 1
+        if name not in _LENGTHS:
+            return
         if len(frame) - _AROUND in _LENGTHS[name]:  # of others pyubx2 leaves fields out
             number = self.contents.read.total()  # its place in the log
-            self._found[name].append((number, UBXReader.parse(frame)))
+            self._messages[name].append((number, UBXReader.parse(frame)))
         else:
             self.contents.refused[name, "its length is no known one"] += 1
 
     def finish(self) -> None:
         """Convert what was collected to samples."""
         precise = defaultdict(list)  # by time of week, which comes again in a joined log
-        for number, message in self._found[HPPOSLLH]:
+        for number, message in self._messages[HPPOSLLH]:
             if not getattr(message, "invalidLlh", 0):
                 precise[message.iTOW].append((number, message))
-        for number, message in self._found[PVT]:
+        for number, message in self._messages[PVT]:
             near = precise.get(message.iTOW, [(number, message)])
             _, place = min(near, key=lambda record: abs(record[0] - number))
             self._count(PVT, self._solution, number, message, place)
-        for number, message in self._found[RELPOSNED]:
+        for number, message in self._messages[RELPOSNED]:
             self._count(RELPOSNED, self._heading, number, message)
-        if self._found[PVT]:
-            is_rtk = any(message.carrSoln for _, message in self._found[PVT])
+        if self._messages[PVT]:
+            is_rtk = any(message.carrSoln for _, message in self._messages[PVT])
             say_receiver(self.contents, PVT, is_rtk=is_rtk)
 
     def _count(self, name: str, convert: Any, *record: Any) -> None:
@@ -144,7 +143,14 @@ class _UbxLog:
         _must(vector.relPosValid and vector.relPosHeadingValid, "the receiver calls it not valid")
         _must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
         _must(vector.carrSoln == 2, "ambiguities are not fixed")
-        self._must_be_baseline(vector.relPosLength * 1e-2)
+        baseline_m, tolerance_m = self._options.baseline_m, _LENGTH_TOLERANCE_M
+        if baseline_m is None:
+            raise Refused(
+                "the baseline's length is not known: set aircraft.rtk_antenna_m and "
+                "aircraft.second_antenna_m, or give --baseline"
+            )
+        near = abs(vector.relPosLength * 1e-2 - baseline_m) <= tolerance_m
+        _must(near, f"its length is more than {tolerance_m:g} m from the baseline's")
         stamp_ns = self._stamp_near_ns(number, vector.iTOW)
         azimuth_rad = math.radians(vector.relPosHeading) + self._options.rover_first * math.pi
         heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
@@ -168,16 +174,6 @@ class _UbxLog:
         )
         return apart[nearest_ms].stamp_ns + nearest_ms * 1_000_000
 
-    def _must_be_baseline(self, length_m: float) -> None:
-        known_m = self._options.baseline_m
-        if known_m is None:
-            raise Refused(
-                "the baseline's length is not known: set aircraft.rtk_antenna_m and "
-                "aircraft.second_antenna_m, or give --baseline"
-            )
-        near = abs(length_m - known_m) <= _LENGTH_TOLERANCE_M
-        _must(near, f"its length is more than {_LENGTH_TOLERANCE_M:g} m from the baseline's")
-
 
 def _must(good: object, reason: str) -> None:
     if not good:
@@ -198,12 +194,6 @@ def _stamp_ns(pvt: Any) -> int:
     if time is None or abs(pvt.nano) > SECOND_NS:
         raise Refused("date or time is impossible")
     return time.local_ns + int(pvt.nano)
-
-
-def _name(frame: bytes) -> str:
-    from pyubx2 import UBX_MSGIDS  # noqa: PLC0415  an extra
-
-    return str(UBX_MSGIDS.get(frame[2:4], f"class {frame[2]:02x} id {frame[3]:02x}"))
 
 
 def ubx_frames(data: bytes) -> Iterator[bytes | None]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.types.arrays import BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError, shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84

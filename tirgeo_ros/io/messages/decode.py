@@ -7,6 +7,7 @@ quaternion or an impossible covariance is passed on, and the core gives a verdic
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     JointSample,
     PositionSample,
+    PressureSample,
     SetHeading,
     Source,
     VelocitySample,
@@ -37,7 +39,6 @@ from tirgeo_ros.io.messages.message_parts import (
 
 _ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
 _COVARIANCE_TYPE_UNKNOWN = 0
-_XYZ_ROWS = np.s_[:3, :3]
 
 
 def stamp_ns(msg: Any) -> int:
@@ -64,10 +65,13 @@ def position_sample(msg: Any, source: Source) -> PositionSample:
     A status number that the contract does not define counts as no fix.
     """
     has_covariance = msg.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN
+    status = FixStatus.NONE
+    with suppress(ValueError):
+        status = FixStatus(int(msg.status.status))
     return PositionSample(
         stamp_ns(msg),
         source,
-        _fix_status(int(msg.status.status)),
+        status,
         math.radians(msg.latitude),
         math.radians(msg.longitude),
         float(msg.altitude),
@@ -78,20 +82,13 @@ def position_sample(msg: Any, source: Source) -> PositionSample:
 def velocity_sample(msg: Any, source: Source) -> VelocitySample:
     """Convert ``geometry_msgs/TwistWithCovarianceStamped``, ENU in ``linear``."""
     linear = msg.twist.twist.linear
-    covariance = np.asarray(msg.twist.covariance).reshape(6, 6)[_XYZ_ROWS]
-    return VelocitySample(
-        stamp_ns(msg),
-        source,
-        np.array([linear.y, linear.x, -linear.z]),
-        _covariance(covariance),
-    )
+    covariance = np.asarray(msg.twist.covariance).reshape(6, 6)[:3, :3]
+    velocity_n = np.array([linear.y, linear.x, -linear.z])
+    return VelocitySample(stamp_ns(msg), source, velocity_n, _covariance(covariance))
 
 
 def heading_sample(msg: Any) -> HeadingSample:
-    """Convert ``sensor_msgs/Imu`` of a dual-antenna receiver: ENU yaw to a heading in [0, 2 pi).
-
-    NaN if the message has no orientation, so that the core refuses it.
-    """
+    """Convert ``sensor_msgs/Imu`` of a dual-antenna receiver: heading in [0, 2 pi), or NaN."""
     present = msg.orientation_covariance[0] != _ABSENT
     yaw = _enu_yaw(msg.orientation) if present else math.nan
     heading = (0.5 * math.pi - yaw) % math.tau
@@ -102,6 +99,11 @@ def set_heading(msg: Any) -> SetHeading:
     """Convert ``geometry_msgs/PoseWithCovarianceStamped``: the yaw alone, and its variance."""
     heading = (0.5 * math.pi - _enu_yaw(msg.pose.pose.orientation)) % math.tau
     return SetHeading(stamp_ns(msg), heading, float(msg.pose.covariance[35]))
+
+
+def pressure_sample(msg: Any) -> PressureSample:
+    """Convert ``sensor_msgs/FluidPressure``, Pa and Pa2."""
+    return PressureSample(stamp_ns(msg), float(msg.fluid_pressure), float(msg.variance))
 
 
 def joint_sample(msg: Any) -> JointSample:
@@ -162,13 +164,6 @@ def pixel(msg: Any) -> tuple[int, float, float]:
     return stamp_ns(msg), float(msg.point.x), float(msg.point.y)
 
 
-def _fix_status(number: int) -> FixStatus:
-    try:
-        return FixStatus(number)
-    except ValueError:
-        return FixStatus.NONE
-
-
 def _covariance(enu: Any) -> Array:
     """Return the covariance (3, 3) in NED; zero if the first entry marks it as absent."""
     flat = np.asarray(enu).ravel()
@@ -186,10 +181,7 @@ def _ned(point: Any) -> Array:
 
 
 def _enu_yaw(q: Any) -> float:
-    """Return the ENU yaw (rad) of a quaternion of any length.
-
-    Returns NaN for length zero, whose yaw would otherwise read 0.
-    """
+    """Return the ENU yaw (rad) of a quaternion of any length; NaN for length zero."""
     if not q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z > 0:
         return math.nan
     sine = 2 * (q.w * q.z + q.x * q.y)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Answer, Located
 from tirgeo_ros.core.navigation.ins.strapdown import cross
 from tirgeo_ros.core.targets.target import Target
-from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
+from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -31,12 +32,19 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     JointSample,
     PositionSample,
+    PressureSample,
     SetHeading,
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem
-from tirgeo_ros.io.messages.json_codec import answer_text, targets_text
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io.messages.json_codec import (
+    NodeState,
+    answer_text,
+    findings_text,
+    state_text,
+    targets_text,
+)
 from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
     COVARIANCE_KNOWN,
@@ -47,99 +55,51 @@ from tirgeo_ros.io.messages.message_parts import (
     positive,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
 from tirgeo_ros.io.messages.pictures import calibration_of
 
-
-class FrameMessages(MessageParts):
-    """Build messages of transforms between frames, and of places in ``map``."""
-
-    def body_transform(self, body: BodyPose) -> Any:
-        """Return ``geometry_msgs/TransformStamped``, map -> base_link: the odometry's pose."""
-        north, east, down = body.position_n.tolist()
-        turned = positive(quat_turned_both(*body.q_nb.tolist()))
-        link = (self.frames.map, self.frames.base_link)
-        return self._transform(body.stamp_ns, link, (east, north, -down), turned)
-
-    def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
-        """Return ``geometry_msgs/TransformStamped``, base_link -> camera, at the camera's stamp.
-
-        ``body`` is the pose that the camera's was composed with, so that the chain of both
-        transforms gives the camera's pose.
-        """
-        offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
-        w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
-        turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU
-        link = (self.frames.base_link, self.frames.camera)
-        return self._transform(camera.stamp_ns, link, flu_from_frd(offset_b).tolist(), turned)
-
-    def fixed_transforms(self, aircraft: AircraftConfig, stamp_ns: int) -> list[Any]:
-        """Return ``geometry_msgs/TransformStamped`` from base_link to what is fixed to it.
-
-        The second antenna is left out if there is none.
-        """
-        ids = self.frames
-        places_b = {
-            ids.rtk_antenna: aircraft.rtk_lever_b,
-            ids.gps_antenna: aircraft.gps_lever_b,
-            ids.gimbal_pivot: aircraft.pivot_lever_b,
-        }
-        if aircraft.baseline_b is not None:
-            places_b[ids.second_antenna] = aircraft.rtk_lever_b + aircraft.baseline_b
-        turns = {ids.imu_link: _imu_turn(aircraft)}
-        places_b[ids.imu_link] = np.zeros(3)
-        return [
-            self._transform(
-                stamp_ns,
-                (ids.base_link, child),
-                (flu_from_frd(place_b) + 0.0).tolist(),  # no minus zero
-                turns.get(child, NO_TURN),
-            )
-            for child, place_b in places_b.items()
-        ]
-
-    def tf(self, transforms: Sequence[Any]) -> Any:
-        """Return ``tf2_msgs/TFMessage``."""
-        return self._class("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
-
-    def footprint(self, stamp_ns: int, outline_n: Array) -> Any:
-        """Return ``geometry_msgs/PolygonStamped`` of an outline (N, 3) in the map, NED, m."""
-        point = self._class("geometry_msgs/msg/Point32")
-        points = [point(x=east, y=north, z=-down) for north, east, down in outline_n.tolist()]
-        polygon = self._class("geometry_msgs/msg/Polygon")(points=points)
-        typename = "geometry_msgs/msg/PolygonStamped"
-        return self.stamped(typename, stamp_ns, self.frames.map, polygon=polygon)
-
-    def track_point(self, body: BodyPose) -> Any:
-        """Return ``geometry_msgs/PoseStamped`` of base_link in the map."""
-        pose = self._bare_pose(body.position_n, positive(quat_turned_both(*body.q_nb.tolist())))
-        typename = "geometry_msgs/msg/PoseStamped"
-        return self.stamped(typename, body.stamp_ns, self.frames.map, pose=pose)
-
-    def path(self, stamp_ns: int, track_points: Sequence[Any]) -> Any:
-        """Return ``nav_msgs/Path`` of track points."""
-        poses = list(track_points)
-        return self.stamped("nav_msgs/msg/Path", stamp_ns, self.frames.map, poses=poses)
-
-    def _transform(
-        self, stamp_ns: int, link: tuple[str, str], xyz: Sequence[float], turned: Quaternion
-    ) -> Any:
-        """Return a transform from a parent frame to its child: the child's pose in the parent."""
-        parent, child = link
-        transform = self._class("geometry_msgs/msg/Transform")(
-            translation=self._vector(xyz), rotation=self._quaternion(turned)
-        )
-        typename = "geometry_msgs/msg/TransformStamped"
-        return self.stamped(typename, stamp_ns, parent, child_frame_id=child, transform=transform)
+OK, WARN, ERROR = 0, 1, 2
+_LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 
 
-def _imu_turn(aircraft: AircraftConfig) -> Quaternion:
-    """Return the rotation of the IMU's axes to base_link's, FLU both."""
-    rotation_bi = aircraft.rotation_bi
-    if rotation_bi is None:
-        return NO_TURN
-    w, x, y, z = quat_from_matrix(rotation_bi).tolist()
-    return w, x, -y, -z
+@dataclass(frozen=True, slots=True)
+class DiagnosticItem:
+    """Hold one status of a ``diagnostic_msgs/DiagnosticArray``."""
+
+    name: str
+    level: int  # 0 OK, 1 WARN, 2 ERROR, 3 STALE
+    message: str
+    values: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def aircraft(self) -> str:
+        """Return the namespace in ``/uav1/node: subject``, and ``aircraft`` where it has none."""
+        return self.name.partition(":")[0].rpartition("/")[0].strip("/") or "aircraft"
+
+
+def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
+    """Convert the estimator's status: OK if it runs without warnings, an error once it is lost."""
+    values = {
+        "method": status.method,
+        "state": status.state.value,
+        "state_time_s": repr(float(status.state_s)),
+        "reason": status.reason,
+        "began_again": status.began_again.value if status.began_again else "",
+        "rtk_status": status.rtk_status.name.lower(),
+        "heading_sigma_deg": repr(math.degrees(status.heading_sigma_rad)),
+        "last_reset": status.last_reset,
+    }
+    values |= {f"count.{a}.{b}": str(n) for (a, b), n in sorted(status.counts.items())}
+    values |= {f"test_ratio.{a}": repr(float(r)) for a, r in sorted(status.test_ratios.items())}
+    values |= {f"reset.{a}": str(n) for a, n in sorted(status.resets.items())}
+    values |= {f"nis.{a}": repr(float(n)) for a, n in sorted(status.nis.items())}
+    values["process_noise"] = status.process_noise
+    values["vibration"] = " ".join(f"{density:.3g}" for density in status.vibration)
+    values |= {f"clipped.{name}": str(n) for name, n in sorted(status.clipped.items())}
+    warnings = values["warnings"] = "; ".join(status.warnings)
+    warned = warnings if status.state is FilterState.RUNNING else ""
+    level = WARN if warned else _LEVELS.get(status.state, WARN)
+    text = f"{status.state.value}: {warned or status.reason}".removesuffix(": ")
+    return DiagnosticItem(name, level, text, values)
 
 
 #: Variance of an unknown value, where a reader takes any number for a variance: so large that it
@@ -149,7 +109,7 @@ UNKNOWN_VARIANCE = 1e6
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 
 
-class Messages(FrameMessages):
+class Messages(MessageParts):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
     ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written
@@ -180,10 +140,7 @@ class Messages(FrameMessages):
         return self._fix(sample.stamp_ns, frame_id, sample, sample.covariance_n, sample.status)
 
     def velocity(self, sample: VelocitySample, frame_id: str) -> Any:
-        """Return ``geometry_msgs/TwistWithCovarianceStamped``, ENU.
-
-        The rate has unknown variance.
-        """
+        """Return ``geometry_msgs/TwistWithCovarianceStamped``, ENU; the rate is unknown."""
         covariance = np.diag([0.0] * 3 + [UNKNOWN_VARIANCE] * 3)
         covariance[:3, :3] = covariance_turned_world(sample.covariance_n, 3).reshape(3, 3)
         north, east, down = sample.velocity_n.tolist()
@@ -191,11 +148,16 @@ class Messages(FrameMessages):
         typename = "geometry_msgs/msg/TwistWithCovarianceStamped"
         return self.stamped(typename, sample.stamp_ns, frame_id, twist=twist)
 
+    def pressure(self, sample: PressureSample) -> Any:
+        """Return ``sensor_msgs/FluidPressure``."""
+        values = {"fluid_pressure": sample.pressure_pa, "variance": sample.variance_pa2}
+        typename = "sensor_msgs/msg/FluidPressure"
+        return self.stamped(typename, sample.stamp_ns, self.frames.base_link, **values)
+
     def joints(self, sample: JointSample) -> Any:
         """Return ``sensor_msgs/JointState`` of the gimbal, FLU.
 
-        Its frame is base_link; for computed joints it is the topic that they are computed from.
-        The message has no other field for that, and no reader needs the frame of angles.
+        Its frame is base_link, or the topic that joints were computed from.
         """
         frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
@@ -216,11 +178,9 @@ class Messages(FrameMessages):
         return self.stamped(typename, sample.stamp_ns, self.frames.map, quaternion=turned)
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
-        """Return ``nav_msgs/Odometry``, map -> base_link.
+        """Return ``nav_msgs/Odometry``, map -> base_link; twist in base_link.
 
-        Pose covariance: x, y, z, then rotations about the map's axes. Twist in base_link; the
-        velocity's covariance is the solution's, turned to the body, with the contribution of the
-        attitude.
+        Pose covariance: x, y, z, then rotations about the map's axes.
         """
         turned = positive(quat_turned_both(*pose.q_nb.tolist()))
         return self.stamped(
@@ -265,27 +225,21 @@ class Messages(FrameMessages):
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
         fix = self._fix(located.stamp_ns, self.frames.map, located, located.covariance_n)
-        fix.latitude, fix.longitude = (
-            located.latitude_deg,
-            located.longitude_deg,
-        )  # to the last digit
+        # To the last digit.
+        fix.latitude, fix.longitude = located.latitude_deg, located.longitude_deg
         return fix
 
     def located_point(self, located: Located) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped`` of a ground point in ``map``.
 
-        A point has no attitude: the rotation is the identity, with a variance that marks it as
-        unknown.
+        Its rotation is marked as unknown by its variance.
         """
         covariance = np.diag([0.0] * 3 + [UNKNOWN_VARIANCE] * 3)
         covariance[:3, :3] = located.covariance_n
         return self._map_pose(located.stamp_ns, located.point_n, NO_TURN, covariance)
 
     def image(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Any:
-        """Return ``sensor_msgs/Image``: mono8 (h, w), bgr8 (h, w, 3) or mono16 (h, w).
-
-        mono8 and bgr8 are of uint8, mono16 of uint16. Raises ValueError for any other array.
-        """
+        """Return ``sensor_msgs/Image``: mono8, bgr8 or mono16. ValueError for any other array."""
         encoding = _ENCODINGS.get((pixels.dtype.str, pixels.ndim))
         if encoding is None or pixels.shape[2:] not in {(), (3,)}:
             raise ValueError(f"no image encoding for {pixels.dtype} {pixels.shape}")
@@ -365,13 +319,91 @@ class Messages(FrameMessages):
         ]
         return self.stamped("diagnostic_msgs/msg/DiagnosticArray", stamp_ns, "", status=status)
 
+    def body_transform(self, body: BodyPose) -> Any:
+        """Return ``geometry_msgs/TransformStamped``, map -> base_link: the odometry's pose."""
+        north, east, down = body.position_n.tolist()
+        turned = positive(quat_turned_both(*body.q_nb.tolist()))
+        link = (self.frames.map, self.frames.base_link)
+        return self._transform(body.stamp_ns, link, (east, north, -down), turned)
+
+    def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
+        """Return ``TransformStamped``, base_link -> camera, which was composed with ``body``."""
+        offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
+        w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
+        turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU
+        link = (self.frames.base_link, self.frames.camera)
+        return self._transform(camera.stamp_ns, link, flu_from_frd(offset_b).tolist(), turned)
+
+    def fixed_transforms(self, aircraft: AircraftConfig, stamp_ns: int) -> list[Any]:
+        """Return ``geometry_msgs/TransformStamped`` from base_link to what is fixed to it."""
+        ids, of_imu = self.frames, NO_TURN
+        places_b = {
+            ids.rtk_antenna: aircraft.rtk_lever_b,
+            ids.gps_antenna: aircraft.gps_lever_b,
+            ids.gimbal_pivot: aircraft.pivot_lever_b,
+        }
+        if aircraft.baseline_b is not None:
+            places_b[ids.second_antenna] = aircraft.rtk_lever_b + aircraft.baseline_b
+        places_b[ids.imu_link] = np.zeros(3)
+        if aircraft.rotation_bi is not None:  # of the IMU's axes to base_link's, FLU both
+            w, x, y, z = quat_from_matrix(aircraft.rotation_bi).tolist()
+            of_imu = w, x, -y, -z
+        transforms = []
+        for child, place_b in places_b.items():
+            xyz = (flu_from_frd(place_b) + 0.0).tolist()  # no minus zero
+            turned = of_imu if child == ids.imu_link else NO_TURN
+            transforms.append(self._transform(stamp_ns, (ids.base_link, child), xyz, turned))
+        return transforms
+
+    def tf(self, transforms: Sequence[Any]) -> Any:
+        """Return ``tf2_msgs/TFMessage``."""
+        return self._class("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
+
+    def footprint(self, stamp_ns: int, outline_n: Array) -> Any:
+        """Return ``geometry_msgs/PolygonStamped`` of an outline (N, 3) in the map, NED, m."""
+        point = self._class("geometry_msgs/msg/Point32")
+        points = [point(x=east, y=north, z=-down) for north, east, down in outline_n.tolist()]
+        polygon = self._class("geometry_msgs/msg/Polygon")(points=points)
+        typename = "geometry_msgs/msg/PolygonStamped"
+        return self.stamped(typename, stamp_ns, self.frames.map, polygon=polygon)
+
+    def track_point(self, body: BodyPose) -> Any:
+        """Return ``geometry_msgs/PoseStamped`` of base_link in the map."""
+        pose = self._bare_pose(body.position_n, positive(quat_turned_both(*body.q_nb.tolist())))
+        typename = "geometry_msgs/msg/PoseStamped"
+        return self.stamped(typename, body.stamp_ns, self.frames.map, pose=pose)
+
+    def path(self, stamp_ns: int, track_points: Sequence[Any]) -> Any:
+        """Return ``nav_msgs/Path`` of track points."""
+        poses = list(track_points)
+        return self.stamped("nav_msgs/msg/Path", stamp_ns, self.frames.map, poses=poses)
+
+    def _transform(
+        self, stamp_ns: int, link: tuple[str, str], xyz: Sequence[float], turned: Quaternion
+    ) -> Any:
+        """Return a transform from a parent frame to its child: the child's pose in the parent."""
+        parent, child = link
+        transform = self._class("geometry_msgs/msg/Transform")(
+            translation=self._vector(xyz), rotation=self._quaternion(turned)
+        )
+        typename = "geometry_msgs/msg/TransformStamped"
+        return self.stamped(typename, stamp_ns, parent, child_frame_id=child, transform=transform)
+
     def _body_twist(self, solution: NavSolution) -> Any:
-        axes_n = _body_axes_n(solution)
-        north, east, down = solution.velocity_n.tolist()
+        """Return the twist in body axes, FLU.
+
+        Along the axis ``a`` the velocity's error is ``a . (dv + [v x] phi)``.
+        """
+        m = rotation_of(tuple(solution.q_nb.tolist()))
+        axes_n = (m[0], m[3], m[6]), (-m[1], -m[4], -m[7]), (-m[2], -m[5], -m[8])
+        north, east, down = velocity_n = tuple(solution.velocity_n.tolist())
         linear = [a * north + b * east + c * down for a, b, c in axes_n]
         x, y, z = solution.angular_rate_b.tolist()
         flat = np.zeros(36)
-        flat.reshape(6, 6)[:3, :3] = _velocity_covariance(solution, axes_n)
+        partials = np.array([cross(axis, velocity_n) + axis for axis in axes_n])
+        # np.dot rather than @: the same product in half the time for matrices this small.
+        turned = np.dot(np.dot(partials, solution.covariance[3:9, 3:9]), partials.T)
+        flat.reshape(6, 6)[:3, :3] = turned
         flat[21], flat[28], flat[35] = solution.rate_variance_b
         return self._twist(linear, (x, -y, -z), flat)
 
@@ -385,21 +417,3 @@ def _yaw(heading_rad: float) -> Quaternion:
 def _absent() -> Array:
     """Return the (9,) covariance that marks a value as absent (sensor_msgs/Imu)."""
     return np.array([-1.0, *[0.0] * 8])
-
-
-def _body_axes_n(solution: NavSolution) -> tuple[Vector, Vector, Vector]:
-    """Return forward, left and up of the body in NED."""
-    m = rotation_of(tuple(solution.q_nb.tolist()))
-    return (m[0], m[3], m[6]), (-m[1], -m[4], -m[7]), (-m[2], -m[5], -m[8])
-
-
-def _velocity_covariance(solution: NavSolution, axes_n: tuple[Vector, Vector, Vector]) -> Array:
-    """Return the velocity's covariance (3, 3) in body FLU axes.
-
-    Along the axis ``a`` its error is ``a . (dv + [v x] phi)``.
-    """
-    velocity_n = tuple(solution.velocity_n.tolist())
-    partials = np.array([cross(axis, velocity_n) + axis for axis in axes_n])
-    # np.dot rather than @: the same product in half the time for matrices this small.
-    turned: Array = np.dot(np.dot(partials, solution.covariance[3:9, 3:9]), partials.T)
-    return turned

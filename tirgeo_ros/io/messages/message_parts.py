@@ -53,11 +53,7 @@ _WORLD = {3 * blocks: _entries(blocks) for blocks in (1, 2)}
 
 
 def covariance_turned_world(covariance: Array, size: int) -> Array:
-    """Convert a covariance of NED vectors to ENU, or the reverse.
-
-    Returns (size * size,) row-major; ``size`` is 3 or 6. Takes any shape of ``size * size``
-    numbers.
-    """
+    """Convert a covariance of NED vectors, of size 3 or 6, to ENU, or the reverse; return flat."""
     source, sign = _WORLD[size]
     turned: Array = np.asarray(covariance).take(source)
     turned *= sign
@@ -109,10 +105,7 @@ class MessageParts:
         rate: tuple[Array, Array],
         force: tuple[Array, Array],
     ) -> Any:
-        """Return ``sensor_msgs/Imu`` of pairs of a value and its (9,) covariance.
-
-        The attitude is wxyz of FLU to ENU, rate (rad/s) and force (m/s2) are (3,) FRD.
-        """
+        """Return ``sensor_msgs/Imu``: attitude wxyz FLU to ENU, (3,) FRD; covariances (9,)."""
         (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
         return self.stamped(
             "sensor_msgs/msg/Imu",
@@ -134,10 +127,7 @@ class MessageParts:
         covariance_n: Array,
         status: FixStatus = FixStatus.SINGLE,
     ) -> Any:
-        """Return ``sensor_msgs/NavSatFix`` of a place with a covariance (3, 3).
-
-        A covariance of zeros is marked as unknown.
-        """
+        """Return ``sensor_msgs/NavSatFix`` of a place; a covariance (3, 3) of zeros is unknown."""
         covariance = covariance_turned_world(covariance_n, 3)
         known = bool(covariance.any())
         status_type = "sensor_msgs/msg/NavSatStatus"
@@ -161,10 +151,7 @@ class MessageParts:
         return self.stamped(typename, stamp_ns, self.frames.map, pose=pose)
 
     def _pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
-        """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED.
-
-        ``turned`` is the attitude in ENU.
-        """
+        """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) NED; attitude in ENU."""
         pose, flat = self._bare_pose(position_n, turned), covariance_turned_world(covariance, 6)
         return self._class("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=flat)
 

@@ -32,10 +32,7 @@ BEYOND = 1 << 16, 1 << 16
 
 
 def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | None:
-    """Return the pixels as ``cv2.imdecode`` with ``flags`` does; None if it is no picture.
-
-    Raises ValueError for one of more than ``most_pixels``.
-    """
+    """Return the pixels as ``cv2.imdecode``, None without; ValueError above ``most_pixels``."""
     pixels = math.prod(size_of(data))
     if pixels > most_pixels:
         raise ValueError(
@@ -88,9 +85,7 @@ def pixels(topic: str, msg: Any) -> RawPixels:
 def image_pixels(msg: Any) -> RawPixels:
     """Convert ``sensor_msgs/Image`` to (h, w) uint8 or uint16, or (h, w, 3) uint8, blue first.
 
-    The encodings are mono8, mono16 (values unchanged), bgr8, rgb8, yuv422 (uyvy), yuv422_yuy2; the
-    colours are blue, green, red. The array may share the message's memory: do not write into it.
-    Raises MessageError.
+    The array may share the message's memory: do not write into it. Raises MessageError.
     """
     encoding = _ALIASES.get(msg.encoding, msg.encoding)
     if encoding not in _BYTES:
@@ -104,7 +99,9 @@ def image_pixels(msg: Any) -> RawPixels:
     colours = rows.reshape(msg.height, msg.width, _BYTES[encoding])
     if encoding == "bgr8":
         return colours
-    return _converted(colours, encoding)
+    if encoding.startswith("yuv") and msg.width % 2:
+        raise MessageError(f"image: {encoding} needs an even width, has {msg.width}")
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), _CONVERSIONS[encoding]))
 
 
 def _rows(msg: Any, bytes_per_pixel: int) -> npt.NDArray[np.uint8]:
@@ -118,12 +115,6 @@ def _rows(msg: Any, bytes_per_pixel: int) -> npt.NDArray[np.uint8]:
             f"with {step} bytes a row"
         )
     return data[: height * step].reshape(height, step)[:, :used]
-
-
-def _converted(colours: npt.NDArray[np.uint8], encoding: str) -> RawPixels:
-    if encoding.startswith("yuv") and colours.shape[1] % 2:
-        raise MessageError(f"image: {encoding} needs an even width, has {colours.shape[1]}")
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), _CONVERSIONS[encoding]))
 
 
 def compressed_pixels(msg: Any) -> RawPixels:
@@ -146,12 +137,16 @@ def compressed_pixels(msg: Any) -> RawPixels:
 
 
 def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
-    """Convert ``sensor_msgs/CameraInfo`` to a camera; only K and D are used.
-
-    Raises CameraError naming ``topic`` if there is no calibration or it has an unknown model.
-    """
-    distortion = tuple(float(number) for number in msg.d)
-    _check_model(msg.distortion_model, len(distortion), topic)
+    """Convert K and D of ``sensor_msgs/CameraInfo``. Raises CameraError naming ``topic``."""
+    distortion, model = tuple(float(number) for number in msg.d), msg.distortion_model
+    if model not in _MODELS and (distortion or model):
+        known = " or ".join(_MODELS)
+        raise CameraError(f"{topic}: distortion model {model!r} is not known; use {known}")
+    if distortion and len(distortion) not in _MODELS[model]:
+        wanted = " or ".join(str(number) for number in _MODELS[model])
+        raise CameraError(
+            f"{topic}: {model} needs {wanted} coefficients in D, has {len(distortion)}"
+        )
     fx, cx, fy, cy = (float(msg.k[i]) for i in (0, 2, 4, 5))
     if fx == 0 or fy == 0:
         raise CameraError(f"{topic}: K is zero: the camera is not calibrated")
@@ -172,14 +167,3 @@ def calibration_of(camera: Camera) -> tuple[Array, list[float], str]:
 
 # Cached: every picture of a flight has the same camera, and to find its lens limits takes time.
 _camera = lru_cache(maxsize=16)(Camera)
-
-
-def _check_model(model: str, coefficients: int, topic: str) -> None:
-    if coefficients == 0 and (model in _MODELS or not model):
-        return
-    if model not in _MODELS:
-        known = " or ".join(_MODELS)
-        raise CameraError(f"{topic}: distortion model {model!r} is not known; use {known}")
-    if coefficients not in _MODELS[model]:
-        wanted = " or ".join(str(number) for number in _MODELS[model])
-        raise CameraError(f"{topic}: {model} needs {wanted} coefficients in D, has {coefficients}")

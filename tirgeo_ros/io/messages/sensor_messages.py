@@ -10,7 +10,6 @@ from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     JointSample,
     NavigationInput,
-    PressureSample,
     Source,
 )
 from tirgeo_ros.io.messages.decode import (
@@ -19,29 +18,13 @@ from tirgeo_ros.io.messages.decode import (
     imu_sample,
     joint_sample,
     position_sample,
+    pressure_sample,
     set_heading,
-    stamp_ns,
     velocity_sample,
 )
 from tirgeo_ros.io.messages.encode import Messages
 
 SensedSample = NavigationInput | JointSample | CameraAttitudeSample
-
-
-def pressure_sample(msg: Any) -> PressureSample:
-    """Convert ``sensor_msgs/FluidPressure``, Pa and Pa2."""
-    return PressureSample(stamp_ns(msg), float(msg.fluid_pressure), float(msg.variance))
-
-
-def _pressure(messages: Messages, sample: PressureSample) -> Any:
-    """Return ``sensor_msgs/FluidPressure``."""
-    return messages.stamped(
-        _PRESSURE,
-        sample.stamp_ns,
-        messages.frames.base_link,
-        fluid_pressure=sample.pressure_pa,
-        variance=sample.variance_pa2,
-    )
 
 
 class _Row(NamedTuple):
@@ -76,7 +59,7 @@ _ROWS: dict[Source | type, _Row] = {
     Source.RTK_HEADING: _Row(_IMU, heading_sample, Messages.heading),
     Source.GPS_POSITION: _fix(Source.GPS_POSITION, "gps_antenna"),
     Source.GPS_VELOCITY: _velocity(Source.GPS_VELOCITY, "gps_antenna"),
-    Source.BAROMETER: _Row(_PRESSURE, pressure_sample, _pressure, by_dji=False),
+    Source.BAROMETER: _Row(_PRESSURE, pressure_sample, Messages.pressure, by_dji=False),
     Source.SET_HEADING: _Row(_POSE, set_heading, Messages.set_heading, by_dji=False),
     JointSample: _Row(
         "sensor_msgs/msg/JointState", joint_sample, Messages.joints, "gimbal/joint_states"

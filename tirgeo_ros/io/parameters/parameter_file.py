@@ -48,7 +48,10 @@ def load_yaml(path: PathLike) -> Any:
         # The loader is a safe one: it creates plain values only.
         return yaml.load(read_text(path, ConfigError, _MOST_BYTES), _Loader)  # noqa: S506
     except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: {_explained(error)}") from None
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or "not readable"
+        raise ConfigError(f"{path}: {where}not YAML: {problem}") from None
     except RecursionError:
         raise ConfigError(f"{path}: not YAML: nested too deeply") from None
 
@@ -66,7 +69,12 @@ class ParameterFile:
         self._name = ", ".join(str(path) for path in paths)
         self._parts: list[Section] = []
         for path in paths:
-            parts = list(_sections(path))
+            tree = load_yaml(path)
+            if not isinstance(tree, Mapping):
+                raise ConfigError(
+                    f"{path}: not a parameter file: it needs NODE: {_MARK}: NAME: VALUE"
+                )
+            parts = list(_sections(path, "", tree))
             for pattern, values in parts:
                 _check(path, pattern, values)
             self._parts += parts
@@ -91,7 +99,9 @@ class ParameterFile:
 
     def config(self, node: str, kind: type[T], namespace: str = "") -> T:
         """Return a node's configuration. Raises ConfigError if values contradict each other."""
-        return config_from(kind, _own(self.values(node, namespace)), self._name)
+        values = self.values(node, namespace)
+        own = {name: value for name, value in values.items() if not _of_every_node(name)}
+        return config_from(kind, own, self._name)
 
 
 def paths_of(files: Files) -> list[PathLike]:
@@ -115,19 +125,12 @@ def _full_name(node: str, namespace: str) -> str:
     return "/".join(["", *namespace.strip("/").split("/"), node]).replace("//", "/")
 
 
-def _own(values: Mapping[str, object]) -> dict[str, object]:
-    return {name: value for name, value in values.items() if not _of_every_node(name)}
-
-
 def _of_every_node(name: str, where: str = "") -> bool:
     return name in _EVERY_NODE or overridden_topic(name, where) != ""
 
 
 def overridden_topic(name: str, where: str = "") -> str:
-    """Return the topic whose QoS a parameter overrides; the empty text for any other parameter.
-
-    Raise ConfigError, which begins with ``where``, for an override that rclpy would ignore.
-    """
+    """Return the topic whose QoS a parameter overrides, else ""; refuse what rclpy ignores."""
     if not name.startswith(_OVERRIDE):
         return ""
     topic = "/" + name.removeprefix(_OVERRIDE).partition(".")[0].lstrip("/")
@@ -160,31 +163,19 @@ def _fits(pattern: str, full_name: str) -> bool:
     return re.fullmatch(expression, full_name) is not None
 
 
-def _sections(path: PathLike) -> Iterator[Section]:
-    tree = load_yaml(path)
-    if not isinstance(tree, Mapping):
-        raise ConfigError(f"{path}: not a parameter file: it needs NODE: {_MARK}: NAME: VALUE")
-    yield from _nested_sections(path, "", tree)
-
-
-def _nested_sections(path: PathLike, above: str, tree: Mapping[Any, Any]) -> Iterator[Section]:
+def _sections(path: PathLike, above: str, tree: Mapping[Any, Any]) -> Iterator[Section]:
     for key, value in tree.items():
         name = f"{above}/{str(key).strip('/')}"
         if key == _MARK:
-            _check_node(path, above)
+            node = above.rpartition("/")[2]
+            if "*" not in node and node not in NODE_CONFIGS:
+                known = ", ".join(NODE_CONFIGS)
+                raise ConfigError(f"{path}: unknown node {above or _MARK}; known: {known}")
             yield above, dict(_flat(path, "", value))
         elif isinstance(value, Mapping):
-            yield from _nested_sections(path, name, value)
+            yield from _sections(path, name, value)
         else:
             raise ConfigError(f"{path}: {name.strip('/')} holds no {_MARK}")
-
-
-def _check_node(path: PathLike, pattern: str) -> None:
-    name = pattern.rpartition("/")[2]
-    if "*" not in name and name not in NODE_CONFIGS:
-        raise ConfigError(
-            f"{path}: unknown node {pattern or _MARK}; known: {', '.join(NODE_CONFIGS)}"
-        )
 
 
 def _flat(path: PathLike, above: str, tree: Any) -> Iterator[tuple[str, object]]:
@@ -199,13 +190,6 @@ def _flat(path: PathLike, above: str, tree: Any) -> Iterator[tuple[str, object]]
             yield name, value
 
 
-def _explained(error: yaml.YAMLError) -> str:
-    mark = getattr(error, "problem_mark", None)
-    where = f"line {mark.line + 1}: " if mark else ""
-    problem = getattr(error, "problem", None) or "not readable"
-    return f"{where}not YAML: {problem}"
-
-
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """Load YAML with rcl's plain values: no dates, no sexagesimals, and 1e-4 is a number."""
 
@@ -213,20 +197,14 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     bool_values = {**yaml.SafeLoader.bool_values, "y": True, "n": False}  # noqa: RUF012
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node; raise ComposerError for an alias.
-
-        rcl refuses aliases too: they may contain themselves or grow without bound.
-        """
+        """Compose a node; refuse, as rcl does, an alias, which may contain itself."""
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark
             raise yaml.composer.ComposerError(None, None, "aliases are not taken", mark)
         return super().compose_node(parent, index)
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
-        """Construct a value; refuse, with its line, one that its tag or its length does not allow.
-
-        Half of a pair of surrogates, which no file and no message can hold, is refused too.
-        """
+        """Construct a value; refuse, with its line, what its tag or length does not allow."""
         try:
             made = super().construct_object(node, deep)
             if isinstance(made, str):
@@ -277,15 +255,10 @@ for _tag, _pattern, _first in (
 
 
 def parameters_yaml(nodes: Mapping[str, Mapping[str, Value]], head: str) -> str:
-    """Return a ROS 2 parameter file: dotted names by node, under ``head`` as comment lines.
-
-    The empty name stands for all nodes.
-    """
+    """Return a ROS 2 parameter file: dotted names by node (empty: all), ``head`` as comment."""
     comment = "".join(f"# {line}".rstrip() + "\n" for line in head.splitlines())
     tree = {
-        f"/**/{node}".rstrip("/"): {
-            "ros__parameters": {name: _plain(v) for name, v in values.items()}
-        }
+        f"/**/{node}".rstrip("/"): {_MARK: {name: _plain(v) for name, v in values.items()}}
         for node, values in nodes.items()
     }
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
@@ -298,13 +271,9 @@ def write_parameters(path: PathLike, nodes: Mapping[str, Mapping[str, Value]], h
 
 
 def _plain(value: Value) -> object:
+    """Return a value with nine digits: more than any calibration resolves."""
     if isinstance(value, str | bool | int):
         return value
     if isinstance(value, float):
-        return _rounded(value)
-    return [_rounded(float(number)) for number in value]
-
-
-def _rounded(number: float) -> float:
-    """Round to nine digits: more than any calibration resolves, and no binary fraction's tail."""
-    return float(f"{number:.9g}")
+        return float(f"{value:.9g}")
+    return [_plain(float(number)) for number in value]

@@ -49,10 +49,7 @@ def _matrix(values: Array) -> dict[str, object]:
 
 
 def load_camera(path: PathLike) -> Camera:
-    """Read a camera from a calibration file; only the matrix and the coefficients are used.
-
-    Raises CameraError naming the file, and the key that is absent or wrong.
-    """
+    """Read a camera from a calibration file. Raises CameraError naming file and key."""
     try:
         tree = load_yaml(str(path))
     except ConfigError as error:
@@ -86,12 +83,8 @@ def _number(path: PathLike, tree: Mapping[Any, Any], key: str) -> int:
 def _data(path: PathLike, tree: Mapping[Any, Any], key: str, count: int | None = None) -> Any:
     matrix = tree.get(key)
     data = matrix.get("data") if isinstance(matrix, Mapping) else None
-    if not isinstance(data, list) or not all(_is_number(value) for value in data):
+    if not isinstance(data, list) or {*map(type, data)} - {int, float}:
         raise CameraError(f"{path}: {key} needs data: a list of numbers")
     if count is not None and len(data) != count:
         raise CameraError(f"{path}: {key} needs {count} numbers in data, has {len(data)}")
     return data
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -22,7 +22,7 @@ from PIL.TiffTags import TAGS_V2_GROUPS, UNDEFINED, TagInfo
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.ground.camera_place import CameraPlace
+from tirgeo_ros.core.ground.frame_geometry import CameraPlace
 from tirgeo_ros.core.types.arrays import RawPixels, Vector
 
 _DJI, _PIX4D = "http://www.dji.com/drone-dji/1.0/", "http://pix4d.com/camera/1.0/"
@@ -89,11 +89,6 @@ class Still:
         """Return the exposure's time, UTC, to a microsecond, rounded down."""
         return _EPOCH + timedelta(microseconds=self.exposure_ns // 1000)
 
-    @property
-    def focal_mm(self) -> float:
-        """Return the focal length along the rows, by a pixel of 12 um."""
-        return self.camera.fx * _PIXEL_MM
-
 
 def ending_of(pixels: RawPixels) -> str:
     """Return the ending of the file's name."""
@@ -101,24 +96,13 @@ def ending_of(pixels: RawPixels) -> str:
 
 
 def still_bytes(pixels: RawPixels, still: Still) -> bytes:
-    """Return the file of a picture: (h, w) of 8 or 16 bits, or (h, w, 3) BGR of 8.
-
-    The pixels of a TIFF are unchanged; those of a JPEG are of its best quality.
-    """
-    return _tiff(pixels, still) if pixels.dtype == np.uint16 else _jpeg(pixels, still)
-
-
-def _tiff(pixels: RawPixels, still: Still) -> bytes:
-    exif = still_exif(still)
-    exif[Base.XMLPacket] = still_xmp(still)
-    out = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(out, "TIFF", exif=exif.tobytes())
-    return out.getvalue()
-
-
-def _jpeg(pixels: RawPixels, still: Still) -> bytes:
+    """Return a picture as a file: TIFF of 16 bits (h, w); JPEG of 8, (h, w) or BGR."""
+    exif, out = still_exif(still), io.BytesIO()
+    if pixels.dtype == np.uint16:
+        exif[Base.XMLPacket] = still_xmp(still)
+        Image.fromarray(np.ascontiguousarray(pixels)).save(out, "TIFF", exif=exif.tobytes())
+        return out.getvalue()
     rgb = pixels if pixels.ndim == 2 else pixels[..., ::-1]
-    out, exif = io.BytesIO(), still_exif(still)
     exif[Base.YCbCrPositioning] = _CENTRED
     exif[IFD.Exif] |= {
         Base.ColorSpace: _SRGB,
@@ -127,15 +111,10 @@ def _jpeg(pixels: RawPixels, still: Still) -> bytes:
     }
     picture = Image.fromarray(np.ascontiguousarray(rgb))
     picture.save(out, "JPEG", quality=100, subsampling=0, exif=exif)
-    return _with_xmp(out.getvalue(), still_xmp(still))
-
-
-def _with_xmp(jpeg: bytes, packet: bytes) -> bytes:
-    """Return the file with the packet behind its EXIF, as cameras write it."""
-    end = 2
-    while jpeg[end : end + 2] in _FIRST:
+    jpeg, end = out.getvalue(), 2
+    while jpeg[end : end + 2] in _FIRST:  # the packet goes behind EXIF, as cameras write it
         end += 2 + int.from_bytes(jpeg[end + 2 : end + 4], "big")
-    content = _XMP + packet
+    content = _XMP + still_xmp(still)
     segment = b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content
     return jpeg[:end] + segment + jpeg[end:]
 
@@ -165,7 +144,7 @@ def _picture(still: Still) -> dict[int, object]:
     DateTimeOriginal as a number, without its leading zeros.
     """
     camera, time = still.camera, still.time
-    focal = _rational(still.focal_mm, 1_000_000)
+    focal = _rational(camera.fx * _PIXEL_MM, 1_000_000)
     return {
         Base.ExifVersion: _VERSIONS[still.above_sea][0],
         Base.DateTimeOriginal: f"{time:%Y:%m:%d %H:%M:%S}",
@@ -234,8 +213,16 @@ def _as_dji(still: Still) -> dict[str, str]:
 
     There is no RtkFlag: it tells the kind of a receiver's fix, which a pose does not have.
     """
-    place = still.place
+    place, camera = still.place, still.camera
     north_m, east_m, down_m = place.position_sigmas_m
+    dewarp = {}
+    if len(camera.distortion) <= _OF_BROWN:  # the rational model has no place there
+        # Of a picture that still has its distortion: fx, fy, the principal point from the
+        # picture's middle (px), k1, k2, p1, p2, k3, as OpenCV has them.
+        middle = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
+        lens = *camera.distortion, *[0.0] * (_OF_BROWN - len(camera.distortion))
+        numbers = ",".join(f"{x:.9g}" for x in (camera.fx, camera.fy, *middle, *lens))
+        dewarp = {"DewarpFlag": "0", "DewarpData": f"{still.time:%Y-%m-%d};{numbers}"}
     return {
         "GpsLatitude": f"{math.degrees(place.latitude_rad):+.9f}",
         "GpsLongitude": f"{math.degrees(place.longitude_rad):+.9f}",
@@ -244,7 +231,7 @@ def _as_dji(still: Still) -> dict[str, str]:
         **_turned("Gimbal", place.rpy),
         **(_turned("Flight", still.body_rpy) if still.body_rpy is not None else {}),
         **_known({"RtkStdLon": east_m, "RtkStdLat": north_m, "RtkStdHgt": down_m}, ".4f"),
-        **_dewarp(still),
+        **dewarp,
     }
 
 
@@ -253,21 +240,6 @@ def _turned(what: str, rpy: Vector) -> dict[str, str]:
     roll, pitch, yaw = map(math.degrees, rpy)
     named = {"Roll": roll, "Pitch": pitch, "Yaw": yaw}
     return {f"{what}{axis}Degree": f"{angle:+.5f}" for axis, angle in named.items()}
-
-
-def _dewarp(still: Still) -> dict[str, str]:
-    """Return the calibration, of a picture that still has its distortion.
-
-    It is fx, fy, the principal point from the picture's middle (px), k1, k2, p1, p2, k3, as
-    OpenCV has them. The rational model has no place there.
-    """
-    camera = still.camera
-    if len(camera.distortion) > _OF_BROWN:
-        return {}
-    off_middle = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
-    lens = *camera.distortion, *[0.0] * (_OF_BROWN - len(camera.distortion))
-    numbers = ",".join(f"{number:.9g}" for number in (camera.fx, camera.fy, *off_middle, *lens))
-    return {"DewarpFlag": "0", "DewarpData": f"{still.time:%Y-%m-%d};{numbers}"}
 
 
 def _as_pix4d(still: Still) -> dict[str, str]:

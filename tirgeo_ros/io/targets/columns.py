@@ -34,28 +34,22 @@ _OF_PLACE = {
 }
 
 
-class _Own(NamedTuple):
-    """Hold a column of a target: its type in SQL, and how its cell is made."""
-
-    kind: str
-    cell: Callable[[Target], Any]
-
-
-#: A point that a GIS adds has neither id nor number.
-_OF_TARGET = {
-    "id": _Own("TEXT UNIQUE", lambda t: t.id),
-    "number": _Own("INTEGER UNIQUE", lambda t: t.number),
-    "name": _Own("TEXT", lambda t: _utf8(t.name)),
-    "target_kind": _Own("TEXT", lambda t: t.kind),
-    "note": _Own("TEXT", lambda t: _utf8(t.note)),
-    "aircraft": _Own("TEXT", lambda t: _utf8(t.aircraft)),
-    "created_ns": _Own("INTEGER", lambda t: t.created_ns),
-    "changed_ns": _Own("INTEGER", lambda t: t.changed_ns),
-    "clicks": _Own("INTEGER", lambda t: len(t.clicks)),
-    "clicks_agree": _Own("BOOLEAN", lambda t: t.clicks_agree),
+#: Column of a target -> its type in SQL, and its cell. A point that a GIS adds has neither id nor
+#: number.
+_OF_TARGET: Mapping[str, tuple[str, Callable[[Target], Any]]] = {
+    "id": ("TEXT UNIQUE", lambda t: t.id),
+    "number": ("INTEGER UNIQUE", lambda t: t.number),
+    "name": ("TEXT", lambda t: _utf8(t.name)),
+    "target_kind": ("TEXT", lambda t: t.kind),
+    "note": ("TEXT", lambda t: _utf8(t.note)),
+    "aircraft": ("TEXT", lambda t: _utf8(t.aircraft)),
+    "created_ns": ("INTEGER", lambda t: t.created_ns),
+    "changed_ns": ("INTEGER", lambda t: t.changed_ns),
+    "clicks": ("INTEGER", lambda t: len(t.clicks)),
+    "clicks_agree": ("BOOLEAN", lambda t: t.clicks_agree),
 }
 #: Column -> its type in SQL.
-COLUMNS: Mapping[str, str] = {name: own.kind for name, own in _OF_TARGET.items()} | _OF_PLACE
+COLUMNS: Mapping[str, str] = {name: kind for name, (kind, _) in _OF_TARGET.items()} | _OF_PLACE
 
 
 class Row(NamedTuple):
@@ -68,7 +62,8 @@ class Row(NamedTuple):
 
 def of_target(target: Target) -> dict[str, Any]:
     """Return the cells of a target, in the order of ``COLUMNS``."""
-    return {name: own.cell(target) for name, own in _OF_TARGET.items()} | _of_place(target.place)
+    own = {name: cell(target) for name, (_, cell) in _OF_TARGET.items()}
+    return own | _of_place(target.place)
 
 
 def of_targets(targets: Sequence[Target]) -> list[Row]:
@@ -78,7 +73,18 @@ def of_targets(targets: Sequence[Target]) -> list[Row]:
 
 def of_answers(answers: Sequence[Answered]) -> list[Row]:
     """Return a row for each pixel in their order; a located one is a target with its name."""
-    return [_row(number, answered) for number, answered in enumerate(answers, 1)]
+    rows = []
+    for number, (name, answer) in enumerate(answers, 1):
+        pixel = {"id": name, "stamp_ns": answer.stamp_ns, "u": answer.uv[0], "v": answer.uv[1]}
+        if isinstance(answer, Refusal):
+            nothing = {key: None for key in _OF_PLACE if key not in pixel}
+            reason = answer.reason.value
+            rows.append(Row(pixel | nothing | {"reason": reason}, None, f"not located: {reason}"))
+        else:
+            target = target_of_pixel(number, name, answer)
+            cells = pixel | _of_place(answer) | {"reason": None}
+            rows.append(Row(cells, target, _words(target)))
+    return rows
 
 
 def target_of_pixel(number: int, name: str, place: Located) -> Target:
@@ -110,17 +116,6 @@ def _of_place(place: Located) -> dict[str, Any]:
         "mgrs": texts.mgrs,
         "utm": texts.utm,
     }
-
-
-def _row(number: int, answered: Answered) -> Row:
-    name, answer = answered
-    pixel = {"id": name, "stamp_ns": answer.stamp_ns, "u": answer.uv[0], "v": answer.uv[1]}
-    if isinstance(answer, Refusal):
-        cells = pixel | {key: None for key in _OF_PLACE if key not in pixel}
-        reason = answer.reason.value
-        return Row(cells | {"reason": reason}, None, f"not located: {reason}")
-    target = target_of_pixel(number, name, answer)
-    return Row(pixel | _of_place(answer) | {"reason": None}, target, _words(target))
 
 
 def _utf8(text: str) -> str:

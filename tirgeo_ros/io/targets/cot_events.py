@@ -66,8 +66,18 @@ def target_event(target: Target, now_ns: int, valid_s: float = _TARGET_VALID_S) 
     errors = circular_error_90(place.covariance_n), linear_error_90(place.covariance_n)
     event = _event(target_uid(target), _SPOT, _IN_PICTURE, now_ns, valid_s)
     _add_point(event, place.latitude_deg, place.longitude_deg, place.height_m, *errors)
+    clicks = len(target.clicks)
+    remarks = (
+        target.kind,
+        cut(target.note, _MOST_NOTE),
+        f"seen {utc(place.stamp_ns)}",
+        f"by {target.aircraft}" if target.aircraft else "",
+        f"{clicks} clicks" if clicks > 1 else "",
+        "" if target.clicks_agree else "the clicks disagree",
+        _error_words(*errors),
+    )
     name = f"{target.number} {target.name or target.kind}"
-    detail = _add_detail(event, name, f"{_words(target)}; {_error_words(*errors)}")
+    detail = _add_detail(event, name, "; ".join(filter(None, remarks)))
     ET.SubElement(detail, "color", argb=str(colour))
     icon = f"COT_MAPPING_SPOTMAP/{_SPOT}/{colour}"
     ET.SubElement(detail, "usericon", iconsetpath=icon)
@@ -102,16 +112,18 @@ def aircraft_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element:
     motion = {"course": _direction(state.course_deg), "speed": state.speed_m_s}
     _add_finite(detail, "track", motion)
     if state.view is not None:
-        _add_finite(detail, "sensor", _field_of_view(state.view))
+        roll, elevation, azimuth = map(math.degrees, state.view.sight_rpy)
+        width, height = map(math.degrees, state.view.fields_of_view)
+        # TAK's maps draw a flat fan as long as ``range``: it ends at what the middle shows.
+        reach_m = state.view.slant_range_m * math.cos(state.view.sight_rpy[1])
+        angles = {"azimuth": _direction(azimuth), "elevation": elevation, "roll": roll}
+        _add_finite(detail, "sensor", angles | {"fov": width, "vfov": height, "range": reach_m})
     ET.SubElement(detail, "precisionlocation", altsrc="GPS", geopointsrc="GPS")
     return event
 
 
 def looks_at_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element | None:
-    """Return the sensor's point of interest, linked to the aircraft; None where it has none.
-
-    It is the ground in the picture's middle.
-    """
+    """Return the ground in the picture's middle as an event, linked to the aircraft, or None."""
     view = state.view
     if view is None or not all(map(math.isfinite, view.centre)):
         return None
@@ -167,41 +179,9 @@ def _add_finite(detail: ET.Element, tag: str, numbers: dict[str, float]) -> None
         ET.SubElement(detail, tag, finite)
 
 
-def _field_of_view(view: FrameGeometry) -> dict[str, float]:
-    """Return the field of view: degrees against the earth, metres.
-
-    TAK's maps draw a flat fan as long as ``range``: the level distance to what the picture's
-    middle shows, so that the fan ends there.
-    """
-    roll, elevation, azimuth = map(math.degrees, view.sight_rpy)
-    width, height = map(math.degrees, view.fields_of_view)
-    return {
-        "azimuth": _direction(azimuth),
-        "elevation": elevation,
-        "roll": roll,
-        "fov": width,
-        "vfov": height,
-        "range": view.slant_range_m * math.cos(view.sight_rpy[1]),
-    }
-
-
 def _direction(angle_deg: float) -> float:
     """Return an angle in [0, 360), also after rounding to three decimals."""
     return round(angle_deg, 3) % 360 if math.isfinite(angle_deg) else math.nan
-
-
-def _words(target: Target) -> str:
-    """Describe a target for a person: kind, note, when, by whom, how often."""
-    clicks = len(target.clicks)
-    parts = (
-        target.kind,
-        cut(target.note, _MOST_NOTE),
-        f"seen {utc(target.place.stamp_ns)}",
-        f"by {target.aircraft}" if target.aircraft else "",
-        f"{clicks} clicks" if clicks > 1 else "",
-        "" if target.clicks_agree else "the clicks disagree",
-    )
-    return "; ".join(filter(None, parts))
 
 
 def _error_words(ce90_m: float, le90_m: float) -> str:

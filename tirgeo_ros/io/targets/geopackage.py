@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,10 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.files.geopackage_layers import Layer, Positions, insert, make_file, make_layer
+from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
 from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
+_MAGIC = b"SQLite format 3\0"
 _WAIT_S = 2.0  # for a program that is just ending
 #: A part of SQLite's message -> what to do.
 _REMEDIES = {
@@ -128,8 +130,11 @@ def next_number(db: sqlite3.Connection) -> int:
     return 1 + (int(row[0]) if row else 0)
 
 
-def read_file(path: Path) -> list[Target]:
-    """Return the targets of a file, read without a change. Raises TargetError."""
+def read_targets(path: PathLike) -> list[Target]:
+    """Return the targets of a file, read without a change. Raises TargetError naming it."""
+    path = Path(path)
+    if first_bytes(path, len(_MAGIC), TargetError) != _MAGIC:
+        raise TargetError(f"{path}: no GeoPackage; give one of targets from tirgeo (.gpkg)")
     journal = path.with_name(f"{path.name}-journal")  # of a change that a crash cut short
     cut_short = journal.exists() and journal.stat().st_size > 0
     address = f"{path.resolve().as_uri()}?mode={'rw' if cut_short else 'ro'}"
@@ -210,32 +215,29 @@ def _check_tables(db: sqlite3.Connection, path: Path) -> None:
 
 
 def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
-    """Return the targets by number. Raises TargetError for rows that are none of ours."""
-    try:
-        return _targets(db)
-    except (TargetError, TypeError, ValueError, AttributeError) as error:
-        raise TargetError(f"{path}: {_DAMAGED} ({error})") from None
-
-
-def _targets(db: sqlite3.Connection) -> list[Target]:
     """Return the targets by number; rows that another program added have no clicks: left out.
 
-    A target whose clicks are gone has one, at its place.
+    A target whose clicks are gone has one, at its place; names, kinds and notes may be those that
+    a GIS gave it. Raises TargetError for rows that are none of ours.
     """
     clicks: defaultdict[str, list[Located]] = defaultdict(list)
-    rows = db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
-    for target_id, *numbers in rows:
-        clicks[target_id].append(_click(*numbers))
-    made = "id, number, created_ns, changed_ns"
-    columns = f"{made}, name, target_kind, note, aircraft, {_CLICK}"
+    own = "id, number, created_ns, changed_ns, name, target_kind, note, aircraft"
     targets = []
-    for row in db.execute(f"SELECT {columns} FROM targets ORDER BY number"):  # noqa: S608
-        own, words, place = row[:4], row[4:8], row[8:]
-        places = clicks[row[0]]
-        if not places and None not in (*own, *place):
-            places = [_click(*place)]
-        if places:
-            targets.append(_target(own, words, places))
+    try:
+        for target_id, *numbers in db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid"):  # noqa: S608
+            clicks[target_id].append(_click(*numbers))
+        for row in db.execute(f"SELECT {own}, {_CLICK} FROM targets ORDER BY number"):  # noqa: S608
+            places = clicks[row[0]]
+            if not places and None not in (*row[:4], *row[8:]):
+                places = [_click(*row[8:])]
+            if places:
+                number, created_ns, changed_ns = (int(str(value)) for value in row[1:4])
+                name, kind, note, aircraft = (str(word or "") for word in row[4:8])
+                texts = name, kind if kind in KINDS else "other", note, aircraft
+                made = str(row[0]), number, *texts, created_ns, changed_ns
+                targets.append(Target(*made, tuple(places)))
+    except (TargetError, TypeError, ValueError, AttributeError) as error:
+        raise TargetError(f"{path}: {_DAMAGED} ({error})") from None
     return targets
 
 
@@ -244,12 +246,3 @@ def _click(
 ) -> Located:
     covariance = tuple(map(float, numbers.split()))
     return Located(stamp_ns, latitude, longitude, height_m, covariance)
-
-
-def _target(own: Sequence[object], words: Sequence[object], clicks: Sequence[Located]) -> Target:
-    """Return a target; names, kinds and notes may be those that a GIS gave it."""
-    number, created_ns, changed_ns = (int(str(value)) for value in own[1:])
-    name, kind, note, aircraft = (str(word or "") for word in words)
-    kind = kind if kind in KINDS else "other"
-    texts = (name, kind, note, aircraft)
-    return Target(str(own[0]), number, *texts, created_ns, changed_ns, tuple(clicks))

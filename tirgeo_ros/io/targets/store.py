@@ -133,7 +133,11 @@ class TargetStore:
             before = self.get(target_id)
             if len(before.clicks) >= MOST_CLICKS:
                 raise TargetError(f"target {before.number} has {MOST_CLICKS} clicks already")
-            apart_m = _distance_m(before.place, click)
+            places = [
+                ecef_from_geodetic(p.latitude_rad, p.longitude_rad, p.height_m)
+                for p in (before.place, click)
+            ]
+            apart_m = math.dist(*places)  # straight through the earth
             if apart_m > MOST_APART_M:
                 raise TargetError(
                     f"the click is {apart_m / 1000:.1f} km from target {before.number}: "
@@ -149,7 +153,11 @@ class TargetStore:
         A field that was changed meanwhile, or whose target was deleted, stays; what was written is
         kept as an alternative. Raises TargetError also for a deleted target.
         """
-        new = {field: _word(field, text) for field, text in words.items()}
+        most = {"name": MOST_NAME, "note": MOST_NOTE}
+        new = {
+            field: _kind(text) if field == "kind" else _text(field, text, most[field])
+            for field, text in words.items()
+        }
         with self._lock:
             before = self._targets.get(target_id)
             if before is None:
@@ -361,10 +369,7 @@ def _record(target: Target) -> str:
 
 
 def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> Target | None:
-    """Return what a target was before a change of the journal, None of a new one.
-
-    Raises one of ``_DAMAGE`` for a record that cannot be.
-    """
+    """Return the target before a change, None of a new one; raise one of ``_DAMAGE``."""
     if action not in _UNDONE or (action == "add") != (text is None):
         raise ValueError(action)
     if text is None:
@@ -391,11 +396,6 @@ def _text(what: str, text: str, most: int) -> str:
     return clean if what == "note" else " ".join(clean.split())
 
 
-def _word(field: str, text: str) -> str:
-    most = {"name": MOST_NAME, "note": MOST_NOTE}
-    return _kind(text) if field == "kind" else _text(field, text, most[field])
-
-
 def _is_still(target: Target, field: str, was: Mapping[str, str] | None) -> bool:
     """Return whether a field is what it was, as it was typed or as it is kept."""
     if was is None or field not in was:
@@ -407,12 +407,3 @@ def _kind(kind: str) -> str:
     if kind not in KINDS:
         raise TargetError(f"a target is one of {', '.join(KINDS)}")
     return kind
-
-
-def _distance_m(first: Located, second: Located) -> float:
-    """Return the distance of two places, straight through the earth."""
-    ends = [
-        ecef_from_geodetic(math.radians(p.latitude_deg), math.radians(p.longitude_deg), p.height_m)
-        for p in (first, second)
-    ]
-    return math.dist(*ends)

@@ -149,10 +149,7 @@ def ber(length: int) -> bytes:
 
 
 def checksum(head: bytes) -> int:
-    """Return the checksum of a packet up to and including the checksum's own tag and length.
-
-    It is the sum of 16-bit words; a last single byte is the high one of its word.
-    """
+    """Return the sum of the 16-bit words up to the checksum's own tag and length."""
     return (256 * sum(head[::2]) + sum(head[1::2])) & 0xFFFF
 
 

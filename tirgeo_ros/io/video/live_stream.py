@@ -9,7 +9,6 @@ import threading
 import time
 import urllib.parse
 from collections import Counter
-from collections.abc import Mapping
 from typing import NamedTuple, final
 
 import cv2
@@ -26,12 +25,10 @@ from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes, require_av
 #: into the datagram that any network carries whole.
 _FORM = Form(
     "mpegts",
-    "libx264",
     {"preset": "veryfast", "tune": "zerolatency", "crf": "26", "g": "15"},
     {"flush_packets": "1"},
 )
 _DATAGRAM = {"pkt_size": "1316"}
-_MOST_TTL = 255
 _RETRY_S = 1.0
 
 
@@ -51,7 +48,10 @@ def stream_url(address: str) -> str:
         # It leaves out line breaks without a word.
         parts = urllib.parse.urlsplit(address if address.isprintable() else "")
         options = dict(urllib.parse.parse_qsl(parts.query, keep_blank_values=True))
-        good = parts.scheme == "udp" and parts.hostname and parts.port and _takes(options)
+        ipaddress.ip_address(options.get("localaddr", "127.0.0.1"))
+        good = parts.scheme == "udp" and parts.hostname and parts.port
+        good = good and options.keys() <= {"ttl", "localaddr"}
+        good = good and int(options.get("ttl", "1")) in range(1, 256)
     except ValueError:
         good = False
     if not good or parts.path or parts.fragment or parts.username is not None:
@@ -60,15 +60,6 @@ def stream_url(address: str) -> str:
             "255) or localaddr (an address of this computer): udp://239.1.1.1:5004?ttl=4"
         )
     return parts._replace(query=urllib.parse.urlencode(options | _DATAGRAM, safe=":")).geturl()
-
-
-def _takes(options: Mapping[str, str]) -> bool:
-    """Return whether FFmpeg takes the options; raise ValueError for an address that is none."""
-    if "localaddr" in options:
-        ipaddress.ip_address(options["localaddr"])
-    ttl = options.get("ttl", "1")
-    supported = options.keys() <= {"ttl", "localaddr"}
-    return supported and ttl.isdecimal() and 1 <= int(ttl) <= _MOST_TTL
 
 
 @final
@@ -98,11 +89,7 @@ class LiveStream:
         self._thread.start()
 
     def add(self, time_ns: int, picture: Pixels | bytes, sight: Sight | None) -> None:
-        """Send a picture, (h, w, 3) BGR or JPEG, that was exposed at ``time_ns``.
-
-        ``sight`` is None if there is no trusted pose at that time. The arrays must not be changed
-        afterwards.
-        """
+        """Send a picture, (h, w, 3) BGR or JPEG; ``sight`` is None without a trusted pose."""
         with self._changed:
             self.counts["replaced"] += self._waiting is not None
             self._waiting = _Frame(time_ns, picture, sight)
@@ -135,39 +122,31 @@ class LiveStream:
 
     def _try(self, frame: _Frame, pixels: Pixels) -> None:
         packet = self._metadata.packet(frame.time_ns, frame.sight)
+        if pixels.shape != self._shape:
+            self._drop()
         try:
-            encoder = self._encoder_for(pixels)
-            encoder.add(self._times.at(frame.time_ns), pixels, packet)
+            if self._encoder is None:
+                self._shape = pixels.shape
+                size = pixels.shape[1], pixels.shape[0]
+                self._encoder = Encoder(self._url, _FORM, size, metadata=True)
+            self._encoder.add(self._times.at(frame.time_ns), pixels, packet)
         except OSError as error:
             self.counts["failed"] += 1
-            self.error = f"{self._address}: cannot be sent: {_words(error)}"
+            unknown = "no computer of this name is known here; write its IP address"
+            # FFmpeg's error for a name that nothing resolves.
+            why = unknown if error.errno == errno.EIO else error.strerror or str(error)
+            self.error = f"{self._address}: cannot be sent: {why}"
             self._retry_s = time.monotonic() + _RETRY_S
             self._drop()
         else:
             self.counts["sent"] += 1
             self.error = ""
 
-    def _encoder_for(self, pixels: Pixels) -> Encoder:
-        """Return the encoder; open one if there is none or if the size has changed."""
-        if self._encoder is not None and pixels.shape != self._shape:
-            self._drop()
-        if self._encoder is None:
-            self._shape = pixels.shape
-            size = pixels.shape[1], pixels.shape[0]
-            self._encoder = Encoder(self._url, _FORM, size, metadata=True)
-        return self._encoder
-
     def _drop(self) -> None:
         if self._encoder is not None:
             with contextlib.suppress(OSError):
                 self._encoder.close()
         self._encoder = None
-
-
-def _words(error: OSError) -> str:
-    if error.errno == errno.EIO:  # that of FFmpeg for a name that nothing resolves
-        return "no computer of this name is known here; write its IP address"
-    return error.strerror or str(error)
 
 
 def _pixels(picture: Pixels | bytes) -> Pixels | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError
-from tirgeo_ros.io.files.whole_files import check_place, part_of
+from tirgeo_ros.io.files.whole_files import check_place, part_of, writing
 
 _CLOCK_HZ = 90_000
 _FIRST_STEP_NS = 100_000_000
@@ -22,10 +22,9 @@ _LONGEST_STEP_NS = 10_000_000_000
 
 
 class Form(NamedTuple):
-    """Hold a container's name in FFmpeg, the codec, and the options of both."""
+    """Hold a container's name in FFmpeg, and the options of H.264 and of the container."""
 
     container: str
-    codec: str
     options: Mapping[str, str]
     container_options: Mapping[str, str]
 
@@ -89,15 +88,13 @@ class Encoder:
         self._av = av
         options = dict(form.container_options)
         self._container: Any = av.open(target, "w", format=form.container, options=options)
-        self._video = self._video_stream(form, *size)
+        width, height = size
+        video: Any = self._container.add_stream("libx264", rate=30, options=dict(form.options))
+        video.width, video.height = width + width % 2, height + height % 2
+        video.pix_fmt = "yuv420p"
+        video.codec_context.time_base = Fraction(1, _CLOCK_HZ)
+        self._video = video
         self._klv: Any = self._container.add_data_stream("klv") if metadata else None
-
-    def _video_stream(self, form: Form, width: int, height: int) -> Any:
-        stream = self._container.add_stream(form.codec, rate=30, options=dict(form.options))
-        stream.width, stream.height = width + width % 2, height + height % 2
-        stream.pix_fmt = "yuv420p"
-        stream.codec_context.time_base = Fraction(1, _CLOCK_HZ)
-        return stream
 
     @_as_os_errors()
     def add(self, time_ns: int, pixels: Pixels, metadata: bytes = b"") -> None:
@@ -135,21 +132,17 @@ class Encoder:
 #: comes every 100 frames at most. x264's bytes depend on its number of threads, which by default
 #: follows from the number of cores.
 _H264 = {"preset": "veryfast", "crf": "26", "g": "100", "threads": "2"}
-_VP9 = {"deadline": "realtime", "cpu-used": "6", "crf": "38", "b:v": "0", "g": "100"}
 #: By the ending of the file name. Every browser and player shows 4:2:0 in 8 bit.
 _FORMS: Mapping[str, Form] = {
     # The index comes first, so that it plays while it loads.
-    ".mp4": Form("mp4", "libx264", _H264, {"movflags": "+faststart"}),
-    # Else it names each file by a random number.
-    ".webm": Form("webm", "libvpx-vp9", _VP9, {"fflags": "+bitexact"}),
-    ".ts": Form("mpegts", "libx264", _H264, {}),
+    ".mp4": Form("mp4", _H264, {"movflags": "+faststart"}),
+    ".ts": Form("mpegts", _H264, {}),
 }
-_WITH_METADATA = {".ts"}
 
 
 @final
 class VideoFile:
-    """Write frames (h, w, 3) BGR as H.264 (.mp4, .ts) or VP9 (.webm), each at its own time.
+    """Write frames (h, w, 3) BGR as H.264 (.mp4, .ts), each at its own time.
 
     A step between stamps that is not between 0.1 ms and 10 s is replaced by the step before it.
     If a side has an odd number of pixels, its last pixel is repeated. This is a context manager:
@@ -163,8 +156,7 @@ class VideoFile:
         self._growing = growing
         self.frames = 0
         if self.path.suffix.lower() not in _FORMS:
-            *most, last = _FORMS
-            raise VideoError(f"{path}: the video's name must end with {', '.join(most)} or {last}")
+            raise VideoError(f"{path}: the video's name must end with {' or '.join(_FORMS)}")
         if not self.path.parent.is_dir():
             raise VideoError(f"{self.path}: no such folder {self.path.parent}")
         check_place(self.path, VideoError)
@@ -184,7 +176,7 @@ class VideoFile:
     @property
     def takes_metadata(self) -> bool:
         """Return whether the file holds a packet of metadata to each frame (.ts)."""
-        return self.path.suffix.lower() in _WITH_METADATA
+        return self.path.suffix.lower() == ".ts"
 
     @property
     def rate_hz(self) -> float:
@@ -200,19 +192,12 @@ class VideoFile:
                 f"{self.path}: a frame of {pixels.shape[1]}x{pixels.shape[0]} pixels follows "
                 f"frames of {self._shape[1]}x{self._shape[0]}"
             )
-        with self._writing():
+        with writing(self.path, VideoError):
             if self._encoder is None:
                 form, size = _FORMS[self.path.suffix.lower()], (pixels.shape[1], pixels.shape[0])
                 self._encoder = Encoder(str(self._part), form, size, metadata=bool(metadata))
             self._encoder.add(self._times.at(stamp_ns), pixels, metadata)
         self.frames += 1
-
-    @contextlib.contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise VideoError(f"{self.path}: cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> VideoFile:
         return self
@@ -220,7 +205,7 @@ class VideoFile:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if (kind is None or self._growing) and self._encoder is not None:
-                with self._writing():
+                with writing(self.path, VideoError):
                     self._encoder.finish()
                     self._part.replace(self.path)
         finally:

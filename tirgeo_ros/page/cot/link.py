@@ -227,10 +227,7 @@ class CotLink:
             self._thread.join(_STOP_S)
 
     def share(self, on: bool) -> str:
-        """Switch on or off; return words for the operator.
-
-        Off, nothing goes out; targets and deletions of that time go once it is on again.
-        """
+        """Switch on or off; return words for the operator. While it is off, targets wait."""
         self._on = on
         self._outbox.shut = not on  # at once, also where the connection takes a moment to end
         if on:

@@ -146,14 +146,24 @@ def budget(setting: Setting) -> Budget:
     view = GroundView.of(setting.camera, rotation_nc, setting.height_m, uv)
     on_ground = np.isfinite(view.points_n[:, 0])
     closed = {
-        name: np.where(on_ground, picture, np.nan).reshape(shape)
-        for name, picture in _closed(setting, uv).items()
+        name: np.where(on_ground, errors_m, np.nan).reshape(shape)
+        for name, errors_m in _closed(setting, uv).items()
     }
-    general = {name: rms_m(c).reshape(shape) for name, c in _general(setting, view).items()}
-    return Budget(setting, closed, general)
+    parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
+    confidence, none = setting.confidence, np.zeros((6, 6))
+    rates = np.array([setting.speed_m_s, 0, 0, 0, 0, 0])
+    time_s = confidence.latency_sigma_s
+    others = {
+        "latency": view.covariance(none, latency_sigma_s=time_s, rates=rates),
+        "lens": view.covariance(none, lens_sigma_px=confidence.lens_sigma_px),
+        "ground": view.covariance(none, ground_sigma_m=confidence.ground_sigma_m),
+    }
+    parts |= others | {"all": parts["pose"] + sum(others.values())}
+    return Budget(setting, closed, {name: rms_m(c).reshape(shape) for name, c in parts.items()})
 
 
 def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
+    """Return the paper's errors (N,), m, by factor at pixels (N, 2)."""
     camera = setting.camera
     f, alpha = (camera.fx + camera.fy) / 2, math.radians(setting.depression_deg)
     x_im, y_im = uv[:, 0] - camera.cx, uv[:, 1] - camera.cy
@@ -172,20 +182,6 @@ def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
     }
 
 
-def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
-    """Return covariances (N, 2, 2), m2, by factor."""
-    parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
-    confidence, none = setting.confidence, np.zeros((6, 6))
-    rates = np.array([setting.speed_m_s, 0, 0, 0, 0, 0])
-    time_s = confidence.latency_sigma_s
-    others = {
-        "latency": view.covariance(none, latency_sigma_s=time_s, rates=rates),
-        "lens": view.covariance(none, lens_sigma_px=confidence.lens_sigma_px),
-        "ground": view.covariance(none, ground_sigma_m=confidence.ground_sigma_m),
-    }
-    return parts | others | {"all": parts["pose"] + sum(others.values())}
-
-
 _TITLES = {
     "height": "Error on the ground by the camera's height error of {height_error_m:.4g} m",
     "heading": "Error on the ground by the camera's heading error of {heading_error_deg:.4g} deg",
@@ -196,14 +192,14 @@ _CONTOURS, _LEAST_SPAN_M = 7, 1e-6
 
 
 def make_budget(
-    given: dict[str, float],
+    values: dict[str, float],
     *,
     output: PathLike | None = None,
     params: Files = None,
     camera: PathLike | None = None,
     namespace: str = "",
 ) -> dict[str, object]:
-    """Compute the budget; ``given`` are values by the names of the fields of Setting.
+    """Compute the budget; ``values`` are by the names of the fields of Setting.
 
     ``camera``, a calibration file, overrides that of the parameters. Write budget.csv and the maps
     to the folder ``output`` if it is given. Raise CameraError, ConfigError, CalibrationError.
@@ -213,8 +209,8 @@ def make_budget(
         outputs = [Path(output) / name for name in _NAMES]
         check_outputs((*paths_of(params), *configs.files), outputs, CalibrationError)
     lens = given_camera(configs.overlay)
-    values: dict[str, Any] = {"confidence": configs.overlay.confidence, **given}
-    made = budget(Setting(**values) if lens is None else Setting(camera=lens, **values))
+    whole: dict[str, Any] = {"confidence": configs.overlay.confidence, **values}
+    made = budget(Setting(**whole) if lens is None else Setting(camera=lens, **whole))
     result: dict[str, object] = {
         "height_m": made.setting.height_m,
         "depression_deg": made.setting.depression_deg,

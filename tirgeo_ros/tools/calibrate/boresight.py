@@ -86,7 +86,7 @@ def calibrate_boresight(
     check_outputs(given, (output,), CalibrationError)
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
     reader = BagReader(bag_in)
-    configs, chosen = configs.fitting(reader, namespace)
+    configs, chosen = configs.fitting(reader.topics(), namespace)
     wanted = _wanted(estimate, hold, configs)
     read = _read(reader, namespace, configs, wanted, *observed, smooth=smooth)
     try:

@@ -96,8 +96,11 @@ def _sightings(
     refused: dict[str, Refused] = {}
     sizes: dict[str, tuple[int, int]] = {}
     for name, _, pixels in pictures:
-        detected = UNREADABLE if pixels is None else find_board(pixels, board)
-        if pixels is None or isinstance(detected, Refused):
+        if pixels is None:
+            refused[name] = UNREADABLE
+            continue
+        detected = find_board(pixels, board)
+        if isinstance(detected, Refused):
             refused[name] = detected
         else:
             views[name], sizes[name] = detected, (pixels.shape[1], pixels.shape[0])

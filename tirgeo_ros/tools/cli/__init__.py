@@ -4,12 +4,11 @@ Every module here, except ``main`` and those whose names begin with ``_``, is th
 (``import_`` is ``import``). Its docstring is the verb's help: a first line for the list of verbs,
 a description, and ``example:``. It has::
 
-    OPTIONS = (*FLIGHT, *PARAMETERS, ("--kml", "KML", "the points as KML too"))
+    OPTIONS = (*FLIGHT, *PARAMETERS, ("--plot", "PNG", "picture of the result"))
 
     def run(args: Namespace) -> dict[str, object] | int: ...
 
     def describe(result: dict[str, object]) -> str: ...  # optional: the result for a person
-    # optional: describe_all(result) for -v, and VERBOSE, what -v adds
 
 ``_verb`` says what an option is, has those that verbs share, and calls the tool that does the
 work. ``main`` adds ``--json`` to every verb, runs it and handles its result and errors:

@@ -16,7 +16,7 @@ import math
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, UsageError, call, utc_time
+from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, call, utc_time
 
 if TYPE_CHECKING:
     from tirgeo_ros.tools.replay.cut import Instant
@@ -39,8 +39,8 @@ _TO = "end, likewise; default: that of the bag"
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "OUT", "the new bag (.mcap)", NEEDED),
-    ("--from", "T", _FROM, {"dest": "begin", "type": instant}),
-    ("--to", "T", _TO, {"dest": "end", "type": instant}),
+    ("--from", "T", _FROM, {"dest": "begin", "type": instant, "default": 0.0}),
+    ("--to", "T", _TO, {"dest": "end", "type": instant, "default": math.inf}),
 )
 
 
@@ -48,7 +48,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Cut the flight; return what was written."""
     from tirgeo_ros.tools.replay.cut import cut  # noqa: PLC0415 heavy
 
-    if args.begin is None and args.end is None:
-        raise UsageError("give --from or --to")
-    window = {"begin": args.begin or 0.0, "end": math.inf if args.end is None else args.end}
-    return call(cut, args, "cutting, s", "bag output", "", **window)
+    return call(cut, args, "cutting, s", "bag output", "begin end")

@@ -28,7 +28,6 @@ A bag with other topics, and an autopilot's log:
   tirgeo import flight.bin -o flight.mcap --geoid-undulation 43.2
 
 An IMU's CSV and RTKLIB's solution:
-  tirgeo import --example -o imu.yaml               # then say in it what the columns mean
   tirgeo import imu.csv rover.pos --columns imu.yaml -o flight.mcap
 """
 
@@ -36,12 +35,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
 from contextlib import suppress
 from datetime import datetime, timezone
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import NUMBER, WORD, Option, UsageError, call, utc_time
+from tirgeo_ros.tools.cli._verb import NEEDED, NUMBER, WORD, Option, UsageError, call, utc_time
 from tirgeo_ros.tools.cli.dump import CAPTURE
 from tirgeo_ros.tools.presentation.results import table
 
@@ -57,7 +55,6 @@ def offset_s(text: str) -> int:
 
 
 _FILES = "logs of one flight, or one bag or serial capture"
-_OUTPUT = "the new bag; with --example the template (default: stdout)"
 _TIME = "UTC of the first message or record, as 2024-06-11T07:44:39; default: the receivers' date"
 _NAMESPACE = "namespace of the aircraft's topics in a ROS 1 bag, and in the new bag; default: none"
 _MAP = "topic of a bag, and the topic of tirgeo that it becomes; may be repeated"
@@ -73,24 +70,22 @@ _DATUM = "what heights are above where the log does not tell it: %(choices)s"
 _HEADING = "of the nose 7 s after all topics have begun, from true north, clockwise"
 LOGS: tuple[Option, ...] = (
     ("--columns", "YAML", "what a CSV's columns mean; one, or one for each", {"action": "append"}),
-    ("--example", None, "write a template of --columns"),
-    ("--geoid-undulation", "M", _GEOID, NUMBER),
     ("--takeoff-height", "M", "ellipsoidal height of the take-off, for heights above it", NUMBER),
-    ("--height", "DATUM", _DATUM, {"choices": ("ellipsoidal", "msl", "takeoff"), "default": ""}),
+    ("--height", "DATUM", _DATUM, {"choices": ("ellipsoidal", "msl", "takeoff")}),
     ("--utc-offset", "+HH:MM", "of local times without a zone, east positive", {"type": offset_s}),
     (
         "--time-scale",
         "SCALE",
         "of times where a .pos does not tell it: %(choices)s",
-        {"choices": ("gpst", "utc"), "default": ""},
+        {"choices": ("gpst", "utc")},
     ),
     ("--baseline", "M", _BASELINE, NUMBER),
     ("--rover-first", None, _ROVER),
     ("--set-heading", "DEG", _HEADING, NUMBER),
 )
 OPTIONS = (
-    ("flight", "IN", _FILES, {"nargs": "*"}),
-    ("-o --output", "OUT.mcap", _OUTPUT),
+    ("flight", "IN", _FILES, {"nargs": "+"}),
+    ("-o --output", "OUT.mcap", "the new bag", NEEDED),
     ("--params", "YAML", "parameters of dji_node"),
     ("--namespace", "NS", _NAMESPACE, _TOPIC),
     ("--image-topic", "TOPIC", "topic that becomes thermal/image_raw[/compressed]", _TOPIC),
@@ -99,16 +94,14 @@ OPTIONS = (
     ("--imu-rpy", ("R", "P", "Y"), _RPY, NUMBER | {"nargs": 3}),
     *CAPTURE,
     ("--start-time", "TIME", _TIME, WORD),
+    ("--geoid-undulation", "M", _GEOID, NUMBER),
     *LOGS,
 )
 
 
-def run(args: argparse.Namespace) -> dict[str, object] | int:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Import the flight; return what was read and written."""
-    if args.example:
-        return _write_example(args)
-    if not args.flight or args.output is None:
-        raise UsageError("IN and -o OUT.mcap are needed")
+    from tirgeo_ros.io.logs.log_contents import LogOptions  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_capture import CaptureOptions  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_flight import import_flight  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
@@ -117,7 +110,18 @@ def run(args: argparse.Namespace) -> dict[str, object] | int:
     start_ns = None if args.start_time is None else _utc_ns(args.start_time)
     args.pictures = Pictures(args.image_topic, args.camera_info_topic)
     args.capture = CaptureOptions(str(args.packages or ""), args.key, start_ns)
-    args.logs, args.columns = _log_options(args, start_ns), args.columns or ()
+    args.columns = args.columns or ()
+    args.logs = LogOptions(
+        geoid_undulation_m=args.geoid_undulation,
+        baseline_m=args.baseline,
+        rover_first=args.rover_first,
+        takeoff_height_m=args.takeoff_height,
+        height=args.height or "",
+        time_scale=args.time_scale or "",
+        utc_offset_s=args.utc_offset,
+        start_ns=start_ns,
+        set_heading_rad=None if args.set_heading is None else math.radians(args.set_heading),
+    )
     names = "params namespace pictures capture mapped logs columns"
     return call(import_flight, args, "importing", "flight output", names)
 
@@ -125,69 +129,28 @@ def run(args: argparse.Namespace) -> dict[str, object] | int:
 def _mapped_topics(args: argparse.Namespace) -> Any:
     """Return what --map-topic and the options beside it say. Raise UsageError."""
     from tirgeo_ros.tools.convert.import_mapped import MappedTopics  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.flight_topics import INPUTS  # noqa: PLC0415 heavy
 
     if args.map_topic and (args.image_topic or args.camera_info_topic):
         raise UsageError(
             "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw, "
             "thermal/image_raw/compressed or thermal/camera_info"
         )
-    of_logs = [name for name, given in _of_logs(args) if given]
+    given = {option: getattr(args, option[2:].replace("-", "_")) for option, *_ in LOGS}
+    of_logs = [o for o, value in given.items() if value is not None and value is not False]
     if args.map_topic and of_logs:
         raise UsageError(f"{of_logs[0]} is for logs, not for --map-topic")
     if args.imu_rpy and not args.map_topic:
         raise UsageError("--imu-rpy is for --map-topic; else set aircraft.imu_rpy_deg for process")
-    pairs = tuple(map(_pair, args.map_topic))
-    return MappedTopics(pairs, tuple(args.imu_rpy or (0.0, 0.0, 0.0)), args.geoid_undulation)
-
-
-def _of_logs(args: argparse.Namespace) -> Iterator[tuple[str, object]]:
-    """Yield the options that bags have no use for, and what is given."""
-    for option, *_ in LOGS:
-        given = getattr(args, option.removeprefix("--").replace("-", "_"))
-        if option != "--geoid-undulation":
-            yield option, given if isinstance(given, bool | str | list) else given is not None
-
-
-def _pair(text: str) -> tuple[str, str]:
-    """Return a topic and the topic of the contract that it becomes. Raise UsageError."""
-    from tirgeo_ros.tools.replay.flight_topics import INPUTS  # noqa: PLC0415 heavy
-
-    topic, _, contract = text.partition("=")
-    contract = contract.strip("/")
-    if not topic.strip("/") or contract not in INPUTS:
-        raise UsageError(f"--map-topic {text}: not FROM=TO, TO one of {', '.join(INPUTS)}")
-    return topic, contract
-
-
-def _log_options(args: argparse.Namespace, start_ns: int | None) -> Any:
-    from tirgeo_ros.io.logs.log_contents import LogOptions  # noqa: PLC0415 heavy
-
-    return LogOptions(
-        geoid_undulation_m=args.geoid_undulation,
-        baseline_m=args.baseline,
-        rover_first=args.rover_first,
-        takeoff_height_m=args.takeoff_height,
-        height=args.height,
-        time_scale=args.time_scale,
-        utc_offset_s=args.utc_offset,
-        start_ns=start_ns,
-        set_heading_rad=None if args.set_heading is None else math.radians(args.set_heading),
-    )
-
-
-def _write_example(args: argparse.Namespace) -> int:
-    """Write the template of a columns file, to a new file or stdout."""
-    from tirgeo_ros.core.types.errors import LogError  # noqa: PLC0415 heavy
-    from tirgeo_ros.io.files.whole_files import write_files  # noqa: PLC0415 heavy
-    from tirgeo_ros.io.logs.csv_log import EXAMPLE  # noqa: PLC0415 heavy
-
-    if args.output is None:
-        print(EXAMPLE, end="")
-        return 0
-    if args.output.exists():
-        raise LogError(f"{args.output}: is there already; give the template another name")
-    write_files({args.output: EXAMPLE}, LogError)
-    return 0
+    pairs = []
+    for text in args.map_topic:
+        topic, _, contract = text.partition("=")
+        contract = contract.strip("/")
+        if not topic.strip("/") or contract not in INPUTS:
+            raise UsageError(f"--map-topic {text}: not FROM=TO, TO one of {', '.join(INPUTS)}")
+        pairs.append((topic, contract))
+    rpy_deg = tuple(args.imu_rpy or (0.0, 0.0, 0.0))
+    return MappedTopics(tuple(pairs), rpy_deg, args.geoid_undulation)
 
 
 def _utc_ns(text: str) -> int:
@@ -195,15 +158,22 @@ def _utc_ns(text: str) -> int:
     from tirgeo_ros.core.types.measurements import LAST_NS  # noqa: PLC0415 --help stays quick
 
     with suppress(ValueError, OverflowError):
-        found_ns = round(utc_time(text).timestamp() * 1e6) * 1000
-        if 0 <= found_ns < LAST_NS:
-            return found_ns
+        time_ns = round(utc_time(text).timestamp() * 1e6) * 1000
+        if 0 <= time_ns < LAST_NS:
+            return time_ns
     raise UsageError(f"--start-time {text}: no time from 1970 to 2038, as 2024-06-11T07:44:39")
 
 
 def describe(result: dict[str, Any]) -> str:
     """Return the tables of inputs and outputs."""
-    parts = [_came_in(result), _went_out(result["written"])]
+    parts = _inputs(result)
+    rows = [("topic out", "messages", "from (UTC)", "seconds")]
+    for topic, written in result["written"].items():
+        begun = datetime.fromtimestamp(written["first_ns"] // 10**9, timezone.utc)
+        lasts_s = (written["last_ns"] - written["first_ns"]) * 1e-9
+        number = str(written["messages"])
+        rows.append((topic, number, f"{begun:%Y-%m-%d %H:%M:%S}", f"{lasts_s:.1f}"))
+    parts.append(table(rows))
     if result["counts"]:
         parts.append(_pairs(result["counts"]))
     parts += result.get("notes", [])
@@ -214,36 +184,24 @@ def describe(result: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def _pairs(numbers: dict[str, Any]) -> str:
-    return "\n".join(f"{name:<32}{number}" for name, number in numbers.items())
-
-
-def _came_in(result: dict[str, Any]) -> str:
-    if result["kind"] == "logs":
-        return "\n\n".join(map(_log, result["files"]))
+def _inputs(result: dict[str, Any]) -> list[str]:
+    """Return a table for each input."""
     if result["kind"] == "capture":
         frames = {f"frames {name}": number for name, number in result["frames"].items()}
-        return _pairs(frames | result["telemetry"] | {"time": result["time"]})
-    rows = [
+        return [_pairs(frames | result["telemetry"] | {"time": result["time"]})]
+    if result["kind"] == "logs":
+        logs = []
+        for log in result["files"]:
+            rows = [("record", "read"), *((name, str(n)) for name, n in log["read"].items())]
+            notes = [f"note: {note}" for note in log["notes"]]
+            logs.append("\n".join([f"{log['file']}: {log['form']}", table(rows), *notes]))
+        return logs
+    topics = [
         (row["topic"], str(row["messages"]), str(row["refused"]), ", ".join(row["to"]))
         for row in result["topics"]
     ]
-    return table([("topic in", "messages", "refused", "to"), *rows])
+    return [table([("topic in", "messages", "refused", "to"), *topics])]
 
 
-def _log(log: dict[str, Any]) -> str:
-    """Return a log's form, records and notes."""
-    rows = [("record", "read"), *((name, str(number)) for name, number in log["read"].items())]
-    notes = [f"note: {note}" for note in log["notes"]]
-    return "\n".join([f"{log['file']}: {log['form']}", table(rows), *notes])
-
-
-def _went_out(written: dict[str, Any]) -> str:
-    rows = [("topic out", "messages", "from (UTC)", "seconds")]
-    for topic, topic_part in written.items():
-        begun = datetime.fromtimestamp(topic_part["first_ns"] // 10**9, timezone.utc)
-        lasts_s = (topic_part["last_ns"] - topic_part["first_ns"]) * 1e-9
-        rows.append(
-            (topic, str(topic_part["messages"]), f"{begun:%Y-%m-%d %H:%M:%S}", f"{lasts_s:.1f}")
-        )
-    return table(rows)
+def _pairs(numbers: dict[str, Any]) -> str:
+    return "\n".join(f"{name:<32}{number}" for name, number in numbers.items())

@@ -34,11 +34,10 @@ from tirgeo_ros.tools.cli._verb import (
     UsageError,
     call,
 )
-from tirgeo_ros.tools.presentation.results import lines
 
 _OUTPUT = "the new bag; of several flights, or with an existing folder or DIR/, the folder"
 _VIDEO = (
-    "the overlay as a video: .mp4 (H.264), .webm (VP9), or .ts (H.264 with KLV metadata); of "
+    "the overlay as a video: .mp4 (H.264), or .ts (H.264 with KLV metadata); of "
     "several flights the ending alone, or nothing for .mp4"
 )
 _WORKERS = "of several flights: processes at a time; default: the number of cores"
@@ -57,9 +56,8 @@ OPTIONS = (
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
 )
-VERBOSE = "after the summary, a line for each key of the result"
 _NAMES = "params map method camera dem ground_height raw_images namespace smooth"
-_ENDINGS = (".mp4", ".webm", ".ts")
+_ENDINGS = (".mp4", ".ts")
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
@@ -113,8 +111,3 @@ def describe(result: Mapping[str, Any]) -> str:
     from tirgeo_ros.tools.replay.process import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)
-
-
-def describe_all(result: Mapping[str, Any]) -> str:
-    """Return the same lines, then a line for each key."""
-    return f"{describe(result)}\n\n{lines(result)}"

@@ -98,15 +98,6 @@ _TOPICS: dict[str, _Convert] = {
 }
 
 
-def broadcast_fields(broadcast: Broadcast) -> dict[str, Any]:
-    """Return the fields of a broadcast, a key for each part that is present."""
-    present = zip(Broadcast._fields[1:], broadcast[1:], strict=True)
-    fields = {name: _printed(part) for name, part in present if part is not None}
-    if broadcast.velocity is not None and broadcast.layout is not Layout.MODERN:
-        fields["velocity"]["sensor_id"] = broadcast.velocity.info >> 1 & 0xF
-    return fields
-
-
 def push_fields(push: Push) -> dict[str, Any]:
     """Return the fields of a push: the time of its sending, if it has one, and its topics."""
     fields: dict[str, Any] = {}
@@ -210,9 +201,9 @@ class CaptureDump:
             return {"kind": "encrypted", "fields": {}}
         match frame.cmd_set, frame.cmd_id:
             case 0x02, 0x00:
-                return self._broadcast(frame.value)
+                return {"kind": "broadcast", **self._broadcast(frame.value)}
             case 0x02, 0x05:
-                return self._push(frame.value)
+                return {"kind": "subscription", **self._push(frame.value)}
         fields = {"hex": frame.value.hex()} if frame.value else {}
         return {"kind": "ack" if frame.is_ack else "unknown", "fields": fields}
 
@@ -221,23 +212,21 @@ class CaptureDump:
         if broadcast is None:
             self.unreadable += 1
             mask = int.from_bytes(value[:2], "little") if len(value) >= 2 else None
-            return {"kind": "broadcast", "layout": None, "mask": mask, "fields": {}}
-        return {
-            "kind": "broadcast",
-            "layout": broadcast.layout.value,
-            "mask": broadcast.mask,
-            "fields": broadcast_fields(broadcast),
-        }
+            return {"layout": None, "mask": mask, "fields": {}}
+        present = zip(Broadcast._fields[1:], broadcast[1:], strict=True)
+        fields = {name: _printed(part) for name, part in present if part is not None}
+        if broadcast.velocity is not None and broadcast.layout is not Layout.MODERN:
+            fields["velocity"]["sensor_id"] = broadcast.velocity.info >> 1 & 0xF
+        return {"layout": broadcast.layout.value, "mask": broadcast.mask, "fields": fields}
 
     def _push(self, value: bytes) -> Record:
         push = decode_push(value, self._packages)
         if push is None:
             self.unreadable += 1
             unknown: Record = {"freq_hz": None, "with_timestamp": None, "topics": [], "fields": {}}
-            return {"kind": "subscription", "pkg_id": value[0] if value else None, **unknown}
+            return {"pkg_id": value[0] if value else None, **unknown}
         package = push.package
         return {
-            "kind": "subscription",
             "pkg_id": package.id,
             "freq_hz": package.rate_hz,
             "with_timestamp": package.with_timestamp,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import DjiError
@@ -96,12 +96,15 @@ class _Pass:
 
 def import_capture(
     path: Path, sink: ImportSink, config: DjiConfig, options: CaptureOptions, progress: Report
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Import a capture; return what to report of it. Raise DjiError, ConfigError."""
     options = CaptureOptions(
         options.packages or config.packages, options.key or config.key, options.start_ns
     )
-    seconds, tick_ns = _receiver_seconds(path, options)
+    seconds = _seconds(path, options, MILLISECOND_NS)
+    tick_ns = seconds.tick_ns  # of the broadcast's counter
+    if tick_ns != MILLISECOND_NS:
+        seconds = _seconds(path, options, tick_ns)
     timeline, origin, warnings = _placed(path, options, seconds, round(config.rtk.delay_s * 1e9))
     run = _Pass(path, options, timeline, tick_ns)
     newest_ns = number = 0
@@ -124,7 +127,6 @@ def import_capture(
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
         "warnings": [*warnings, *complaints],
-        "damage": None,
     }
 
 
@@ -149,15 +151,6 @@ def _placed(
     doubt = [f"the time is {origin}; give --start-time if that is wrong by hours"]
     shift_ns = seconds.shift_ns + delay_ns - hours * _HOUR_NS
     return CaptureTimeline(shift_ns=shift_ns), origin, doubt if hours_by_file is None else []
-
-
-def _receiver_seconds(path: Path, options: CaptureOptions) -> tuple[WholeSeconds, int]:
-    """Return the receivers' seconds, and the tick (ns) of the broadcast's counter by them."""
-    seconds = _seconds(path, options, MILLISECOND_NS)
-    tick_ns = seconds.tick_ns
-    if tick_ns != MILLISECOND_NS:
-        seconds = _seconds(path, options, tick_ns)
-    return seconds, tick_ns
 
 
 def _seconds(path: Path, options: CaptureOptions, tick_ns: int) -> WholeSeconds:

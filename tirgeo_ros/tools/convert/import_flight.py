@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError
@@ -45,7 +46,7 @@ def import_flight(
     logs: LogOptions = LogOptions(),  # noqa: B008  immutable
     columns: Sequence[PathLike] = (),
     progress: Report = silent,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Import a flight and return what was read and written.
 
     ``source`` is a ROS 1 bag of DJI's wrapper, a capture of the aircraft's serial port, or one or
@@ -62,7 +63,7 @@ def import_flight(
         raise BagError(f"{paths[1]}: --map-topic is for one bag")
     forms = [None] if mapped.pairs else forms_of(paths, tables)
     files = [(path, form) for path, form in zip(paths, forms, strict=True) if form is not None]
-    is_bag = not files and not mapped.pairs and _is_ros1(paths[0], namespace)
+    is_ros1 = not files and not mapped.pairs and _is_ros1(paths[0], namespace)
     config = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     inputs = (*paths, *tables, params, capture.packages, config.packages)
     check_outputs(inputs, [output], BagError)
@@ -72,7 +73,7 @@ def import_flight(
             imported = import_mapped(paths[0], sink, mapped, config.aircraft, progress)
         elif files:
             imported = import_logs(files, tables, sink, config, logs, progress)
-        elif is_bag:
+        elif is_ros1:
             imported = import_ros1(paths[0], sink, namespace, pictures, progress)
         else:
             imported = import_capture(paths[0], sink, config, capture, progress)
@@ -80,14 +81,9 @@ def import_flight(
     names = [str(path) for path in paths]
     whole = {"input": names if files else names[0], "output": os.fspath(output)}
     of_dji = [] if files or mapped.pairs else sink.interpreter.warnings
-    return whole | _result(imported, sink, of_dji)
-
-
-def _result(imported: dict[str, object], sink: ImportSink, of_dji: list[str]) -> dict[str, object]:
-    own = imported.pop("warnings")
-    assert isinstance(own, list)
-    warnings = [*own, *of_dji]
+    warnings = [*imported["warnings"], *of_dji]
     return {
+        **whole,
         **imported,
         "written": {name: vars(counts) for name, counts in sorted(sink.written.items())},
         "counts": sink.interpreter.counts,

@@ -9,14 +9,16 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from itertools import compress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tirgeo_ros.core.checks.inertial_checks import imu_findings
-from tirgeo_ros.core.config import AircraftConfig, DjiConfig
+from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
 from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     LAST_NS,
     CameraAttitudeSample,
@@ -108,7 +110,7 @@ def import_logs(
     config: DjiConfig,
     options: LogOptions,
     progress: Report,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Import logs; return what to report of them. Raise LogError, ConfigError."""
     options = _completed(options, config)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
@@ -135,7 +137,10 @@ def import_logs(
         "error": "; ".join(f"{x.path}: {_DAMAGED}" for x in logs if x.contents.damaged) or None,
         "warnings": [
             *_doubts(logs, rover_first=options.rover_first),
-            *_of_imu(logs, samples, config.aircraft),
+            *(
+                _of_imu(finding, logs)
+                for finding in imu_findings(samples, config.aircraft.rotation_bi)
+            ),
         ],
     }
 
@@ -152,43 +157,35 @@ def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
 
 
 def _read(path: Path, form: Form, options: LogOptions) -> Log:
-    """Read a log; refuse its impossible samples, and those of another time; sort the others."""
+    """Read a log; refuse its impossible samples, and those of another time; sort the others.
+
+    Samples whose stamps jump alone would mislead where they are sorted in.
+    """
     contents = form.read(path, options)
-    good: list[SensedSample] = []
-    by_topic: defaultdict[str, list[SensedSample]] = defaultdict(list)
-    for sample in contents.samples:
+    by_topic: defaultdict[str, list[tuple[int, SensedSample]]] = defaultdict(list)
+    for number, sample in enumerate(contents.samples):
         fault, topic = _fault(sample), topic_of(sample)
         if fault:
             contents.refused[topic, fault] += 1
         else:
-            good.append(sample)
-            by_topic[topic].append(sample)
-    alone, spans = set[int](), {}
+            by_topic[topic].append((number, sample))
+    good: list[tuple[int, SensedSample]] = []
+    spans = {}
     for topic, samples in by_topic.items():
-        spans[topic], jumped = _judged(topic, samples, contents)
-        alone.update(map(id, jumped))
-    good = [sample for sample in good if id(sample) not in alone]
-    contents.samples = sorted(good, key=lambda sample: sample.stamp_ns)
+        stamps_ns = np.array([sample.stamp_ns for _, sample in samples])
+        alone = lone_stamps(stamps_ns)
+        good += compress(samples, ~alone)
+        stamps_ns = stamps_ns[~alone]
+        spans[topic] = int(stamps_ns.min()), int(stamps_ns.max())
+        if alone.any():
+            contents.refused[topic, "its time jumps alone"] += int(alone.sum())
+        if back := int((np.diff(stamps_ns) < 0).sum()):
+            contents.notes.append(
+                f"{topic}: its time goes back {back} times; it is sorted by time"
+            )
+    good.sort(key=lambda pair: (pair[1].stamp_ns, pair[0]))
+    contents.samples = [sample for _, sample in good]
     return Log(path, form.name, contents, spans)
-
-
-def _judged(
-    topic: str, samples: Sequence[SensedSample], contents: LogContents
-) -> tuple[tuple[int, int], list[SensedSample]]:
-    """Return first and last stamp of a topic's samples, and those whose stamps jump alone.
-
-    These would mislead where they are sorted in.
-    """
-    stamps_ns = np.array([sample.stamp_ns for sample in samples])
-    alone = lone_stamps(stamps_ns)
-    if alone.any():
-        contents.refused[topic, "its time jumps alone"] += int(alone.sum())
-    stamps_ns = stamps_ns[~alone]
-    back = int((np.diff(stamps_ns) < 0).sum())
-    if back:
-        words = f"its time goes back {back} times; it is sorted by time"
-        contents.notes.append(f"{topic}: {words}")
-    return (int(stamps_ns.min()), int(stamps_ns.max())), list(compress(samples, alone))
 
 
 def _fault(sample: SensedSample) -> str:
@@ -227,16 +224,17 @@ def _check_common_time(logs: Sequence[Log]) -> None:
     for log in used if len(used) > 1 else ():
         others = [other for other in used if other is not log]
         if not any(_meet(log.span, o.span) or log.spans.keys() & o.spans for o in others):
-            spans = ", ".join(f"{each.path} is of {_written(each)}" for each in used)
+            times = [
+                [datetime.fromtimestamp(ns // 10**9, timezone.utc) for ns in x.span] for x in used
+            ]
+            spans = ", ".join(
+                f"{each.path} is of {begun:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S}"
+                for each, (begun, ended) in zip(used, times, strict=True)
+            )
             raise LogError(
                 f"no time in common: {spans}: is one in another time scale or zone "
                 "(--utc-offset), or of another flight?"
             )
-
-
-def _written(log: Log) -> str:
-    begun, ended = (datetime.fromtimestamp(ns // 10**9, timezone.utc) for ns in log.span)
-    return f"{begun:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S}"
 
 
 def _refusals(log: Log) -> str:
@@ -259,11 +257,8 @@ def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
         yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions beside it"
 
 
-def _of_imu(
-    logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
-) -> Iterator[str]:
-    """Yield findings on the IMU's units and axes, by gravity and the orientation."""
+def _of_imu(finding: Finding, logs: Sequence[Log]) -> str:
+    """Return a finding on the IMU's units and axes, with the key of its columns file."""
     is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
-    for finding in imu_findings(samples, aircraft.rotation_bi):
-        keys = _KEYS.get(finding.check, "")
-        yield f"{finding.line} (in --columns: {keys})" if is_table and keys else finding.line
+    key = _KEYS.get(finding.check) if is_table else None
+    return f"{finding.line} (in --columns: {key})" if key else finding.line

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -118,11 +117,6 @@ def types_of(topic: str) -> tuple[str, ...]:
     return TOPIC_TYPES[topic], *CONVERTERS.get(topic, ())
 
 
-def remark_on(typename: str) -> str:
-    """Return what a person should know of a type's conversion, or an empty string."""
-    return _REMARKS.get(typename, "")
-
-
 def asked_topics(
     pairs: Iterable[tuple[str, str]], there: Mapping[str, str], where: str
 ) -> dict[str, list[str]]:
@@ -134,13 +128,13 @@ def asked_topics(
     by_name = {name.strip("/"): name for name in there}
     mapped: dict[str, list[str]] = {}
     for asked, topic in pairs:
-        name = by_name.get(asked.strip("/"))
-        if name is None or there[name] not in types_of(topic):
+        name, types = by_name.get(asked.strip("/")), types_of(topic)
+        if name is None or there[name] not in types:
             kind = "not there" if name is None else f"of type {there[name]}"
-            fitting = [own for own, typename in there.items() if typename in types_of(topic)]
+            fitting = ", ".join(own for own, typename in there.items() if typename in types)
             raise BagError(
-                f"{where}: {asked} is {kind}; {topic} takes {' or '.join(types_of(topic))}: "
-                f"{', '.join(fitting) or 'no topic of the bag'}"
+                f"{where}: {asked} is {kind}; {topic} takes {' or '.join(types)}: "
+                f"{fitting or 'no topic of the bag'}"
             )
         if any(topic in topics for topics in mapped.values()):
             raise BagError(f"{where}: two topics for {topic}: give one")
@@ -189,7 +183,10 @@ class ImuMounting:
 
         The attitude of ``sensor_msgs/Imu`` is that of the IMU.
         """
-        self._watch(sample)
+        self._begun_ns = self._begun_ns or sample.stamp_ns
+        early = sample.stamp_ns - self._begun_ns <= _SEEN_NS
+        if early and len(self._forces_i) < _MOST_SAMPLES and not fault_of(sample):
+            self._forces_i.append(sample.specific_force_b)
         if self._rotation_bi is None:
             return sample
         sample = in_body_axes(sample, self._rotation_bi)
@@ -197,12 +194,6 @@ class ImuMounting:
             return sample
         q_ib = quat_conjugate(quat_from_matrix(self._rotation_bi))
         return replace(sample, autopilot_q_nb=quat_multiply(sample.autopilot_q_nb, q_ib))
-
-    def _watch(self, sample: ImuSample) -> None:
-        self._begun_ns = self._begun_ns or sample.stamp_ns
-        early = sample.stamp_ns - self._begun_ns <= _SEEN_NS
-        if early and len(self._forces_i) < _MOST_SAMPLES and not fault_of(sample):
-            self._forces_i.append(sample.specific_force_b)
 
     @property
     def doubt(self) -> str:
@@ -215,15 +206,15 @@ class ImuMounting:
         size = float(np.linalg.norm(force_b))
         if size == 0 or -force_b[2] > size * math.cos(_STEEP_RAD):
             return ""
-        x, y, z = (flu_from_frd(force_b) + 0.0).tolist()  # no -0
-        axis = max(zip(map(abs, (x, y, z)), "xyz", (x, y, z), strict=True))
-        up = flu_from_frd(force_i) / size
+        place = flu_from_frd(force_b)
+        axis = int(np.abs(place).argmax())
+        up = flu_from_frd(force_i)
         roll = round(math.degrees(math.atan2(up[1], up[2])))
         pitch = round(math.degrees(math.atan2(-up[0], math.hypot(up[1], up[2]))))
         return (
-            f"imu/data: gravity is on {'+' if axis[2] > 0 else '-'}{axis[1]} at the beginning, "
-            f"({x:+.1f}, {y:+.1f}, {z:+.1f}) m/s2, not on +z: the IMU's axes are not those of "
-            f"base_link: give --imu-rpy {roll} {pitch} YAW (gravity does not show YAW)"
+            f"imu/data: gravity is on {'+' if place[axis] > 0 else '-'}{'xyz'[axis]} at the "
+            "beginning, not on +z: the IMU's axes are not those of base_link: give --imu-rpy "
+            f"{roll} {pitch} YAW (gravity does not show YAW)"
         )
 
 
@@ -249,7 +240,7 @@ class _Stream(TopicCount):
 
     without_stamp: int = 0
     lags_ns: array[int] = field(default_factory=partial(array, "q"))  # stamp to log time
-    statuses: Counter[tuple[int, int]] = field(default_factory=Counter)  # status, covariance type
+    best_status: int | None = None  # of NavSatFix
 
     @property
     def lag_s(self) -> float:
@@ -263,34 +254,21 @@ class _Stream(TopicCount):
         else:
             self.without_stamp += 1
 
-    @property
-    def contract(self) -> str:
-        """Return the topic of the contract."""
-        return self.feeds[0]
-
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
         return super().result() | {"because": self.reason or None, "lag_s": self.lag_s}
 
     def notes(self, undulation_m: float | None) -> Iterator[str]:
         """Yield what the messages leave open, and how they are taken."""
-        remark = remark_on(self.typename)
-        if remark:
+        if remark := _REMARKS.get(self.typename):
             yield f"{self.topic}: {remark}"
         if self.without_stamp:
             yield f"{self.topic}: {self.without_stamp} messages have no stamp: taken at log time"
-        if self.typename == _FIX and self.statuses:
-            counts = ", ".join(
-                f"{number} of status {status} and covariance type {kind}"
-                for (status, kind), number in sorted(self.statuses.items())
+        if self.best_status is not None and undulation_m is None:
+            yield (
+                f"{self.topic}: altitudes are taken as above the ellipsoid, as the message is "
+                "defined (above the sea: --geoid-undulation M)"
             )
-            height = (
-                "altitudes are taken as above the ellipsoid, as the message is defined (above the "
-                "sea: --geoid-undulation M)"
-                if undulation_m is None
-                else f"{undulation_m:g} m are added to altitudes"
-            )
-            yield f"{self.topic}: {counts}; {height}"
 
     def warnings(self) -> Iterator[str]:
         """Yield a line for each fault of the topic."""
@@ -300,8 +278,8 @@ class _Stream(TopicCount):
             yield f"{self.topic}: no message"
         if jumps := lone_stamps(self.lags_ns).sum():
             yield f"{self.topic}: {jumps} stamps jump alone: the filter leaves them out"
-        best = max((status for status, _ in self.statuses), default=_LEAST_RTK)
-        if self.contract == Source.RTK_POSITION.topic and best < _LEAST_RTK:
+        best = _LEAST_RTK if self.best_status is None else self.best_status
+        if self.feeds[0] == Source.RTK_POSITION.topic and best < _LEAST_RTK:
             yield (
                 f"{self.topic}: no message has status 1 (float) or 2 (fixed), from which on "
                 "rtk/fix is used: map it to gps/fix"
@@ -320,10 +298,11 @@ class _Import:
     ) -> None:
         types = bag.topics()
         names = asked_topics(mapped.pairs, types, str(bag.path))
-        self.streams = {
+        self.by_topic = {
             topic: [_Stream(topic, types[topic], (contract,)) for contract in contracts]
             for topic, contracts in names.items()
         }
+        self.streams = [stream for streams in self.by_topic.values() for stream in streams]
         self.mounting = ImuMounting(mapped.imu_rpy_deg, aircraft)
         self._bag, self._sink, self._undulation_m = bag, sink, mapped.undulation_m
         self._cdr = Cdr()
@@ -331,9 +310,9 @@ class _Import:
     def run(self, progress: Report) -> None:
         """Read the whole bag."""
         begun_ns, ended_ns = self._bag.span_ns
-        for message in self._bag.messages(set(self.streams)):
+        for message in self._bag.messages(set(self.by_topic)):
             progress((message.log_time_ns - begun_ns) * 1e-9, (ended_ns - begun_ns) * 1e-9)
-            for stream in self.streams[message.topic]:
+            for stream in self.by_topic[message.topic]:
                 stream.messages += 1
                 try:
                     self._pass(message, stream)
@@ -342,49 +321,43 @@ class _Import:
 
     def _pass(self, message: BagMessage | Ros1Message, stream: _Stream) -> None:
         """Write a message to its topic of the contract. Raise MessageError."""
-        data, log_time_ns = self._bag.cdr(message), message.log_time_ns
-        convert = CONVERTERS.get(stream.contract, {}).get(stream.typename)
-        if convert is None and stream.contract not in SENSED_SAMPLES:  # a picture
+        data, log_time_ns, (contract,) = self._bag.cdr(message), message.log_time_ns, stream.feeds
+        convert = CONVERTERS.get(contract, {}).get(stream.typename)
+        if convert is None and contract not in SENSED_SAMPLES:  # a picture
             stream.stamped(header_stamp_ns(data), log_time_ns)
-            self._sink.pass_on(log_time_ns, stream.contract, data)
+            self._sink.pass_on(log_time_ns, contract, data)
             return
         decoded = self._cdr.deserialize(data, stream.typename, stream.topic)
+        own = None
         if convert is not None:
             sample = convert(decoded, log_time_ns)
-            stream.stamped(sample.stamp_ns, log_time_ns)
-            self._sink.write(sample, log_time_ns)
-            return
-        sample = SENSED_SAMPLES[stream.contract](decoded)
-        stream.stamped(sample.stamp_ns, log_time_ns)
+        else:
+            sample = own = SENSED_SAMPLES[contract](decoded)
         if isinstance(sample, ImuSample):
-            turned = self.mounting.turned(sample)
-            if turned is not sample:
-                self._sink.write(turned, log_time_ns)
-                return
-        elif stream.typename == _FIX:
-            data = self._fix(decoded, data, stream)
-        self._sink.pass_on(log_time_ns, stream.contract, data)
+            sample = self.mounting.turned(sample)
+        stream.stamped(sample.stamp_ns, log_time_ns)
+        if stream.typename == _FIX:
+            stream.best_status = max(decoded.status.status, stream.best_status or -1)
+            if self._undulation_m is not None:
+                decoded.altitude += self._undulation_m
+                data = decoded
+        if sample is own:  # as it came
+            self._sink.pass_on(log_time_ns, contract, data)
+        else:
+            self._sink.write(sample, log_time_ns)
 
-    def _fix(self, message: Any, data: bytes, stream: _Stream) -> Any:
-        """Count a fix; return it with another altitude, or its data where that is ellipsoidal."""
-        stream.statuses[int(message.status.status), int(message.position_covariance_type)] += 1
-        if self._undulation_m is None:
-            return data
-        message.altitude += self._undulation_m
-        return message
-
-    def far_stamps(self) -> str:
-        """Return in one line which topics are stamped far from their times of recording."""
-        streams = [each for group in self.streams.values() for each in group]
-        far = [
-            f"{each.topic} {-each.lag_s:+.1f} s" for each in streams if abs(each.lag_s) > _FAR_S
-        ]
-        if not far:
-            return ""
-        return (
-            f"stamps are far from the times of recording ({', '.join(far)}) and are kept: topics "
-            "whose numbers differ have different clocks"
-        )
+    def warnings(self) -> Iterator[str]:
+        """Yield a line for each fault."""
+        for stream in self.streams:
+            yield from stream.warnings()
+        far = [f"{s.topic} {-s.lag_s:+.1f} s" for s in self.streams if abs(s.lag_s) > _FAR_S]
+        if far:
+            yield (
+                f"stamps are far from the times of recording ({', '.join(far)}) and are kept: "
+                "topics whose numbers differ have different clocks"
+            )
+        if self.mounting.doubt:
+            yield self.mounting.doubt
 
 
 def import_mapped(
@@ -393,21 +366,19 @@ def import_mapped(
     mapped: MappedTopics,
     aircraft: AircraftConfig,
     progress: Report,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Import the topics that are named; return what to report of them. Raise BagError."""
     bag = any_bag(path)
     run = _Import(bag, sink, mapped, aircraft)
     run.run(progress)
-    streams = [stream for streams in run.streams.values() for stream in streams]
-    warnings = [line for stream in streams for line in stream.warnings()]
-    if all(stream.messages == stream.refused for stream in streams):
+    warnings = list(run.warnings())
+    if all(stream.messages == stream.refused for stream in run.streams):
         raise BagError(f"{path}: nothing to import: {'; '.join(warnings)}")
-    warnings += filter(None, (run.far_stamps(), run.mounting.doubt))
     return {
         "kind": "mapped",
-        "topics": [stream.result() for stream in streams],
-        "not_read": {t: kind for t, kind in bag.topics().items() if t not in run.streams},
-        "notes": [line for stream in streams for line in stream.notes(mapped.undulation_m)],
+        "topics": [stream.result() for stream in run.streams],
+        "not_read": {t: kind for t, kind in bag.topics().items() if t not in run.by_topic},
+        "notes": [line for stream in run.streams for line in stream.notes(mapped.undulation_m)],
         "warnings": warnings,
         "error": None if bag.damage is None else f"{path}: {bag.damage}",
     }

@@ -13,14 +13,13 @@ from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.sources.ros1 import NEEDED, TOPICS, WRAPPERS, Ros1Decoder, survey
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.tools.convert.import_mapped import suggested
+from tirgeo_ros.tools.convert.import_mapped import asked_topics, suggested
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES
 
 #: Number of messages that are inspected before the import begins.
 _SURVEYED = 4000
-_PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
-_CAMERA_INFO = "thermal/camera_info"
 
 
 class Pictures(NamedTuple):
@@ -131,9 +130,11 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
             aircraft.setdefault(node, {})[topic] = name
     if not aircraft:
         where = f" in namespace {namespace}" if namespace else ""
+        options = suggested(bag.topics())
+        mend = f"; say what its topics are, as {options}" if options else ""
         raise BagError(
             f"{bag.path}: no topic of DJI's wrapper ({'/imu, '.join(WRAPPERS)}/imu ...){where}; "
-            f"it has {', '.join(list(bag.topics())[:5]) or 'none'}{_how_to_map(bag)}"
+            f"it has {', '.join(list(bag.topics())[:5]) or 'none'}{mend}"
         )
     if len(aircraft) > 1:
         raise BagError(
@@ -143,34 +144,19 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
     return next(iter(aircraft.values()))
 
 
-def _how_to_map(bag: Ros1Bag) -> str:
-    """Return the options with which another bag's topics are imported; else ""."""
-    options = suggested(bag.topics())
-    return f"; say what its topics are, as {options}" if options else ""
-
-
 def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
     """Return the bag's topic -> topic of the contract. Raise BagError if not as asked for."""
-    passed, topics = {}, bag.topics()
-    for asked, contracts in ((pictures.image, _PICTURES), (pictures.camera_info, (_CAMERA_INFO,))):
-        if not asked:
-            continue
-        wanted = {TOPIC_TYPES[contract]: contract for contract in contracts}
-        topic = next((name for name in topics if name.strip("/") == asked.strip("/")), asked)
-        typename = topics.get(topic, "")
-        if typename not in wanted:
-            there = [name for name, types in topics.items() if {*types.split(", ")} & {*wanted}]
-            raise BagError(
-                f"{bag.path}: {asked} is {typename or 'not there'}; of type "
-                f"{' or '.join(wanted)} are: {', '.join(there) or 'none'}"
-            )
-        passed[topic] = wanted[typename]
-    return passed
+    types = {name.strip("/"): kind for name, kind in bag.topics().items()}
+    kind = types.get(pictures.image.strip("/"))
+    image = next((name for name in PICTURES if TOPIC_TYPES[name] == kind), PICTURES[0])
+    pairs = [(pictures.image, image), (pictures.camera_info, CAMERA_INFO)]
+    asked = asked_topics([pair for pair in pairs if pair[0]], bag.topics(), str(bag.path))
+    return {topic: contract for topic, (contract, *_) in asked.items()}
 
 
 def import_ros1(
     path: Path, sink: ImportSink, namespace: str, pictures: Pictures, progress: Report
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Import a bag; return what to report of it."""
     bag = Ros1Bag(path)
     run = _Import(bag, namespace, pictures)

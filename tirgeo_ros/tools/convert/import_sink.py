@@ -100,12 +100,9 @@ class ImportSink:
         while self._waiting:
             self._write(*heapq.heappop(self._waiting))
         if not self.written:
-            raise BagError(f"{self._writer.path}: nothing to write{self._because}")
-
-    @property
-    def _because(self) -> str:
-        counts = [f"{name} {number}" for name, number in self.interpreter.counts.items()]
-        return f": {', '.join(counts)}" if counts else ""
+            counts = [f"{name} {number}" for name, number in self.interpreter.counts.items()]
+            because = f": {', '.join(counts)}" if counts else ""
+            raise BagError(f"{self._writer.path}: nothing to write{because}")
 
     def _put(self, arrival_ns: int, samples: list[SensedSample]) -> None:
         for sample in samples:

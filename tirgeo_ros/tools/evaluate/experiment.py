@@ -183,7 +183,7 @@ def method_setups(
     methods = [(name, name, paths_of(params)) for name in METHODS]
     if boresight is not None:
         methods.append((CALIBRATED, "ekf_heading", [*paths_of(params), boresight]))
-    places = {"dem": dem, "ground_height": ground_height, "camera": camera}
+    places: dict[str, Any] = {"dem": dem, "ground_height": ground_height, "camera": camera}
     configs = [node_configs(files, namespace, method=m, **places) for _, m, files in methods]
     overlay, median_m = configs[-1].overlay, float(median(survey_heights_m))
     ground = ground_of(overlay)

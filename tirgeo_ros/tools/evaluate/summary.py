@@ -19,7 +19,13 @@ from tirgeo_ros.io.files.whole_files import (
     write_files,
 )
 from tirgeo_ros.tools.evaluate.report import report_html
-from tirgeo_ros.tools.evaluate.result import BodyErrors, Evaluation, LocatedPoint, MethodResult
+from tirgeo_ros.tools.evaluate.result import (
+    BodyErrors,
+    Evaluation,
+    LocatedPoint,
+    MethodResult,
+    RefusedPoint,
+)
 from tirgeo_ros.tools.presentation.results import finding_items
 
 #: Settling time of the filter; errors against the truth count only after it.
@@ -178,7 +184,8 @@ def write_evaluation(evaluation: Evaluation, folder: PathLike) -> list[str]:
 def _observations_csv(evaluation: Evaluation) -> str:
     rows: list[list[object]] = [list(_OBSERVATION_COLUMNS)]
     for each in evaluation.methods:
-        for point in [*each.located, *each.refused]:
+        points: list[LocatedPoint | RefusedPoint] = [*each.located, *each.refused]
+        for point in points:
             lead = [point.id, point.stamp_ns, *(f"{px:.3f}" for px in point.uv), each.method]
             if isinstance(point, LocatedPoint):
                 rows.append([*lead, *_measured(point), ""])

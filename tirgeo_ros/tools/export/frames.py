@@ -24,14 +24,13 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 
@@ -51,10 +50,7 @@ class Chosen(NamedTuple):
 
 
 class FlightPictures:
-    """Read the pictures of a bag: of the raw topic, or else of the compressed one.
-
-    Raise BagError if the bag has neither.
-    """
+    """Read a bag's pictures, of the raw topic or else the compressed one. Raise BagError."""
 
     def __init__(self, reader: BagReader, namespace: str) -> None:
         self._reader, self._cdr = reader, Cdr()
@@ -69,7 +65,13 @@ class FlightPictures:
     @cached_property
     def _times_ns(self) -> list[tuple[int, int]]:
         """Return the log time and the stamp of each picture; the bag is read once for them."""
-        return [(message.log_time_ns, _stamp_ns(message)) for message in self._messages()]
+        times_ns = []
+        for message in self._messages():
+            stamp_ns = 0  # a picture without, or without a header, has that of its arrival
+            with suppress(MessageError):
+                stamp_ns = header_stamp_ns(message.data)
+            times_ns.append((message.log_time_ns, stamp_ns or message.log_time_ns))
+        return times_ns
 
     @property
     def stamps_ns(self) -> list[int]:
@@ -107,13 +109,6 @@ class FlightPictures:
         return self._reader.messages([self._name])
 
 
-def _stamp_ns(message: BagMessage) -> int:
-    """Return a picture's stamp; one without, or without a header, has that of its arrival."""
-    with suppress(MessageError):
-        return header_stamp_ns(message.data) or message.log_time_ns
-    return message.log_time_ns
-
-
 _WHY_NOT = {
     Miss.EMPTY: "no pose near the exposure",
     Miss.TOO_OLD: "before the first pose",
@@ -144,23 +139,13 @@ class RegisteredFlight(NamedTuple):
 
 
 def register(
-    reader: BagReader,
-    configs: NodeConfigs,
-    params: Files,
-    namespace: str,
-    chosen: Sequence[Chosen],
-    progress: Report,
-    *,
-    smooth: bool = False,
+    opened: OpenedFlight, chosen: Sequence[Chosen], progress: Report, *, smooth: bool = False
 ) -> RegisteredFlight:
-    """Read the flight once, and check it on the way.
-
-    Raise BagError if no chosen picture has a pose; CameraError, ElevationError.
-    """
-    fitted, notes = configs.fitting(reader, namespace)
-    ekf, gimbal, overlay, _ = fitted
+    """Read and check the flight. Raise BagError without a pose; CameraError, ElevationError."""
+    reader, configs, params, namespace, notes = opened
+    ekf, gimbal, overlay, _ = configs
     ground, lens = ground_of(overlay), given_camera(overlay)
-    of_flight = (fitted, reader, params, namespace)
+    of_flight = (configs, reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, camera=lens, pictures=True)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in chosen]
@@ -169,7 +154,16 @@ def register(
     poses = flight.registered(ekf, gimbal, exposures_ns, *watchers, smooth=smooth)
     bodies.flown = poses
     flight.read_all(progress)
-    posed, refused = _posed(poses, bodies, chosen, exposures_ns)
+    posed: dict[int, Posed] = {}
+    refused: Counter[str] = Counter()
+    for (number, stamp_ns), exposed_ns in zip(chosen, exposures_ns, strict=True):
+        pose, body = poses.cameras.at(exposed_ns), bodies.at(exposed_ns)
+        if isinstance(pose, Miss):
+            refused[_WHY_NOT[pose]] += 1
+        elif isinstance(body, Miss):
+            refused[_WHY_NOT[body]] += 1
+        else:
+            posed[number] = Posed(stamp_ns, pose, body)
     status = poses.registration.navigation.status()
     if not posed or poses.plane is None:
         why = ", ".join(refused) or "none was recorded then (--from, --to)"
@@ -187,23 +181,6 @@ def register(
     }
     place = flight.camera, poses.plane, ground
     return RegisteredFlight(*place, posed, refused, bodies.states, summary, stop_line(findings))
-
-
-def _posed(
-    poses: FlightPoses, bodies: _Bodies, chosen: Sequence[Chosen], exposures_ns: Sequence[int]
-) -> tuple[dict[int, Posed], Counter[str]]:
-    """Return the pictures that have poses, and the number of the others by reason."""
-    posed: dict[int, Posed] = {}
-    refused: Counter[str] = Counter()
-    for (number, stamp_ns), exposed_ns in zip(chosen, exposures_ns, strict=True):
-        pose, body = poses.cameras.at(exposed_ns), bodies.at(exposed_ns)
-        if isinstance(pose, Miss):
-            refused[_WHY_NOT[pose]] += 1
-        elif isinstance(body, Miss):
-            refused[_WHY_NOT[body]] += 1
-        else:
-            posed[number] = Posed(stamp_ns, pose, body)
-    return posed, refused
 
 
 class _Bodies:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from tirgeo_ros.core.ground.camera_place import (
+from tirgeo_ros.core.ground.frame_geometry import (
     body_rpy,
     camera_heading_rad,
     camera_place,

@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from itertools import pairwise
 from pathlib import Path
 
-from tirgeo_ros.core.ground.camera_place import camera_heading_rad, camera_place, height_above_m
+from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad, camera_place, height_above_m
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.io.video.video_file import FrameTimes

@@ -10,15 +10,20 @@ import numpy as np
 
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import azimuth_row, matrix_from_quat
-from tirgeo_ros.core.ground.camera_place import body_rpy, camera_heading_rad, height_above_m
-from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry
+from tirgeo_ros.core.ground.frame_geometry import (
+    Sight,
+    body_rpy,
+    camera_heading_rad,
+    footprint,
+    frame_geometry,
+    height_above_m,
+)
 from tirgeo_ros.core.map.visibility import farthest_m
 from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.files.geopackage_layers import Layer, Row, write_layers
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.targets.formats import read_targets
-from tirgeo_ros.io.targets.geopackage import TARGET_LAYERS, rows_of_target
+from tirgeo_ros.io.targets.geopackage import TARGET_LAYERS, read_targets, rows_of_target
 from tirgeo_ros.tools.export.frames import ExportFrame
 
 _WHEN = {"stamp_ns": "INTEGER", "time": "DATETIME"}
@@ -133,16 +138,15 @@ class Vectors:
                 }
                 self._rows[TRACK.name].append((places, row))
         write_layers(self._path, [(layer, self._rows[layer.name]) for layer in self._layers])
-        counts = {name: len(rows) for name, rows in self._rows.items()}
-        blank = {"pictures_without_ground": self._without_ground}
-        return {"file": str(self._path)} | counts | blank
+        made: dict[str, object] = {"file": str(self._path)}
+        made |= {name: len(rows) for name, rows in self._rows.items()}
+        return made | {"pictures_without_ground": self._without_ground}
 
     def _footprint_row(self, frame: ExportFrame) -> dict[str, object]:
         pose, plane, ground = frame.pose, frame.plane, frame.ground
         assert ground is not None  # there is an outline
-        geometry = frame_geometry(
-            Sight(frame.camera, pose, plane, ground, frame.body), self._confidence
-        )
+        sight = Sight(frame.camera, pose, plane, ground, frame.body)
+        geometry = frame_geometry(sight, self._confidence)
         latitude, longitude, height_m = geometry.sensor
         return {
             "picture": frame.number,
@@ -154,7 +158,7 @@ class Vectors:
             "above_ground_m": height_above_m(pose, plane, ground),
             "heading_deg": math.degrees(camera_heading_rad(pose)),
             "pitch_deg": math.degrees(geometry.sight_rpy[1]),
-            "gsd_m": ground_sample_m(frame.camera, pose, plane, ground),
+            "gsd_m": ground_sample_m(sight),
             "slant_range_m": geometry.slant_range_m,
             "ce90_m": geometry.ce90_m,
             "le90_m": geometry.le90_m,

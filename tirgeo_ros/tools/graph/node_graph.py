@@ -272,17 +272,13 @@ def show_graph(
         await_words(processes, "ready")
         start("bag_player", [*_player(setup), "-p", "loop:=true"])
         shown(started["viewer_node"])
-        _keep_running(processes, say)
-
-
-def _keep_running(processes: Sequence[NodeProcess], say: Callable[[str], object]) -> NoReturn:
-    while True:
-        for process in processes:
-            if process.poll():
-                say(f"{process.why_ended()}; started again in {_RESTART_S:g} s\n")
-                time.sleep(_RESTART_S)
-                process.start()
-        time.sleep(_POLL_S)
+        while True:
+            for process in processes:
+                if process.poll():
+                    say(f"{process.why_ended()}; started again in {_RESTART_S:g} s\n")
+                    time.sleep(_RESTART_S)
+                    process.start()
+            time.sleep(_POLL_S)
 
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:

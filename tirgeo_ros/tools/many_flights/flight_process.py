@@ -169,7 +169,7 @@ def _once(
 def remove_parts(task: FlightTask, number: int | None = None) -> None:
     """Remove the unfinished files of a flight, of one process or of any that was killed."""
     which = r"\d+" if number is None else str(number)
-    part = re.compile(rf"\.{re.escape(task.name)}\.(mcap|mp4|webm|ts|jpg|json)\.{which}\.\w+")
+    part = re.compile(rf"\.{re.escape(task.name)}\.(mcap|mp4|ts|jpg|json)\.{which}\.\w+")
     for path in Path(task.folder).iterdir():
         if part.fullmatch(path.name):
             path.unlink(missing_ok=True)

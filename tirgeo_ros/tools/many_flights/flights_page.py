@@ -100,8 +100,8 @@ def _row(record: Record, picture: bytes) -> str:
         for file in [*record["season"]["outputs"], f"{name}.json"]
     )
     small = embedded(picture, "image/jpeg", f"a picture of {name}") if picture else ""
-    cells = {"flight": (f"{small}<strong>{escape(name)}</strong><span>{links}</span>", name)}
-    cells |= {title: _cell(make, record) for title, make in _COLUMNS.items()}
+    own: Cell = f"{small}<strong>{escape(name)}</strong><span>{links}</span>", name
+    cells = {"flight": own} | {title: _cell(make, record) for title, make in _COLUMNS.items()}
     columns = "".join(
         f'<td data-title="{escape(title)}" data-key="{escape(_key(key), quote=True)}">'
         f"<div>{html}</div></td>"

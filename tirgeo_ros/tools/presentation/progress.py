@@ -37,7 +37,7 @@ class Progress:
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.what = what  # may change while the work goes on
+        self._what = what
         self._unit = f" {unit}" if unit else ""
         self._stream = sys.stderr if stream is None else stream
         self._clock = clock
@@ -75,12 +75,12 @@ class Progress:
             f"{three(rate)}x real time" if self._unit == " s" else f"{three(rate)}{self._unit}/s"
         )
         if not total:
-            return f"{self.what}  {three(done)}{self._unit}  {pace}"
+            return f"{self._what}  {three(done)}{self._unit}  {pace}"
         part = min(max(done / total, 0.0), 1.0)
         full = int(part * _WIDTH)
         bar = "#" * full + "." * (_WIDTH - full)
         amount = f"{three(done)} of {three(total)}{self._unit}"
-        line = f"{self.what} [{bar}] {three(100 * part):>4} %  {amount}  {pace}"
+        line = f"{self._what} [{bar}] {three(100 * part):>4} %  {amount}  {pace}"
         if rate <= 0:
             return line
         minutes, seconds = divmod(round(max((total - done) / rate, 0.0)), 60)

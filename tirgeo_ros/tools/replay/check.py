@@ -19,7 +19,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import open_flight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 
@@ -39,21 +39,20 @@ def check(
     ``error`` is the verdict if it is NO GO, else None. A map, an elevation model or a calibration
     that cannot be read is a finding. Raise BagError and ConfigError.
     """
-    configs = node_configs(params, namespace, dem=dem, ground_height=ground_height, camera=camera)
-    reader = BagReader(bag)
-    fitted, notes = configs.fitting(reader, namespace)
-    overlay = fitted.overlay
-    path = os.fspath(overlay.map if map is None else map)
+    options = {"map": map, "dem": dem, "ground_height": ground_height, "camera": camera}
+    opened = open_flight(bag, (), params, namespace, options)
+    reader, configs, overlay = opened.reader, opened.configs, opened.configs.overlay
     findings: list[Finding] = []
     ground = tried(findings, "dem", lambda: ground_of(overlay))
     lens = tried(findings, "camera", lambda: given_camera(overlay))
-    layers = tried_map(findings, overlay, path, used=True)
-    of_flight = (fitted, reader, params, namespace)
+    layers = tried_map(findings, overlay, overlay.map, used=True)
+    of_flight = (configs, reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens, pictures=True)
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
     flight = Flight(reader, namespace, camera=lens, checks=checks, **wanted)
     heights = _Heights()
-    poses = FlightPoses(fitted.ekf, fitted.gimbal, SAMPLES, (), [checks.watch, heights.watch])
+    watchers = [checks.watch, heights.watch]
+    poses = FlightPoses(configs.ekf, configs.gimbal, SAMPLES, (), watchers)
     flight.add_poses(poses)
     flight.read_all(progress)
     if reader.damage is not None:
@@ -76,7 +75,7 @@ def check(
         "verdict": tally_line(findings),
         "findings": finding_items(findings),
         "checked": checked,
-        "notes": notes,
+        "notes": opened.notes,
         "error": stop_line(findings),
     }
 

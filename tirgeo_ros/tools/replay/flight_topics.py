@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Protocol
 
-from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
+from tirgeo_ros.core.navigation.aiding.fusion import METHOD_SOURCES
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
@@ -28,13 +27,6 @@ GIMBAL_TOPICS: dict[str, tuple[str, ...]] = {
 _POSITIONS = ("rtk/fix", "gps/fix")
 #: Topics that the default method uses beyond ordinary GPS.
 _OF_HEADINGS = ("rtk/fix", "rtk/vel", "rtk/heading")
-
-
-class Topics(Protocol):
-    """Define what says which topics there are: a bag's reader."""
-
-    def topics(self) -> dict[str, str]:
-        """Return every topic, resolved, with the name of its type."""
 
 
 def prefix(namespace: str) -> str:
@@ -109,12 +101,11 @@ def checked_topics(reader: BagReader, namespace: str, used: Mapping[str, str]) -
     return {topic: name for topic, name in there.items() if topic not in {*used, *spare}}
 
 
-def fitting_method(reader: Topics, namespace: str) -> tuple[str, str]:
-    """Return the method for what a bag holds, and why it is not the default ("" if it is).
+def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
+    """Return the method for a bag's topics, and why it is not the default ("" if it is).
 
     Without headings the method is ``ekf``, on ordinary GPS if there is no RTK.
     """
-    present = reader.topics()
     lacking = [name for name in _OF_HEADINGS if resolved(name, namespace) not in present]
     if "rtk/heading" not in lacking:
         return "ekf_heading", ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
@@ -12,11 +12,12 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
-from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.files.whole_files import PathLike, named_files
+from tirgeo_ros.core.types.errors import BagError, ConfigError, TirgeoError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, named_files
 from tirgeo_ros.io.maps import map_files
-from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
-from tirgeo_ros.tools.replay.flight_topics import Topics, fitting_method
+from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
+from tirgeo_ros.tools.replay.flight_topics import fitting_method
 
 
 class NodeConfigs(NamedTuple):
@@ -33,14 +34,14 @@ class NodeConfigs(NamedTuple):
         one = self.overlay
         return [*map_files(one.map, one.style), *named_files(one.dem), one.camera]
 
-    def fitting(self, reader: Topics, namespace: str) -> tuple[NodeConfigs, list[str]]:
-        """Return the parameters for a bag, and a note if the method is not the default.
+    def fitting(self, topics: Collection[str], namespace: str) -> tuple[NodeConfigs, list[str]]:
+        """Return the parameters for a bag with these topics, and a note on another method.
 
-        Without a given method, the method is chosen by the topics of the bag.
+        Without a given method, the topics choose it; the note says why if it is not the default.
         """
         if "method" in self.given:
             return self, []
-        method, why = fitting_method(reader, namespace)
+        method, why = fitting_method(topics, namespace)
         fitted = self._replace(ekf=replace(self.ekf, method=method))
         return fitted, [why] if why else []
 
@@ -50,15 +51,16 @@ def node_configs(
     namespace: str = "",
     *,
     method: str | None = None,
+    map: PathLike | None = None,  # noqa: A002 the option's name
     dem: PathLike | None = None,
     ground_height: float | None = None,
     camera: PathLike | None = None,
 ) -> NodeConfigs:
-    """Return the parameters of the three nodes from parameter files (None: the defaults).
+    """Return the parameters of ekf_node, gimbal_node and overlay_node from files (None: defaults).
 
-    The nodes are ekf_node, gimbal_node and overlay_node. Each option that is not None overrides
-    the files: ``method``; ``dem``, which also unsets the ground's height; ``ground_height``
-    (ellipsoidal m); ``camera``, a calibration file. Raise ConfigError.
+    Each option that is not None overrides the files: ``method``; ``map``; ``dem``, which also
+    unsets the ground's height; ``ground_height`` (ellipsoidal m); ``camera``, a calibration file.
+    Raise ConfigError.
     """
     file = ParameterFile(params)
     options = {"method": method, "dem": dem, "ground_height_m": ground_height, "camera": camera}
@@ -76,6 +78,8 @@ def node_configs(
         overlay = config_from(
             OverlayConfig, values_of(overlay) | {"ground_height_m": float(ground_height)}
         )
+    if map is not None:
+        overlay = replace(overlay, map=os.fspath(map))
     if camera is not None:
         overlay = replace(overlay, camera=os.fspath(camera))
     if not ekf.frame_ids == gimbal.frame_ids == overlay.frame_ids:
@@ -84,6 +88,38 @@ def node_configs(
             "camera_frame and frame_prefix once, under /**"
         )
     return NodeConfigs(ekf, gimbal, overlay, frozenset(given))
+
+
+class OpenedFlight(NamedTuple):
+    """Hold a recorded flight and the nodes' parameters for it."""
+
+    reader: BagReader
+    configs: NodeConfigs  # with the method that fits the bag
+    params: Files
+    namespace: str
+    notes: list[str]  # why the method is not the default
+
+
+def open_flight(
+    bag: PathLike,
+    outputs: Sequence[PathLike | None],
+    params: Files,
+    namespace: str,
+    options: Mapping[str, Any],
+    *,
+    inputs: Sequence[PathLike] = (),
+    error: type[TirgeoError] = BagError,
+) -> OpenedFlight:
+    """Open a flight, with the parameters and with options of ``node_configs``.
+
+    Raise ``error`` if one of the outputs would overwrite an input, of which ``inputs`` are more,
+    or has no folder; BagError and ConfigError.
+    """
+    configs = node_configs(params, namespace, **options)
+    check_outputs((bag, *inputs, *paths_of(params), *configs.files), outputs, error)
+    reader = BagReader(bag)
+    configs, notes = configs.fitting(reader.topics(), namespace)
+    return OpenedFlight(reader, configs, params, namespace, notes)
 
 
 #: Parameters: read ones, parameter files (the later take precedence), dotted names, or None.

@@ -8,11 +8,11 @@ the input that caused it. A picture may come out later than what follows it: tha
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config import DjiConfig, OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
@@ -33,14 +33,15 @@ from tirgeo_ros.io.messages import (
     NodeState,
     navigation_item,
 )
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import prefix, resolved
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, OpenedFlight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
-from tirgeo_ros.tools.replay.registration import Registered, Sample
+from tirgeo_ros.tools.replay.registration import Registered, Registration, Sample
 
 #: Between two reports of the state, as the nodes send them.
 REPORT_PERIOD_NS = 1_000_000_000
@@ -223,49 +224,64 @@ class OverlayFilm:
         return self._metadata.packet(exposure_ns(picture.stamp_ns, self._latency_s), sight)
 
 
+class ProcessSetup(NamedTuple):
+    """Hold a flight that is processed, and what is made from its parameters."""
+
+    opened: OpenedFlight
+    topics: Mapping[str, str]  # that are read: resolved name -> contract topic
+    overlay: Overlay | None  # None if no pictures are drawn
+    checks: FlightChecks
+    notes: Sequence[str]
+
+
 class ProcessOutputs:
     """Write all outputs of a flight, as its ``MessageSink`` and the watcher of its poses.
 
     ``written`` counts messages by name in the bag, ``states_s`` the seconds in each filter state.
-    Without an ``overlay`` no pictures are drawn.
+    The checks get the pictures and the map, and change nothing.
     """
 
     def __init__(
         self,
+        setup: ProcessSetup,
         flight: Flight,
         poses: FlightPoses,
-        topics: Mapping[str, str],
-        configs: NodeConfigs,
-        overlay: Overlay | None,
         writer: BagWriter,
-        film: OverlayFilm | None,
-        namespace: str,
-        checks: FlightChecks,
+        video: VideoFile | None,
         stage: PictureStage,
         *,
         raw_images: bool = False,
     ) -> None:
-        """Set up the outputs; ``checks`` get the pictures and the map, and change nothing."""
-        self.topics = topics
+        configs, namespace, overlay = setup.opened.configs, setup.opened.namespace, setup.overlay
+        self.topics = setup.topics
         self.written: Counter[str] = Counter()
         self.states_s: Counter[str] = Counter()
         self._flight, self._registered, self._overlay = flight, poses, overlay
-        self._checks, self._stage = checks, stage
+        self._checks, self._stage = setup.checks, stage
         self._messages = Messages(Cdr().types, configs.ekf.frame_ids)
+        film = None
+        if video is not None and overlay is not None:
+            dji = ParameterFile(setup.opened.params).config("dji_node", DjiConfig, namespace)
+            film = OverlayFilm(video, overlay, configs.overlay, dji.geoid_undulation_m)
         rate_hz = configs.overlay.footprint_rate_hz
         self._pictures = PictureOutputs(
             stage, self._messages, self._write_one, film, rate_hz, raw_images=raw_images
         )
-        self._poses = PoseOutputs(configs, self._messages, self._pictures.put)
+        self._write = self._pictures.put  # after the pictures that are older
+        self._poses = PoseOutputs(configs, self._messages, self._write)
         self._writer, self._prefix = writer, prefix(namespace)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._plane: TangentPlane | None = None
         self._reported_ns: int | None = None
 
+    @property
+    def registration(self) -> Registration:
+        """Return the filter and the gimbal's composition of the flight."""
+        return self._registered.registration
+
     def wants(self, topic: str) -> bool:
         """Return whether a topic changes outputs: attitudes do until the joints are trusted."""
-        composer = self._registered.registration.composer
-        return topic != "gimbal/attitude" or composer.composition == "paper"
+        return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
 
     def expect(self, topic: str, content: object) -> None:
         """Begin to decode a picture."""
@@ -280,7 +296,7 @@ class ProcessOutputs:
         if self._overlay is not None:
             for pose in registered.cameras:
                 self._overlay.add_pose(pose)
-        self._poses.add(registered, self._registered.registration.composer.body_at, now_ns)
+        self._poses.add(registered, self.registration.composer.body_at, now_ns)
 
     def _new_plane(self, plane: TangentPlane, stamp_ns: int, log_time_ns: int) -> None:
         self._plane = plane
@@ -302,7 +318,7 @@ class ProcessOutputs:
         if topic == "tirgeo/locate/pixel":
             self._locate(self._overlay, content, arrival_ns)
             return
-        self._overlay.set_status(self._registered.registration.navigation.status())
+        self._overlay.status = self.registration.navigation.status()
         pixels, stamp_ns = self._stage.pixels(topic, content), convert.stamp_ns(content)
         self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
         stamp_ns = self._flight.arrivals.stamp_ns(topic, stamp_ns, arrival_ns)
@@ -338,12 +354,8 @@ class ProcessOutputs:
         """Output the frame, if any, that is drawn at ``now_ns``, after all poses."""
         picture = None if self._overlay is None else self._overlay.take_unpainted(now_ns)
         if picture is not None and self._overlay is not None:
-            body_at = self._registered.registration.composer.body_at
+            body_at = self.registration.composer.body_at
             self._pictures.add(picture, self._overlay, body_at, log_time_ns)
-
-    def _write(self, topic: str, message: object, log_time_ns: int) -> None:
-        """Write an output, after the pictures that are older."""
-        self._pictures.put(topic, message, log_time_ns)
 
     def _write_one(self, topic: str, message: object, log_time_ns: int) -> None:
         name = self._names[topic]
@@ -352,7 +364,7 @@ class ProcessOutputs:
 
     def _report(self, log_time_ns: int) -> None:
         """Write diagnostics for people, and the filter's state for programs."""
-        status = self._registered.registration.navigation.status()
+        status = self.registration.navigation.status()
         self.states_s[status.state.value] += 1
         diagnostics = self._messages.diagnostics(log_time_ns, self._items(status))
         self._write("/diagnostics", diagnostics, log_time_ns)
@@ -362,7 +374,7 @@ class ProcessOutputs:
         self._write(STATE_TOPIC, self._messages.state(state), log_time_ns)
 
     def _items(self, status: NavigationStatus) -> list[DiagnosticItem]:
-        composer, overlay = self._registered.registration.composer, self._overlay
+        composer, overlay = self.registration.composer, self._overlay
         items = [navigation_item(f"{self._prefix}ekf_node: navigation", status)]
         items[0].values.update(self._flight.arrivals.diagnostics)
         composition = f"composition: {composer.composition}"

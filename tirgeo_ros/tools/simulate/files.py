@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.io.surveys.survey import save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.park import (
     WGS84_TEXT,
@@ -35,59 +35,35 @@ from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.renderer import Renderer, Target, paint, targets_of, targets_text
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.sensors import Epochs
-from tirgeo_ros.tools.simulate.survey import exposures, sightings, surveyed
+from tirgeo_ros.tools.simulate.survey import frames, sightings, surveyed
 
 #: An operator clicks on a target so long after a picture shows it best.
 _CLICK_AFTER_NS = 1_000_000_000
 
+NAMES = (
+    *("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson"),
+    *("observations.csv", "params.yaml"),
+)
+#: Files written beside NAMES if the ground is not level.
+ELEVATION = ("dem.asc", "dem.prj")
+_CLEAR_M = 3.0  # smallest height above all ground
+_HEAD = """\
+# The nodes' parameters for the simulated flight {name}, written by 'tirgeo simulate'.
+# They make 'map' the plane of truth.mcap. The map itself is given by --map or map:=.
+"""
+#: Priors of the filter, which are no properties of the flight.
+_PRIORS = {"gyro_turn_on_bias", "accel_turn_on_bias"}
+
 Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
 
 
-def _write_flight(
-    path: Path,
-    flight: SimulatedFlight,
-    window: range,
-    renderer: Renderer | None,
-    targets: Sequence[Target],
-    progress: Report,
-) -> dict[str, int]:
-    """Write what the aircraft recorded, and an operator's clicks on targets in its pictures.
-
-    Without a renderer there are no pictures and no clicks. Only messages whose log time (ns) is in
-    ``window`` are written. Return the number of messages by topic.
-    """
-    messages, camera = Messages(Cdr().types), flight.scenario.video.camera
-    infos = (
-        (stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns))
-        for _, stamp_ns, _ in _frames(flight)
-    )
-    pictures = _pictures(messages, flight, window, renderer) if renderer else ()
-    clicks = sightings(flight, camera, targets) if renderer else ()
-    clicked = (
-        (
-            click.stamp_ns + _CLICK_AFTER_NS,
-            "tirgeo/locate/pixel",
-            messages.pixel(click.stamp_ns, click.u, click.v),
-        )
-        for click in clicks
-        if click.stamp_ns in window
-    )
-    streams = (_sensed(messages, flight), infos, pictures, clicked)
-    return _write(path, streams, window, progress)
-
-
-def _write_truth(path: Path, flight: SimulatedFlight, window: range) -> dict[str, int]:
-    """Write the true poses: the body's at the IMU's rate, the camera's at the gimbal's."""
-    messages = Messages(Cdr().types)
-    streams = (_true_body(messages, flight, window), _true_camera(messages, flight))
-    return _write(path, streams, window, silent)
-
-
 def _write(path: Path, streams: Sequence[Any], window: range, progress: Report) -> dict[str, int]:
-    """Merge streams and write what is in the window; return the number of messages by topic."""
+    """Merge streams and write what is in the window (ns); return the number of messages by topic.
+
+    Messages of equal times keep the order of the streams.
+    """
     counts: dict[str, int] = {}
     with BagWriter(path) as bag:
-        # Messages of equal times keep the order of the streams.
         for log_time_ns, topic, message in heapq.merge(*streams, key=lambda outgoing: outgoing[0]):
             if log_time_ns in window:
                 bag.write(f"/{topic}", TOPIC_TYPES[topic], message, log_time_ns)
@@ -107,18 +83,19 @@ def _sensed(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoing]:
         yield arrival_ns, topic, message
 
 
-def _frames(flight: SimulatedFlight) -> Iterator[tuple[int, int, float]]:
-    """Yield number, stamp (ns) and exposure time (s) of pictures, which arrive at their stamps."""
-    latency_ns = round(flight.scenario.video.latency_s * 1e9)
-    epochs = exposures(flight)
-    for number, (exposed_ns, t_s) in enumerate(zip(epochs.stamp_ns, epochs.t_s, strict=True)):
-        yield number, exposed_ns + latency_ns, float(t_s)
+def _infos(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoing]:
+    for stamp_ns, _ in frames(flight):
+        camera = flight.scenario.video.camera
+        yield stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns)
 
 
 def _pictures(
-    messages: Messages, flight: SimulatedFlight, window: range, renderer: Renderer
+    messages: Messages, flight: SimulatedFlight, window: range, park: Park, targets: list[Target]
 ) -> Iterator[Outgoing]:
-    for number, stamp_ns, t_s in _frames(flight):
+    scenario, video = flight.scenario, flight.scenario.video
+    ground, relief = paint(park, scenario.park, flight.seed), Relief(scenario.park)
+    renderer = Renderer(video.camera, ground, video, targets, relief)
+    for number, (stamp_ns, t_s) in enumerate(frames(flight)):
         if stamp_ns not in window:  # rendering takes long
             continue
         position, q_pc = flight.gimbal.camera(t_s)
@@ -126,12 +103,22 @@ def _pictures(
         # pictures.
         rng = generator(flight.seed, f"picture {number}")
         picture = renderer.frame(position[0], q_pc[0], rng)
-        if flight.scenario.video.bits == 16:
+        if video.bits == 16:
             yield stamp_ns, "thermal/image_raw", messages.image(stamp_ns, picture)
             continue
-        quality = [cv2.IMWRITE_JPEG_QUALITY, flight.scenario.video.jpeg_quality]
-        jpeg = cv2.imencode(".jpg", picture, quality)[1].tobytes()
-        yield stamp_ns, "thermal/image_raw/compressed", messages.compressed(stamp_ns, jpeg)
+        jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, video.jpeg_quality])[1]
+        message = messages.compressed(stamp_ns, jpeg.tobytes())
+        yield stamp_ns, "thermal/image_raw/compressed", message
+
+
+def _clicked(
+    messages: Messages, flight: SimulatedFlight, window: range, targets: Sequence[Target]
+) -> Iterator[Outgoing]:
+    """Yield an operator's clicks on targets in pictures of the window."""
+    for click in sightings(flight, flight.scenario.video.camera, targets):
+        if click.stamp_ns in window:
+            message = messages.pixel(click.stamp_ns, click.u, click.v)
+            yield click.stamp_ns + _CLICK_AFTER_NS, "tirgeo/locate/pixel", message
 
 
 def _true_body(messages: Messages, flight: SimulatedFlight, window: range) -> Iterator[Outgoing]:
@@ -158,28 +145,11 @@ def _true_camera(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoi
         yield pose.stamp_ns, "tirgeo/camera_pose", messages.camera_pose(pose)
 
 
-NAMES = (
-    *("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson"),
-    *("observations.csv", "params.yaml"),
-)
-#: Files written beside NAMES if the ground is not level.
-ELEVATION = ("dem.asc", "dem.prj")
-_CLEAR_M = 3.0  # smallest height above all ground
-_HEAD = """\
-# The nodes' parameters for the simulated flight {name}, written by 'tirgeo simulate'.
-# They make 'map' the plane of truth.mcap. The map itself is given by --map or map:=.
-"""
-#: Priors of the filter, which are no properties of the flight.
-_PRIORS = {"gyro_turn_on_bias", "accel_turn_on_bias"}
-
-
 def simulate(
     scenario_path: PathLike,
     out_dir: PathLike,
     *,
     seed: int | None = None,
-    joint_order: str | None = None,
-    barometer_hz: float | None = None,
     start_s: float = 0.0,
     duration_s: float | None = None,
     images: bool = True,
@@ -187,20 +157,25 @@ def simulate(
 ) -> dict[str, object]:
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
-    ``joint_order`` and ``barometer_hz`` override the scenario's. ``start_s`` and ``duration_s``
-    cut bags and observations, and nothing else. Return what was written. Raise ScenarioError, and
-    BagError or SurveyError if files cannot be written.
+    ``start_s`` and ``duration_s`` cut bags and observations, and nothing else; without ``images``
+    there are no pictures and no clicks on targets. Return what was written. Raise ScenarioError,
+    and BagError or SurveyError if files cannot be written.
     """
     outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
     check_outputs([scenario_path], outputs, ScenarioError)
-    scenario = _scenario(scenario_path, joint_order, barometer_hz)
+    scenario = load_scenario(scenario_path)
     window = _window(scenario, scenario_path, start_s, duration_s)
     flight = fly(scenario, seed)
-    park = lay_out(scenario.park, flight.seed)
+    park, relief = lay_out(scenario.park, flight.seed), Relief(scenario.park)
     points, clicks = surveyed(flight, scenario.video.camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
-    targets, relief = targets_of(scenario, flight.seed), Relief(scenario.park)
-    _check_clear(flight, relief)
+    targets = targets_of(scenario, flight.seed)
+    lowest_m = -float(flight.truth.position_p[:, 2].max())
+    if relief.highest_m > lowest_m - _CLEAR_M:
+        raise ScenarioError(
+            f"park: its ground rises to {relief.highest_m:.1f} m, and the flight is as low as "
+            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg less"
+        )
     folder = made_folder(out_dir, ScenarioError)
     texts = {
         "map.geojson": map_text(park, flight.plane, relief),
@@ -212,9 +187,14 @@ def simulate(
     write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
-    _write_truth(folder / "truth.mcap", flight, window)
-    renderer = _renderer(flight, park, targets, relief) if images else None
-    counts = _write_flight(folder / "flight.mcap", flight, window, renderer, targets, progress)
+    messages = Messages(Cdr().types)
+    truth = _true_body(messages, flight, window), _true_camera(messages, flight)
+    _write(folder / "truth.mcap", truth, window, silent)
+    streams = [_sensed(messages, flight), _infos(messages, flight)]
+    if images:
+        streams.append(_pictures(messages, flight, window, park, targets))
+        streams.append(_clicked(messages, flight, window, targets))
+    counts = _write(folder / "flight.mcap", streams, window, progress)
     return {
         "folder": str(folder),
         "scenario": scenario.name,
@@ -226,24 +206,6 @@ def simulate(
         "messages": counts,
         "bytes": {name: (folder / name).stat().st_size for name in NAMES},
     }
-
-
-def _renderer(
-    flight: SimulatedFlight, park: Park, targets: list[Target], relief: Relief
-) -> Renderer:
-    scenario = flight.scenario
-    ground, video = paint(park, scenario.park, flight.seed), scenario.video
-    return Renderer(video.camera, ground, video, targets, relief)
-
-
-def _scenario(path: PathLike, joint_order: str | None, barometer_hz: float | None) -> Scenario:
-    """Return a scenario with what overrides its own values."""
-    scenario = load_scenario(path)
-    if joint_order is not None:
-        scenario = replace(scenario, gimbal=replace(scenario.gimbal, joint_order=joint_order))
-    if barometer_hz is not None:
-        scenario = replace(scenario, barometer=replace(scenario.barometer, rate_hz=barometer_hz))
-    return scenario
 
 
 def _window(scenario: Scenario, path: PathLike, start_s: float, duration_s: float | None) -> range:
@@ -260,23 +222,11 @@ def _window(scenario: Scenario, path: PathLike, start_s: float, duration_s: floa
     return range(start_ns, start_ns + round(duration_s * 1e9) + 1)
 
 
-def _check_clear(flight: SimulatedFlight, relief: Relief) -> None:
-    """Raise ScenarioError if the ground could be as high as the aircraft."""
-    lowest_m = -float(flight.truth.position_p[:, 2].max())
-    if relief.highest_m > lowest_m - _CLEAR_M:
-        raise ScenarioError(
-            f"park: its ground rises to {relief.highest_m:.1f} m, and the flight is as low as "
-            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg less"
-        )
-
-
 def parameters_text(scenario: Scenario) -> str:
     """Return a ROS 2 parameter file: the aircraft for all nodes, then each node's own part."""
     site, order = scenario.site, scenario.gimbal.joint_order
     noise = values_of(scenario.imu.noise).items()
-    imu = {name: _plain(value) for name, value in noise if name not in _PRIORS}
-    if scenario.imu.averages:
-        imu["delay_s"] = 0.5 / scenario.imu.rate_hz  # its group delay
+    imu = {name: plain(value) for name, value in noise if name not in _PRIORS}
     joints: dict[str, object] = {} if order == USUAL_ORDER else {"joint_order": order}
     straight = not any(scenario.gimbal.boresight_rpy_deg)
     # For ground that is not level the user gives --dem.
@@ -285,7 +235,7 @@ def parameters_text(scenario: Scenario) -> str:
     places = values_of(scenario.aircraft).items()
     nodes: dict[str, dict[str, object]] = {
         # An empty list has no type in a parameter file.
-        "/**": {"aircraft": {name: _plain(value) for name, value in places if value != ()}},
+        "/**": {"aircraft": {name: plain(value) for name, value in places if value != ()}},
         "/**/dji_node": {
             **undulation,
             "rtk": {"delay_s": scenario.rtk.arrival_delay_s},
@@ -302,7 +252,3 @@ def parameters_text(scenario: Scenario) -> str:
     tree = {pattern: {"ros__parameters": values} for pattern, values in nodes.items() if values}
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
     return _HEAD.format(name=scenario.name) + body
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value

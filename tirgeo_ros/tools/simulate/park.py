@@ -12,7 +12,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -93,7 +92,7 @@ _FLOWERS = (
     "Grünfläche",
 )
 _WIDE_M, _NARROW_M = 4.0, 1.6  # paths
-_PLANT_M = 0.75  # distance between plants
+_LAMPS = 45
 
 
 class Bed(NamedTuple):
@@ -109,23 +108,16 @@ class ParkPath(NamedTuple):
     """Hold a paved path along a line."""
 
     name: str
-    line: Array  # (N, 2) north, east
+    line: Array  # (2, 2) north, east
     width_m: float
 
 
-class Spot(NamedTuple):
-    """Hold a round object: a tree's crown, a lamp, a person, a hydrant."""
+class Lamp(NamedTuple):
+    """Hold a hot, round object that no map has."""
 
     center: Array  # (2,) north, east
     radius_m: float
     warmth: float
-
-
-class Hydrant(NamedTuple):
-    """Hold a point of the map."""
-
-    name: str
-    center: Array  # (2,) north, east
 
 
 class Park(NamedTuple):
@@ -133,26 +125,38 @@ class Park(NamedTuple):
 
     beds: list[Bed]
     paths: list[ParkPath]
-    hydrants: list[Hydrant]
-    plants: list[Spot]  # inside beds
-    shrubs: list[Spot]
-    hot: list[Spot]
+    hydrants: dict[str, Array]  # name -> north, east (2,)
+    lamps: list[Lamp]
 
 
 def lay_out(scenario: ParkScenario, seed: int) -> Park:
-    """Lay beds in the cells of a grid, paths between some of them, the rest at random."""
-    rng = generator(seed, "park")
-    rows = max(1, int((scenario.north_m[1] - scenario.north_m[0]) / scenario.cell_m))
-    columns = max(1, int((scenario.east_m[1] - scenario.east_m[0]) / scenario.cell_m))
+    """Lay beds in the cells of a grid, paths between them, and lamps along the paths north."""
+    rng, cell = generator(seed, "park"), scenario.cell_m
+    (south, north_end), (west, east_end) = scenario.north_m, scenario.east_m
+    rows = max(1, int((north_end - south) / cell))
+    columns = max(1, int((east_end - west) / cell))
     beds = [_bed(rng, scenario, row, column) for row in range(rows) for column in range(columns)]
-    return Park(
-        beds=beds,
-        paths=_paths(scenario, rows, columns),
-        hydrants=_hydrants(scenario, rows, columns),
-        plants=[plant for bed in beds for plant in _plants(rng, bed)],
-        shrubs=_shrubs(rng, scenario),
-        hot=_spots(rng, scenario, 45, (0.2, 0.45), (0.6, 1.0)),
-    )
+    corner, far = np.array([south, west]), np.array([rows, columns])
+    paths: list[ParkPath] = []
+    for axis, word, every in ((1, "Path N", 3), (0, "Allée ", 4)):
+        for k in range(far[axis] + 1):
+            ends = np.array([[0, 0], far])
+            ends[:, axis] = k
+            width_m = _NARROW_M if k % every else _WIDE_M
+            paths.append(ParkPath(f"{word}{k + 1}", corner + cell * ends, width_m))
+    hydrants: dict[str, Array] = {}  # beside every other crossing of a wide path
+    for row in range(0, rows + 1, 2):
+        for column in range(row % 4 // 2, columns + 1, 3):
+            center = np.array([south + row * cell + 2.6, west + column * cell + 2.4])
+            hydrants[f"Hydrant {len(hydrants) + 1}"] = center
+    lamps: list[Lamp] = []
+    for _ in range(_LAMPS):
+        north = rng.uniform(south, north_end)
+        column = round((rng.uniform(west, east_end) - west) / cell)
+        east = west + cell * column + rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.9)
+        radius_m, warmth = rng.uniform(0.2, 0.45), rng.uniform(0.6, 1.0)
+        lamps.append(Lamp(np.array([north, east]), radius_m, warmth))
+    return Park(beds, paths, hydrants, lamps)
 
 
 def _bed(rng: np.random.Generator, scenario: ParkScenario, row: int, column: int) -> Bed:
@@ -168,92 +172,6 @@ def _bed(rng: np.random.Generator, scenario: ParkScenario, row: int, column: int
     name = f"{_FLOWERS[(row + 3 * column) % len(_FLOWERS)]} {chr(65 + row % 26)}{column + 1}"
     placed = [center + (ring * scale) @ turn.T for ring in (outline, *holes)]
     return Bed(name, placed[0], tuple(placed[1:]), float(warmth))
-
-
-def _plants(rng: np.random.Generator, bed: Bed) -> list[Spot]:
-    """Return plants in an irregular lattice inside a bed, clear of its kerb."""
-    low, high = bed.outline.min(axis=0), bed.outline.max(axis=0)
-    counts = np.ceil((high - low) / _PLANT_M).astype(int)
-    lattice = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 2)
-    places = low + _PLANT_M * (lattice + rng.uniform(-0.3, 0.3, lattice.shape))
-    radii = rng.uniform(0.15, 0.38, len(places))
-    warmth = rng.uniform(-1.0, 1.0, len(places))
-    return [
-        Spot(place, float(radius), float(warm))
-        for place, radius, warm in zip(places, radii, warmth, strict=True)
-        if _within(bed, place, 0.2 + radius)
-    ]
-
-
-def _within(bed: Bed, place: Array, clear_m: float) -> bool:
-    rings = [ring.astype(np.float32).reshape(-1, 1, 2) for ring in (bed.outline, *bed.holes)]
-    point = (float(place[0]), float(place[1]))
-    inside = [cv2.pointPolygonTest(ring, point, measureDist=True) for ring in rings]
-    return inside[0] > clear_m and all(distance < -clear_m for distance in inside[1:])
-
-
-def _shrubs(rng: np.random.Generator, scenario: ParkScenario) -> list[Spot]:
-    """Return clumps of crowns on the grass around the beds, and small ones along the paths."""
-    clumps = _spots(rng, scenario, 60, (0.3, 0.7), (-1.0, -0.2))
-    (south, north), (west, east) = scenario.north_m, scenario.east_m
-    edge = np.array([[south, west], [north, east]])
-    for _ in range(70):
-        center = rng.uniform(edge[0] - 35.0, edge[1] + 35.0)
-        if ((center < edge[0] - 5.0) | (center > edge[1] + 5.0)).any():
-            clumps.append(Spot(center, rng.uniform(1.0, 2.2), rng.uniform(-1.0, 0.6)))
-    return [crown for clump in clumps for crown in _crowns(rng, clump)]
-
-
-def _crowns(rng: np.random.Generator, clump: Spot) -> list[Spot]:
-    count = int(rng.integers(8, 20))
-    places = clump.center + rng.normal(0.0, 0.55 * clump.radius_m, (count, 2))
-    radii = clump.radius_m * rng.uniform(0.25, 0.6, count)
-    warmth = np.clip(clump.warmth + rng.normal(0.0, 0.35, count), -1.0, 1.0)
-    return [Spot(p, float(r), float(w)) for p, r, w in zip(places, radii, warmth, strict=True)]
-
-
-def _paths(scenario: ParkScenario, rows: int, columns: int) -> list[ParkPath]:
-    south, west, cell = scenario.north_m[0], scenario.east_m[0], scenario.cell_m
-    north, east = south + rows * cell, west + columns * cell
-    paths: list[ParkPath] = []
-    for k in range(columns + 1):
-        line = np.array([[south, west + k * cell], [north, west + k * cell]])
-        paths.append(ParkPath(f"Path N{k + 1}", line, _NARROW_M if k % 3 else _WIDE_M))
-    for k in range(rows + 1):
-        line = np.array([[south + k * cell, west], [south + k * cell, east]])
-        paths.append(ParkPath(f"Allée {k + 1}", line, _NARROW_M if k % 4 else _WIDE_M))
-    return paths
-
-
-def _hydrants(scenario: ParkScenario, rows: int, columns: int) -> list[Hydrant]:
-    """Return a hydrant beside every other crossing of a wide path."""
-    hydrants: list[Hydrant] = []
-    for row in range(0, rows + 1, 2):
-        for column in range(row % 4 // 2, columns + 1, 3):
-            north = scenario.north_m[0] + row * scenario.cell_m + 2.6
-            east = scenario.east_m[0] + column * scenario.cell_m + 2.4
-            hydrants.append(Hydrant(f"Hydrant {len(hydrants) + 1}", np.array([north, east])))
-    return hydrants
-
-
-def _spots(
-    rng: np.random.Generator,
-    scenario: ParkScenario,
-    count: int,
-    radii_m: tuple[float, float],
-    warmth: tuple[float, float],
-) -> list[Spot]:
-    """Return round objects along the paths that run north."""
-    spots: list[Spot] = []
-    (south, north_end), (west, east_end) = scenario.north_m, scenario.east_m
-    cell = scenario.cell_m
-    for _ in range(count):
-        north = rng.uniform(south, north_end)
-        column = round((rng.uniform(west, east_end) - west) / cell)
-        east = west + cell * column + rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.9)
-        spot = Spot(np.array([north, east]), float(rng.uniform(*radii_m)), rng.uniform(*warmth))
-        spots.append(spot)
-    return spots
 
 
 def _shape(rng: np.random.Generator) -> tuple[Array, list[Array]]:
@@ -304,9 +222,8 @@ def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
     for path in park.paths:
         line = _positions(path.line, plane, relief)
         features.append(_feature({"name": path.name, "kind": "path"}, "LineString", line))
-    for hydrant in park.hydrants:
-        properties = {"name": hydrant.name, "kind": "hydrant"}
-        features.append(point_feature(properties, hydrant.center, plane, relief))
+    for name, center in park.hydrants.items():
+        features.append(point_feature({"name": name, "kind": "hydrant"}, center, plane, relief))
     return collection(features)
 
 

@@ -11,6 +11,7 @@ import zlib
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import BSpline
 
 from tirgeo_ros.core.types.arrays import Array
 
@@ -22,27 +23,6 @@ def generator(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
-def _basis(degree: int) -> Array:
-    """Return the polynomials (degree + 1, degree + 1): row m is control point m's weight in u.
-
-    This is the recursion of Cox and de Boor on uniform knots.
-    """
-    rows = np.zeros((1, degree + 1))
-    rows[0, 0] = 1.0
-    for d in range(1, degree + 1):
-        new = np.zeros((d + 1, degree + 1))
-        for m in range(d + 1):
-            if m > 0:
-                new[m] += ((d - m) * rows[m - 1] + np.roll(rows[m - 1], 1)) / d
-            if m < d:
-                new[m] += ((m + 1) * rows[m] - np.roll(rows[m], 1)) / d
-        rows = new
-    return rows
-
-
-_BASIS = _basis(DEGREE)
-
-
 class Spline:
     """Evaluate a uniform B-spline of degree 7 that smooths its control points.
 
@@ -52,25 +32,17 @@ class Spline:
     def __init__(self, control: Array, spacing_s: float) -> None:
         """Take control points (N, k) at times 0, spacing_s, 2 spacing_s, ..."""
         self.control, self.spacing_s = np.asarray(control, float), spacing_s
-        self._padded = np.pad(self.control, ((DEGREE, DEGREE), (0, 0)), "edge")
+        padded = np.pad(self.control, ((DEGREE, DEGREE), (0, 0)), "edge")
+        # A basis function has its middle (DEGREE + 1) / 2 knots after its first one.
+        knots = np.arange(len(padded) + DEGREE + 1.0) - DEGREE - (DEGREE + 1) / 2
+        self._spline = BSpline(knots * spacing_s, padded, DEGREE)
+        # Outside this range the function is constant, so clipping there changes nothing.
+        self._range_s = knots[DEGREE] * spacing_s, knots[-DEGREE - 1] * spacing_s
 
     def __call__(self, t_s: npt.ArrayLike, derivative: int = 0) -> Array:
         """Return the values (..., k) of a derivative at the times ``t_s`` (...)."""
-        times = np.asarray(t_s, float) / self.spacing_s
-        # More than four knots outside the function is constant, so clipping there changes nothing.
-        times = np.clip(times, -4.0, len(self.control) + 3.0 - 1e-9)
-        span = np.floor(times)
-        weights = self._weights(times - span, derivative)
-        first = span.astype(int) - DEGREE // 2 + DEGREE
-        index = np.clip(first[..., None] + np.arange(DEGREE + 1), 0, len(self._padded) - 1)
-        return np.asarray(np.einsum("...m,...mk->...k", weights, self._padded[index]))
-
-    def _weights(self, u: Array, derivative: int) -> Array:
-        powers = np.arange(DEGREE + 1 - derivative)
-        factors = np.array([math.perm(p + derivative, derivative) for p in powers])
-        polynomials = _BASIS[:, derivative:] * factors
-        scale = self.spacing_s**-derivative
-        return np.asarray(u[..., None] ** powers @ polynomials.T * scale)
+        times = np.clip(np.asarray(t_s, float), *self._range_s)
+        return np.asarray(self._spline(times, derivative))
 
 
 def gauss_markov(

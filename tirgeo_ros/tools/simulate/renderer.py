@@ -21,7 +21,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
-from tirgeo_ros.tools.simulate.park import LEVEL, Park, Relief, Spot, collection, point_feature
+from tirgeo_ros.tools.simulate.park import LEVEL, Park, Relief, collection, point_feature
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario import ParkScenario, Scenario, VideoScenario
 
@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float32]
 #: Grey level of the grass, and grey levels per kelvin.
 GRASS, GREY_PER_K = 92.0, 10.0
 _PAVING, _KERB, _SOIL = 158.0, 192.0, 118.0
-_BED_SPAN, _PLANT_SPAN, _SHRUB_SPAN, _HOT = 58.0, 16.0, 34.0, 150.0
+_BED_SPAN, _HOT = 58.0, 150.0
 _KERB_M, _SLAB_M = 0.2, 2.0
 _LEVELS = 4
 _SHIFT = 4  # drawing to a sixteenth of a cell
@@ -54,40 +54,32 @@ def paint(park: Park, scenario: ParkScenario, seed: int) -> Ground:
         canvas.line(path.line, path.width_m + 2 * _KERB_M, _KERB)
     for path in park.paths:
         canvas.line(path.line, path.width_m, _PAVING)
-    _lay_slabs(canvas, park, generator(seed, "slabs"))
+    rng = generator(seed, "slabs")  # of different grey levels
+    for path in park.paths:
+        ahead = path.line[1] - path.line[0]
+        length_m = float(np.linalg.norm(ahead))
+        along = ahead / length_m
+        aside = np.array([-along[1], along[0]]) * 0.5 * path.width_m
+        for at in np.arange(0.0, length_m - _SLAB_M, _SLAB_M):
+            first, last = path.line[0] + along * at, path.line[0] + along * (at + _SLAB_M - 0.1)
+            slab = np.array([first - aside, first + aside, last + aside, last - aside])
+            canvas.fill([slab], _PAVING + rng.normal(0.0, 5.0))
     for bed in park.beds:
         # The map's outline is the border between bed and kerb.
         rings = [bed.outline, *bed.holes]
         for ring in rings:
             canvas.line(ring, 2 * _KERB_M, _KERB, closed=True)
         canvas.fill(rings, _SOIL + _BED_SPAN * bed.warmth)
-    for plant in park.plants:
-        canvas.tint(plant, _PLANT_SPAN * plant.warmth)
-    for shrub in park.shrubs:
-        canvas.disc(shrub, GRASS + _SHRUB_SPAN * shrub.warmth)
-    for hydrant in park.hydrants:
-        canvas.disc(Spot(hydrant.center, 0.3, 0.0), 30.0)
-    for spot in park.hot:
-        canvas.disc(spot, 105.0 + _HOT * spot.warmth)
+    for center in park.hydrants.values():
+        canvas.disc(center, 0.3, 30.0)
+    for lamp in park.lamps:
+        canvas.disc(lamp.center, lamp.radius_m, 105.0 + _HOT * lamp.warmth)
     levels = [_textured(canvas.grey, scenario, seed)]
     for _ in range(_LEVELS - 1):
         finer = levels[-1]
         half = cv2.resize(finer, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         levels.append(half.astype(np.uint8))
     return Ground(levels, canvas.north_edge_m, canvas.west_edge_m, scenario.resolution_m)
-
-
-def _lay_slabs(canvas: _Canvas, park: Park, rng: np.random.Generator) -> None:
-    """Paint the paving as slabs with different grey levels."""
-    for path in park.paths:
-        ahead = path.line[1] - path.line[0]
-        length_m = float(np.linalg.norm(ahead))
-        along, width = ahead / length_m, 0.5 * path.width_m
-        aside = np.array([-along[1], along[0]]) * width
-        for at in np.arange(0.0, length_m - _SLAB_M, _SLAB_M):
-            first, last = path.line[0] + along * at, path.line[0] + along * (at + _SLAB_M - 0.1)
-            slab = np.array([first - aside, first + aside, last + aside, last - aside])
-            canvas.fill([slab], _PAVING + rng.normal(0.0, 5.0))
 
 
 class _Canvas:
@@ -121,16 +113,9 @@ class _Canvas:
         width = max(1, round(width_m / self.resolution_m))
         cv2.polylines(self.grey, [self._cells(line)], closed, grey, width, cv2.LINE_AA, _SHIFT)
 
-    def tint(self, spot: Spot, change: float) -> None:
-        """Lighten or darken a disc by a change in grey."""
-        column, row = self._cells(spot.center[None, :])[0] >> _SHIFT
-        under = float(self.grey[row, column])
-        self.disc(spot, min(max(under + change, 0.0), 255.0))
-
-    def disc(self, spot: Spot, grey: float) -> None:
-        center = self._cells(spot.center[None, :])[0]
-        radius = round(spot.radius_m / self.resolution_m * 2**_SHIFT)
-        x, y = int(center[0]), int(center[1])
+    def disc(self, center: Array, radius_m: float, grey: float) -> None:
+        x, y = self._cells(center[None, :])[0].tolist()
+        radius = round(radius_m / self.resolution_m * 2**_SHIFT)
         cv2.circle(self.grey, (x, y), radius, min(grey, 255.0), -1, cv2.LINE_AA, _SHIFT)
 
 
@@ -225,29 +210,19 @@ def draw_targets(picture: Floats, targets: Sequence[Target], north: Floats, east
     if not targets:
         return
     middle = slice(picture.shape[1] // 2, picture.shape[1] // 2 + 2)
-    pixel_m = _pixel_m(north[:, middle], east[:, middle])
+    ground = north[:, middle], east[:, middle]
+    sides = [np.hypot(*(np.gradient(of, axis=axis) for of in ground)) for axis in (0, 1)]
+    pixel_m = (sides[0] + sides[1])[:, :1]  # longest extent of a pixel of each row
     for target in targets:
         reach_m = pixel_m + target.size_m
         near = np.abs(north - target.center[0]) < reach_m
         near &= np.abs(east - target.center[1]) < reach_m
         near &= pixel_m < _COARSEST_M
         if near.any():
-            rows, columns = (_around(near.any(axis=axis)) for axis in (1, 0))
-            part = picture[rows, columns]
-            share = _share(target, north[rows, columns], east[rows, columns])
-            part += share * (GRASS + GREY_PER_K * target.warmer_k - part)
-
-
-def _pixel_m(north: Floats, east: Floats) -> Floats:
-    """Return the longest extent (h, 1), m, on the ground of a pixel of each row."""
-    sides = [np.hypot(*(np.gradient(of, axis=axis) for of in (north, east))) for axis in (0, 1)]
-    return np.asarray((sides[0] + sides[1])[:, :1])
-
-
-def _around(marked: npt.NDArray[np.bool_]) -> slice:
-    """Return the range of the marked items, with one more on either side."""
-    places = np.flatnonzero(marked)
-    return slice(max(int(places[0]) - 1, 0), int(places[-1]) + 2)
+            marked = [np.flatnonzero(near.any(axis=axis)) for axis in (1, 0)]
+            part = tuple(slice(max(int(k[0]) - 1, 0), int(k[-1]) + 2) for k in marked)
+            share = _share(target, north[part], east[part])
+            picture[part] += share * (GRASS + GREY_PER_K * target.warmer_k - picture[part])
 
 
 def _share(target: Target, north: Floats, east: Floats) -> Floats:
@@ -308,18 +283,15 @@ class Renderer:
         depth = np.asarray(height / np.where(on_ground, loss, np.float32(1)), np.float32)
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
-        picture = self._sampled(north, east, self._footprints(depth, rays_p))
+        middle = slice(self._shape[1] // 2, None, self._shape[1])
+        # A pixel's size on the ground in every row: its sides' geometric mean. Along the view it
+        # is stretched by the cosecant of the depression angle.
+        slope = rays_p[middle, 2] / np.linalg.norm(rays_p[middle], axis=1)
+        footprint = depth[middle] * self._pixel_angle / np.sqrt(np.maximum(slope, 1e-3))
+        picture = self._sampled(north, east, footprint)
         draw_targets(picture, self._targets, north, east)
         picture[~on_ground.reshape(self._shape)] = _SKY
         return self._sensed(picture, rng)
-
-    def _footprints(self, depth: Floats, rays_p: Floats) -> Floats:
-        """Return a pixel's size on the ground in every row (h,), m: its sides' geometric mean."""
-        middle = slice(self._shape[1] // 2, None, self._shape[1])
-        across = depth[middle] * self._pixel_angle
-        # Along the view a pixel is stretched by the cosecant of the depression angle.
-        slope = rays_p[middle, 2] / np.linalg.norm(rays_p[middle], axis=1)
-        return np.asarray(across / np.sqrt(np.maximum(slope, 1e-3)))
 
     def _sampled(self, north: Floats, east: Floats, footprint: Floats) -> Floats:
         """Sample the ground row by row, at the level whose cells have a pixel's size."""

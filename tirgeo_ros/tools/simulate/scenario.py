@@ -68,7 +68,6 @@ class ImuScenario:
     gyro_turn_on_bias_rad_s: float = param(3e-4, "sigma", ("rad/s", 0, 1))
     accel_turn_on_bias_m_s2: float = param(1e-2, "sigma", ("m/s2", 0, 10))
     noise_scale: float = param(1.0, "of all random errors; 0 = a perfect IMU", ("", 0, 100))
-    averages: bool = param(False, "a sample is the mean over the interval before its stamp")
     noise: ImuNoiseConfig = group(ImuNoiseConfig)
 
 

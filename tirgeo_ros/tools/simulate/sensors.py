@@ -50,8 +50,6 @@ from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_st
 _HEADING_TIME_S, _TILT_TIME_S = 30.0, 10.0
 #: Error of a barometer by wind and rotor wash: rms, as a height, and correlation time.
 _WASH_M, _WASH_TIME_S = 0.5, 20.0
-#: Number of instants that represent the interval over which an IMU averages.
-_PARTS = 8
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 Arrival = tuple[int, Sample]
@@ -92,31 +90,15 @@ class Autopilot:
 def imu_samples(
     scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, bias: ImuBias
 ) -> list[Arrival]:
-    """Return ``imu/data``: force and rate with white noise and bias; the autopilot's attitude.
-
-    Force and rate are those of the stamp, or means over the interval before it, as the scenario
-    says.
-    """
+    """Return ``imu/data``: force and rate with white noise and bias; the autopilot's attitude."""
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
     motion = trajectory.motion(epochs.t_s)
-    averages = scenario.imu.averages
-    force, rate = _means(scenario, trajectory, epochs) if averages else trajectory.inertial(motion)
+    force, rate = trajectory.inertial(motion)
     white = imu_white(scenario.imu, seed, len(epochs.stamp_ns))
     rate, force = rate + bias.gyro_b + white[0], force + bias.accel_b + white[1]
     q_nb = quat_from_euler(*pilot.euler_rad(motion, trajectory.rotation_nb(motion)).T)
     rows = zip(epochs.stamp_ns, force, rate, q_nb, strict=True)
     return [(row[0], ImuSample(*row)) for row in rows]
-
-
-def _means(scenario: Scenario, trajectory: Trajectory, epochs: Epochs) -> tuple[Array, Array]:
-    """Return force and rate (N, 3): means over the interval that ends with each epoch."""
-    # Midpoint rule: with eight parts, the error from the motion's curvature is 1/64 of that with
-    # one part.
-    shares = (np.arange(_PARTS) + 0.5) / _PARTS
-    times = epochs.t_s[:, None] - shares / scenario.imu.rate_hz
-    motion = trajectory.motion(np.maximum(times, 0.0).ravel())  # the flight begins at 0
-    force, rate = (x.reshape(-1, _PARTS, 3).mean(axis=1) for x in trajectory.inertial(motion))
-    return force, rate
 
 
 def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
@@ -298,12 +280,6 @@ class SimulatedGimbal:
         changed = np.clip((t_s - self._scenario.pitch_step_s) / _TILTING_S, 0.0, 1.0)
         return np.radians(self._scenario.pitch_deg + self._scenario.pitch_step_deg * changed)
 
-    def north_bias_rad(self, t_s: Array) -> Array:
-        """Return the reported camera heading minus the one from the autopilot's north (N,)."""
-        gimbal = self._scenario
-        bias_deg = gimbal.north_bias_deg + gimbal.north_drift_deg_s * t_s
-        return np.radians(bias_deg + gimbal.north_step_deg * (t_s >= gimbal.north_step_s))
-
     def rotation_pg(self, t_s: Array) -> Array:
         """Return the true camera attitude (N, 3, 3) in the plane of the site."""
         roll, pitch = self.wander_rad(t_s).T
@@ -342,7 +318,10 @@ def gimbal_samples(
     nose = pilot.euler_rad(motion, trajectory.rotation_nb(motion))[:, 2]
     camera = euler_from_matrix(rotation_pg)[:, 2]
     aside = camera - euler_from_matrix(motion.rotation_pb)[:, 2] + noise[:, 0]
-    heading = nose + aside + gimbal.north_bias_rad(epochs.t_s)
+    config, t_s = scenario.gimbal, epochs.t_s
+    bias_deg = config.north_bias_deg + config.north_drift_deg_s * t_s
+    bias_deg = bias_deg + config.north_step_deg * (t_s >= config.north_step_s)
+    heading = nose + aside + np.radians(bias_deg)
     reported = quat_from_euler(0.0, gimbal.commanded_pitch_rad(epochs.t_s), heading)
     samples: list[Arrival] = []
     for stamp, (yaw, roll, pitch), q_ng in zip(epochs.stamp_ns, joints, reported, strict=True):

@@ -6,7 +6,7 @@ pictures in which it is near enough to be seen well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,13 +64,15 @@ def surveyed(
         for frame in rng.choice(clicked[corner], config.views, replace=False).tolist():
             u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
             clicks.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
-    return points, _sorted(clicks)
+    return points, sorted(clicks, key=_when)
 
 
-def exposures(flight: SimulatedFlight) -> Epochs:
-    """Return the exposures of the pictures that arrive before the flight's end."""
+def frames(flight: SimulatedFlight) -> Iterator[tuple[int, float]]:
+    """Yield stamp (ns) and time of exposure (s) of the pictures, which arrive at their stamps."""
     video = flight.scenario.video
-    return Epochs.at_rate(flight.scenario, video.rate_hz, less_s=video.latency_s)
+    epochs = Epochs.at_rate(flight.scenario, video.rate_hz, less_s=video.latency_s)
+    for exposed_ns, t_s in zip(epochs.stamp_ns, epochs.t_s.tolist(), strict=True):
+        yield exposed_ns + round(video.latency_s * 1e9), t_s
 
 
 def sightings(
@@ -93,14 +95,15 @@ def sightings(
             best = frames[int(np.argmin(off_middle[frames, k]))]
             u, v = views.uv[best, k].tolist()
             clicks.append(Observation(target.id, views.stamp_ns[best], u, v))
-    return _sorted(clicks)
+    return sorted(clicks, key=_when)
 
 
 def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     """Project places on the ground, north and east (C, 2), into all pictures."""
     corners_p = Relief(flight.scenario.park).places(level)
-    epochs = exposures(flight)
-    position, q_pc = flight.gimbal.camera(epochs.t_s)
+    stamp_ns, times_s = map(list, zip(*frames(flight), strict=True))
+    t_s = np.array(times_s)
+    position, q_pc = flight.gimbal.camera(t_s)
     turned = [
         (corners_p - place) @ rotation
         for place, rotation in zip(position, matrix_from_quat(q_pc), strict=True)
@@ -109,15 +112,12 @@ def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     (u, v), config = np.moveaxis(uv, -1, 0), flight.scenario.survey
     good = (v >= config.rows_px[0]) & (v <= config.rows_px[1])
     good &= (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
-    good &= (epochs.t_s >= config.after_s)[:, None]
-    latency_ns = round(flight.scenario.video.latency_s * 1e9)
-    return Views(
-        corners_p, epochs.t_s, [stamp + latency_ns for stamp in epochs.stamp_ns], uv, good
-    )
+    good &= (t_s >= config.after_s)[:, None]
+    return Views(corners_p, t_s, stamp_ns, uv, good)
 
 
-def _sorted(clicks: list[Observation]) -> list[Observation]:
-    return sorted(clicks, key=lambda click: (click.stamp_ns, click.id))
+def _when(click: Observation) -> tuple[int, str]:
+    return click.stamp_ns, click.id
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:

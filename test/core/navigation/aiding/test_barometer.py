@@ -12,6 +12,7 @@ from filter_states import LEVEL, ZERO, used_at
 from flights import GPS, RTK, filtered, rms, without
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack
 from tirgeo_ros.core.navigation.aiding.barometer import (
     Reference,
@@ -20,7 +21,6 @@ from tirgeo_ros.core.navigation.aiding.barometer import (
     standard_pressure_pa,
 )
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.ins_error_model import states_of
 from tirgeo_ros.core.types.measurements import PressureSample, Source

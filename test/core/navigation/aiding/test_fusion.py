@@ -28,16 +28,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.aid import StateEstimate, floored
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import innovation_n
-from tirgeo_ros.core.navigation.aiding.gps_position import GpsPositionAid
-from tirgeo_ros.core.navigation.aiding.gps_velocity import GpsVelocityAid
-from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate, floored
+from tirgeo_ros.core.navigation.aiding.satellite_position import GpsPositionAid, innovation_n
+from tirgeo_ros.core.navigation.aiding.satellite_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION, states_of
+from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION
 from tirgeo_ros.core.navigation.ins.strapdown import rotate
-from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, PositionSample, Source
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 
 LEVEL = state_of(0.0, 0.0, 0.0)
@@ -100,20 +99,6 @@ def test_gps_error_takes_what_the_state_does_not():
     assert fused.estimate.aids.receivers.gps_error_n == pytest.approx(4 * shift, abs=2e-6)
     moved = np.subtract(fused.estimate.state.correction_n, estimate.state.correction_n)
     assert moved == pytest.approx(1e-4 * shift, abs=2e-9)
-
-
-@pytest.mark.parametrize(("sigma_deg", "states"), [(0.0, 18), (2.0, 19)])
-def test_heading_error_is_learned_only_where_there_is_such_a_state(sigma_deg, states):
-    config = ekf_config(heading__bias_sigma_deg=sigma_deg)
-    assert states_of(config) == states
-    covariance = np.zeros((states, states))
-    covariance[-1, -1] = math.radians(sigma_deg) ** 2
-    covariance[2, 2] = math.radians(1.0) ** 2
-    sample = HeadingSample(NOW_NS, math.radians(3.0), math.radians(0.6) ** 2)
-    fused = Fusion(config).fuse(sample, estimate_of(LEVEL, covariance=covariance), ZERO)
-    found = math.degrees(fused.estimate.aids.receivers.heading_error_rad)
-    expected = 3.0 * sigma_deg**2 / (4 + 1 + 0.36)
-    assert found == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -24,10 +24,10 @@ from filter_states import (
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION, states_of
+from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 
@@ -199,26 +199,6 @@ def test_a_small_turn_keeps_the_biases():
     assert_covariance(after.covariance)
 
 
-@pytest.mark.parametrize(("degrees", "error_sigma_deg"), [(4.5, 0.3), (52.0, 2.0)])
-def test_heading_reset_with_an_error_state(degrees, error_sigma_deg):
-    """Heading and the receiver's error together are measured, neither of them alone."""
-    config = ekf_config(heading__bias_sigma_deg=error_sigma_deg)
-    error_rad2, noise_rad2 = math.radians(error_sigma_deg) ** 2, math.radians(0.6) ** 2
-    covariance = correlated(states_of(config))
-    covariance[-1, :] = covariance[:, -1] = 0.0
-    covariance[-1, -1] = error_rad2
-    _, estimate, t_s = turned(config, degrees, estimate_of(covariance=covariance))
-    found = estimate.covariance
-    assert found[2, 2] == pytest.approx(noise_rad2 + error_rad2, rel=1e-6)
-    assert found[2, -1] == pytest.approx(-error_rad2, rel=1e-6)
-    assert_covariance(found)
-    again = Fusion(config).fuse(turning(t_s + 0.2, degrees), estimate, ZERO)
-    assert again.verdict.used
-    # A second one halves the noise; what is the receiver's error stays unknown.
-    expected = noise_rad2 / 2 + error_rad2
-    assert again.estimate.covariance[2, 2] == pytest.approx(expected, rel=0.02)
-
-
 def set_by(make, **estimate):
     return again_and_again(estimate_of(**estimate), make)[1:]
 
@@ -231,10 +211,8 @@ def set_by(make, **estimate):
         (lambda: set_by(by_gps, rtk=False), range(15, 18)),
         (lambda: turned(CONFIG, 52.0)[:2], (0, 1, 2, *range(9, 15))),
         (lambda: turned(ekf_config(heading__reset_after_s=5.0), 4.5)[:2], (2,)),
-        (lambda: turned(ekf_config(heading__bias_sigma_deg=2.0), 52.0, estimate_of(19))[:2],
-         (0, 1, 2, *range(9, 15))),
     ],
-)  # fmt: skip
+)
 def test_a_reset_is_a_transition_and_noise_of_what_was_set(reset, chosen):
     """So a smoother knows what the reset has discarded: the rest keeps all its covariances."""
     before, after = reset()

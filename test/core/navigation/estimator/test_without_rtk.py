@@ -13,8 +13,8 @@ from flights import GPS, RTK, filtered, flight, without
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.nose_heading import AutopilotHeadingAid
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.tools.simulate.flight import fly

@@ -21,7 +21,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, GYRO_BIAS, feedback, states_of
-from tirgeo_ros.core.navigation.timeline.published_solution import at_antenna
+from tirgeo_ros.core.navigation.timeline.ekf import at_antenna
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -41,8 +41,8 @@ def antennas_solution(error, covariance=None):
     """What is published where the estimate is off by ``error`` (21,), with this covariance."""
     state = feedback(STATE, error)
     estimate = estimate_of(state, STATES, covariance)
-    receivers = estimate.aids.receivers.changed([0.0] * 3, 0.0, PLACE_B)
-    receivers = receivers.changed([0.0] * 3, 0.0, error[ANTENNA].tolist())
+    receivers = estimate.aids.receivers.changed([0.0] * 3, PLACE_B)
+    receivers = receivers.changed([0.0] * 3, error[ANTENNA].tolist())
     estimate = estimate._replace(aids=estimate.aids._replace(receivers=receivers))
     imu = NavSolution(
         0,

@@ -126,30 +126,22 @@ class Receivers(NamedTuple):
 
     stamp_ns: int
     gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
-    heading_error_rad: float = 0.0
     antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's place less the configured one, FRD
 
-    def at(self, stamp_ns: int, gps_time_s: float, heading_time_s: float) -> Receivers:
-        """Return the errors at another time: they decay with their correlation times (s)."""
-        passed_s = (stamp_ns - self.stamp_ns) * 1e-9
-        if passed_s == 0:
-            return self
-        fade = math.exp(-passed_s / gps_time_s)
+    def at(self, stamp_ns: int, gps_time_s: float) -> Receivers:
+        """Return the errors at another time: that of GPS decays with its correlation time (s)."""
+        fade = math.exp((self.stamp_ns - stamp_ns) * 1e-9 / gps_time_s)
         north, east, down = self.gps_error_n
         faded = (north * fade, east * fade, down * fade)
-        heading_rad = self.heading_error_rad * math.exp(-passed_s / heading_time_s)
-        return Receivers(stamp_ns, faded, heading_rad, self.antenna_b)
+        return Receivers(stamp_ns, faded, self.antenna_b)
 
     def changed(
-        self,
-        gps_error_n: Sequence[float],
-        heading_rad: float = 0.0,
-        antenna_b: Sequence[float] = (0.0, 0.0, 0.0),
+        self, gps_error_n: Sequence[float], antenna_b: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Receivers:
-        """Return the sum of these errors and changes of them, in m, rad and m."""
+        """Return the sum of these errors and changes of them, m."""
         moved: Vector = tuple(map(operator.add, self.gps_error_n, gps_error_n))
         place: Vector = tuple(map(operator.add, self.antenna_b, antenna_b))
-        return Receivers(self.stamp_ns, moved, self.heading_error_rad + heading_rad, place)
+        return Receivers(self.stamp_ns, moved, place)
 
 
 class Reset(NamedTuple):
@@ -177,12 +169,6 @@ class RtkStatus(NamedTuple):
         """Return the newest fix status; None where it is older than the time-out."""
         return self.status if now_ns - self.status_ns <= timeout_ns else None
 
-    def compared(self, consistency: Consistency) -> RtkStatus:
-        """Return a copy with another comparison of positions and velocities."""
-        return RtkStatus(
-            self.status, self.status_ns, self.fixed_since_ns, self.offsets_n, consistency
-        )
-
 
 class AidStatus(NamedTuple):
     """Hold the records of all aids."""
@@ -203,29 +189,10 @@ class AidStatus(NamedTuple):
         """Return the step of RTK's position (m, NED) that is not accepted yet, or ()."""
         return self.track(Source.RTK_POSITION).step
 
-    def with_track(
-        self, source: Source, track: AidTrack, receivers: Receivers | None = None
-    ) -> AidStatus:
-        """Return a copy with one record changed, and with the receivers' errors if given."""
-        tracks = list(self.tracks)
-        tracks[PLACE[source]] = track
-        return self.changed(receivers, tuple(tracks))
-
-    def changed(
-        self,
-        receivers: Receivers | None = None,
-        tracks: tuple[AidTrack, ...] | None = None,
-        rtk: RtkStatus | None = None,
-    ) -> AidStatus:
-        """Return a copy with what is given; ``_replace`` takes three times as long."""
-        return AidStatus(
-            receivers or self.receivers,
-            tracks or self.tracks,
-            rtk or self.rtk,
-            self.resets,
-            self.rtk_resets,
-            self.last_reset,
-        )
+    def with_track(self, source: Source, track: AidTrack) -> AidStatus:
+        """Return a copy with one record changed."""
+        place = PLACE[source]
+        return self._replace(tracks=(*self.tracks[:place], track, *self.tracks[place + 1 :]))
 
     def with_status(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
         """Return a copy after a status of the RTK receiver.
@@ -235,8 +202,8 @@ class AidStatus(NamedTuple):
         fixed = status is FixStatus.FIXED
         was_fixed = self.rtk.at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.rtk.fixed_since_ns if fixed and was_fixed else now_ns
-        rtk = RtkStatus(status, now_ns, begun_ns, self.rtk.offsets_n, self.rtk.consistency)
-        after = self.changed(rtk=rtk)
+        rtk = self.rtk._replace(status=status, status_ns=now_ns, fixed_since_ns=begun_ns)
+        after = self._replace(rtk=rtk)
         if not fixed or was_fixed or self.rtk.status is None:
             return after
         # The offset has grown while the solution was float.

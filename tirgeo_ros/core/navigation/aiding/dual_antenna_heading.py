@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 import operator
+from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.rotations import (
     azimuth,
     azimuth_row,
@@ -18,20 +19,20 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_of,
     wrapped,
 )
-from tirgeo_ros.core.navigation.aiding.aid import LONGEST_PATIENCE_S, Aid, uncorrelated
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import LARGE_TURN_RAD, Baseline
-from tirgeo_ros.core.navigation.aiding.state_estimate import (
+from tirgeo_ros.core.navigation.aiding.aid import (
+    LONGEST_PATIENCE_S,
+    Aid,
     AidMeasurement,
     Modelled,
     StateEstimate,
+    uncorrelated,
 )
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ACCEL_BIAS,
     ATTITUDE,
     GYRO_BIAS,
     feedback,
-    heading_error,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector, rotate
@@ -40,8 +41,8 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: Rounding of the error function: a less probable interval cannot be computed from two tails.
-_LEAST_LIKELY = 1e-12
+#: A larger turn is the antennas' fault: no gyroscope misses it and few compasses err by as much.
+LARGE_TURN_RAD = math.radians(20.0)
 #: A baseline with a smaller horizontal share gives no useful heading (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
 #: Weight of the newest innovation in the running mean, which averages about twenty.
@@ -54,42 +55,24 @@ _SPOILING_TURN_RAD = math.radians(5.0)
 _TILT_SIGMA_RAD = math.radians(1.0)
 
 
-def heading_design(states: int, u: Vector) -> Array | None:
-    """Return H (1, states) of a baseline ``u`` in ``n``, or None where it is near the vertical."""
-    if u[0] * u[0] + u[1] * u[1] < _LEAST_HORIZONTAL**2:
-        return None
-    design = np.zeros((1, states))
-    design[0, :3] = azimuth_row(u)
-    at = heading_error(states)
-    if at is not None:
-        design[0, at] = 1.0
-    return design
+class Baseline(NamedTuple):
+    """Hold the direction from the first antenna to the second, and the heading's offset."""
 
+    direction_b: Vector  # unit vector, FRD
+    reported_less_azimuth_rad: float  # what the receiver has added to the baseline's azimuth
 
-def interval_measurement(
-    innovation: float, predicted: float, noise: float, resolution: float
-) -> tuple[float, float]:
-    """Return innovation and variance of the linear measurement that replaces a quantised reading.
+    @classmethod
+    def from_config(cls, aircraft: AircraftConfig) -> Baseline:
+        """Return the baseline of the two antennas; with one antenna, level along the nose.
 
-    Heading plus noise was within half a step (``resolution``) of the reading. The linear
-    measurement leads to the posterior mean and variance of that condition: those of a doubly
-    truncated normal (Johnson, Kotz and Balakrishnan, Continuous Univariate Distributions 1,
-    chapter 13). ``predicted`` and ``noise`` are variances; rad, rad2. The innovation is infinite
-    where the interval is too far out to compute.
-    """
-    spread = math.sqrt(predicted + noise)
-    low = (abs(innovation) - 0.5 * resolution) / spread
-    high = (abs(innovation) + 0.5 * resolution) / spread
-    share = 0.5 * (math.erfc(low * math.sqrt(0.5)) - math.erfc(high * math.sqrt(0.5)))
-    if share < _LEAST_LIKELY:
-        return math.inf, noise
-    at_low, at_high = (math.exp(-0.5 * x * x) / math.sqrt(math.tau) for x in (low, high))
-    mean = (at_low - at_high) / share
-    # Share of the variance that the interval removes; next to none where its ends are far.
-    removed = max(mean * mean - (low * at_low - high * at_high) / share, _LEAST_LIKELY)
-    return math.copysign(
-        spread * mean / removed, innovation
-    ), spread * spread / removed - predicted
+        The reported heading is the azimuth of the baseline less its direction in a level body.
+        Raises ConfigError where the two antennas give no heading.
+        """
+        baseline_b = aircraft.baseline_b
+        if baseline_b is None:
+            return cls((1.0, 0.0, 0.0), 0.0)
+        x, y, z = (baseline_b / np.linalg.norm(baseline_b)).tolist()
+        return cls((x, y, z), -azimuth((x, y)))
 
 
 class HeadingAid(Aid):
@@ -106,7 +89,6 @@ class HeadingAid(Aid):
         self._heading = config.heading
         self._baseline = Baseline.from_config(config.aircraft)
         self._floor_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
-        self._resolution_rad = math.radians(config.heading.resolution_deg)
 
     @classmethod
     def delay_s(cls, config: EkfConfig) -> float:
@@ -135,19 +117,16 @@ class HeadingAid(Aid):
         if obstacle:
             return Verdict(self.source, Outcome.NOT_FIXED, obstacle), estimate
         u = rotate(rotation_of(estimate.state.q_nb), self._baseline.direction_b)
-        design = heading_design(self._states, u)
-        if design is None:
+        if u[0] * u[0] + u[1] * u[1] < _LEAST_HORIZONTAL**2:
             reason = "the antenna baseline is vertical"
             return Verdict(self.source, Outcome.INVALID, reason), estimate
-        reported = sample.heading_rad - estimate.aids.receivers.heading_error_rad
+        design = np.zeros((1, self._states))
+        design[0, :3] = azimuth_row(u)
         predicted = azimuth(u) + self._baseline.reported_less_azimuth_rad
-        innovation = wrapped(reported - predicted)
-        rounding = self._resolution_rad**2 / 12
-        variance = max(sample.variance_rad2 - rounding, self._floor_rad2) + rounding
+        innovation = wrapped(sample.heading_rad - predicted)
+        variance = max(sample.variance_rad2, self._floor_rad2)
         gate_sigma, noise = self._heading.gate_sigma, np.array(((variance,),))
         measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
-        if rounding:
-            measurement = self._interval(measurement, estimate.covariance)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
         return AidMeasurement(
@@ -161,23 +140,6 @@ class HeadingAid(Aid):
             turn = 2 * math.asin(min(math.hypot(*track.step) / 2, 1.0))
         swapped = "; antennas swapped?" if turn > LARGE_TURN_RAD else ""
         return f"{math.degrees(turn):.0f} deg off{swapped}"
-
-    def _interval(self, plain: Measurement, covariance: Array) -> Measurement:
-        """Return the measurement of a quantised reading; ``plain`` if either is beyond the gate.
-
-        So gates and resets use the reading as it is, and a reading that contradicts the state by
-        less than the plain gate still corrects it.
-        """
-        innovation, variance = float(plain.innovation[0]), float(plain.noise[0, 0])
-        predicted = float((plain.design @ covariance @ plain.design.T)[0, 0])
-        noise = variance - self._resolution_rad**2 / 12
-        interval = interval_measurement(innovation, predicted, noise, self._resolution_rad)
-        for off, spread in ((innovation, variance), interval):
-            if off * off > plain.gate_sigma**2 * (predicted + spread):
-                return plain
-        return plain._replace(
-            innovation=np.array((interval[0],)), noise=np.array(((interval[1],),))
-        )
 
     def averaged(
         self, track: AidTrack, measurement: Measurement, predicted: Array, reason: str
@@ -229,32 +191,22 @@ class HeadingAid(Aid):
         error = np.zeros(len(covariance))
         error[2], lost = turn, [slice(2, 3)]
         if abs(turn) > _SPOILING_TURN_RAD:
-            covariance = self._as_at_start(covariance)
+            imu = self._config.imu
+            for block, variances in (  # tilt and biases as uncertain as at the start
+                (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
+                (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
+                (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
+            ):
+                covariance = uncorrelated(covariance, block)
+                covariance[block, block] = np.diag(variances)
             b, a = state.gyro_bias_b, state.accel_bias_b
             error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
             lost += [ATTITUDE, GYRO_BIAS, ACCEL_BIAS]
         covariance, transition = uncorrelated(covariance, lost[0]), cut(len(covariance), *lost)
         covariance[2, 2] = aid.measurement.noise[0, 0]
-        at = heading_error(len(covariance))
-        if at is not None:  # their sum is measured: correlate heading and heading error
-            covariance[2, :] -= covariance[at, :]
-            covariance[:, 2] -= covariance[:, at]
-            transition[2, at] = -1.0
         aids = self.with_reset(estimate.aids, aid.stamp_ns, turn)
         changes = (Change(covariance, transition),)
         return StateEstimate(feedback(state, error), covariance, aids, changes)
-
-    def _as_at_start(self, covariance: Array) -> Array:
-        """Return a covariance with tilt and biases as uncertain as at the start."""
-        imu = self._config.imu
-        for block, variances in (
-            (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
-            (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
-            (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
-        ):
-            covariance = uncorrelated(covariance, block)
-            covariance[block, block] = np.diag(variances)
-        return covariance
 
     def reset_text(self, size: float) -> str:
         """Return a turn in words, degrees."""

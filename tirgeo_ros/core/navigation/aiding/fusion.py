@@ -1,26 +1,95 @@
-"""Fuse a sample into the filter's estimate: measure it by its aid, gate it, give the verdict.
+"""List the aids of the filter and each method's sources, and fuse their samples into its estimate.
 
-The aids (``aids``) hold what differs between them; records, easing and gates are the same for all.
+The aids hold what differs between them; records, easing and gates are the same for all.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus
-from tirgeo_ros.core.navigation.aiding.aids import AIDS
-from tirgeo_ros.core.navigation.aiding.state_estimate import (
+from tirgeo_ros.core.navigation.aiding.aid import (
+    Aid,
     AidMeasurement,
     AidSample,
     Fused,
     StateEstimate,
 )
+from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus
+from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
+from tirgeo_ros.core.navigation.aiding.nose_heading import AutopilotHeadingAid, SetHeadingAid
+from tirgeo_ros.core.navigation.aiding.satellite_position import GpsPositionAid, RtkPositionAid
+from tirgeo_ros.core.navigation.aiding.satellite_velocity import GpsVelocityAid, RtkVelocityAid
 from tirgeo_ros.core.navigation.ins.kalman import update
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
+#: Everything that asks for an aid finds it here, by its source.
+AIDS: Mapping[Source, type[Aid]] = {
+    aid.source: aid
+    for aid in (
+        RtkPositionAid,
+        RtkVelocityAid,
+        HeadingAid,
+        GpsPositionAid,
+        GpsVelocityAid,
+        BarometerAid,
+        AutopilotHeadingAid,
+        SetHeadingAid,
+    )
+}
+
+_IMU, _EKF = Source.IMU, tuple(s for s in Source if s is not Source.AUTOPILOT_HEADING)
+#: The sources that arrive as samples of their own, by method.
+METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
+    "raw": (_IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),
+    "rtk": (_IMU, Source.RTK_POSITION, Source.RTK_VELOCITY),
+    "ekf": tuple(source for source in _EKF if source is not Source.RTK_HEADING),
+    "ekf_heading": _EKF,
+}
+#: The aids without which a filter is degraded, by method.
+EXPECTED: Mapping[str, tuple[Source, ...]] = {
+    "ekf": (Source.RTK_POSITION, Source.RTK_VELOCITY),
+    "ekf_heading": (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING),
+}
 #: Gate of an aid that has stepped: it passes only if the state may be off by as much.
 _STEPPED_GATE_SIGMA = 2.0
+#: Measurements may be ahead of the IMU by at least this, however small ``max_delay_s`` is.
+_LEAST_HOLD_S = 0.2
+
+
+class Delays(NamedTuple):
+    """Hold stamp minus time of measurement (ns) by sensor; negative where stamps are early."""
+
+    imu_ns: int
+    aid_ns: Mapping[Source, int]
+
+    @classmethod
+    def from_config(cls, config: EkfConfig) -> Delays:
+        """Return the configured delays."""
+        aid_ns = {
+            source: round(aid.delay_s(config) * 1e9) for source, aid in AIDS.items() if aid.delay
+        }
+        return cls(round(config.imu.delay_s * 1e9), aid_ns)
+
+    @property
+    def ahead_ns(self) -> int:
+        """Return how far the corrected stamp of an aid may be ahead of the IMU's on arrival.
+
+        It is the IMU's delay less the smallest delay of an aid, and never negative. A barometer
+        without a delay does not count: most aircraft have none here.
+        """
+        delays_ns = (ns for s, ns in self.aid_ns.items() if ns or s is not Source.BAROMETER)
+        return max(0, self.imu_ns - min(delays_ns))
+
+
+def longest_hold_s(config: EkfConfig) -> float:
+    """Return how far ahead of the IMU (s) a measurement may be and still be held for it."""
+    return max(config.max_delay_s, _LEAST_HOLD_S) + Delays.from_config(config).ahead_ns * 1e-9
 
 
 class Fusion:
@@ -30,7 +99,6 @@ class Fusion:
         self._models = {source: aid(config) for source, aid in AIDS.items()}
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._gps_time_s = config.gps.position_time_s
-        self._heading_time_s = config.heading.bias_time_s
 
     def spare(self, sample: AidSample, aids: AidStatus) -> bool:
         """Return whether a sample would change nothing."""
@@ -53,9 +121,8 @@ class Fusion:
         """
         if self.spare(sample, estimate.aids):
             return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), estimate)
-        aids = estimate.aids
-        receivers = aids.receivers.at(sample.stamp_ns, self._gps_time_s, self._heading_time_s)
-        aids = aids.changed(receivers)
+        receivers = estimate.aids.receivers.at(sample.stamp_ns, self._gps_time_s)
+        aids = estimate.aids._replace(receivers=receivers)
         estimate = StateEstimate(estimate.state, estimate.covariance, aids)
         aid, estimate = self._models[sample.source].measured(sample, estimate, angular_rate_b)
         if isinstance(aid, Verdict):

@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import bisect
 import math
-import operator
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.ins.kalman import chi_square_limit
-from tirgeo_ros.core.navigation.ins.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 
@@ -55,34 +52,42 @@ _LONGEST_AGAINST_FIXES_NS = 20_000_000_000
 _LEAST_M2, _MOST_M2 = 1e-8, 1e4
 #: Prior sigma of a receiver's velocity latency, for it smooths, and the least sigma it may reach.
 _LAG_S, _LEAST_LAG_S = 0.05, 0.01
-_ZERO: Vector = (0.0, 0.0, 0.0)
-
-
-class Fix(NamedTuple):
-    """Hold a fixed position that waits for the velocity of its epoch."""
-
-    stamp_ns: int
-    latitude_rad: float
-    longitude_rad: float
-    height_m: float
-    variances: Vector  # m2
+_ZERO = np.zeros(3)
 
 
 class FixPair(NamedTuple):
-    """Hold fix and velocity of one epoch, and sums over the velocities up to it."""
+    """Hold fix and velocity of one epoch, and sums over the velocities up to it; arrays (3,)."""
 
-    fix: Fix
-    velocity_n: Vector  # m/s
-    against_imu_n: Vector  # m/s, velocity less that which the IMU alone would have
-    slope_n: Vector = _ZERO  # m/s2, of the velocities since the pair before
-    drift_n: Vector = _ZERO  # m, path between fixes less the integral of the velocities
-    left_n: Vector = _ZERO  # m, integral of ``against_imu_n``
-    spread: Vector = _ZERO  # m2, variance of the integral of the velocities
+    fix: PositionSample
+    fix_m2: Array  # variances of the fix
+    velocity_n: Array  # m/s
+    against_imu_n: Array  # m/s, velocity less that which the IMU alone would have
+    slope_n: Array = _ZERO  # m/s2, of the velocities since the pair before
+    drift_n: Array = _ZERO  # m, path between fixes less the integral of the velocities
+    left_n: Array = _ZERO  # m, integral of ``against_imu_n``
+    spread_m2: Array = _ZERO  # variances of the integral of the velocities
 
     @property
     def stamp_ns(self) -> int:
         """Return the time stamp of the fix."""
         return self.fix.stamp_ns
+
+    def after(self, before: FixPair, variances: Array, *, second: bool) -> FixPair:
+        """Return the pair with its sums, from the one before; ``variances`` (m2/s2) are its own.
+
+        The trapezoid's own error is step^2 / 12 times the change of slope across the interval.
+        """
+        step_s = (self.stamp_ns - before.stamp_ns) * 1e-9
+        slope_n = (self.velocity_n - before.velocity_n) / step_s
+        bend_m = 0.0 if second else step_s * step_s / 12 * (slope_n - before.slope_n)
+        way_n = 0.5 * step_s * (before.velocity_n + self.velocity_n)
+        left_n = 0.5 * step_s * (before.against_imu_n + self.against_imu_n)
+        return self._replace(
+            slope_n=slope_n,
+            drift_n=before.drift_n + path_n(before.fix, self.fix) - way_n,
+            left_n=before.left_n + left_n,
+            spread_m2=before.spread_m2 + step_s * step_s * variances + bend_m * bend_m,
+        )
 
 
 class Lag(NamedTuple):
@@ -96,21 +101,19 @@ class Lag(NamedTuple):
         """Return the latency after one more window; one that overlaps the last changes nothing."""
         if first.stamp_ns < self.learned_ns:
             return self
-        change = _subtract(last.velocity_n, first.velocity_n)
-        off_n, variances = _subtract(last.drift_n, first.drift_n), _variances(first, last)
-        weight = sum(c * c / v for c, v in zip(change, variances, strict=True))
-        pull = sum(
-            c * (o - self.mean_s * c) / v for c, o, v in zip(change, off_n, variances, strict=True)
-        )
-        variance = 1 / (1 / self.variance_s2 + weight)
-        mean_s = self.mean_s + variance * pull
+        change = last.velocity_n - first.velocity_n
+        weights = change / _variances(first, last)
+        off_n = last.drift_n - first.drift_n - self.mean_s * change
+        variance = 1 / (1 / self.variance_s2 + float(weights @ change))
+        mean_s = self.mean_s + variance * float(weights @ off_n)
         return Lag(mean_s, max(variance, _LEAST_LAG_S**2), last.stamp_ns)
 
 
 class Consistency(NamedTuple):
     """Hold the records of RTK, and which source is refused."""
 
-    fix: Fix | None = None
+    fix: PositionSample | None = None  # it waits for the velocity of its epoch
+    fix_m2: Array = _ZERO
     pairs: tuple[FixPair, ...] = ()
     lag: Lag = Lag()
     agreed_ns: int = 0  # for how long they have agreed lately
@@ -130,8 +133,7 @@ class Consistency(NamedTuple):
         """Return a copy with a position, ``noise`` (3, 3) m2; one not fixed clears the records."""
         if sample.status is not FixStatus.FIXED:
             return Consistency(lag=self.lag)
-        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
-        return self._replace(fix=Fix(sample.stamp_ns, *place, _diagonal(noise)))
+        return self._replace(fix=sample, fix_m2=np.minimum(noise.diagonal(), _MOST_M2))
 
     def with_velocity(
         self, sample: VelocitySample, noise: Array, against_imu_n: Vector
@@ -143,11 +145,11 @@ class Consistency(NamedTuple):
         fix, pairs = self.fix, self.pairs
         if fix is None or abs(sample.stamp_ns - fix.stamp_ns) > _SAME_NS:
             return self
-        north, east, down = sample.velocity_n.tolist()
-        pair = FixPair(fix, (north, east, down), against_imu_n)
+        pair = FixPair(fix, self.fix_m2, sample.velocity_n, np.array(against_imu_n))
         if not pairs or not 0 < fix.stamp_ns - pairs[-1].stamp_ns <= _LONGEST_GAP_NS:
-            return Consistency(fix, (pair,), self.lag)
-        pair = _with_sums(pairs[-1], pair, _diagonal(noise), first=len(pairs) == 1)
+            return Consistency(fix, self.fix_m2, (pair,), self.lag)
+        variances = np.minimum(noise.diagonal(), _MOST_M2)
+        pair = pair.after(pairs[-1], variances, second=len(pairs) == 1)
         drop = _first_index(pairs, fix.stamp_ns - WINDOW_NS - _BEFORE_NS)
         return self._replace(pairs=(*pairs[drop:], pair)).judged()
 
@@ -162,7 +164,15 @@ class Consistency(NamedTuple):
         step_ns = last_ns - pairs[-2].stamp_ns
         limit, share = (_END, 1.0) if self.since_ns else (_BEGIN, _STEP_SHARE)
         if squared <= limit or not _grows_steadily(window, off_n, share):
-            return self._agreed(window, step_ns, well=squared <= _END)
+            well = squared <= _END
+            agreed_ns = self.agreed_ns + (step_ns if well else -_FORGET * step_ns)
+            return self._replace(
+                lag=self.lag.learned(window[0], window[-1]) if well else self.lag,
+                agreed_ns=min(max(agreed_ns, 0), _LONGEST_AGREED_NS),
+                since_ns=0,
+                against=None,
+                shares=(),
+            )
         off_m_s = math.hypot(*off_n) / ((last_ns - window[0].stamp_ns) * 1e-9)
         kept = self._replace(since_ns=self.since_ns or last_ns, off_m_s=off_m_s)
         if self.against is None:
@@ -170,15 +180,8 @@ class Consistency(NamedTuple):
             return kept.blaming(left, step_ns, clearly=squared > _BEGIN_AGAINST_FIXES)
         long = last_ns - kept.since_ns > _LONGEST_AGAINST_FIXES_NS
         if long and self.against is Source.RTK_POSITION:
-            return Consistency(self.fix, lag=self.lag)
+            return Consistency(self.fix, self.fix_m2, lag=self.lag)
         return kept
-
-    def _agreed(self, window: tuple[FixPair, ...], step_ns: int, *, well: bool) -> Consistency:
-        """Return a copy whose newest pair is no contradiction; ``well``: the distance is small."""
-        change_ns = step_ns if well else -_FORGET * step_ns
-        agreed_ns = min(max(self.agreed_ns + change_ns, 0), _LONGEST_AGREED_NS)
-        lag = self.lag.learned(window[0], window[-1]) if well else self.lag
-        return self._replace(lag=lag, agreed_ns=agreed_ns, since_ns=0, against=None, shares=())
 
     def blaming(self, left: float | None, step_ns: int, *, clearly: bool) -> Consistency:
         """Return a copy that blames a source by its share ``left``, fixes only if ``clearly``."""
@@ -195,94 +198,60 @@ class Consistency(NamedTuple):
 
 def _first_index(pairs: tuple[FixPair, ...], begin_ns: int) -> int:
     """Return the index of the first pair that is not older."""
-    return bisect.bisect_left(pairs, begin_ns - _SAME_NS, key=operator.attrgetter("stamp_ns"))
+    return bisect.bisect_left(pairs, begin_ns - _SAME_NS, key=lambda pair: pair.stamp_ns)
 
 
-def _grows_steadily(window: tuple[FixPair, ...], off_n: Vector, share: float) -> bool:
+def _grows_steadily(window: tuple[FixPair, ...], off_n: Array, share: float) -> bool:
     """Return whether a contradiction has grown over the window, not in two of its intervals."""
-    along = [a * off_n[0] + b * off_n[1] + c * off_n[2] for a, b, c in (p.drift_n for p in window)]
-    parts = sorted(b - a for a, b in pairwise(along))
-    return parts[-1] + parts[-2] < share * (along[-1] - along[0])
+    along = np.array([pair.drift_n for pair in window]) @ off_n
+    return bool(np.sort(np.diff(along))[-2:].sum() < share * (along[-1] - along[0]))
 
 
-def _blame(oldest: FixPair, window: tuple[FixPair, ...], off_n: Vector) -> float | None:
+def _blame(oldest: FixPair, window: tuple[FixPair, ...], off_n: Array) -> float | None:
     """Return the share of a contradiction by which the velocities have left the IMU's path.
 
     Zero means that the fixes have left it. The IMU's path continues with the mean velocity that
     the receiver had before the window; None where fixes and velocities did not agree then.
     """
     begin, last = window[0], window[-1]
-    before_s = (begin.stamp_ns - oldest.stamp_ns) * 1e-9
-    if before_s < 0.5e-9 * _BEFORE_NS:
+    before_ns = begin.stamp_ns - oldest.stamp_ns
+    squared = float(off_n @ off_n)
+    if before_ns < 0.5 * _BEFORE_NS:
         return None
-    ratio = (last.stamp_ns - begin.stamp_ns) * 1e-9 / before_s
-    left = drifted = squared = 0.0
-    for i, off in enumerate(off_n):
-        a, b, c = oldest.left_n[i], begin.left_n[i], last.left_n[i]
-        left -= off * (c - b - ratio * (b - a))
-        drifted += off * (begin.drift_n[i] - oldest.drift_n[i])
-        squared += off * off
-    return None if abs(drifted) > _MOST_BEFORE * squared else left / squared
+    if abs(off_n @ (begin.drift_n - oldest.drift_n)) > _MOST_BEFORE * squared:
+        return None
+    ratio = (last.stamp_ns - begin.stamp_ns) / before_ns
+    left_n = last.left_n - begin.left_n - ratio * (begin.left_n - oldest.left_n)
+    return float(-off_n @ left_n) / squared
 
 
-def distance(first: FixPair, last: FixPair, lag: Lag) -> tuple[float, Vector]:
+def distance(first: FixPair, last: FixPair, lag: Lag) -> tuple[float, Array]:
     """Return the squared distance (3 degrees of freedom) of two paths, and their difference.
 
     The difference (m) is the path between the fixes of two epochs less the integral of the
     velocities. Velocities that are late by ``lag`` change it by lag times their change l. With the
     lag's variance s, the variance is D + s l l'; its inverse is by Sherman and Morrison's formula.
     """
-    change = _subtract(last.velocity_n, first.velocity_n)
-    off_n = _subtract(_subtract(last.drift_n, first.drift_n), [lag.mean_s * c for c in change])
-    squared = along = weight = 0.0
-    for off, late, variance in zip(off_n, change, _variances(first, last), strict=True):
-        squared += off * off / variance
-        along += off * late / variance
-        weight += late * late / variance
-    return squared - along * along / (1 / lag.variance_s2 + weight), off_n
+    change = last.velocity_n - first.velocity_n
+    off_n = last.drift_n - first.drift_n - lag.mean_s * change
+    weighted = off_n / (variances := _variances(first, last))
+    along, weight = weighted @ change, change @ (change / variances)
+    return float(off_n @ weighted - along * along / (1 / lag.variance_s2 + weight)), off_n
 
 
-def _variances(first: FixPair, last: FixPair) -> list[float]:
+def _variances(first: FixPair, last: FixPair) -> Array:
     """Return the variances of the difference, per axis (m2), without the latency's."""
-    terms = zip(first.fix.variances, last.fix.variances, first.spread, last.spread, strict=True)
-    return [max(a + b + late - early, _LEAST_M2) for a, b, early, late in terms]
+    spread_m2 = last.spread_m2 - first.spread_m2
+    return np.maximum(first.fix_m2 + last.fix_m2 + spread_m2, _LEAST_M2)
 
 
-def _with_sums(before: FixPair, pair: FixPair, variances: Vector, *, first: bool) -> FixPair:
-    """Return a pair with its sums, from the pair before."""
-    step_s = (pair.stamp_ns - before.stamp_ns) * 1e-9
-    half = 0.5 * step_s
-    slope, drift, left, spread = [], [], [], []
-    way_n = _path_n(before.fix, pair.fix)
-    for i in range(3):
-        v, w = before.velocity_n[i], pair.velocity_n[i]
-        rise = (w - v) / step_s
-        # The trapezoid's own error is step^2 / 12 times the change of slope across the interval.
-        bend = 0.0 if first else step_s * step_s / 12 * (rise - before.slope_n[i])
-        slope.append(rise)
-        drift.append(before.drift_n[i] + way_n[i] - half * (v + w))
-        left.append(before.left_n[i] + half * (before.against_imu_n[i] + pair.against_imu_n[i]))
-        spread.append(before.spread[i] + step_s * step_s * variances[i] + bend * bend)
-    sums = tuple(slope), tuple(drift), tuple(left), tuple(spread)
-    return FixPair(pair.fix, pair.velocity_n, pair.against_imu_n, *sums)  # type: ignore[arg-type]
-
-
-def _path_n(a: Fix, b: Fix) -> Vector:
-    """Return the path from one fix to another, NED m."""
+def path_n(a: PositionSample | NavState, b: PositionSample) -> Vector:
+    """Return the path from one place to another, NED m."""
     meridian, transverse = radii_of_curvature(a.latitude_rad)
-    east = math.remainder(b.longitude_rad - a.longitude_rad, 2 * math.pi)
-    cosine = math.cos(0.5 * (a.latitude_rad + b.latitude_rad))
+    east = (b.longitude_rad - a.longitude_rad + math.pi) % (2 * math.pi) - math.pi
+    middle = 0.5 * (b.latitude_rad + a.latitude_rad)
     return (
         (b.latitude_rad - a.latitude_rad) * (meridian + a.height_m),
-        east * (transverse + a.height_m) * cosine,
+        east * (transverse + a.height_m) * math.cos(middle),
         a.height_m - b.height_m,
     )
-
-
-def _subtract(a: Sequence[float], b: Sequence[float]) -> Vector:
-    return tuple(map(operator.sub, a, b))
-
-
-def _diagonal(noise: Array) -> Vector:
-    """Return the variances of a covariance (3, 3), bounded to keep the sums precise."""
-    return tuple(np.minimum(noise.diagonal(), _MOST_M2).tolist())

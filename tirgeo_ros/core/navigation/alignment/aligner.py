@@ -31,8 +31,8 @@ from tirgeo_ros.core.navigation.alignment.window_estimate import (
     differences,
     furthest,
 )
+from tirgeo_ros.core.navigation.ins.ins_error_model import Powers
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, Powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
@@ -50,6 +50,7 @@ _LEAST_INSTANTS = 3  # two always fit, and would hide a wrong one
 #: Bound on the measurements kept per second: five sources at 100 Hz.
 _MOST_HZ = 500
 _MOST_IMU_HZ = 1000
+_SET = SetHeading, Source.SET_HEADING
 _T = TypeVar("_T", bound=NavigationInput)
 
 
@@ -111,20 +112,16 @@ class AlignmentSamples:
     def positions(self, source: Source) -> list[PositionSample]:
         """Return a source's positions with a good fix, by stamp; none if its newest has none."""
         least = FixStatus.FLOAT if source is Source.RTK_POSITION else FixStatus.SINGLE
-        positions = self._reached(PositionSample, source)
+        positions = self.reached(PositionSample, source)
         if not positions or positions[-1].status < least:
             return []
         return [s for s in positions if s.status >= least]
 
     def rtk_status(self, stamp_ns: int) -> FixStatus | None:
         """Return the fix status of the newest RTK position up to a stamp."""
-        positions = self._reached(PositionSample, Source.RTK_POSITION)
+        positions = self.reached(PositionSample, Source.RTK_POSITION)
         before = [s.status for s in positions if s.stamp_ns <= stamp_ns]
         return before[-1] if before else None
-
-    def velocities(self, source: Source) -> list[VelocitySample]:
-        """Return the velocities of a source, by stamp."""
-        return self._reached(VelocitySample, source)
 
     def headings(self, first_ns: int, last_ns: int, settled_s: float) -> list[HeadingSample]:
         """Return the headings between two stamps that were measured while RTK was fixed, by stamp.
@@ -132,7 +129,7 @@ class AlignmentSamples:
         The RTK positions within ``settled_s`` before a heading and the first one not before it
         must be fixed: the samples of one instant arrive in any order.
         """
-        fixes = self._reached(PositionSample, Source.RTK_POSITION)
+        fixes = self.reached(PositionSample, Source.RTK_POSITION)
 
         def fixed_around(stamp_ns: int) -> bool:
             begin_ns = stamp_ns - round(settled_s * 1e9)
@@ -140,13 +137,9 @@ class AlignmentSamples:
             after = [s for s in fixes if s.stamp_ns >= stamp_ns][:1]
             return bool(after) and all(s.status is FixStatus.FIXED for s in (*before, *after))
 
-        headings = self._reached(HeadingSample, Source.RTK_HEADING)
+        headings = self.reached(HeadingSample, Source.RTK_HEADING)
         inside = [s for s in headings if first_ns <= s.stamp_ns <= last_ns]
         return [s for s in inside if fixed_around(s.stamp_ns)]
-
-    def set_headings(self) -> list[SetHeading]:
-        """Return the headings that a person has set, by stamp."""
-        return self._reached(SetHeading, Source.SET_HEADING)
 
     def imu_over(self, first_ns: int, last_ns: int) -> list[ImuSample]:
         """Return the IMU samples of an interval, with one before and one after if available."""
@@ -160,7 +153,7 @@ class AlignmentSamples:
         after = [s for s in self._imu if s.stamp_ns > stamp_ns]
         return (*before, *after), tuple(s for s in self._aiding if s.stamp_ns > stamp_ns)
 
-    def _reached(self, kind: type[_T], source: Source) -> list[_T]:
+    def reached(self, kind: type[_T], source: Source) -> list[_T]:
         """Return the measurements of a source within the IMU record, by stamp."""
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
         measured = [s for s in self._aiding if isinstance(s, kind) and s.source is source]
@@ -179,8 +172,6 @@ def span(
     enough = first is not None and sum(t >= first for t in stamps) >= _LEAST_INSTANTS
     return (first, stamps[-1]) if first is not None and enough else None
 
-
-__all__ = ["Aligner", "Alignment", "Biases"]
 
 #: Longer windows to try, where ``alignment.duration_s`` is shorter and gives no result.
 _LONGER_S = (2.5, 6.0)
@@ -203,8 +194,8 @@ class Alignment:
     later: tuple[NavigationInput, ...]  # measurements after the stamp
     sources: frozenset[Source]  # of the measurements used
     rtk_status: FixStatus | None  # of the newest RTK position up to the stamp
-    vibration: Powers = STILL  # noise densities of the IMU in the window
-    vibration_s: float = 0.0  # length of the window
+    vibration: Powers  # noise densities of the IMU in the window
+    vibration_s: float  # length of the window
 
 
 class _Plan(NamedTuple):
@@ -213,11 +204,6 @@ class _Plan(NamedTuple):
     velocity: Source | None
     position: Source
     heading: Source  # of two antennas, set by a person, or the autopilot's
-
-    @property
-    def antennas(self) -> bool:
-        """Return whether the heading is that of rtk/heading."""
-        return self.heading is Source.RTK_HEADING
 
 
 #: Best first. Errors of ordinary GPS positions change slowly, so their differences give a
@@ -253,6 +239,11 @@ class Aligner:
         self._next_ns = 0
         self._lasting: tuple[int, NotAlignedError | None] = (0, None)  # the newest lasting doubt
         self._doubts: defaultdict[str, Recurrence] = defaultdict(Recurrence)
+        antennas = "rtk/heading or " if use_heading else ""
+        self._needs_heading = (
+            f"needs {antennas}an orientation in imu/data that follows the gyroscopes, or "
+            "~/set_heading: velocity tells no heading while hovering"
+        )
         self.reason = "needs imu/data"
         #: Whether nothing but a heading is missing: one that is set would do.
         self.lacks_heading = False
@@ -313,12 +304,13 @@ class Aligner:
 
     def _plans(self) -> list[_Plan]:
         kinds = [Source.RTK_HEADING] if self._use_heading else []
-        kinds += [Source.SET_HEADING] if self._samples.set_headings() else []
+        kinds += [Source.SET_HEADING] if self._samples.reached(*_SET) else []
         plans = [_Plan(v, p, h) for v, p in _SOURCES for h in (*kinds, Source.AUTOPILOT_HEADING)]
         if not self._waited:
             return plans[: max(len(kinds), 1)]
         # While antennas are in doubt, they are not replaced by the autopilot's heading.
-        return [plan for plan in plans if plan.antennas] if self._lately_doubted() else plans
+        antennas = [plan for plan in plans if plan.heading is Source.RTK_HEADING]
+        return antennas if self._lately_doubted() else plans
 
     def _lately_doubted(self) -> NotAlignedError | None:
         """Return a lasting doubt (antennas against autopilot) for ``wait_s``, then None."""
@@ -367,7 +359,7 @@ class Aligner:
                     continue  # a person says it because the autopilot is wrong
                 if doubt.lasting or self._still_doubted(what):
                     raise doubt
-        elif plan.antennas and doubted is not None:
+        elif plan.heading is Source.RTK_HEADING and doubted is not None:
             raise doubted  # nothing has contradicted the doubt since
         sources = {positions[-1].source, *(s.source for s in velocities)}
         if plan.heading is not Source.AUTOPILOT_HEADING:
@@ -381,13 +373,13 @@ class Aligner:
 
         Raises NotAlignedError where those of the plan are missing.
         """
-        if plan.antennas:
+        if plan.heading is Source.RTK_HEADING:
             settled_s = self._config.heading.start_after_s
             readings = self._samples.headings(first, last, settled_s)
             if len(readings) < _LEAST_HEADINGS:
                 raise NotAlignedError("needs rtk/heading with rtk/fix fixed", 2)
             return readings
-        headings = self._samples.set_headings() if plan.heading is Source.SET_HEADING else []
+        headings = self._samples.reached(*_SET) if plan.heading is Source.SET_HEADING else []
         headings = [s for s in headings if first <= s.stamp_ns <= last][-1:]
         by_autopilot = plan.heading is Source.AUTOPILOT_HEADING
         if not headings and not (
@@ -401,7 +393,7 @@ class Aligner:
     ) -> tuple[list[PositionSample], list[VelocitySample]]:
         """Return positions and velocities of the window; raises NotAlignedError."""
         positions = self._samples.positions(plan.position)
-        velocities = self._samples.velocities(plan.velocity) if plan.velocity else []
+        velocities = self._samples.reached(VelocitySample, plan.velocity) if plan.velocity else []
         reach = span(velocities if plan.velocity else positions, round(length_s * 1e9))
         if reach is None or reach[1] < self._samples.newest_ns - _LARGEST_AGE_NS:
             raise NotAlignedError(self._needs_velocity(plan.velocity), 0)
@@ -415,14 +407,6 @@ class Aligner:
     def _needs_velocity(self, source: Source | None) -> str:
         topic = source.topic if source else "rtk/fix or gps/fix"
         return f"needs {topic} over {self._config.alignment.duration_s:g} s"
-
-    @property
-    def _needs_heading(self) -> str:
-        antennas = "rtk/heading or " if self._use_heading else ""
-        return (
-            f"needs {antennas}an orientation in imu/data that follows the gyroscopes, or "
-            "~/set_heading: velocity tells no heading while hovering"
-        )
 
     def _start(
         self, measured: Measured, fitted: FittedWindow, sources: frozenset[Source]

@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
-from tirgeo_ros.core.navigation.aiding.aids import AIDS, METHOD_SOURCES, Delays
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
-from tirgeo_ros.core.navigation.alignment.aligner import Biases
+from tirgeo_ros.core.navigation.aiding.fusion import AIDS, METHOD_SOURCES, Delays
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.navigation.estimator.start_up import StartUp
 from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
+from tirgeo_ros.core.navigation.ins.ins_error_model import densities
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.ins.vibration_noise import densities
 from tirgeo_ros.core.navigation.timeline.aid_stamps import AidClocks, DuplicateDetector, Same
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock, in_body_axes
@@ -55,7 +55,8 @@ class Navigation:
     """Run the configured method on samples in the order of their arrival.
 
     ``heard`` is called with every verdict but that on an IMU sample that was used. A sample that
-    was held has a second one. Raises ConfigError for an origin of ``map`` that is not on earth.
+    was held has a second one. ``plane`` is that of ``map``: as configured, or at the first
+    accepted position. Raises ConfigError for an origin that is not on earth.
     """
 
     def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
@@ -64,13 +65,14 @@ class Navigation:
         self._filtering = config.method in {"ekf", "ekf_heading"}
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
+        self._least_status = FixStatus.SINGLE if gps else FixStatus.FLOAT  # for the origin
         self._delays = Delays.from_config(config)
         self._rotation_bi = config.aircraft.rotation_bi
         self._health = FilterHealth(config)
         self._clipping = Clipping()
         self._resets: Counter[Source] = Counter()  # of all filters before the current one
         self._last_reset = ""
-        self._origin = MapOrigin(config, self._position_source)
+        self.plane = configured_plane(config)
         self._ekf: Ekf | None = None
         self.reset()
 
@@ -93,7 +95,7 @@ class Navigation:
         self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._log.begin()
-        self._health.forget_rtk()
+        self._health.rtk = FixStatus.NONE, 0
         self._newest: NavSolution | None = None
         self._clocks = AidClocks(self._config, self._imu_clock.newest_ns)
         self._in_imu = [aid(self._config) for aid in AIDS.values() if aid.in_imu]
@@ -118,11 +120,6 @@ class Navigation:
             self._ekf.configure(config)
         else:
             self._start_up = StartUp(config, self._start_up.prior)
-
-    @property
-    def plane(self) -> TangentPlane | None:
-        """Return the plane of ``map``: as configured, or at the first accepted position."""
-        return self._origin.plane
 
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample, whatever is in it; return its verdict, and a solution if one is due."""
@@ -264,7 +261,11 @@ class Navigation:
             self._align(sample)
             verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
         self._clocks.judge(verdict, sample.stamp_ns)
-        self._origin.see(sample, verdict)
+        accepted = verdict.outcome in {Outcome.USED, Outcome.WAITING}
+        if self.plane is None and accepted and source is self._position_source:
+            assert isinstance(sample, PositionSample)
+            if sample.status >= self._least_status:
+                self.plane = _plane_at(sample)
         return verdict
 
     def _align(self, sample: NavigationInput) -> None:
@@ -273,7 +274,7 @@ class Navigation:
         self._ekf = self._start_up.ekf
         if self._ekf is not None and self._start_up.first_state is not None:
             self._why_again, self._began_again = "", None
-            self._origin.start_at(self._start_up.first_state)
+            self.plane = self.plane or _plane_at(self._start_up.first_state)
         for verdict in verdicts:
             self._count(verdict)
 
@@ -307,36 +308,21 @@ class Navigation:
         self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
 
 
-class MapOrigin:
-    """Hold the tangent plane of ``map``; once set, it stays.
+def configured_plane(config: EkfConfig) -> TangentPlane | None:
+    """Return the plane of ``map`` if its origin is a parameter.
 
-    Without a configured origin ``source`` will set it. Raises ConfigError for an origin that is
-    not on earth.
+    Raises ConfigError for an origin that is not on earth.
     """
+    if not config.origin_lat_lon_h:
+        return None
+    lat, lon, height_m = config.origin_lat_lon_h
+    wrong = "" if abs(height_m) < LARGEST_HEIGHT_M else f"{height_m:g} m is no height"
+    if abs(lat) > 90 or abs(lon) > 180:
+        wrong = f"{lat:g}, {lon:g} deg is not a latitude and longitude"
+    if wrong:
+        raise ConfigError(f"parameter origin_lat_lon_h: {wrong} on earth")
+    return TangentPlane(math.radians(lat), math.radians(lon), height_m)
 
-    def __init__(self, config: EkfConfig, source: Source) -> None:
-        self.plane: TangentPlane | None = None
-        self._source = source
-        gps = source is Source.GPS_POSITION
-        self._least_status = FixStatus.SINGLE if gps else FixStatus.FLOAT
-        if config.origin_lat_lon_h:
-            lat, lon, height_m = config.origin_lat_lon_h
-            wrong = "" if abs(height_m) < LARGEST_HEIGHT_M else f"{height_m:g} m is no height"
-            if abs(lat) > 90 or abs(lon) > 180:
-                wrong = f"{lat:g}, {lon:g} deg is not a latitude and longitude"
-            if wrong:
-                raise ConfigError(f"parameter origin_lat_lon_h: {wrong} on earth")
-            self.plane = TangentPlane(math.radians(lat), math.radians(lon), height_m)
 
-    def see(self, sample: NavigationInput, verdict: Verdict) -> None:
-        """Set the origin to the first good position: RTK from float on, GPS from single on."""
-        if not isinstance(sample, PositionSample) or sample.source is not self._source:
-            return
-        accepted = verdict.outcome in {Outcome.USED, Outcome.WAITING}
-        if accepted and sample.status >= self._least_status:
-            self.start_at(sample)
-
-    def start_at(self, place: NavState | PositionSample) -> None:
-        """Set the origin to a place, where none is set."""
-        if self.plane is None:
-            self.plane = TangentPlane(place.latitude_rad, place.longitude_rad, place.height_m)
+def _plane_at(place: NavState | PositionSample) -> TangentPlane:
+    return TangentPlane(place.latitude_rad, place.longitude_rad, place.height_m)

@@ -13,13 +13,14 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.aiding.aids import AIDS, longest_hold_s
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
-from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
+from tirgeo_ros.core.navigation.aiding.fusion import AIDS, longest_hold_s
+from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
-from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.timeline.epochs import FlightRecord
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

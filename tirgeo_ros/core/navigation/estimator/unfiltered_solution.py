@@ -12,7 +12,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
+from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (

@@ -11,8 +11,8 @@ from enum import Enum
 from itertools import pairwise
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,

@@ -1,6 +1,6 @@
 """Estimate the aircraft's state with an error-state Kalman filter on the IMU, with a history.
 
-Epochs (IMU samples) and measurements lie on one time line (``delayed_measurements``). Each epoch
+Epochs (IMU samples) and measurements lie on one time line (``epochs``). Each epoch
 keeps the filter's state after all measurements up to its stamp. A late measurement is inserted in
 its place and the later epochs are computed again, so the result equals that of timely arrival.
 """
@@ -12,32 +12,48 @@ import math
 import operator
 from typing import NamedTuple
 
+import numpy as np
+
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
-from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
-from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
-from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
-from tirgeo_ros.core.navigation.alignment.initial_state import initial_estimate
-from tirgeo_ros.core.navigation.ins.ins_error_model import GYRO_BIAS, NoisePowers
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.navigation.aiding.aid import AidSample, StateEstimate
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion, longest_hold_s
+from tirgeo_ros.core.navigation.alignment.aligner import Alignment
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
+    ANTENNA,
+    ATTITUDE,
+    GPS_ERROR,
+    GYRO_BIAS,
+    POSITION,
+    STATES,
+    VELOCITY,
+    NoisePowers,
+    Powers,
+    VibrationMeter,
+    clipped_powers,
+    has_antenna,
+    states_of,
+)
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
-from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, VibrationMeter, clipped_powers
-from tirgeo_ros.core.navigation.timeline.delayed_measurements import (
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.timeline.epochs import (
     FilterEpoch,
+    FlightRecord,
     HistoryRecord,
     put,
 )
-from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
-from tirgeo_ros.core.navigation.timeline.published_solution import SolutionMaker, unsure_by
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-_STANDBY = {source: Verdict(source, Outcome.STANDBY, "not needed") for source in Source}
 _MOST_HZ = 500  # bound on the measurements held for each second
 _stamp_of = operator.attrgetter("stamp_ns")
+_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
 
 class _Progress(NamedTuple):
@@ -110,7 +126,7 @@ class Ekf:
         epoch = FilterEpoch.after(self._epochs[-1], sample, self._meter)
         if clipped:
             epoch.vibration = clipped_powers(epoch.vibration)
-        while self._held and self._held[0].stamp_ns <= epoch.stamp_ns:
+        while self._held and self._held[0].sample.stamp_ns <= epoch.stamp_ns:
             epoch.records.append(self._held.pop(0))
         epochs = self._epochs
         epochs.append(epoch)
@@ -131,44 +147,36 @@ class Ekf:
             return Verdict(sample.source, Outcome.TOO_OLD, reason)
         if stamp_ns > newest_ns + self._hold_ns:
             return Verdict(sample.source, Outcome.TOO_NEW, "newer than imu/data")
-        record = HistoryRecord.of(sample, stale=stale)
-        if stamp_ns > newest_ns:
-            return self._hold(record)
-        index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
-        if not put(self._epochs[index].records, record):
-            return Verdict(record.source, Outcome.REPEATED)
-        return self._revised(index, record)
-
-    def _hold(self, record: HistoryRecord) -> Verdict:
-        if len(self._held) >= self._most_held:
+        held = stamp_ns > newest_ns
+        if held and len(self._held) >= self._most_held:
             reason = f"{self._most_held} others wait for imu/data"
-            return Verdict(record.source, Outcome.TOO_MANY, reason)
-        record.held = True
-        if not put(self._held, record):
-            return Verdict(record.source, Outcome.REPEATED)
-        return Verdict(record.source, Outcome.WAITING, "held until imu/data reaches it")
+            return Verdict(sample.source, Outcome.TOO_MANY, reason)
+        record = HistoryRecord(sample, stale, held)
+        index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
+        if not put(self._held if held else self._epochs[index].records, record):
+            return Verdict(sample.source, Outcome.REPEATED)
+        if held:
+            return Verdict(sample.source, Outcome.WAITING, "held until imu/data reaches it")
+        return self._revised(index, record)
 
     def _revised(self, index: int, record: HistoryRecord) -> Verdict:
         """Return the verdict on a new record in the interval that ends with epoch ``index``."""
         if self._progress is not None and self._progress.order > record.order:
             self._progress = None
         self._catch_up(index - 1)
-        aids = self._control_before(index, record)
+        records, progress = self._epochs[index].records, self._progress
+        before = [r.order for r in records if r.order < record.order and r.applied]
+        if not before:
+            aids: AidStatus | None = self._epochs[index - 1].aids
+        else:  # where they are not at hand, the later epochs are computed again
+            aids = progress.aids if progress and progress.order == before[-1] else None
         if aids is not None and self._fusion.spare(record.sample, aids):
-            record.verdict = _STANDBY[record.source]
+            record.verdict = Verdict(record.sample.source, Outcome.STANDBY, "not needed")
             return record.verdict  # nothing changes, so the later epochs remain valid
         self._done = min(self._done, index - 1)
         self._catch_up(index)
         assert record.verdict is not None
         return record.verdict
-
-    def _control_before(self, index: int, record: HistoryRecord) -> AidStatus | None:
-        """Return the aid records just before ``record``, or None where they are not at hand."""
-        records, progress = self._epochs[index].records, self._progress
-        before = [r.order for r in records if r.order < record.order and r.applied]
-        if not before:
-            return self._epochs[index - 1].aids
-        return progress.aids if progress and progress.order == before[-1] else None
 
     def solution(self) -> NavSolution:
         """Return the solution at the newest IMU sample; its covariance may be 50 ms older."""
@@ -232,10 +240,12 @@ class Ekf:
         now, aids, now_ns = progress.propagated, progress.aids, progress.order[0]
         for number, record in enumerate(end.records[progress.applied :], progress.applied + 1):
             if self._fusion.spare(record.sample, aids):
-                self._set_verdict(record, _STANDBY[record.source])
+                standby = Verdict(record.sample.source, Outcome.STANDBY, "not needed")
+                self._set_verdict(record, standby)
                 continue
-            now = self._mechanisation.part(now, start, end, now_ns, record.stamp_ns)
-            now_ns = record.stamp_ns
+            stamp_ns = record.sample.stamp_ns
+            now = self._mechanisation.part(now, start, end, now_ns, stamp_ns)
+            now_ns = stamp_ns
             rate_b = between(start, end, now_ns)[1]
             now, aids = self._applied(record, now, aids, rate_b, end.autopilot_q_nb)
             progress = _Progress(end.stamp_ns, record.order, number, now, aids)
@@ -264,7 +274,10 @@ class Ekf:
             autopilot_q_nb=autopilot_q_nb,
         )
         self._set_verdict(record, verdict)
-        trail = now.trail and now.trail.followed_by(after.changes)
+        trail = now.trail
+        if trail is not None:
+            for change in after.changes:
+                trail = Mark(change, trail)
         return Propagated(after.state, after.covariance, trail=trail), after.aids
 
     def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:
@@ -291,3 +304,114 @@ class Ekf:
         if self._record is not None:
             for epoch in self._epochs[:number]:
                 self._record.keep(epoch, self._white_b(epoch))
+
+
+class SolutionMaker:
+    """Make solutions in the form that the parameters ask for."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        states = states_of(config)
+        self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
+        # Flat indices of the solution's covariance (9, 9) in the filter's covariance.
+        self._entries = states * _ROWS[:, None] + _ROWS
+
+    def made(
+        self,
+        stamp_ns: int,
+        state: NavState,
+        covariance: Array,
+        rate_b: Vector,
+        white_b: Vector,
+        antenna_b: Vector,
+    ) -> NavSolution:
+        """Return the solution of a state and the covariance (n, n) of its error.
+
+        ``rate_b`` is the angular rate as read (rad/s), ``white_b`` the variances of its white
+        noise, ``antenna_b`` the estimated part of the RTK antenna's place (m).
+        """
+        bias, (x, y, z), item = state.gyro_bias_b, white_b, covariance.item
+        turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
+        vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
+        fields = (
+            stamp_ns,
+            state.latitude_rad,
+            state.longitude_rad,
+            state.height_m,
+            vectors[:3],
+            vectors[3:7],
+            vectors[7:],
+            (x + item(9, 9), y + item(10, 10), z + item(11, 11)),
+            covariance.take(self._entries),
+        )
+        solution: NavSolution = tuple.__new__(NavSolution, fields)  # half of NavSolution(...)
+        return at_antenna(solution, covariance, antenna_b) if self._at_antenna else solution
+
+
+def unsure_by(solution: NavSolution, step: tuple[float, ...]) -> NavSolution:
+    """Return a solution as uncertain as an RTK step (m, NED) that is not accepted yet is large."""
+    if step:
+        solution.covariance[:3, :3] += np.outer(step, step)
+    return solution
+
+
+def at_antenna(imu: NavSolution, covariance: Array, antenna_b: Vector) -> NavSolution:
+    """Return the solution of the antenna from that of the IMU.
+
+    A configured lever arm of zeros, which nobody has measured, says that the origin of
+    ``base_link`` is the antenna; the state is that of the IMU, which is elsewhere.
+    ``covariance`` (n, n) is the filter's, the lever arm ``antenna_b`` (m) among its error states.
+    With ``l`` from IMU to antenna in ``b``, the position is ``p + R l`` and the velocity
+    ``v + R (w x l)`` (Groves, 2nd ed., 14.3.4). The covariance (9, 9) follows to first order.
+    """
+    lever_b = np.array(antenna_b)
+    rotation_nb = matrix_from_quat(imu.q_nb)
+    lever_n = rotation_nb @ lever_b
+    swing_n = rotation_nb @ np.cross(imu.angular_rate_b, lever_b)
+    meridian, transverse = radii_of_curvature(imu.latitude_rad)
+    east_m = (transverse + imu.height_m) * np.cos(imu.latitude_rad)
+    effect = np.zeros((9, len(covariance)))
+    effect[0:3, 6:9] = effect[3:6, 0:3] = effect[6:9, 3:6] = np.eye(3)
+    effect[0:3, 0:3] = -skew(lever_n)
+    effect[0:3, ANTENNA] = rotation_nb
+    effect[6:9, 0:3] = -skew(swing_n)
+    effect[6:9, GYRO_BIAS] = rotation_nb @ skew(lever_b)
+    effect[6:9, ANTENNA] = rotation_nb @ skew(imu.angular_rate_b)
+    return imu._replace(
+        latitude_rad=imu.latitude_rad + float(lever_n[0]) / (meridian + imu.height_m),
+        longitude_rad=imu.longitude_rad + float(lever_n[1] / east_m),
+        height_m=imu.height_m - float(lever_n[2]),
+        velocity_n=imu.velocity_n + swing_n,
+        covariance=effect @ covariance @ effect.T,
+    )
+
+
+def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
+    """Return the filter's first estimate, in which the aids of the alignment count as used.
+
+    The receivers' errors begin at zero with their configured standard deviations. Where the
+    alignment used a receiver, its error is correlated with the state.
+    """
+    states = states_of(config)
+    covariance = np.zeros((states, states))
+    covariance[:STATES, :STATES] = alignment.covariance
+    covariance[GPS_ERROR, GPS_ERROR] = np.diag(np.square(config.gps.position_sigma_m))
+    if has_antenna(states):
+        effect = np.zeros((states, 3))
+        effect[ANTENNA] = np.eye(3)
+        if Source.RTK_POSITION in alignment.sources:  # the position was taken through the arm
+            effect[POSITION] = -matrix_from_quat(np.array(alignment.state.q_nb))
+        covariance += effect @ np.diag(config.aircraft.rtk_lever_sigma_b**2) @ effect.T
+    aids = AidStatus(Receivers(alignment.stamp_ns))
+    for source in alignment.sources:
+        aids = aids.with_track(source, AidTrack(alignment.stamp_ns))
+    if alignment.rtk_status is not None:
+        aids = aids.with_status(alignment.rtk_status, alignment.stamp_ns, 0)
+    if Source.GPS_POSITION in alignment.sources:
+        # The position came from the GPS: its error (truth - estimate) is the GPS's error, negated.
+        gps_m2 = covariance[GPS_ERROR, GPS_ERROR]
+        covariance[POSITION, GPS_ERROR] = covariance[GPS_ERROR, POSITION] = -gps_m2
+        noise_m2 = config.gps.position_noise_m**2
+        least = np.diag(gps_m2) + noise_m2
+        position = covariance[POSITION, POSITION]
+        np.fill_diagonal(position, np.maximum(np.diag(position), least))
+    return StateEstimate(alignment.state, covariance, aids)

@@ -1,7 +1,14 @@
-"""Aid the filter with the position of RTK's antenna (Eq. 4 of Ren et al. 2022).
+"""Aid the filter with satellite positions: RTK's (Eq. 4 of Ren et al. 2022), and ordinary GPS's.
 
-The solution of a receiver may step, by a wrong fix or from float to fixed. While it has stepped,
-only the motion that it reports is used; once the step has lasted, the position follows it.
+H includes the lever arm's partials in attitude, which the paper leaves out.
+
+The solution of an RTK receiver may step, by a wrong fix or from float to fixed. While it has
+stepped, only the motion that it reports is used; once the step has lasted, the position follows
+it.
+
+The error of ordinary GPS, metres that vary over a minute, is a state of the filter. While RTK is
+fixed it is learned from one position a second. Without RTK, positions less the estimated error
+continue from where RTK stopped, and the covariance grows as the error wanders.
 """
 
 from __future__ import annotations
@@ -12,10 +19,8 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.navigation.aiding.aid import Aid
-from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, STEPPED_S, AidStatus, AidTrack
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import arm_design, innovation_n, white_factor
-from tirgeo_ros.core.navigation.aiding.state_estimate import (
+from tirgeo_ros.core.navigation.aiding.aid import (
+    Aid,
     AidMeasurement,
     Fused,
     Modelled,
@@ -23,10 +28,25 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     added,
     floored,
     not_fixed,
+    uncorrelated,
 )
-from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, POSITION, has_antenna
+from tirgeo_ros.core.navigation.aiding.aid_status import (
+    EASE_STEPS,
+    NEVER_NS,
+    STEPPED_S,
+    AidStatus,
+    AidTrack,
+)
+from tirgeo_ros.core.navigation.aiding.rtk_consistency import path_n
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
+    ANTENNA,
+    GPS_ERROR,
+    POSITION,
+    flat_memory,
+    has_antenna,
+)
 from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, Update, cut, update
-from tirgeo_ros.core.navigation.ins.strapdown import Vector, matrix, rotate
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -35,6 +55,38 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 #: cannot confirm, is accepted after this time: a receiver's passing fault lasts for a second.
 _COUNTED_STEP_M = 1.0
 _SMALL_STEP_S = 1.2
+#: While RTK is there the GPS error is learned at this interval: a second less stamp jitter.
+_LEARNING_NS = 950_000_000
+#: Variation of a GPS error that still counts as the same error.
+_SLACK_M = 2.0
+
+
+def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Vector:
+    """Return measured less predicted antenna position (Eq. 5), NED m; ``lever_n``: ``R_nb l``."""
+    north, east, down = path_n(state, sample)
+    return north - lever_n[0], east - lever_n[1], down - lever_n[2]
+
+
+def arm_design(states: int, arm_n: Vector, first: int) -> Array:
+    """Return H (3, states) of ``R_true a = R a - [R a x] phi``, plus the states from ``first``."""
+    design = np.zeros((3, states))
+    x, y, z = arm_n
+    flat = flat_memory(design)
+    second, third = states, 2 * states
+    flat[1], flat[2] = z, -y
+    flat[second], flat[second + 2] = -z, x
+    flat[third], flat[third + 1] = y, -x
+    flat[first] = flat[second + first + 1] = flat[third + first + 2] = 1.0
+    return design
+
+
+def white_factor(time_s: float, step_ns: int) -> float:
+    """Return the factor that makes the variance of a lasting error one of white noise.
+
+    Positions do not average it away. White noise with the same power at low frequency has
+    2 tau / step times its variance, tau being the correlation time.
+    """
+    return max(2 * time_s / min(max(step_ns * 1e-9, 0.02), 1.0), 1.0)
 
 
 class RtkPositionAid(Aid):
@@ -70,7 +122,7 @@ class RtkPositionAid(Aid):
             innovation, aids = self._median(offset, state.correction_n, aids)
         noise, sigma_m = self._noise(sample, aids)
         consistency = aids.rtk.consistency.with_fix(sample, noise)
-        aids = aids.changed(rtk=aids.rtk.compared(consistency))
+        aids = aids._replace(rtk=aids.rtk._replace(consistency=consistency))
         estimate = StateEstimate(state, estimate.covariance, aids)
         reason = consistency.reason(self.source)
         if reason:
@@ -179,3 +231,73 @@ class RtkPositionAid(Aid):
         moved = (-aid.measurement.innovation).tolist()
         receivers = after.aids.receivers.changed(moved)
         return after._replace(aids=after.aids._replace(receivers=receivers))
+
+
+class GpsPositionAid(Aid):
+    """Use positions of the ordinary GPS, with their slow error as a state."""
+
+    source = Source.GPS_POSITION
+    delay = "gps.delay_s"
+    look_at = "aircraft.gps_antenna_m, gps.delay_s"
+    moved = "GPS error changed by"
+
+    def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
+        self._gps = config.gps
+        self._lever_b: Vector = tuple(config.aircraft.gps_lever_b.tolist())
+        noise_m2 = config.gps.position_noise_m**2
+        self._noise = np.eye(3) * noise_m2
+        self._modelled_m2 = np.square(config.gps.position_sigma_m) + noise_m2
+
+    def spare(self, sample: PositionSample, aids: AidStatus) -> bool:
+        """Return whether RTK is fixed and used, and the error was learned within a second."""
+        now_ns = sample.stamp_ns
+        return (
+            aids.rtk.status is FixStatus.FIXED
+            and aids.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
+            and aids.track(self.source).recent(now_ns, _LEARNING_NS)
+        )
+
+    def measured(
+        self, sample: PositionSample, estimate: StateEstimate, _rate_b: Vector
+    ) -> Modelled:
+        """Return the measurement of a position with its slow error in it, and the estimate."""
+        if sample.status < FixStatus.SINGLE:
+            return not_fixed(self.source, sample.status), estimate
+        state, error_n = estimate.state, estimate.aids.receivers.gps_error_n
+        lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
+        innovation = innovation_n(state, sample, added(lever_n, error_n))
+        design = arm_design(self._states, lever_n, POSITION.start)
+        design[:, GPS_ERROR] = np.eye(3)
+        # Reported variance beyond that of the slow error in the state.
+        beyond = np.maximum(np.diagonal(sample.covariance_n) - self._modelled_m2, 0.0)
+        beyond *= self._beyond_factor(estimate.aids, sample.stamp_ns)
+        noise = self._noise + np.diag(beyond)
+        measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
+        invariant = added(innovation, state.correction_n)
+        return AidMeasurement(
+            sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
+        ), estimate
+
+    def _beyond_factor(self, aids: AidStatus, now_ns: int) -> float:
+        """Return the factor on variances beyond the state's: 1 until RTK is gone for long."""
+        used_ns, rtk = aids.track(self.source).used_ns, aids.track(Source.RTK_POSITION)
+        time_s = self._gps.position_time_s
+        if used_ns == NEVER_NS or rtk.recent(now_ns, round(time_s * 1e9)):
+            return 1.0
+        return white_factor(time_s, now_ns - used_ns)
+
+    def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
+        """Set the GPS error as measured; a jump of the GPS leaves the position unchanged."""
+        state, aids = estimate.state, estimate.aids
+        innovation, noise = aid.measurement.innovation, aid.measurement.noise
+        covariance = uncorrelated(estimate.covariance, GPS_ERROR)
+        transition = cut(len(covariance), GPS_ERROR)
+        covariance[GPS_ERROR, GPS_ERROR] = noise
+        # Their sum is measured: the error of the one is that of the other, negated.
+        covariance[GPS_ERROR, :] -= covariance[POSITION, :]
+        covariance[:, GPS_ERROR] -= covariance[:, POSITION]
+        transition[GPS_ERROR, POSITION] = -np.eye(3)
+        aids = aids._replace(receivers=aids.receivers.changed(innovation.tolist()))
+        aids = self.with_reset(aids, aid.stamp_ns, float(np.linalg.norm(innovation)))
+        return StateEstimate(state, covariance, aids, (Change(covariance, transition),))

@@ -1,4 +1,4 @@
-"""Aid the filter with the satellite velocity of an antenna: the model, and RTK's own."""
+"""Aid the filter with the satellite velocities of an antenna, RTK's and ordinary GPS's."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
-from tirgeo_ros.core.navigation.aiding.aid import Aid
-from tirgeo_ros.core.navigation.aiding.gnss_antenna import velocity_design
-from tirgeo_ros.core.navigation.aiding.state_estimate import (
+from tirgeo_ros.core.navigation.aiding.aid import (
+    Aid,
     AidMeasurement,
     Modelled,
     StateEstimate,
@@ -18,12 +17,36 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     floored,
     not_fixed,
 )
-from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, VELOCITY, has_antenna
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
+from tirgeo_ros.core.navigation.aiding.satellite_position import arm_design
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
+    ANTENNA,
+    VELOCITY,
+    flat_memory,
+    has_antenna,
+)
 from tirgeo_ros.core.navigation.ins.kalman import Measurement
-from tirgeo_ros.core.navigation.ins.strapdown import Vector, cross, matrix, rotate
+from tirgeo_ros.core.navigation.ins.strapdown import Rotation, Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, Source, VelocitySample
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+
+def velocity_design(
+    states: int, rotation_nb: Rotation, swing: Vector, lever_arm_b: Vector
+) -> Array:
+    """Return H (3, states) of an antenna velocity: the lever arm swings with the body's rate.
+
+    The rate is the reading less its bias, so ``d(w x l) = -db x l = [l x] db``.
+    """
+    design = arm_design(states, swing, VELOCITY.start)
+    flat = flat_memory(design)
+    x, y, z = lever_arm_b
+    for row in range(3):
+        a, b, c = rotation_nb[3 * row : 3 * row + 3]
+        at = row * states + 9
+        flat[at], flat[at + 1], flat[at + 2] = b * z - c * y, c * x - a * z, a * y - b * x
+    return design
 
 
 class VelocityAid(Aid):
@@ -102,7 +125,18 @@ class RtkVelocityAid(VelocityAid):
         against_imu_n = added((north, east, down), estimate.state.push_n)
         rtk, noise = estimate.aids.rtk, aid.measurement.noise
         consistency = rtk.consistency.with_velocity(sample, noise, against_imu_n)
-        aids = estimate.aids.changed(rtk=rtk.compared(consistency))
+        aids = estimate.aids._replace(rtk=rtk._replace(consistency=consistency))
         estimate = StateEstimate(estimate.state, estimate.covariance, aids)
         reason = consistency.reason(self.source)
         return (Verdict(self.source, Outcome.GATED, reason) if reason else aid), estimate
+
+
+class GpsVelocityAid(VelocityAid):
+    """Use velocities of the ordinary GPS where those of RTK are missing."""
+
+    source = Source.GPS_VELOCITY
+    delay = look_at = "gps.delay_s"
+
+    def spare(self, sample: VelocitySample, aids: AidStatus) -> bool:
+        """Return whether RTK's velocity was used within the time-out."""
+        return aids.track(Source.RTK_VELOCITY).recent(sample.stamp_ns, self._timeout_ns)

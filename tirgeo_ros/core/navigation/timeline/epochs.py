@@ -1,15 +1,23 @@
-"""Record the filter's steps of one run in compact arrays, as they become final."""
+"""Define the epochs of the filter's time line with their measurements, and record those of a run.
+
+A record holds the filter's steps in compact arrays, as they become final.
+"""
 
 from __future__ import annotations
 
 from array import array
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.navigation.ins.kalman import Change, Correction, Mark
-from tirgeo_ros.core.navigation.timeline.delayed_measurements import FilterEpoch
+from tirgeo_ros.core.navigation.aiding.aid import AidSample, StateEstimate
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus, Receivers
+from tirgeo_ros.core.navigation.ins.kalman import Change, Correction
+from tirgeo_ros.core.navigation.ins.propagation import Epoch, Propagated
 from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: How a change's error follows from the one before it.
 SAME, MOVED, CORRECTED = range(3)
@@ -18,6 +26,57 @@ MOST_ROWS = 3
 _NO_STEP = (0.0, 0.0, 0.0)
 #: Numbers of an epoch (see ``FlightRecord._noted``).
 EPOCH_NUMBERS = 29
+
+
+@dataclass(slots=True, eq=False)
+class HistoryRecord:
+    """Hold a measurement on the time line, and the newest verdict on it."""
+
+    sample: AidSample
+    stale: bool = False  # it repeats the value of the one before
+    held: bool = False  # it arrived before the IMU sample that reaches its stamp
+    verdict: Verdict | None = None
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Return the sort key: the stamp, then a fixed order of the sources."""
+        return self.sample.stamp_ns, PLACE[self.sample.source]
+
+    @property
+    def applied(self) -> bool:
+        """Return whether it was, or is still to be, given to the filter: all but STANDBY."""
+        return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
+
+
+@dataclass(slots=True, eq=False)
+class FilterEpoch(Epoch):
+    """Add to an epoch the records of the aids at its stamp, and its interval's measurements."""
+
+    aids: AidStatus = AidStatus(Receivers(0))
+    records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
+
+    @classmethod
+    def of_start(cls, stamp_ns: int, sample: ImuSample, start: StateEstimate) -> FilterEpoch:
+        """Return the filter's first epoch; ``sample`` is the newest one up to its stamp."""
+        epoch = cls.first(stamp_ns, sample, Propagated(start.state, start.covariance))
+        epoch.aids = start.aids
+        return epoch
+
+    @property
+    def estimate(self) -> StateEstimate:
+        """Return state, covariance and aid records; the covariance may be 50 ms older."""
+        return StateEstimate(self.propagated.state, self.propagated.covariance, self.aids)
+
+
+def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
+    """Insert a record in order; return False where its source and stamp are there already."""
+    at = len(records)
+    while at and records[at - 1].order > record.order:
+        at -= 1
+    if at and records[at - 1].order == record.order:
+        return False
+    records.insert(at, record)
+    return True
 
 
 class FlightRecord:
@@ -34,7 +93,6 @@ class FlightRecord:
         self.stamps_ns, self.marks = array("q"), array("q")  # by epoch; its newest change
         self._covariances, self._transitions = array("d"), array("d")
         self._corrections, self._epochs = array("d"), array("d")
-        self._last: Mark | None = None
 
     def keep(self, epoch: FilterEpoch, white_b: Vector) -> None:
         """Take an epoch that is final, in their order, and the changes that led to it.
@@ -43,13 +101,6 @@ class FlightRecord:
         """
         newest = epoch.propagated.trail
         assert newest is not None
-        self._take(newest)
-        self.stamps_ns.append(epoch.stamp_ns)
-        self.marks.append(newest.number)
-        self._epochs.extend(_noted(epoch, white_b))
-
-    def _take(self, newest: Mark) -> None:
-        """Take the changes since the last epoch's."""
         new, mark = [], newest
         while mark.number < 0:
             new.append(mark)
@@ -60,6 +111,9 @@ class FlightRecord:
             mark.number = len(self.kinds)
             self.add(mark.change)
             mark.before = None  # what is recorded can be forgotten
+        self.stamps_ns.append(epoch.stamp_ns)
+        self.marks.append(newest.number)
+        self._epochs.extend(_noted(epoch, white_b))
 
     def add(self, change: Change) -> None:
         """Take a change; ``keep`` does so with those of an epoch."""
