@@ -96,13 +96,10 @@ def _sightings(
     refused: dict[str, Refused] = {}
     sizes: dict[str, tuple[int, int]] = {}
     for name, _, pixels in pictures:
-        if pixels is None:
-            refused[name] = UNREADABLE
-            continue
-        detected = find_board(pixels, board)
+        detected = UNREADABLE if pixels is None else find_board(pixels, board)
         if isinstance(detected, Refused):
             refused[name] = detected
-        else:
+        elif pixels is not None:
             views[name], sizes[name] = detected, (pixels.shape[1], pixels.shape[0])
     size = Counter(sizes.values()).most_common(1)[0][0] if sizes else (0, 0)
     for name, (width, height) in sizes.items():
