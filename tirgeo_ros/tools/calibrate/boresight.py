@@ -82,8 +82,8 @@ def calibrate_boresight(
     CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.
     """
     configs = node_configs(params, namespace, camera=camera)
-    given = (bag_in, survey, observations, *paths_of(params), *configs.files)
-    check_outputs(given, (output,), CalibrationError)
+    inputs = (bag_in, survey, observations, *paths_of(params), *configs.files)
+    check_outputs(inputs, (output,), CalibrationError)
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
     reader = BagReader(bag_in)
     configs, chosen = configs.fitting(reader.topics(), namespace)
