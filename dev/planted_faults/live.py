@@ -90,8 +90,8 @@ def times_of_ellipse(
         actual = true.locate(true_ns, was)
         times = math.inf
         if actual is not None:
-            place = actual.latitude_rad, actual.longitude_rad, actual.height_m
-            off = (located.point_n - assumed.plane.ned_from_geodetic(*place))[:2]
+            there = actual.latitude_rad, actual.longitude_rad, actual.height_m
+            off = (located.point_n - assumed.plane.ned_from_geodetic(*there))[:2]
             squared = float(off @ np.linalg.solve(located.covariance_n[:2, :2], off))
             times = math.sqrt(squared / CHI2_95)
         worst = times if math.isnan(worst) else max(worst, times)

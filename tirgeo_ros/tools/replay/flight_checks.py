@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import traceback
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -124,7 +124,7 @@ class FlightChecks:
         self._streams: dict[str, Stream] = {}  # of the gimbal
         self._plane: TangentPlane | None = None
         self.picture_size: tuple[int, int] | None = None  # of the newest: width, height
-        self.arrivals_ns: dict[str, list[int]] = {}  # of messages, by topic
+        self.arrivals_ns: defaultdict[str, list[int]] = defaultdict(list)  # by topic
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self.failed: Counter[str] = Counter()  # exceptions in the checks
@@ -144,13 +144,10 @@ class FlightChecks:
             *parameter_findings(given, unused, namespace, pictures=bool(pictured)),
         ]
 
-    def _count(self, topic: str, arrival_ns: int) -> None:
-        self.arrivals_ns.setdefault(topic, []).append(arrival_ns)
-
     @_guarded
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
-        self._count(topic, arrival_ns)
+        self.arrivals_ns[topic].append(arrival_ns)
         if isinstance(sample, JointSample | CameraAttitudeSample):
             self._streams.setdefault(topic, Stream(_GIMBAL_GAP_S)).add(sample, arrival_ns)
         if isinstance(sample, JointSample):
@@ -194,7 +191,7 @@ class FlightChecks:
     @_guarded
     def camera(self, camera: Camera, arrival_ns: int) -> None:
         """Take a calibration of the bag."""
-        self._count(CAMERA_INFO, arrival_ns)
+        self.arrivals_ns[CAMERA_INFO].append(arrival_ns)
         self._pictures.camera(camera)
 
     def message(self, topic: str, message: BagMessage) -> None:
@@ -222,13 +219,13 @@ class FlightChecks:
 
     @_guarded
     def _passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
-        self._count(topic, arrival_ns)
+        self.arrivals_ns[topic].append(arrival_ns)
         self._pictures.passed(stamp_ns, arrival_ns)
 
     @_guarded
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         """Take a picture with the stamp of its message; check it before it is drawn on."""
-        self._count(topic, arrival_ns)
+        self.arrivals_ns[topic].append(arrival_ns)
         self.picture_size = (pixels.shape[1], pixels.shape[0])
         self._pictures.frame(stamp_ns, pixels, arrival_ns)
 
