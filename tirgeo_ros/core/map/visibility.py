@@ -243,11 +243,7 @@ class View:
         row = self._in_a_row(boxes, whole, rotation_cn, offset_c, detail_px)
 
         def seen(which: BoolArray) -> Polylines:
-            """Return pieces in the optical frame."""
-            lines = details.lines(piece[which], level[which])
-            points_c = rotation_cn @ lines.points
-            points_c -= offset_c[:, None]
-            return Polylines(points_c, lines.starts, lines.owner)
+            return _in_camera(details.lines(piece[which], level[which]), rotation_cn, offset_c)
 
         # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
         # long as all other steps together.
@@ -294,32 +290,18 @@ class View:
         The caller fills all rings of one owner together by the even-odd rule. The rings reach a
         little beyond the image. They are not cut at the distance at which lines end.
         """
-        rings, details = vector_map.rings, vector_map.details
-        if not len(rings):
-            return _NOTHING
-        rotation_cn = matrix_from_quat(pose.q_nc).T
+        rings, rotation_cn = vector_map.rings, matrix_from_quat(pose.q_nc).T
         normals = self._normals_c @ rotation_cn
         offsets_c = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -FAR_M])
-        offsets = offsets_c + normals @ pose.position_n
-        ring, whole = rings.boxes.in_view(normals, offsets)
+        ring, whole = vector_map.ring_boxes.in_view(normals, offsets_c + normals @ pose.position_n)
         if not len(ring):
             return _NOTHING
-        whole &= not self._reaches_past_lens
-        ring = np.concatenate([ring[whole], ring[~whole]])
-        number, starts = runs(rings.starts[ring], np.diff(rings.starts)[ring])
-        piece = rings.pieces[number]
-        boxes = details.boxes.take(piece)
-        level, _ = self._levels(details, piece, boxes.distance(pose.position_n))
-        # Pieces wholly out of view do not change the visible fill: use the coarsest level.
-        out = np.ones(len(piece), bool)
-        out[boxes.in_view(normals, offsets)[0]] = False
-        level[out] = len(details.count) - 1
-        lines = details.lines(piece, level)
-        points_c = rotation_cn @ (lines.points - pose.position_n[:, None])
-        lines = Polylines(points_c, lines.starts[starts], rings.owner[ring])
         # Rings wholly in view are not clipped, and already end where they begin.
-        order = np.arange(len(lines))
-        inner, outer = (lines.select(part) for part in np.split(order, [whole.sum()]))
+        whole &= not self._reaches_past_lens
+        inner, outer = (
+            _in_camera(rings.select(part), rotation_cn, rotation_cn @ pose.position_n)
+            for part in (ring[whole], ring[~whole])
+        )
         outer = cut_rings_to_planes(outer, self._normals_c[:-1], offsets_c[:-1])
         if self._reaches_past_lens:
             planes = cone(self.camera.max_radius)
@@ -370,6 +352,13 @@ class View:
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return flat.subdivided(pieces)
+
+
+def _in_camera(lines: Polylines, rotation_cn: Array, offset_c: Array) -> Polylines:
+    """Return lines in the optical frame; ``offset_c`` (3,) is the camera's position, turned."""
+    points_c = rotation_cn @ lines.points
+    points_c -= offset_c[:, None]
+    return Polylines(points_c, lines.starts, lines.owner)
 
 
 def _flat(lines: Polylines) -> Polylines:
@@ -447,8 +436,8 @@ def way_words(distance_m: float, azimuth_rad: float) -> str:
 def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
     """Return a question about why a map's point (3,) is far from the plane's origin, or "".
 
-    The usual mistakes are undone in turn. The question names the first one whose correction brings
-    the point within 50 km. A point within 50 km of latitude and longitude 0 suggests local metres.
+    It names the first of the usual mistakes whose correction brings the point within 50 km. A
+    point within 50 km of latitude and longitude 0 suggests local metres.
     """
     latitude, longitude, _ = (float(each) for each in plane.geodetic_from_ned(place_n))
     origin = plane.latitude_rad, plane.longitude_rad
@@ -473,10 +462,7 @@ def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
 
 
 def _apart_m(first: tuple[float, float], second: tuple[float, float]) -> float:
-    """Return the chord (m) between two places, latitude and longitude (rad).
-
-    Infinite if the latitude of ``second`` is impossible.
-    """
+    """Return the chord (m) between two places (rad); infinite for an impossible latitude."""
     if abs(second[0]) > math.pi / 2:
         return math.inf
     apart = ecef_from_geodetic(*first, 0.0) - ecef_from_geodetic(*second, 0.0)
@@ -493,7 +479,7 @@ def why_absent(
 ) -> str:
     """Return why no part of a map is in view at a pose in its plane; drawn up to ``far_m``.
 
-    ``first_n`` (3,) is a point of it, used if nothing lies on the ground.
+    ``first_n`` is as in ``nearest_feature``.
     """
     nearest = nearest_feature(vector_map, pose.position_n, first_n)
     if nearest is None:
