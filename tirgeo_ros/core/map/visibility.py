@@ -258,10 +258,12 @@ class View:
         none where the field of view reaches beyond the lens model.
         """
         rings, rotation_cn = vector_map.rings, matrix_from_quat(pose.q_nc).T
+        if not len(rings) or self._reaches_past_lens:
+            return _NOTHING
         normals = self._normals_c @ rotation_cn
         offsets_c = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -FAR_M])
         ring, whole = vector_map.ring_boxes.in_view(normals, offsets_c + normals @ pose.position_n)
-        if not len(ring) or self._reaches_past_lens:
+        if not len(ring):
             return _NOTHING
         # Rings wholly in view are not clipped, and already end where they begin.
         inner, outer = (
