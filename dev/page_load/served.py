@@ -15,7 +15,7 @@ from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.page.backend import Click, Pixel
+from tirgeo_ros.page.actions import Click, Pixel
 from tirgeo_ros.page.server import PageServer
 from tirgeo_ros.tools.replay.process import process
 

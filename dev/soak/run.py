@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import count
+from operator import itemgetter
 from pathlib import Path
 
 from dev.flights import SOAK_PERIOD_S, SoakFlight
@@ -167,6 +169,7 @@ class Lives:
 
     def kill(self, node: str) -> None:
         """End a life with no chance to say a word."""
+        self.sample()
         life = self.current(node)
         life.killed = True
         life.process.signal(signal.SIGKILL)
@@ -273,7 +276,7 @@ def run_soak(
             lives.start(node)
         await_words(graph.processes, "ready")
         await_words([lives.current("soak_player").process], "playing")
-        _Soak(lives, events).last(duration_s, progress)
+        _happen(lives, events, duration_s, progress)
         lives.stop()
     return lives
 
@@ -296,64 +299,45 @@ def _arguments(flight: SoakFlight, folder: Path) -> dict[str, list[str]]:
     }
 
 
-class _Soak:
-    """Do what is due between the first and the last message."""
+def _happen(lives: Lives, events: Sequence[Event], duration_s: float, progress: Report) -> None:
+    """Do what is due, for so long; a node that ends by itself is started again."""
+    players = count(1)
 
-    def __init__(self, lives: Lives, events: list[Event]) -> None:
-        self._lives = lives
-        self._todo: list[tuple[float, Callable[[], object]]] = []
-        self._players = 0
-        self._busy = ExitStack()
-        for event in events:
-            self._todo += self._steps(event)
-        self._todo.sort(key=lambda step: step[0])
-
-    def last(self, duration_s: float, progress: Report) -> None:
-        """Do what is due, for so long; a node that ends by itself is started again."""
-        begun_s, sampled_s = time.monotonic(), 0.0
-        with self._busy:
-            while (now_s := time.monotonic() - begun_s) < duration_s:
-                progress(now_s, duration_s)
-                while self._todo and self._todo[0][0] <= now_s:
-                    self._todo.pop(0)[1]()
-                if now_s - sampled_s >= _SAMPLE_S:
-                    sampled_s = now_s
-                    self._lives.sample()
-                    for life in self._lives.ended():
-                        self._start(life.node)
-                time.sleep(_TICK_S)
-
-    def _steps(self, event: Event) -> list[tuple[float, Callable[[], object]]]:
-        """Return what is to be done when: the begin of an event, and its end."""
-        node, end_s = event.node, event.at_s + event.lasts_s
-        if event.kind is Kind.JUMP:
-            return [(event.at_s, self._jump)]
-        begin, end = {
-            Kind.KILL: (lambda: self._kill(node), lambda: self._start(node)),
-            Kind.STOP: (
-                lambda: self._signal(node, signal.SIGSTOP),
-                lambda: self._signal(node, signal.SIGCONT),
-            ),
-            Kind.BUSY: (lambda: self._busy.enter_context(busy(2)), self._busy.close),
-        }[event.kind]
-        return [(event.at_s, begin), (end_s, end)]
-
-    def _signal(self, node: str, number: int) -> None:
-        self._lives.current(node).process.signal(number)
-
-    def _jump(self) -> None:
-        # Before it plays the signal would end it.
-        if self._lives.current("soak_player").process.said("playing"):
-            self._signal("soak_player", signal.SIGUSR1)
-
-    def _kill(self, node: str) -> None:
-        self._lives.sample()
-        self._lives.kill(node)
-
-    def _start(self, node: str) -> None:
+    def start(node: str) -> None:
         more: list[str] = []
         if node == "soak_player":
-            self._players += 1
-            values = {"first_epoch": self._players * EPOCHS, "shift_ms": self._players * _BACK_MS}
+            number = next(players)
+            values = {"first_epoch": number * EPOCHS, "shift_ms": number * _BACK_MS}
             more = [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
-        self._lives.start(node, *more)
+        lives.start(node, *more)
+
+    def jump() -> None:
+        player = lives.current("soak_player").process
+        if player.said("playing"):  # before it plays the signal would end it
+            player.signal(signal.SIGUSR1)
+
+    def send(node: str, number: int) -> None:
+        lives.current(node).process.signal(number)
+
+    with ExitStack() as loads:
+        steps: dict[Kind, tuple[Callable[[str], object], Callable[[str], object]]] = {
+            Kind.KILL: (lives.kill, start),
+            Kind.STOP: (lambda n: send(n, signal.SIGSTOP), lambda n: send(n, signal.SIGCONT)),
+            Kind.JUMP: (lambda _: jump(), lambda _: None),
+            Kind.BUSY: (lambda _: loads.enter_context(busy(2)), lambda _: loads.close()),
+        }
+        todo = [(e.at_s, steps[e.kind][0], e.node) for e in events]
+        todo += [(e.at_s + e.lasts_s, steps[e.kind][1], e.node) for e in events]
+        todo.sort(key=itemgetter(0))
+        begun_s, sampled_s = time.monotonic(), 0.0
+        while (now_s := time.monotonic() - begun_s) < duration_s:
+            progress(now_s, duration_s)
+            while todo and todo[0][0] <= now_s:
+                _, step, node = todo.pop(0)
+                step(node)
+            if now_s - sampled_s >= _SAMPLE_S:
+                sampled_s = now_s
+                lives.sample()
+                for life in lives.ended():
+                    start(life.node)
+            time.sleep(_TICK_S)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -83,13 +83,19 @@ def spawning(folder: Path, environment: dict[str, str]) -> Iterator[Spawn]:
 
 
 @pytest.fixture
-def spawn(tmp_path: Path, environment: dict[str, str]) -> Iterator[Spawn]:
+def spawn_in(tmp_path: Path) -> Iterator[Callable[[dict[str, str]], Spawn]]:
+    """Return what starts nodes in an environment; none outlives the test."""
+    with ExitStack() as stack:
+        yield lambda environment: stack.enter_context(spawning(tmp_path, environment))
+
+
+@pytest.fixture
+def spawn(spawn_in, environment: dict[str, str]) -> Spawn:
     """Start nodes: ``spawn("ekf_node", "-p", "method:=rtk")``; none outlives the test.
 
     Keyword arguments are variables of the environment.
     """
-    with spawning(tmp_path, environment) as start:
-        yield start
+    return spawn_in(environment)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from itertools import count, takewhile
 
 import pytest
 
@@ -13,8 +14,6 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import KeptLog
-from rclpy import event_handler
-from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from std_msgs.msg import String
@@ -106,24 +105,12 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
     assert heard[-1].status[0].level == bytes([ERROR])
 
 
-def test_where_the_middleware_tells_of_no_losses_all_else_works(node, monkeypatch):
-    def unable(**words):
-        if words["event_type"] == QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
-            raise event_handler.UnsupportedEventTypeError("not in this one")
-        return EventHandler(**words)
-
-    monkeypatch.setattr(event_handler, "EventHandler", unable)
-    assert node.listen("imu/data", print, output()).topic_name == "/imu/data"
-
-
 def test_one_thread_reads_what_another_writes():
     """As dji_node's serial thread and its diagnostics; here each message is of a new topic."""
-    monitor, stop, raised = Monitor(), threading.Event(), []
+    monitor, stop = Monitor(), threading.Event()
 
     def write():
-        number = 0
-        while not stop.is_set():
-            number += 1
+        for number in takewhile(lambda _: not stop.is_set(), count()):
             monitor.published(f"topic {number}", 0.001)
 
     usual_s = sys.getswitchinterval()
@@ -134,13 +121,10 @@ def test_one_thread_reads_what_another_writes():
         for _ in range(100):
             time.sleep(0.001)
             monitor.report("x")
-    except RuntimeError as error:
-        raised.append(error)
     finally:
         stop.set()
         writer.join()
         sys.setswitchinterval(usual_s)
-    assert not raised
 
 
 @pytest.fixture

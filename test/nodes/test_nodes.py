@@ -17,9 +17,7 @@ from graph_helpers import await_words
 from nav_msgs.msg import Odometry
 from overlay_flight import Flight, write_map
 from overlays import SQUARE_N
-from project import PROJECT
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rclpy.serialization import deserialize_message
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, JointState, NavSatFix
 from std_srvs.srv import Trigger
@@ -27,7 +25,6 @@ from std_srvs.srv import Trigger
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.graph_node import message_class
-from tirgeo_ros.tools.graph.whole_graph import read_remaps
 
 pytestmark = pytest.mark.graph
 
@@ -230,37 +227,3 @@ def test_a_camera_of_another_name_and_a_map_that_is_not_there_yet(spawn, meet, t
     flown.shown()
     assert node.said(f"there is no map: {path}")
     assert not node.said("ready")  # it is said at the level info
-
-
-@pytest.mark.slow
-def test_mavros_topics_reach_the_filter_by_the_file(spawn, meet, flight_bag):
-    """As the launch file and tirgeo run give it, in a namespace, with MAVROS's quality of service.
-
-    MAVROS publishes its sensors best effort.
-    """
-    pairs = read_remaps(PROJECT / "config" / "mavros.yaml")
-    words = [word for pair in pairs for word in ("-r", ":=".join(pair))]
-    node = spawn("ekf_node", "-r", "__ns:=/uav1", *words, "-p", "method:=raw")
-    await_words(node, "ready")
-    stranger = meet(**{"/uav1/tirgeo/odometry": Odometry})
-    kinds = {"/imu/data": Imu, "/gps/fix": NavSatFix}
-    sent = {
-        name: stranger.node.create_publisher(
-            kinds[f"/{own}"], f"/uav1/{name}", qos_profile_sensor_data
-        )
-        for own, name in pairs
-        if f"/{own}" in kinds
-    }
-    topics = {f"/{own}": name for own, name in pairs}
-    read = [
-        (topics[one.topic], deserialize_message(one.data, kinds[one.topic]))
-        for one in BagReader(flight_bag).messages(kinds)
-    ]
-    stranger.spin_until(lambda: all(one.get_subscription_count() for one in sent.values()))
-
-    def heard() -> bool:
-        for topic, message in read:
-            sent[topic].publish(message)
-        return bool(stranger.received["/uav1/tirgeo/odometry"])
-
-    stranger.spin_until(heard)

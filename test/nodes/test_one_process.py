@@ -7,23 +7,21 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import time
 from contextlib import closing, suppress
 from itertools import takewhile
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+from commands import Command
 from diagnostic_msgs.msg import DiagnosticArray
 from free_addresses import free_address
 from graph_helpers import deep_queues, stamps_of
 from nav_msgs.msg import Odometry
 from page_clients import Page
-from project import child_of, reader_of, wait_until
+from project import child_of, reader_of
 from sensor_msgs.msg import CompressedImage
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
@@ -36,40 +34,12 @@ pytestmark = pytest.mark.graph
 PLAYED_NS = 5_000_000_000
 
 
-class Run:
-    """The command as a process, with its output in a file."""
-
-    def __init__(self, log: Path, *arguments: object) -> None:
-        self.log = log
-        command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", "run", *map(str, arguments)]
-        folder = log.with_suffix("")  # for the page's targets
-        folder.mkdir()
-        with log.open("w") as file:
-            self.process = subprocess.Popen(command, stdout=file, stderr=file, cwd=folder)
-
-    def await_ready(self, nodes: int = 4) -> None:
-        self._await(lambda: self.log.read_text().count("]: ready") >= nodes)
-
-    def await_line(self, pattern: str) -> str:
-        return self._await(lambda: re.search(pattern, self.log.read_text()))[1]
-
-    def _await(self, done):
-        return wait_until(done, running=self.process, tell=self.log.read_text)
-
-    @property
-    def page(self) -> str:
-        return self.await_line(r"the page is at (\S+)/")
-
-    def ended(self) -> int:
-        return self.process.wait(60)
-
-
 @pytest.fixture
 def start(tmp_path):
     runs = []
 
-    def begin(*arguments: object) -> Run:
-        runs.append(Run(tmp_path / f"run{len(runs)}.log", *arguments))
+    def begin(*arguments: object) -> Command:
+        runs.append(Command(tmp_path / f"run{len(runs)}", "run", *arguments))
         return runs[-1]
 
     yield begin
@@ -101,7 +71,7 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
     )
     run = start("--bag", short_bag, "--params", params, "--map", sample / "map.geojson")
     stranger.spin_until(lambda: run.process.poll() is not None, 120.0)
-    assert run.ended() == 0, run.log.read_text()
+    assert run.ended() == 0, run.log
     # The stranger may have met the nodes late; from then on it misses none.
     poses = [stamp_ns(message) for message in stranger.received["tirgeo/odometry"]]
     assert poses
@@ -135,11 +105,11 @@ def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, m
     stranger.spin_until(lambda: reports_of_the_page() > 5)  # overlay_node has heard it too
     os.kill(child_of(run.process.pid, "'viewer_node'"), signal.SIGKILL)
     run.await_ready(5)
-    first, second = re.findall(r"the page is at (\S+)", run.log.read_text())
+    first, second = re.findall(r"the page is at (\S+)", run.log)
     assert first == second  # with its token
-    assert "viewer_node ended (exit code -9): started again in 2 s" in run.log.read_text()
+    assert "viewer_node ended (exit code -9): started again in 2 s" in run.log
     run.process.send_signal(signal.SIGINT)
-    assert run.ended() == 0, run.log.read_text()
+    assert run.ended() == 0, run.log
 
 
 @pytest.mark.slow
@@ -148,7 +118,6 @@ def test_what_the_page_switched_on_goes_on_after_the_graph_is_killed(start, tmp_
     targets, params = tmp_path / "targets.gpkg", tmp_path / "params.yaml"
     values = f"targets: {targets}, record_to: {tmp_path / 'bags'}"
     params.write_text(f"viewer_node: {{ros__parameters: {{{values}}}}}\n")
-    words = ("--no-dji", "--page", "127.0.0.1:0", "--params", params)
 
     async def switch_on(url):
         async with Page(url) as page, page.state() as states:
@@ -166,20 +135,18 @@ def test_what_the_page_switched_on_goes_on_after_the_graph_is_killed(start, tmp_
 
     with socket.create_server(("127.0.0.1", 0)) as team:
         team.settimeout(60)
-        shared = (*words, "--cot", f"tcp://127.0.0.1:{team.getsockname()[1]}")
-        run = start(*shared)
+        cot = f"tcp://127.0.0.1:{team.getsockname()[1]}"
+        words = ("--no-dji", "--page", "127.0.0.1:0", "--params", params, "--cot", cot)
+        run = start(*words)
         run.await_ready()
-        asyncio.run(switch_on(run.page))
+        asyncio.run(switch_on(run.url))
         links = [team.accept()[0]]
         assert switched_on(run, signal.SIGKILL) == ["record ", "share"]
-        run = start(*shared)
+        run = start(*words)
         links.append(team.accept()[0])
         run.await_line(r"recording to (\S+\.mcap) and")
-        assert switched_on(run, signal.SIGKILL) == ["record ", "share"]
+        assert switched_on(run, signal.SIGINT) == []
     assert len(list((tmp_path / "bags").glob("*.mcap"))) == 2
-    run = start(*words)
-    run.await_ready()
-    assert switched_on(run, signal.SIGINT) == []
 
 
 @pytest.mark.slow
@@ -192,8 +159,8 @@ def test_a_stop_signal_ends_all(start, sample):
         run.await_ready()
         processes = reader_of(run.process.pid), child_of(run.process.pid, "'viewer_node'")
         run.process.send_signal(number)
-        assert run.ended() == codes[number], run.log.read_text()
-        assert "Traceback" not in run.log.read_text()
+        assert run.ended() == codes[number], run.log
+        assert "Traceback" not in run.log
         for process in processes:
             await_end(process)
 
@@ -223,10 +190,10 @@ def test_a_node_that_dies_ends_the_others(start, flight_bag, tmp_path):
     }
     taken = start("--no-dji", "--page", page)
     assert taken.ended() == 1
-    assert f"viewer_node: listen: {page}: Address already in use" in taken.log.read_text()
+    assert f"viewer_node: listen: {page}: Address already in use" in taken.log
     busy.close()
     for run, reason in runs.items():
         assert run.ended() == 1
-        last = run.log.read_text().splitlines()[-1]
+        last = run.log.splitlines()[-1]
         assert last.startswith("tirgeo run: ")
         assert reason in last

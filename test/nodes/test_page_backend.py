@@ -15,9 +15,9 @@ from graph_helpers import KeptLog
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
-from tirgeo_ros.nodes.page_backend import PageBackend
 from tirgeo_ros.nodes.recordings import Recordings
-from tirgeo_ros.page.backend import Click
+from tirgeo_ros.nodes.viewer_node import PageBackend
+from tirgeo_ros.page.actions import Click
 
 CLICK = Click("uav1", 7, 1.5, 2.5)
 PLACE = (48.0, 16.0, 190.0, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0))

@@ -15,14 +15,15 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+from commands import Command
 from diagnostic_msgs.msg import DiagnosticArray
-from flown_page import FlownPage
 from free_addresses import free_address
 from graph_helpers import Stranger
 from page_clients import Page
 from project import child_of
 
 from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.tools.graph.node_graph import free_domain
 
 pytestmark = pytest.mark.graph
 
@@ -42,7 +43,8 @@ STOPPED = {
 
 @pytest.fixture
 def demo(tmp_path):
-    page = FlownPage(tmp_path, "demo", "--page", free_address(), "-o", tmp_path / "demo")
+    words = ("demo", "--page", free_address(), "-o", tmp_path / "demo")
+    page = Command(tmp_path, *words, ROS_DOMAIN_ID=str(free_domain()))
     yield page
     page.close()
 
@@ -137,7 +139,7 @@ async def stopped(states, process, kind, cause, start_ns):
 @pytest.mark.slow  # test_aircraft_verdict.py holds the same verdicts in seconds, without the graph
 def test_a_stopped_node_ends_go_at_once_and_is_named(demo, sample):
     """With overlay_node stopped for 9 s the verdict was GO, and nothing was found wrong."""
-    url, (start_ns, _) = demo.url.rstrip("/"), BagReader(sample / "flight.mcap").span_ns
+    url, (start_ns, _) = demo.url, BagReader(sample / "flight.mcap").span_ns
 
     async def browse():
         async with Page(url) as page, page.state() as states:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+import subprocess
 
 import pytest
 
@@ -22,7 +18,6 @@ from sensor_msgs.msg import CompressedImage, Image
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
 pytestmark = pytest.mark.graph
 
@@ -66,50 +61,26 @@ def remote(environment, tmp_path) -> dict[str, str]:
     }
 
 
-@contextmanager
-def running(pid: int) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        os.kill(pid, signal.SIGTERM)
-        os.waitpid(pid, 0)
-
-
-@pytest.fixture
-def start(tmp_path) -> Iterator[Callable[..., NodeProcess]]:
-    """Start nodes in an environment of their own; none outlives the test."""
-    nodes = []
-
-    def spawn(name: str, environment: dict[str, str], *arguments: str) -> NodeProcess:
-        log = tmp_path / f"{name}_{len(nodes)}.log"
-        nodes.append(NodeProcess(name, arguments, environment, log))
-        return nodes[-1]
-
-    yield spawn
-    for node in nodes:
-        node.signal(signal.SIGINT)
-        node.wait(20.0)
-        node.signal(signal.SIGKILL)
-
-
 @pytest.mark.slow
-def test_nodes_meet_through_a_discovery_server_alone(start, remote, flight_bag, tmp_path):
-    ekf = start("ekf_node", remote)
+def test_nodes_meet_through_a_discovery_server_alone(spawn_in, remote, flight_bag, tmp_path):
+    start = spawn_in(remote)
+    ekf = start("ekf_node")
     await_words(ekf, "ready")
     play = ["-p", f"bag:={flight_bag}", "-p", "live:=true", "-p", "wait_for:=imu/data", "-p"]
-    alone = start("bag_player", remote, *play, "wait_timeout_s:=3.0")
+    alone = start("bag_player", *play, "wait_timeout_s:=3.0")
     await_words(alone, "playing without a subscriber of")
     server = remote | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "server.xml")}
     del server["ROS_DISCOVERY_SERVER"]
-    command = python_command(_SERVER)
-    log = Path(tmp_path / "server.log")
-    flags = os.O_WRONLY | os.O_CREAT
-    files = [(os.POSIX_SPAWN_OPEN, 1, str(log), flags, 0o644), (os.POSIX_SPAWN_DUP2, 1, 2)]
-    with running(os.posix_spawn(command[0], command, server, file_actions=files)):
-        player = start("bag_player", remote, *play, "wait_timeout_s:=60.0")
+    log = tmp_path / "server.log"
+    with (
+        log.open("w") as out,
+        subprocess.Popen(python_command(_SERVER), env=server, stdout=out, stderr=out) as process,
+    ):
+        player = start("bag_player", *play, "wait_timeout_s:=60.0")
         await_words(player, "playing")
         assert "playing without" not in player.text()
         await_words(ekf, "aligning")
+        process.terminate()
     # A profile that Fast DDS cannot read is told on stderr, and then not used.
     assert log.read_text() == "ready\n"
     assert "XMLPARSER" not in ekf.text() + player.text()

@@ -22,6 +22,13 @@ def guarded(tmp_path_factory):
 
 
 @pytest.fixture
+def fresh(tmp_path):
+    """A page with tokens, of whose shares and tries nobody has used any."""
+    with Served(tmp_path, **TOKENS) as one:
+        yield one
+
+
+@pytest.fixture
 def server(tmp_path):
     """A TAK server, as the team has it, without TLS."""
     taky = TakServer(tmp_path)

@@ -282,13 +282,6 @@ def test_a_request_that_comes_with_the_end_of_the_handshake_is_answered(tmp_path
 WRONG = json.dumps({"token": "wrong-token-here"}).encode()
 
 
-@pytest.fixture
-def fresh(tmp_path):
-    """A page that has seen no wrong token yet."""
-    with Served(tmp_path, **TOKENS) as one:
-        yield one
-
-
 def head_of(one, length):
     host = f"127.0.0.1:{one.port}"
     lines = (f"Host: {host}", f"Origin: http://{host}", f"Content-Length: {length}")

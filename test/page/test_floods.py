@@ -5,14 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
-import re
-import resource
 import socket
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import aiohttp
 import pytest
@@ -22,12 +16,12 @@ from page_clients import (
     VIEWER_TOKEN,
     Page,
     Served,
+    ServedApart,
     http,
     next_picture,
     received,
     status,
 )
-from project import PROJECT
 from signed_certificates import certificate
 
 from tirgeo_ros.page import actions, connections
@@ -37,36 +31,6 @@ from tirgeo_ros.page.connections import MOST
 WIDE = 10_000_000
 #: What a server may take more under an attack: buffers of 100 connections, and what Python keeps.
 MOST_GROWN = 60 * 2**20
-
-
-class ServedApart:
-    """A page in a process of its own, so that its memory is its own."""
-
-    def __enter__(self):
-        command = [sys.executable, "test/support/page_backend.py", "--listen", "127.0.0.1:0"]
-        self._process = subprocess.Popen(
-            command,
-            cwd=PROJECT,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": str(PROJECT)},
-        )
-        for line in self._process.stdout:
-            if found := re.match(r"http://127.0.0.1:(\d+)", line):
-                self.port = int(found[1])
-                self.url = f"http://127.0.0.1:{self.port}"
-                return self
-        raise AssertionError("the page did not start")
-
-    def __exit__(self, *_):
-        self._process.terminate()
-        self._process.wait()
-        self._process.stdout.close()
-
-    @property
-    def memory_bytes(self):
-        pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
-        return int(pages) * resource.getpagesize()
 
 
 @pytest.fixture(scope="module")
@@ -344,13 +308,6 @@ def test_who_looks_and_never_reads_costs_no_memory(apart):
 
 
 MEASURE = {"type": "measure", "from": [48, 16], "to": [48, 17]}
-
-
-@pytest.fixture
-def fresh(tmp_path):
-    """A page whose shares nobody has used yet."""
-    with Served(tmp_path, **TOKENS) as one:
-        yield one
 
 
 @contextlib.contextmanager

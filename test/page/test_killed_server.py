@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import re
-import subprocess
-import sys
+from contextlib import closing
 
 import aiohttp
 import pytest
-from project import PROJECT, wait_until
+from page_clients import ServedApart
 
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.targets.store import TargetStore
@@ -18,33 +15,6 @@ from tirgeo_ros.io.targets.store import TargetStore
 pytestmark = pytest.mark.slow
 
 KILLS, EDITS = 20, 50
-LIMIT_S = 60.0
-
-
-@pytest.fixture
-def start(tmp_path):
-    """Start the server on one file; return its process and its address."""
-    running = []
-
-    def begin():
-        log = tmp_path / "log"
-        with log.open("w") as out:
-            command = [sys.executable, str(PROJECT / "test/support/page_backend.py")]
-            words = ["--listen", "127.0.0.1:0", "--targets", str(tmp_path / "targets.gpkg")]
-            paths = os.pathsep.join([str(PROJECT), str(PROJECT / "test/support")])
-            env = {**os.environ, "PYTHONPATH": paths, "PYTHONUNBUFFERED": "1"}
-            running.append(subprocess.Popen([*command, *words], env=env, stdout=out, stderr=out))
-        found = wait_until(
-            lambda: re.search(r"http://127\.0\.0\.1:\d+", log.read_text()),
-            running=running[-1],
-            tell=log.read_text,
-        )
-        return running[-1], found[0]
-
-    yield begin
-    for process in running:
-        process.kill()
-        process.wait()
 
 
 async def confirmed(url, process, target_id, name, first, kill_after):
@@ -70,20 +40,18 @@ async def confirmed(url, process, target_id, name, first, kill_after):
     return name
 
 
-def test_twenty_kills_during_a_thousand_edits_lose_no_confirmed_one(start, tmp_path):
-    store = TargetStore(tmp_path / "targets.gpkg")
-    target_id = store.add(Located(1, 48.0, 16.0, 0.0, (1, 0, 0, 0, 1, 0, 0, 0, 1)), now_ns=1).id
-    store.close()
-    name = ""
+def test_twenty_kills_during_a_thousand_edits_lose_no_confirmed_one(tmp_path):
+    file = tmp_path / "targets.gpkg"
+    with closing(TargetStore(file)) as store:
+        place = Located(1, 48.0, 16.0, 0.0, (1, 0, 0, 0, 1, 0, 0, 0, 1))
+        target_id, name = store.add(place, now_ns=1).id, ""
     for kill in range(KILLS):
-        process, url = start()
-        kill_after = EDITS - 10 + kill
-        last = asyncio.run(confirmed(url, process, target_id, name, 1000 * kill, kill_after))
+        with ServedApart("--targets", file) as page:
+            words = page.url, page.process, target_id, name, 1000 * kill, EDITS - 10 + kill
+            last = asyncio.run(confirmed(*words))
         assert last != name
-        process.wait()
-        store = TargetStore(tmp_path / "targets.gpkg")
-        name = store.get(target_id).name
-        store.close()
+        with closing(TargetStore(file)) as store:
+            name = store.get(target_id).name
         # The one that was on its way may be there too.
         found = int(name.removeprefix("edit "))
         assert found - int(last.removeprefix("edit ")) in {0, 1}

@@ -22,7 +22,7 @@ import numpy as np
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.page.backend import Click, Pixel
+from tirgeo_ros.page.actions import Click, Pixel
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
@@ -69,7 +69,7 @@ def pixel_of(stamp_ns, latitude_deg, longitude_deg):
 
 
 class SimulatedBackend:
-    """Answers clicks from the pose of their stamp, as ``page/backend.py`` says."""
+    """Answers clicks from the pose of their stamp, as ``page/actions.py`` says."""
 
     def __init__(self, targets, answer_s=0.02):
         self.targets = targets

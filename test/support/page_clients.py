@@ -5,13 +5,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
+import re
+import resource
 import socket
 import sqlite3
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import aiohttp
 from page_backend import HZ, SimulatedBackend, SimulatedFlight
+from project import PROJECT
 
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.io.targets.store import TargetStore
@@ -62,6 +69,38 @@ class Served:
     @property
     def port(self):
         return urlsplit(self.server.operator_url).port
+
+
+class ServedApart:
+    """A page in a process of its own, with its own memory; ``words`` are page_backend.py's."""
+
+    def __init__(self, *words):
+        command = [sys.executable, "test/support/page_backend.py", "--listen", "127.0.0.1:0"]
+        paths = os.pathsep.join([str(PROJECT), str(PROJECT / "test/support")])
+        self.process = subprocess.Popen(
+            [*command, *map(str, words)],
+            cwd=PROJECT,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": paths},
+        )
+
+    def __enter__(self):
+        for line in self.process.stdout:
+            if found := re.match(r"http://127.0.0.1:(\d+)", line):
+                self.url, self.port = found[0], int(found[1])
+                return self
+        raise AssertionError("the page did not start")
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+    @property
+    def memory_bytes(self):
+        pages = Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]
+        return int(pages) * resource.getpagesize()
 
 
 class Page:

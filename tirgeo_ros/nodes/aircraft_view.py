@@ -1,7 +1,4 @@
-"""Say one aircraft's state to the operator's page: whether it can be relied on, and where it is.
-
-Clicks are passed on, and places are sought in its video.
-"""
+"""Say one aircraft's state to the operator's page, pass on clicks, find places in its video."""
 
 from __future__ import annotations
 
@@ -305,19 +302,17 @@ class AircraftView(AircraftTopics):
     def where(self, latitude_rad: float, longitude_rad: float) -> tuple[int, float, float] | str:
         """Return stamp, column and row of a place in the newest picture, or why it isn't there.
 
-        The place lies on the elevation model, or on the flat ground that fits the picture's
-        footprint best.
+        The place lies on the elevation model, or on the level ground of the picture's footprint.
         """
-        stamp, footprint_n = self.newest_ns, self.footprint_n()
+        stamp = self.newest_ns
         sight = self.sight(stamp, last_pose_s=_LAST_POSE_S)
-        if sight is None or len(footprint_n) < 3:
+        if sight is None:
             return "the newest picture has no trusted pose"
-        place, plane = (latitude_rad, longitude_rad), sight.plane
-        if self.terrain is None:
-            point_n = on_ground(plane, footprint_n, *place)
-        else:
-            point_n = plane.ned_from_geodetic(*place, self.terrain.height_m(*place))
-        uv = pixel_of(sight, point_n)
+        place, ground = (latitude_rad, longitude_rad), sight.ground
+        height_m = ground if isinstance(ground, float) else float(ground.height_m(*place))
+        if math.isnan(height_m):
+            return "the ground there has no known height: set dem of viewer_node"
+        uv = pixel_of(sight, sight.plane.ned_from_geodetic(*place, height_m))
         return (stamp, *uv) if uv else "it is outside the picture"
 
 
@@ -378,16 +373,6 @@ def places(points_n: Array, plane: TangentPlane) -> list[Place]:
 
 def _degrees(latitude_rad: float, longitude_rad: float) -> Place:
     return [round(math.degrees(angle), _DIGITS) for angle in (latitude_rad, longitude_rad)]
-
-
-def on_ground(
-    plane: TangentPlane, footprint_n: Array, latitude_rad: float, longitude_rad: float
-) -> Array:
-    """Return a place (3,), NED, on the flat ground that fits a footprint (3 or more, 3) best."""
-    north, east, _ = plane.ned_from_geodetic(latitude_rad, longitude_rad, plane.height_m).tolist()
-    level = np.column_stack([footprint_n[:, :2], np.ones(len(footprint_n))])
-    slope, *_ = np.linalg.lstsq(level, footprint_n[:, 2], rcond=None)
-    return np.array([north, east, float(np.dot(slope, [north, east, 1.0]))])
 
 
 def pixel_of(sight: Sight, point_n: Array) -> tuple[float, float] | None:

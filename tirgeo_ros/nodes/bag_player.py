@@ -90,10 +90,7 @@ def publishers_for(
 
 
 def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
-    """Return which of the bag's topics to play a DJI aircraft sends: name -> type.
-
-    Raise BagError if there is none.
-    """
+    """Return topics to play that a DJI aircraft sends: name -> type. Raise BagError if none."""
     chosen = _chosen(topics, wanted)
     types = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in DJI_TOPICS}
     if not types:
@@ -171,10 +168,7 @@ class SerialAircraft:
         self._aircraft = Aircraft(config, places=places)
 
     def frames(self, reader: BagReader, start_ns: int, shift_ns: int) -> Iterator[Due]:
-        """Yield the bag times (ns) at which frames are due, and the calls that send them.
-
-        Their stamps are shifted.
-        """
+        """Yield bag times (ns), and the calls that send the frames of then, stamps shifted."""
         for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
             yield time_ns - shift_ns, partial(self.terminal.write, data)
 
@@ -220,10 +214,7 @@ class PlayClock:
         self._next_tick_s = 0.0
 
     def begin(self, bag_ns: int, in_s: float) -> None:
-        """Start bag time so that it is ``bag_ns`` in ``in_s`` seconds.
-
-        Else the first wait starts it.
-        """
+        """Start bag time: it is ``bag_ns`` in ``in_s`` seconds. Else the first wait starts it."""
         self._begin = (time.monotonic() + in_s, bag_ns)
 
     def wait_until(self, bag_ns: int, stop: threading.Event) -> bool:

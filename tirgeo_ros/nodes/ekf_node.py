@@ -76,10 +76,7 @@ class Inbox:
     def subscribe(
         self, topic: str, handle: Callable[[Any], None], qos: QoSProfile, typename: str = ""
     ) -> None:
-        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival.
-
-        ``typename`` as in ``GraphNode.listen``.
-        """
+        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
         deferred = partial(self._deferred, topic)
         made = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth

@@ -1,7 +1,4 @@
-"""Define what nodes share: topics with their QoS, guarded callbacks, a log, reports.
-
-Sensor data are best effort, outputs reliable, and what late readers need is latched.
-"""
+"""Define what nodes share: topics with their QoS, guarded callbacks, a log, reports."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -184,10 +181,7 @@ class GraphNode(Node):
         return self.create_timer(period_s, self.guarded(name, work), clock=clock)
 
     def advertise(self, topic: str, qos: QoSProfile, typename: str = "") -> Publisher:
-        """Return a publisher of a contract topic whose QoS a parameter can override.
-
-        ``typename`` is for a topic of another namespace.
-        """
+        """Return a publisher of a contract topic whose QoS a parameter can override."""
         options = QoSOverridingOptions.with_default_policies()
         kind = message_class(typename or TOPIC_TYPES[topic])
         with _overrides():
@@ -210,10 +204,9 @@ class GraphNode(Node):
     ) -> Subscription:
         """Return a subscription to a contract topic; a failing callback does not end the node.
 
-        Messages lost in transport are counted if the middleware reports them. ``typename`` is for
-        a topic outside the contract. ``wrapped`` makes the callback from the one that takes a
-        message; with ``raw`` that one takes bytes, decoded just before ``handle`` as those of a
-        bag are: five times as fast as rclpy; unless ``decoded`` is false.
+        ``typename`` is for a topic outside the contract. ``wrapped`` makes the callback from the
+        one that takes a message; with ``raw`` that one takes bytes, decoded just before ``handle``
+        as those of a bag are: five times as fast as rclpy; unless ``decoded`` is false.
         """
         typename = typename or TOPIC_TYPES[topic]
         kind, cdr = message_class(typename), self._cdr
@@ -225,22 +218,19 @@ class GraphNode(Node):
             self.monitor.received(topic)
             take(message)
 
-        callback = wrapped(receive) if wrapped else receive
-        options = QoSOverridingOptions.with_default_policies()
-
-        def create(**events: Callable[[Any], None]) -> Subscription:
-            options_of_all = {"raw": raw, "qos_overriding_options": options}
-            counted = SubscriptionEventCallbacks(**events)
-            return self.create_subscription(
-                kind, topic, callback, qos, event_callbacks=counted, **options_of_all
-            )
-
+        lost = SubscriptionEventCallbacks(
+            message_lost=lambda event: self.monitor.lost(topic, event.total_count)
+        )
         with _overrides():
-            try:
-                lost = self.monitor.lost
-                return create(message_lost=lambda event: lost(topic, event.total_count))
-            except UnsupportedEventTypeError:
-                return create()
+            return self.create_subscription(
+                kind,
+                topic,
+                wrapped(receive) if wrapped else receive,
+                qos,
+                event_callbacks=lost,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                raw=raw,
+            )
 
     def decoded(self, data: bytes, topic: str) -> Any:
         """Return the message of a contract topic in bytes that a ``listen`` left undecoded."""

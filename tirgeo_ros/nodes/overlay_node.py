@@ -104,7 +104,6 @@ class OverlayNode(GraphNode):
         self._fix = self.advertise("tirgeo/locate/fix", output())
         self._point = self.advertise("tirgeo/locate/point", output())
         self._answer = self.advertise("tirgeo/locate/answer", output())
-        self._click_refused = ""  # why the last click was refused
         self._timer = self.steady_timer("drawing", _RELEASE_PERIOD_S, self._release)
         self._timer.cancel()
         self._subscribe()
@@ -179,11 +178,9 @@ class OverlayNode(GraphNode):
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
             self._point.publish(self.messages.located_point(answer))
-            self._click_refused = ""
-            return
-        self._click_refused = answer.reason.value
-        text = f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._click_refused}"
-        self.get_logger().warning(text, throttle_duration_sec=1.0)
+        else:
+            text = f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {answer.reason.value}"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
 
     def _take_state(self, message: Any) -> None:
         state = node_state(message)
@@ -269,11 +266,7 @@ class OverlayNode(GraphNode):
     def _overlay_item(self) -> DiagnosticItem:
         watch, overlay = self.resources, self._overlay
         values = {name: str(number) for name, number in self._counts().items()}
-        texts = {
-            "poses_invalid_because": overlay.poses.fault,
-            "last_click_refused": self._click_refused,
-            "notice": self._notice,
-        }
+        texts = {"poses_invalid_because": overlay.poses.fault, "notice": self._notice}
         values |= {name: text for name, text in texts.items() if text}
         values |= self._arrivals.diagnostics
         waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""

@@ -45,20 +45,13 @@ _ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks th
 
 
 def parameter_files(arguments: Sequence[str]) -> list[str]:
-    """Return the paths of the parameter files on a command line, in order.
-
-    Those in memory, which ``tirgeo run`` gives for its own options, are left out.
-    """
+    """Return the parameter files of a command line, in order, but for those in memory."""
     files = [b for a, b in pairwise(arguments) if a == "--params-file"]
     return [path for path in files if not path.startswith("/proc/")]
 
 
 def check_arguments(name: str, arguments: Sequence[str]) -> None:
-    """Read and check each parameter file before rcl does.
-
-    Raise ConfigError naming file and key. A node by a name without a configuration is left
-    to rcl.
-    """
+    """Check each parameter file before rcl does; raise ConfigError naming file and key."""
     # Of several rules for one name the first applies.
     rules = [a for a in reversed(arguments) if a.startswith(("__node:=", "__ns:="))]
     named = dict(rule.split(":=", 1) for rule in rules)

@@ -1,7 +1,4 @@
-"""Record aircraft: a bag of the topics, and the video, each by a child process of viewer_node.
-
-A live stream is a child process too.
-"""
+"""Record aircraft, bag and video, each by a child process of viewer_node, as live streams are."""
 
 from __future__ import annotations
 
@@ -18,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import parameters_of
@@ -26,12 +24,14 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.video.live_stream import stream_url
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
 
 _END_S = 20.0
 _BEGIN_S = 30.0
 _POLL_S = 0.05
+_RETRY_S = 5.0
 _MEET_S = 5.0  # until a camera is known to a node that has just begun
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 #: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
@@ -48,10 +48,7 @@ _TF = ("/tf", "/tf_static")
 
 
 class ChildNode:
-    """Hold a node's process, in a namespace and by the clock of ``node``.
-
-    It ends when the thread ends that started it.
-    """
+    """Hold a node's process, in the namespace and clock of ``node``; it ends with its thread."""
 
     def __init__(
         self, node: GraphNode, name: str, values: Mapping[str, object], namespace: str
@@ -259,3 +256,43 @@ def _wait(done: Callable[[], object], timeout_s: float) -> None:
     end_s = time.monotonic() + timeout_s
     while not done() and time.monotonic() < end_s:
         time.sleep(_POLL_S)
+
+
+class PageStreams:
+    """Run a video_writer for each aircraft, the first at the given port.
+
+    ``troubles`` says of each aircraft why its stream ended. Raises VideoError for an address that
+    is none.
+    """
+
+    def __init__(
+        self, node: GraphNode, config: ViewerConfig, namespaces: Mapping[str, str]
+    ) -> None:
+        self.troubles: dict[str, str] = {}
+        self._node, self._config, self._namespaces = node, config, namespaces
+        if config.stream:
+            stream_url(config.stream)
+        self._children: dict[str, ChildNode] = {}
+        self._retry_s = 0.0
+
+    def end(self) -> None:
+        """End all."""
+        for child in self._children.values():
+            child.end()
+
+    def watch(self) -> None:
+        """Start each stream that does not run; call it each second, in a thread that lasts."""
+        if not self._config.stream or time.monotonic() < self._retry_s:
+            return
+        for number, (name, namespace) in enumerate(self._namespaces.items()):
+            fault = self._children[name].fault if name in self._children else ""
+            if fault:
+                self.troubles[name] = fault
+                self._node.log(WARN, f"the stream begins again: {fault}")
+                self._retry_s = time.monotonic() + _RETRY_S
+            if fault or name not in self._children:
+                parts = urlsplit(self._config.stream)
+                port = f"{parts.netloc.rpartition(':')[0]}:{(parts.port or 0) + number}"
+                values = {"stream": parts._replace(netloc=port).geturl(), "platform": name}
+                values |= ground_values(self._config)
+                self._children[name] = ChildNode(self._node, "video_writer", values, namespace)

@@ -43,10 +43,7 @@ Work = Callable[[Any, threading.Event], int]
 
 
 def remove_dead(folder: Path = FOLDER) -> list[str]:
-    """Remove the segments whose owners are dead; return their names.
-
-    Files of other users, and files that disappear meanwhile, are skipped.
-    """
+    """Remove the segments whose owners are dead, but for other users'; return their names."""
     names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
     dead = []
     for name in sorted(filter(_SEGMENT.fullmatch, names)):
@@ -66,10 +63,7 @@ def _young(path: Path) -> bool:
 
 
 def _locked(path: Path) -> bool:
-    """Return whether some process holds the lock of a file.
-
-    A file that cannot be opened counts as held.
-    """
+    """Return whether some process holds the lock of a file, or it cannot be opened."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:

@@ -20,11 +20,7 @@ if TYPE_CHECKING:
 
 
 class Transforms:
-    """Publish transforms, each while someone listens; the fixed ones once, for late readers too.
-
-    Nothing is published without ``publish_tf``, or where tf2_msgs is not installed: it comes with
-    ROS, not with its wheels. That is logged once.
-    """
+    """Publish transforms while someone listens, the fixed ones once; none without tf2_msgs."""
 
     def __init__(self, node: GraphNode, config: TransformsConfig) -> None:
         self._node = node

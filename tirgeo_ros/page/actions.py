@@ -1,7 +1,4 @@
-"""Read what a page asks, do it and say what came of it; write targets as pages get them.
-
-A request is a JSON text, each field of its type and in its range, and nothing else.
-"""
+"""Read what a page asks, do it and say what came of it; write targets as pages get them."""
 
 from __future__ import annotations
 
@@ -14,16 +11,16 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import pyproj
 
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.messages.json_codec import target_row
 from tirgeo_ros.io.targets.store import MOST_MARK, MOST_NAME, MOST_NOTE, TargetStore
-from tirgeo_ros.page.backend import Backend, Click, Pixel
 from tirgeo_ros.page.video import VideoFeed
 
 Check = Callable[[Any], Any]  # returns the value, or raises ValueError with what it must be
@@ -37,6 +34,56 @@ _CLICK_S = 2.0  # the backend has its own limit, of a second
 _UNIQUE_NAME, _REMEMBERED = 16, 2000
 _CORNERS = 36  # of an ellipse's outline
 _LOG = logging.getLogger("tirgeo.page")
+
+
+class Click(NamedTuple):
+    """Hold a place in a picture that somebody clicked."""
+
+    aircraft: str  # id; "" for the only one
+    stamp_ns: int  # of the clicked picture
+    u: float  # column and row in the full picture, pixels
+    v: float
+
+
+class Pixel(NamedTuple):
+    """Hold where a place of the map is in a picture."""
+
+    stamp_ns: int  # of the picture
+    u: float  # column and row in the full picture, pixels
+    v: float
+
+
+class Backend(Protocol):
+    """Answer the page's requests.
+
+    The server's asyncio loop awaits the coroutines, which must never block it. What is not a
+    coroutine is called in threads. A refusal is its words, for the operator.
+    """
+
+    async def click(self, click: Click) -> Located | str:
+        """Return the ground point at a pixel, or why there is none; within a second."""
+        ...
+
+    async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
+        """Return where a place is in the newest picture, or why it isn't there."""
+        ...
+
+    async def record(self, aircraft: str, on: bool) -> str:
+        """Begin or end a recording; return words for the operator."""
+        ...
+
+    async def share(self, on: bool) -> str:
+        """Begin or end to send Cursor-on-Target; return words for the operator."""
+        ...
+
+    def vector_map(self, aircraft: str) -> bytes:
+        """Return the map as GeoJSON in WGS84; empty without one."""
+        ...
+
+    @property
+    def targets(self) -> TargetStore:
+        """Return the store of targets."""
+        ...
 
 
 class RequestError(ValueError):

@@ -131,10 +131,7 @@ class Content:
 
 
 def read_static(folder: Path) -> dict[str, Content]:
-    """Return the page's files by their names below ``folder``, with / between folders.
-
-    Raises PageError where the page itself, index.html, is absent.
-    """
+    """Return the page's files by their names below ``folder``; raise PageError without a page."""
     files = {
         path.relative_to(folder).as_posix(): Content.of(path.read_bytes(), _TYPES[path.suffix])
         for path in sorted(folder.rglob("*"))

@@ -18,8 +18,7 @@ from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.formats import FORMATS, exported
 from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Shares
-from tirgeo_ros.page.actions import Actions
-from tirgeo_ros.page.backend import Backend
+from tirgeo_ros.page.actions import Actions, Backend
 from tirgeo_ros.page.content import Content, Tiles
 from tirgeo_ros.page.guard import Guard
 from tirgeo_ros.page.state_hub import StateHub, StatePage

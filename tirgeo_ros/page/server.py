@@ -18,8 +18,7 @@ from aiohttp import web
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
-from tirgeo_ros.page.actions import Actions, Sent, changed_targets
-from tirgeo_ros.page.backend import Backend
+from tirgeo_ros.page.actions import Actions, Backend, Sent, changed_targets
 from tirgeo_ros.page.connections import Listener, http_runner, listening_socket
 from tirgeo_ros.page.content import Tiles, read_static
 from tirgeo_ros.page.guard import Guard, mark

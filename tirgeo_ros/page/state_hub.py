@@ -1,7 +1,4 @@
-"""Give each page the newest of what all must know, and answers to what it asks.
-
-All on the server's loop.
-"""
+"""Give each page the newest of what all must know, and answers to what it asks."""
 
 from __future__ import annotations
 
@@ -231,10 +228,7 @@ class StateHub:
 
 
 def plain(value: Any) -> Any:
-    """Return a value that JSON has: numbers that are not finite become None, tuples lists.
-
-    Raises TypeError for one that has no JSON.
-    """
+    """Return a value as JSON has it: no number but finite ones, no tuples; raise TypeError."""
     if isinstance(value, np.generic):
         return plain(value.item())
     if value is None or isinstance(value, (str, bool)):

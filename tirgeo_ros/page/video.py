@@ -1,7 +1,4 @@
-"""Send the video: each aircraft's newest pictures, as fast and as large as a viewer takes them.
-
-All on the server's loop.
-"""
+"""Send the video: each aircraft's newest pictures, as fast and as large as a viewer takes them."""
 
 from __future__ import annotations
 

@@ -146,9 +146,8 @@ class Vectors:
     def _footprint_row(self, frame: ExportFrame) -> dict[str, object]:
         pose, plane, ground = frame.pose, frame.plane, frame.ground
         assert ground is not None  # there is an outline
-        geometry = frame_geometry(
-            Sight(frame.camera, pose, plane, ground, frame.body), self._confidence
-        )
+        sight = Sight(frame.camera, pose, plane, ground, frame.body)
+        geometry = frame_geometry(sight, self._confidence)
         latitude, longitude, height_m = geometry.sensor
         return {
             "picture": frame.number,
@@ -160,7 +159,7 @@ class Vectors:
             "above_ground_m": height_above_m(pose, plane, ground),
             "heading_deg": math.degrees(camera_heading_rad(pose)),
             "pitch_deg": math.degrees(geometry.sight_rpy[1]),
-            "gsd_m": ground_sample_m(frame.camera, pose, plane, ground),
+            "gsd_m": ground_sample_m(sight),
             "slant_range_m": geometry.slant_range_m,
             "ce90_m": geometry.ce90_m,
             "le90_m": geometry.le90_m,

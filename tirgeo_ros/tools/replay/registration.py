@@ -14,9 +14,9 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     SmoothedNavigation,
+    SmoothedRun,
 )
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
