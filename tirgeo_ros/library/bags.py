@@ -15,6 +15,7 @@ from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError, near
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.library.sensor_tables import OUTPUTS, SENSORS, arrived
@@ -53,7 +54,14 @@ def read_bag(
         raise BagError(f"{path}: pictures are no table: read_pictures and read_camera read them")
     names = _chosen(reader, chosen, namespace)
     rows: dict[str, list[Any]] = {topic: [] for topic in names.values()}
-    for number, message, (stamp_ns, values) in _read(reader, names, _row_of):
+
+    def row_of(topic: str, message: Any) -> tuple[int, Sequence[float]]:
+        if topic in OUTPUTS:
+            return OUTPUTS[topic].values(message)
+        sample = SENSED_SAMPLES[topic](message)
+        return sample.stamp_ns, SENSORS[topic].values(sample)
+
+    for number, message, (stamp_ns, values) in _read(reader, names, row_of):
         row = (stamp_ns, message.log_time_ns, number, *values)
         rows[names[message.topic]].append(row)
     return {topic: _table(topic, found) for topic, found in rows.items()}
@@ -79,8 +87,8 @@ def read_pictures(path: PathLike, *, namespace: str = "") -> Iterator[Picture]:
     reader = BagReader(path)
     present = [topic for topic in PICTURES if resolved(topic, namespace) in reader.topics()]
     names = _chosen(reader, present[:1] or [PICTURES[-1]], namespace)
-    for _, _, picture in _read(reader, names, _picture_of):
-        yield picture
+    for _, message, pixels in _read(reader, names, convert.pixels):
+        yield Picture(header_stamp_ns(message.data), pixels)
 
 
 def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "") -> None:
@@ -150,17 +158,6 @@ def _read(
     for loss in [*losses, reader.damage]:
         if loss:
             warnings.warn(f"{reader.path}: {loss}", stacklevel=3)
-
-
-def _row_of(topic: str, message: Any) -> tuple[int, Sequence[float]]:
-    if topic in OUTPUTS:
-        return OUTPUTS[topic].values(message)
-    sample = SENSED_SAMPLES[topic](message)
-    return sample.stamp_ns, SENSORS[topic].values(sample)
-
-
-def _picture_of(topic: str, message: Any) -> Picture:
-    return Picture(convert.stamp_ns(message), convert.pixels(topic, message))
 
 
 def _table(topic: str, rows: Sequence[Sequence[Any]]) -> dict[str, Array | IntArray]:
