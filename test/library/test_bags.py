@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 import tirgeo_ros
 from tirgeo_ros import BagError, TableError, TirgeoError
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.library.sensor_tables import SENSORS
+from tirgeo_ros.library.tables import SENSORS
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,7 @@ from project import PROJECT
 
 import tirgeo_ros
 from tirgeo_ros import TableError
-from tirgeo_ros.library.sensor_tables import SENSORS
-from tirgeo_ros.library.tables import numbers_of
+from tirgeo_ros.library.tables import SENSORS, numbers_of
 
 STAMPS = np.arange(3) * 10_000_000
 HEADING = {"stamp_ns": STAMPS, "heading_rad": [0.1, 0.2, 0.3], "variance_rad2": np.zeros(3)}
