@@ -17,7 +17,7 @@ from sros2_policy import Permissions, allowed
 
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.nodes.dji_node import _LOST, _TOPICS, _is_installed
+from tirgeo_ros.nodes.dji_node import _LOST, PSDK_TOPICS, _is_installed
 from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.recordings import TOPICS
 from tirgeo_ros.tools.graph import find_resource
@@ -86,7 +86,7 @@ def expected() -> dict[str, Permissions]:
     """What the policy allows our nodes, without the types that are not installed here."""
     policy = find_resource("config/sros2_policy.xml")
     found = {n: dict(may) for n, may in allowed(policy, "/uav1").items() if n not in OTHERS}
-    absent = {topic for topic in _LOST if not _is_installed(_TOPICS[topic][0])}
+    absent = {topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)}
     found["dji_node"]["subscribe"] -= {f"/uav1/psdk_ros2/{topic}" for topic in absent}
     if not TF:
         for may in found.values():

@@ -23,8 +23,7 @@ from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.files.geopackage_layers import Layer, Row, write_layers
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.targets.formats import read_targets
-from tirgeo_ros.io.targets.geopackage import TARGET_LAYERS, rows_of_target
+from tirgeo_ros.io.targets.geopackage import TARGET_LAYERS, read_targets, rows_of_target
 from tirgeo_ros.tools.export.frames import ExportFrame
 
 _WHEN = {"stamp_ns": "INTEGER", "time": "DATETIME"}

@@ -10,7 +10,6 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
@@ -25,7 +24,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
-from tirgeo_ros.io.targets.formats import cot, exported_answers, form_of
+from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -49,11 +48,10 @@ def locate_pixels(
 ) -> dict[str, object]:
     """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
 
-    The output's name chooses the format: ``.xml`` is Cursor-on-Target, others are of ``FORMATS``,
-    else GeoJSON. ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
-    override ``params``. A pixel that cannot be located is written with its reason. ``smooth``:
-    camera poses from all measurements, also later ones. Raise BagError, CameraError, ConfigError,
-    SurveyError, ElevationError.
+    The output's name chooses the format of ``FORMATS``, else GeoJSON. ``dem`` or ``ground_height``
+    (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A pixel that cannot be
+    located is written with its reason. ``smooth``: camera poses from all measurements, also later
+    ones. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError.
     """
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
     given = (bag_in, [output], params, namespace, options)
@@ -67,16 +65,14 @@ def locate_pixels(
     layers = tried_map(unread, overlay, overlay.map, used=False)
     of_flight = (opened.configs, opened.reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
-    checks.found += unread
+    checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
     used = opened.configs.ekf, opened.configs.gimbal, exposures_ns
     poses = flight.registered(*used, checks.watch, smooth=smooth)
     flight.read_all(progress)
     answers = _answers(observations, exposures_ns, flight, poses, ground, opened)
-    is_cot = Path(output).suffix.lower() == ".xml"
-    content = cot(answers) if is_cot else exported_answers(answers, form_of(output))
-    write_files({output: content}, SurveyError)
+    write_files({output: exported_answers(answers, form_of(output))}, SurveyError)
     located = _summary(opened.reader, answers, ground)
     navigation, findings = poses.registration.navigation.status(), checks.findings()
     return {

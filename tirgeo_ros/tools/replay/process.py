@@ -126,7 +126,7 @@ def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
     # Of what is drawn, the checks get the map as it is laid for the pictures.
     to_lay, of_flight = None if draws else layers, (configs, reader, opened.params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=to_lay, camera=camera)
-    checks.found += unread
+    checks.at_start += unread
     notes = [*opened.notes, *(ground.notes if isinstance(ground, Terrain) else ())]
     notes += [note for layer in layers or () for note in layer.left_out]
     return ProcessSetup(opened, topics, overlay, checks, notes)
