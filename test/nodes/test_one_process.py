@@ -20,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import deep_queues, stamps_of
 from nav_msgs.msg import Odometry
 from page_clients import Page
-from project import child_of, reader_of
+from project import child_of, free_port, reader_of
 from sensor_msgs.msg import CompressedImage
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
