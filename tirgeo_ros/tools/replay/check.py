@@ -46,8 +46,7 @@ def check(
     ground = tried(findings, "dem", lambda: ground_of(overlay))
     lens = tried(findings, "camera", lambda: given_camera(overlay))
     layers = tried_map(findings, overlay, overlay.map, used=True)
-    of_flight = (configs, reader, params, namespace)
-    checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens, pictures=True)
+    checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens, pictures=True)
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
     flight = Flight(reader, namespace, camera=lens, checks=checks, **wanted)
     heights = _Heights()

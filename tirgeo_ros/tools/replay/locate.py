@@ -63,8 +63,7 @@ def locate_pixels(
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     lens, unread = given_camera(overlay), list[Finding]()
     layers = tried_map(unread, overlay, overlay.map, used=False)
-    of_flight = (opened.configs, opened.reader, params, namespace)
-    checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
+    checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens)
     checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
