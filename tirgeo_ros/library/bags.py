@@ -48,7 +48,7 @@ def read_bag(
     """
     reader = BagReader(path)
     several = topics if np.iterable(topics) and not isinstance(topics, str) else [topics]
-    chosen = None if topics is None else [str(one) for one in several]
+    chosen = None if topics is None else [str(topic) for topic in several]
     if not {CAMERA_INFO, *PICTURES}.isdisjoint(chosen or ()):
         raise BagError(f"{path}: pictures are no table: read_pictures and read_camera read them")
     names = _chosen(reader, chosen, namespace)
@@ -63,7 +63,7 @@ def read_bag(
     for number, message, (stamp_ns, values) in _read(reader, names, row_of):
         row = (stamp_ns, message.log_time_ns, number, *values)
         rows[names[message.topic]].append(row)
-    return {topic: _table(topic, found) for topic, found in rows.items()}
+    return {topic: _table(topic, read) for topic, read in rows.items()}
 
 
 def read_camera(path: PathLike, *, namespace: str = "") -> Camera:
@@ -73,7 +73,7 @@ def read_camera(path: PathLike, *, namespace: str = "") -> Camera:
     """
     reader = BagReader(path)
     names = _chosen(reader, [CAMERA_INFO], namespace)
-    for _, _, camera in _read(reader, names, lambda topic, one: convert.camera(one, topic)):
+    for _, _, camera in _read(reader, names, lambda topic, info: convert.camera(info, topic)):
         return camera
     raise BagError(f"{path}: no {CAMERA_INFO} could be used")
 
@@ -115,19 +115,21 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
 def _chosen(reader: BagReader, topics: Collection[str] | None, namespace: str) -> dict[str, str]:
     """Return the topics to read, resolved name -> contract topic."""
     present = reader.topics()
-    known = [*SENSORS, *OUTPUTS]
+    tables = [*SENSORS, *OUTPUTS]
     if topics is None:
-        names = {resolved(topic, namespace): topic for topic in known}
-        found = {name: one for name, one in names.items() if present.get(name) == TOPIC_TYPES[one]}
-        if not found:
+        names = {resolved(topic, namespace): topic for topic in tables}
+        chosen = {
+            name: topic for name, topic in names.items() if present.get(name) == TOPIC_TYPES[topic]
+        }
+        if not chosen:
             has = ", ".join(present) or "nothing"
             here = f"in namespace {namespace}" if namespace else "without a namespace"
             raise BagError(f"{reader.path}: no sensor and no pose {here}; it has: {has}")
-        return found
+        return chosen
     for topic in topics:
         name = resolved(topic, namespace)
-        if topic not in {*known, CAMERA_INFO, *PICTURES}:
-            raise BagError(f"{reader.path}: {topic} has no table{nearest(topic, known)}")
+        if topic not in {*tables, CAMERA_INFO, *PICTURES}:
+            raise BagError(f"{reader.path}: {topic} has no table{nearest(topic, tables)}")
         if name not in present:
             raise BagError(f"{reader.path}: no topic {name}; it has: {', '.join(present)}")
         if present[name] != TOPIC_TYPES[topic]:
@@ -147,12 +149,12 @@ def _read(
     for number, message in enumerate(reader.messages(names)):
         name = message.topic
         try:
-            found = made(names[name], cdr.deserialize(message.data, message.typename, name))
+            content = made(names[name], cdr.deserialize(message.data, message.typename, name))
         except TirgeoError as error:
             lost[name] += 1
             why[name] = str(error)
         else:
-            yield number, message, found
+            yield number, message, content
     losses = [f"{lost[topic]} messages of {topic} left out: {text}" for topic, text in why.items()]
     for loss in [*losses, reader.damage]:
         if loss:

@@ -399,5 +399,5 @@ def pose_at(
     if not isinstance(pose, CameraPose):
         return None
     around = [poses.at(stamp_ns + step) for step in (-_MOTION_NS, 0, _MOTION_NS)]
-    present = [one for one in around if isinstance(one, CameraPose)]
+    present = [each for each in around if isinstance(each, CameraPose)]
     return pose, CameraRates.between(present[0], present[-1]) if len(present) > 1 else None

@@ -117,19 +117,19 @@ class Outputs:
 def read_outputs(path: Path, namespace: str = "") -> Outputs:
     """Read a bag that ``recorder`` or ``tirgeo process`` wrote. Raise BagError."""
     lead = prefix(namespace)
-    cdr, found = Cdr(), Outputs()
+    cdr, outputs = Cdr(), Outputs()
     for item in BagReader(path).messages():
         message = cdr.deserialize(item.data, item.typename)
         if item.topic == f"{lead}tirgeo/origin":
-            found.plane = convert.tangent_plane(message)
+            outputs.plane = convert.tangent_plane(message)
         elif item.topic == f"{lead}tirgeo/camera_pose":
-            found.cameras.append(convert.camera_pose(message))
+            outputs.cameras.append(convert.camera_pose(message))
         elif item.topic == lead + OVERLAY:
-            found.frame_stamps_ns.append(convert.stamp_ns(message))
+            outputs.frame_stamps_ns.append(convert.stamp_ns(message))
         elif item.topic == f"{lead}{convert.STATE_TOPIC}":
             state = convert.node_state(message)
-            found.states.setdefault(state.name, []).append(state)
-    return found
+            outputs.states.setdefault(state.name, []).append(state)
+    return outputs
 
 
 def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels]]:
