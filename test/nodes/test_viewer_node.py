@@ -17,13 +17,12 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
-from free_addresses import free_udp_address
 from graph_helpers import await_words
 from klv_reader import live_packet
 from overlay_flight import MESSAGES, Flight, write_map
 from overlays import PLANE, SQUARE_N, pose_at
 from page_clients import Page, next_picture
-from project import child_of
+from project import child_of, free_port
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
@@ -354,7 +353,7 @@ def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, st
 @pytest.mark.slow
 @pytest.mark.parametrize("fleet", [["confidence.ground_sigma_m:=3.0"]], indirect=True)
 def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start):
-    address = free_udp_address()
+    address = f"udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
     _, url = start(stream=address)
     watched = ThreadPoolExecutor(1).submit(live_packet, address)
     fleet.until(watched.done)

@@ -38,14 +38,14 @@ from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
-from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.parameters.parameter_file import Files, Value
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, open_flight
 
 #: Parameters estimated by default, and the one estimated only if the flight can determine it.
 USUAL = ("roll", "pitch", "yaw", "latency")
@@ -81,19 +81,19 @@ def calibrate_boresight(
     ``smooth``: camera poses from all measurements, also later ones. Raise
     CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.
     """
-    configs = node_configs(params, namespace, camera=camera)
-    inputs = (bag_in, survey, observations, *paths_of(params), *configs.files)
-    check_outputs(inputs, (output,), CalibrationError)
+    options, inputs = {"camera": camera}, (survey, observations)
+    opened = open_flight(
+        bag_in, (output,), params, namespace, options, inputs=inputs, error=CalibrationError
+    )
+    reader, configs = opened.reader, opened.configs
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
-    reader = BagReader(bag_in)
-    configs, chosen = configs.fitting(reader.topics(), namespace)
     wanted = _wanted(estimate, hold, configs)
     read = _read(reader, namespace, configs, wanted, *observed, smooth=smooth)
     try:
         fitted, notes = _fit(read, wanted, strict=estimate is not None)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
-    result = _result(read, configs, fitted, chosen + read.notes + notes)
+    result = _result(read, configs, fitted, opened.notes + read.notes + notes)
     lines = boresight_lines(result.numbers)
     files = [(output, lambda: result.yaml("boresight", bag_in, lines))]
     numbers = {"unknown_ids": read.unknown, "without_pose": read.lost, "notes": result.notes}

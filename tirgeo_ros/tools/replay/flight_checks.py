@@ -37,13 +37,13 @@ from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.bag import BagMessage, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 F = TypeVar("F", bound=Callable[..., None])
@@ -102,17 +102,14 @@ class FlightChecks:
 
     def __init__(
         self,
-        configs: NodeConfigs,
-        reader: BagReader,
-        params: Files,
-        namespace: str,
+        opened: OpenedFlight,
         *,
         ground: Ground | None = None,
         layers: Sequence[MapLayer] | None = None,
         camera: Camera | None = None,
         pictures: bool = False,
     ) -> None:
-        ekf, gimbal, overlay, given = configs
+        (ekf, gimbal, overlay, given), namespace = opened.configs, opened.namespace
         self._navigation = NavigationChecks(ekf, given)
         self._gimbal = GimbalChecks(gimbal, given)
         self._pictures = PictureChecks(overlay, ground, given)
@@ -131,14 +128,14 @@ class FlightChecks:
         if camera is not None:
             self._pictures.camera(camera)
         recording = RecordedTopics(
-            reader.topics(),
+            opened.reader.topics(),
             {topic: TOPIC_TYPES[topic] for topic in (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)},
             namespace,
             has_camera=camera is not None,
             wants_pictures=pictures,
         )
         pictured = recording.there.intersection((*PICTURES, *GIMBAL))
-        unused = ParameterFile(params).elsewhere(namespace)
+        unused = ParameterFile(opened.params).elsewhere(namespace)
         self.at_start = [
             *recording_findings(recording),
             *parameter_findings(given, unused, namespace, pictures=bool(pictured)),
