@@ -20,8 +20,8 @@ from project import PROJECT
 from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page import connections, content
-from tirgeo_ros.page.access import OPERATOR, Allowance, Shares, WrongTokens
-from tirgeo_ros.page.connections import Listener
+from tirgeo_ros.page.access import Shares, WrongTokens
+from tirgeo_ros.page.connections import OPERATOR, Allowance, Listener
 from tirgeo_ros.page.content import Tiles
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.video import LEVELS, Pace, VideoFeed

@@ -17,10 +17,10 @@ from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.formats import FORMATS, exported
 from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
-from tirgeo_ros.page.access import OPERATOR, VIEWER, Shares
+from tirgeo_ros.page.access import Guard, Shares
 from tirgeo_ros.page.actions import Actions, Backend
+from tirgeo_ros.page.connections import OPERATOR, VIEWER
 from tirgeo_ros.page.content import Content, Tiles
-from tirgeo_ros.page.guard import Guard
 from tirgeo_ros.page.state_hub import StateHub, StatePage
 from tirgeo_ros.page.video import VideoFeed, VideoViewer, bound_kernel_buffer
 
