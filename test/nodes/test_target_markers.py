@@ -14,7 +14,7 @@ from visualization_msgs.msg import Marker
 
 from tirgeo_ros.core.camera.projection_covariance import ellipse_95
 from tirgeo_ros.core.ground.ground_point import enu_of
-from tirgeo_ros.nodes.target_markers import target_markers
+from tirgeo_ros.nodes.aircraft_view import target_markers
 
 
 def test_the_first_marker_deletes_all_others():

@@ -202,12 +202,6 @@ class Access:
         return hmac.digest(key, _bytes(signed), "sha256").hex()
 
 
-def plain_host(request: web.Request) -> str:
-    """Return the Host header, if it has the form of one."""
-    host = request.headers.get("Host", "")
-    return host if _HOST.fullmatch(host) else ""
-
-
 def is_websocket(request: web.Request) -> bool:
     """Return whether a request wants to become a WebSocket."""
     return request.headers.get("Upgrade", "").lower() == "websocket"
@@ -321,8 +315,9 @@ def refusal(status: int, words: str) -> web.Response:
 
 async def mark(request: web.Request, response: web.StreamResponse) -> None:
     """Give each answer the headers that tell the browser what the page may do."""
-    host = plain_host(request)  # for browsers to which 'self' is no WebSocket, as before 2022
-    sockets = f" ws://{host} wss://{host}" if host else ""
+    host = request.headers.get("Host", "")
+    # For browsers to which 'self' is no WebSocket, as before 2022.
+    sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
     for name, value in HEADERS.items():
         response.headers.setdefault(name, value.format(sockets))
     response.headers.setdefault("Cache-Control", "no-store")
