@@ -23,7 +23,6 @@ from pathlib import Path
 
 from dev.flights import SOAK_PERIOD_S, SoakFlight
 from dev.graphs import Graph, busy, started_graph
-from dev.soak.account import EPOCHS
 from tirgeo_ros.tools.graph.node_graph import NodeProcess, await_words
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
@@ -33,6 +32,8 @@ WITNESS = "soak_witness"
 #: A second soak_mute, which lives to be killed in the minute in which others settle.
 GUEST = "soak_guest"
 LEDGER, RECORD = "ledger.txt", "record.jsonl"
+#: Each player that is started has so many numbers of epochs for itself.
+EPOCHS = 1000
 RATE = 2.0
 
 #: All nodes settle before the first, and after the last.
