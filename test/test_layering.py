@@ -133,11 +133,6 @@ def test_an_import_is_seen_however_it_is_written(tmp_path, monkeypatch):
     assert package_graph(modules())["core.sub"] == {"io", "nodes", "tools"}
 
 
-def test_rooms_are_those_just_below_a_package():
-    graph = {"a": {"a.b.c"}, "a.b": set(), "a.b.c": {"a.d", "e"}, "a.d": set(), "ab": {"a.b"}}
-    assert rooms(graph, "a") == {"a": {"a.b"}, "a.b": {"a.d"}, "a.d": set()}
-
-
 #: What the core does not do: files, printing, logging, clocks of its own.
 SILENT = {"logging", "pathlib", "os", "shutil", "tempfile", "warnings", "subprocess", "time"}
 

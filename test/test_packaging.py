@@ -150,20 +150,6 @@ def test_an_index_shows_what_the_package_is(arguments, package_xml):
     }
 
 
-@pytest.mark.parametrize(
-    ("version", "key"), [("59.6.0", "license"), ("84.2", "license_expression")]
-)
-def test_the_licence_is_told_as_each_setuptools_reads_it(version, key, monkeypatch):
-    """A later one warns of the classifier, an earlier one of the key; colcon shows warnings."""
-    monkeypatch.chdir(PROJECT)
-    monkeypatch.setattr(setuptools, "__version__", version)
-    given = setup_arguments(monkeypatch, "install")
-    assert {name for name in given if name in {"license", "license_expression"}} == {key}
-    assert given[key] == "Apache-2.0"
-    told = [one for one in given["classifiers"] if one.startswith("License ::")]
-    assert bool(told) == (key == "license")
-
-
 @pytest.mark.slow
 def test_a_source_distribution_holds_the_whole_project(tmp_path):
     """Tests and documents too, so that ``make test`` runs where it was unpacked."""

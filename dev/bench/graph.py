@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ from tirgeo_ros.tools.graph.node_graph import GraphSetup, run_graph
 #: On a busy machine the nodes find each other within 4 s.
 _VIDEO_S, _SETTLED_S = 14.0, 5.0
 _END_S = 44.0
+_LEAST_PICTURES = 3
 _OVERLAY, _JPEG = "tirgeo/overlay/image", "tirgeo/overlay/image/compressed"
 
 
@@ -62,23 +62,16 @@ def _cores_of(folder: Path, work: Path, params: Path, *, serial: bool = False) -
 
 
 def _dds_latency(work: Path) -> Iterator[Figure]:
-    """Yield the times from image in to overlay out at 30 Hz, alone and beside two busy processes.
-
-    The reference is a node that only passes the picture on.
-    """
-    for load, spinning in (("", 0), (", busy", 2)):
-        passed, drawn = f"picture passed on{load}", f"overlay over DDS{load}"
-        runs = [(passed, "bench_relay", False, 1, ""), (drawn, "overlay_node", False, 1, "<= 12")]
-        if not spinning:
-            runs += [
-                ("overlay over DDS as JPEG", "overlay_node", True, 1, "<= 15"),
-                ("passed on, 1280x1024", "bench_relay", False, 2, ""),
-                ("overlay, 1280x1024", "overlay_node", False, 2, "<= 25"),
-                ("overlay, 1280x1024 as JPEG", "overlay_node", True, 2, ""),
-            ]
-        for name, node, jpeg, times, wanted in runs:
-            measured = dds_times(work / name, node, jpeg=jpeg, spinning=spinning, times=times)
-            yield from measured.figures(name, "" if spinning else wanted)
+    """Yield the times from image in to overlay out at 30 Hz, also beside two busy processes."""
+    for name, jpeg, times, spinning, wanted in (
+        ("overlay over DDS", False, 1, 0, "<= 12"),
+        ("overlay over DDS as JPEG", True, 1, 0, "<= 15"),
+        ("overlay, 1280x1024", False, 2, 0, "<= 25"),
+        ("overlay, 1280x1024 as JPEG", True, 2, 0, ""),
+        ("overlay over DDS, busy", False, 1, 2, ""),
+    ):
+        measured = dds_times(work / name, jpeg=jpeg, spinning=spinning, times=times)
+        yield from measured.figures(name, wanted)
 
 
 @dataclass(frozen=True)
@@ -89,36 +82,22 @@ class DdsTimes:
     p95_s: float
     lost: int  # frames without a picture
     sent: int
-    grown_s: float  # median age in the last third less that in the first
     cpu_s: float  # processor time of the node a frame, with all that goes beside it
-    inside_s: float  # 95 % of its newest pictures, from arrival to leaving; nan without a word
 
     def figures(self, name: str, wanted: str) -> Iterator[Figure]:
         """Yield the lines of the table."""
         yield Figure(f"{name}: median", self.p50_s * 1e3, "ms")
         yield Figure(f"{name}: 95 %", self.p95_s * 1e3, "ms", wanted)
-        if math.isfinite(self.inside_s):
-            yield Figure(f"{name}: 95 %, in the node", self.inside_s * 1e3, "ms")
         yield Figure(f"{name}: node, CPU a frame", self.cpu_s * 1e3, "ms")
         yield Figure(f"{name}: frames lost", 100 * self.lost / self.sent, "%")
-        yield Figure(f"{name}: age grown in 6 s", self.grown_s * 1e3, "ms", "about 0")
 
 
-def dds_times(
-    work: Path,
-    node: str = "overlay_node",
-    *,
-    jpeg: bool = False,
-    spinning: int = 0,
-    times: int = 1,
-) -> DdsTimes:
-    """Send Mono8 at 30 Hz with poses at 50 Hz and 1e4 vertices in view through a node.
+def dds_times(work: Path, *, jpeg: bool = False, spinning: int = 0, times: int = 1) -> DdsTimes:
+    """Send Mono8 at 30 Hz with poses at 50 Hz and 1e4 vertices in view through overlay_node.
 
-    The pictures are 640x512 ``times`` as many pixels on each side. ``node`` is overlay_node, or
-    bench_relay, which copies the picture and no more: what is left of the times is the way there
-    and back. With ``jpeg`` the picture comes out compressed. ``spinning`` processes keep the
-    machine busy meanwhile. ``work`` takes files. Raises GraphError where a node ends early or the
-    pictures that come out are not those that are wanted.
+    The pictures are 640x512 ``times`` as many pixels on each side. With ``jpeg`` the picture comes
+    out compressed. ``spinning`` processes keep the machine busy meanwhile. ``work`` takes files.
+    Raises GraphError where a node ends early or no pictures with lines come out.
     """
     work.mkdir(parents=True, exist_ok=True)
     _write_map(work / "map.geojson")
@@ -133,14 +112,14 @@ def dds_times(
         "times": times,
     }
     with started_graph(work) as graph, busy(spinning):
-        measured = graph.start_ready(node, overlay if node == "overlay_node" else {})
+        measured = graph.start_ready("overlay_node", overlay)
         viewing = graph.start_ready("bench_listener", listener)
         sending = graph.start_ready("bench_video", source)
         before_s = measured.cpu_s()
         await_end(sending, _END_S)
         spent_s = measured.cpu_s() - before_s
         await_end(viewing, _END_S)
-    return times_of(read_json(work / "sent.json"), read_json(work / "shown.json"), node, spent_s)
+    return times_of(read_json(work / "sent.json"), read_json(work / "shown.json"), spent_s)
 
 
 def _write_map(path: Path) -> None:
@@ -155,26 +134,21 @@ def _outline(label: str, points: Array) -> dict[str, object]:
     return {"type": "Feature", "properties": {"name": label}, "geometry": geometry}
 
 
-def times_of(
-    sent: Mapping[str, Any], shown: Mapping[str, Any], node: str, spent_s: float
-) -> DdsTimes:
+def times_of(sent: Mapping[str, Any], shown: Mapping[str, Any], spent_s: float) -> DdsTimes:
     """Return the times of a run from what ``bench_video`` and ``bench_listener`` wrote.
 
     ``spent_s`` is the processor time of the node meanwhile. Raises GraphError where it gave next
-    to no pictures, or overlay_node none with lines.
+    to no pictures, or none with lines.
     """
-    if node == "overlay_node" and not shown["lines"]:
+    if not shown["lines"]:
         raise GraphError("overlay_node gave no picture with lines")
     stamps = np.array(sent["sent"], np.int64)
     counted = stamps[stamps > stamps[0] + _SETTLED_S * 1e9] if len(stamps) else stamps
     (arrivals,) = shown["arrivals"].values()
     pictures, came_ns = np.array(arrivals, np.int64).reshape(-1, 2).T
     ages_s = (came_ns - pictures)[np.isin(pictures, counted)] * 1e-9
-    third = len(ages_s) // 3
-    if not third:
-        raise GraphError(f"{node} gave next to no pictures")
+    if len(ages_s) < _LEAST_PICTURES:
+        raise GraphError("overlay_node gave next to no pictures")
     p50_s, p95_s = np.percentile(ages_s, [50, 95]).tolist()
-    grown_s = float(np.median(ages_s[-third:]) - np.median(ages_s[:third]))
     lost, cpu_s = len(counted) - len(ages_s), spent_s / len(stamps)
-    inside_s = shown["inside_ms"] * 1e-3
-    return DdsTimes(p50_s, p95_s, lost, len(counted), grown_s, cpu_s, inside_s)
+    return DdsTimes(p50_s, p95_s, lost, len(counted), cpu_s)

@@ -48,19 +48,11 @@ PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 ABOVE_M, PITCH_DEG = 20.0, -30.0  # of the camera that looks at the beds
 _FRAME_NS = 100_000_000
 _REPEATS = 60
-#: Six tenths of the vertices are of buildings of 4, 6 or 12 corners and 8 to 20 m, anyhow placed
-#: and turned; the rest are of winding roads right across the town, a vertex each 4 m.
+#: Six tenths of the vertices are of rectangular buildings of 8 to 20 m, anyhow placed and turned;
+#: the rest are of winding roads right across the town, a vertex each 4 m.
 _BUILDINGS = 0.6
 _ROAD_VERTICES = 2000
 _SPACING_M = 7.9  # side of the town over the square root of its vertices
-_SHAPES = (
-    [[0, 0], [0, 1], [1, 1], [1, 0]],
-    [[0, 0], [0, 1], [0.5, 1], [0.5, 0.5], [1, 0.5], [1, 0]],
-    [
-        *([0, 0], [0, 1], [0.2, 1], [0.2, 1.1], [0.4, 1.1], [0.4, 1]),
-        *([1, 1], [1, 0.6], [1.1, 0.6], [1.1, 0.3], [1, 0.3], [1, 0]),
-    ],
-)
 
 
 def overlay_times() -> Iterator[Figure]:
@@ -120,26 +112,24 @@ def beds() -> MapLayer:
 
 
 def town(vertices: int, plane: TangentPlane) -> list[MapLayer]:
-    """About so many vertices, around the plane's origin; not filled, without labels."""
+    """Return a town of about ``vertices`` around the plane's origin, without labels."""
     rng = np.random.default_rng(1)
     side_m = _SPACING_M * vertices**0.5
-    corners = np.mean([len(shape) for shape in _SHAPES])
-    buildings = [_building(rng, side_m) for _ in range(int(vertices * _BUILDINGS / corners))]
+    buildings = [_building(rng, side_m) for _ in range(int(vertices * _BUILDINGS / 4))]
     count = max(int(vertices * (1 - _BUILDINGS) / _ROAD_VERTICES), 1)
     roads = [_road(rng, side_m, across=bool(i % 2)) for i in range(count)]
+    style = LayerStyle((255, 255, 255))
     return [
         MapLayer("roads", _features(roads, plane, closed=False)),
-        MapLayer(
-            "buildings", _features(buildings, plane, closed=True), LayerStyle((255, 255, 255))
-        ),
+        MapLayer("buildings", _features(buildings, plane, closed=True), style),
     ]
 
 
 def _building(rng: np.random.Generator, side_m: float) -> Array:
-    corners = (np.array(_SHAPES[rng.integers(len(_SHAPES))]) - 0.5) * rng.uniform(8, 20, 2)
+    corners = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]])
     turn = rng.uniform(0, 2 * np.pi)
     ahead, aside = np.cos(turn), np.sin(turn)
-    turned = corners @ np.array([[ahead, aside], [-aside, ahead]])
+    turned = corners * rng.uniform(8, 20, 2) @ np.array([[ahead, aside], [-aside, ahead]])
     return np.asarray(turned + rng.uniform(-side_m / 2, side_m / 2, 2))
 
 

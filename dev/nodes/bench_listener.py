@@ -1,8 +1,7 @@
 """Note when messages of some topics arrive, for ``make bench`` and ``dev.bench.imu_load``.
 
 After ``duration_s``, or when it is stopped, it writes as JSON stamp and time of arrival (ns) of
-each message by topic, whether the overlay's last picture has lines, and what overlay_node says of
-its own share of the time.
+each message by topic, and whether the overlay's last picture has lines.
 """
 
 from __future__ import annotations
@@ -15,15 +14,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.io.messages import (
-    STATE_TOPIC,
-    compressed_pixels,
-    image_pixels,
-    node_state,
-    stamp_ns,
-)
+from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
 from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 _LARGE = "tirgeo/overlay/image"
@@ -32,7 +25,6 @@ _PIXELS = {
     "tirgeo/overlay/image/compressed": compressed_pixels,
 }
 _LEAST_INK = 1000  # coloured pixels of a picture with lines
-_NODES = 10  # whose states may come at once
 
 
 class Listener(GraphNode):
@@ -45,28 +37,20 @@ class Listener(GraphNode):
         self.output = self.declare_parameter("output", "").value
         self._arrivals: dict[str, list[tuple[int, int]]] = {topic: [] for topic in topics}
         self._has_lines = lambda: False
-        self._inside_ms = math.nan
         for topic in topics:
             depth = (
                 () if topic in _PIXELS and not topic.endswith("compressed") else (STREAM_DEPTH,)
             )
             self.listen(topic, partial(self._note, topic), output(*depth))
-        self.listen(STATE_TOPIC, self._take_state, latched(_NODES))
 
     def _note(self, topic: str, message: Any) -> None:
         self._arrivals[topic].append((stamp_ns(message), time.time_ns()))
         if topic in _PIXELS:
             self._has_lines = lambda: _has_ink(_PIXELS[topic](message))
 
-    def _take_state(self, message: Any) -> None:
-        topic = node_state(message).topics.get("tirgeo/overlay/image")
-        if topic is not None and topic.latency_p95_ms is not None:
-            self._inside_ms = topic.latency_p95_ms
-
     def found(self) -> dict[str, Any]:
         """Return what is written at the end."""
-        lines = self._has_lines()
-        return {"arrivals": self._arrivals, "lines": lines, "inside_ms": self._inside_ms}
+        return {"arrivals": self._arrivals, "lines": self._has_lines()}
 
 
 def _has_ink(pixels: Any) -> bool:

@@ -10,14 +10,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from dev.planted_faults.faults import FAULTS, Fault
+from dev.planted_faults.faults import FAULTS, Fault, FlightFiles
 from dev.planted_faults.live import CLEAN, Live, flight_times, live_table, outcomes
-from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.simulate.files import simulate
 
 _JOBS = 2  # graphs at a time: each takes most of a core
 _ROW = "| {:<31} | {:<5} | {:<7} | {:>14} | {}\n"
@@ -25,23 +23,6 @@ _HEAD = ("fault", "named", "process", "ellipses", "by, and what else is said")
 #: A fault may be missed, as the next ones to find are: a small boresight, a map some metres off.
 _MISSED = 4
 _MOST_TIMES = 3.0  # no silent fault moves the map by more ellipses
-_HIGH = "{height_above_ground_m: 45.0, speed_m_s: 6.0, turn_radius_m: 10.0, leg_spacing_m: 20.0}"
-#: Other flights of 45 s: seed, start and scenario.
-FLIGHTS = {
-    "lawnmower": (21, 0.0, "route: {heading_deg: 75.0, leg_length_m: 60.0, speed_m_s: 5.0}"),
-    "eight": (22, 15.0, "route: {shape: figure_eight, heading_deg: 140.0, turn_radius_m: 9.0}"),
-    "high": (23, 30.0, f"route: {_HIGH}\ngimbal: {{pitch_deg: -55.0}}"),
-}
-
-
-def fly(name: str, folder: Path) -> None:
-    """Simulate a flight of FLIGHTS into a folder, where it isn't there yet."""
-    if (folder / "params.yaml").exists():
-        return
-    seed, start_s, text = FLIGHTS[name]
-    folder.mkdir(parents=True)
-    (folder / "scenario.yaml").write_text(text + "\n")
-    simulate(folder / "scenario.yaml", folder, seed=seed, start_s=start_s, duration_s=45.0)
 
 
 def found_in(fault: Fault, good: FlightFiles, folder: Path) -> list[dict[str, Any]]:
@@ -92,19 +73,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Print the table; 0 where all but some are named, and none is silent and far off."""
     parser = argparse.ArgumentParser(prog="python -m dev.planted_faults")
     parser.add_argument("folder", type=Path, help="of a flight that tirgeo simulate wrote")
-    parser.add_argument("--fly", choices=FLIGHTS, help="simulate this flight into the folder")
     parser.add_argument("--only", default="", metavar="WORDS", help="faults with these words")
     parser.add_argument("--live", nargs="*", metavar="NAME", help="through the node graph: these")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="recordings and logs, live")
     args = parser.parse_args(argv)
-    if args.fly:
-        fly(args.fly, args.folder)
     good = FlightFiles.in_folder(args.folder)
-    faults = [one for one in FAULTS if args.only in one.name]
+    faults = [fault for fault in FAULTS if args.only in fault.name]
     if args.live is not None:
         return _live(
             good,
-            [one for one in (CLEAN, *faults) if one.name in args.live or not args.live],
+            [fault for fault in (CLEAN, *faults) if fault.name in args.live or not args.live],
             args.keep,
         )
     sys.stdout.write(_ROW.format(*_HEAD))

@@ -1,50 +1,309 @@
-"""The table of faults: how each is planted, and what a finding must name."""
+"""The table of faults: how each is planted in a good flight, and what a finding must name.
+
+A planted flight has its bag, its parameters or its map written anew.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
-from dataclasses import dataclass
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
-from dev.planted_faults.planting import (
-    FlightFiles,
-    Planter,
-    altered,
-    both,
-    changed_map,
-    half_size,
-    heading_off,
-    joints,
-    late,
-    left_out,
-    level_dem,
-    longer_lens,
-    lowered,
-    mounted,
-    moved,
-    ned_velocity,
-    next_zone,
-    no_covariance,
-    parameters,
-    pictures,
-    points,
-    restamped,
-    rewritten,
-    scaled,
-    swapped,
-    swapped_tilt,
-    turned_yaw,
-    with_map,
-    yaw_from_north,
-)
+import numpy as np
+
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
+
+
+@dataclass(frozen=True)
+class Item:
+    """A decoded message of a bag."""
+
+    topic: str
+    typename: str
+    message: Any
+    log_time_ns: int
+
+
+#: What becomes of a message: items in its place, none where it is left out.
+Change = Callable[[Item], Iterator[Item]]
+
+
+@dataclass(frozen=True)
+class FlightFiles:
+    """The files of a flight, in the arguments of ``tirgeo check``."""
+
+    bag: Path
+    params: list[Path]
+    map: Path | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Return the keyword arguments of ``check``."""
+        return {"bag": self.bag, "params": self.params, "map": self.map, **self.options}
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> FlightFiles:
+        """Return the flight that ``tirgeo simulate`` has written to a folder."""
+        return cls(folder / "flight.mcap", [folder / "params.yaml"], folder / "map.geojson")
+
+
+#: What makes a faulty flight of a good one, with a folder for its files.
+Planter = Callable[[FlightFiles, Path], FlightFiles]
+
+
+def altered(change: Callable[[Any], object], *topics: str) -> Planter:
+    """Return a planter that changes the messages of topics in place."""
+
+    def one(item: Item) -> Iterator[Item]:
+        change(item.message)
+        yield item
+
+    return rewritten(one, *topics)
+
+
+def rewritten(change: Change, *topics: str) -> Planter:
+    """Return a planter that puts what ``change`` makes in the place of topics' messages."""
+
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
+        cdr, items = Cdr(), []
+        for raw in BagReader(good.bag).messages():
+            data: Any = raw.data
+            made: list[Item] = [Item(raw.topic, raw.typename, data, raw.log_time_ns)]
+            if raw.topic.strip("/") in topics:
+                message = cdr.deserialize(data, raw.typename)
+                made = list(change(dataclasses.replace(made[0], message=message)))
+            items += made
+        path = folder / "flight.mcap"
+        with BagWriter(path) as writer:
+            for item in sorted(items, key=lambda one: one.log_time_ns):
+                writer.write(item.topic, item.typename, item.message, item.log_time_ns)
+        return dataclasses.replace(good, bag=path)
+
+    return plant
+
+
+def left_out(*topics: str) -> Planter:
+    """Return a planter that leaves topics out."""
+    return rewritten(lambda _: iter(()), *topics)
+
+
+def parameters(node: str, **values: Value) -> Planter:
+    """Return a planter that sets parameters; two underscores stand for a dot."""
+
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
+        path = folder / f"{node or 'all'}.yaml"
+        dotted = {name.replace("__", "."): value for name, value in values.items()}
+        write_parameters(path, {node: dotted}, "planted")
+        return dataclasses.replace(good, params=[*good.params, path])
+
+    return plant
+
+
+def with_map(change: Callable[[str], str]) -> Planter:
+    """Return a planter that changes the map's text."""
+
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
+        assert good.map is not None
+        path = folder / "map.geojson"
+        path.write_text(change(good.map.read_text(encoding="utf-8")), encoding="utf-8")
+        return dataclasses.replace(good, map=path)
+
+    return plant
+
+
+def restamped(header: Any, shift_ns: int | None) -> None:
+    """Move a stamp in place; None: to 0."""
+    stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
+    moved_ns = 0 if shift_ns is None else stamp_ns + shift_ns
+    header.stamp.sec, header.stamp.nanosec = divmod(moved_ns, 10**9)
+
+
+def turned_yaw(q: Any, turn: Callable[[float], float]) -> None:
+    """Give a quaternion about the vertical another yaw (rad, ENU), in place."""
+    yaw = turn(2 * math.atan2(q.z, q.w))
+    q.x, q.y, q.z, q.w = 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
+
+
+#: Changes a message in place.
+MessageChange = Callable[[Any], None]
+
+
+def scaled(field: str, factor: float) -> MessageChange:
+    """Return a change of a vector of a message by a factor."""
+
+    def change(message: Any) -> None:
+        vector = operator.attrgetter(field)(message)
+        vector.x, vector.y, vector.z = (factor * v for v in (vector.x, vector.y, vector.z))
+
+    return change
+
+
+def joints(change: Callable[[dict[str, float]], dict[str, float]]) -> MessageChange:
+    """Return a change of joint angles (rad) by the axis that they turn."""
+
+    def changed(message: Any) -> None:
+        angles = dict(zip(message.name, map(float, message.position), strict=True))
+        new = change({name.split("_")[1]: angle for name, angle in angles.items()})
+        message.position = np.array([new[name.split("_")[1]] for name in message.name])
+
+    return changed
+
+
+def setting(**values: Callable[[Any], Any]) -> MessageChange:
+    """Return a change of fields of a message to what functions of the message return."""
+
+    def change(message: Any) -> None:
+        for name, value in values.items():
+            setattr(message, name, value(message))
+
+    return change
+
+
+def scaled_k(factor: float, middle: float = 1.0) -> Callable[[Any], Any]:
+    """Return what makes K of a message's: focal lengths and principal point by factors."""
+    return lambda m: m.k * np.array([factor, 1, middle, 1, factor, middle, 1, 1, 1])
+
+
+def ned_velocity(message: Any) -> None:
+    """Put an ENU velocity into NED."""
+    linear = message.twist.twist.linear
+    linear.x, linear.y, linear.z = linear.y, linear.x, -linear.z
+
+
+def late(seconds: float, *topics: str) -> Planter:
+    """Return a planter that lets messages arrive later, and stamps them so."""
+    shift_ns = round(seconds * 1e9)
+
+    def change(item: Item) -> Iterator[Item]:
+        restamped(item.message.header, shift_ns)
+        yield dataclasses.replace(item, log_time_ns=item.log_time_ns + shift_ns)
+
+    return rewritten(change, *topics)
+
+
+def mounted(roll_deg: float, pitch_deg: float, yaw_deg: float) -> MessageChange:
+    """Return a change of the samples of an IMU to those of one that is turned about its axes."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 heavy
+
+    turn = Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).inv()
+
+    def change(message: Any) -> None:
+        for vector in (message.angular_velocity, message.linear_acceleration):
+            vector.x, vector.y, vector.z = turn.apply([vector.x, vector.y, vector.z])
+
+    return change
+
+
+def yaw_from_north(good: FlightFiles, folder: Path) -> FlightFiles:
+    """Count the gimbal's yaw from north, not from the nose."""
+    nose_rad = 0.0
+
+    def change(item: Item) -> Iterator[Item]:
+        nonlocal nose_rad
+        if item.topic.endswith("imu/data"):
+            q = item.message.orientation
+            nose_rad = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
+        else:
+            turn_rad = nose_rad - math.pi / 2
+            joints(lambda all_: all_ | {"yaw": all_["yaw"] + turn_rad})(item.message)
+        yield item
+
+    return rewritten(change, "imu/data", "gimbal/joint_states")(good, folder)
+
+
+def pictures(*axes: int) -> MessageChange:
+    """Return a change of JPEG pictures, flipped along axes (0 down, 1 across)."""
+
+    def change(message: Any) -> None:
+        import cv2  # noqa: PLC0415 heavy
+
+        pixels: Any = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED)
+        pixels = np.flip(pixels, axes)
+        message.data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].ravel()
+
+    return change
+
+
+def points(item: Item) -> Iterator[Item]:
+    """Send joints as a point, as some gimbal drivers do, and no attitude."""
+    if item.topic.endswith("attitude"):
+        return
+    typename = "geometry_msgs/msg/Vector3Stamped"
+    kind = Cdr().types(typename)
+    vector = Cdr().types("geometry_msgs/msg/Vector3")(*map(float, item.message.position[:3]))
+    yield dataclasses.replace(
+        item, typename=typename, message=kind(header=item.message.header, vector=vector)
+    )
+
+
+def changed_map(change: Callable[[list[Any]], list[Any]], crs: str = "") -> Callable[[str], str]:
+    """Return a change of all places of a map's text, and of its CRS."""
+
+    def walk(value: Any) -> Any:
+        if value and isinstance(value[0], int | float):
+            return change(value)
+        return [walk(inner) for inner in value]
+
+    def changed(text: str) -> str:
+        tree = json.loads(text)
+        for feature in tree["features"]:
+            geometry = feature["geometry"]
+            geometry["coordinates"] = walk(geometry["coordinates"])
+        if crs:
+            tree["crs"] = {"type": "name", "properties": {"name": crs}}
+        return json.dumps(tree)
+
+    return changed
+
+
+def next_zone(text: str) -> str:
+    """Put a map into UTM zone 50, and say that it is zone 51."""
+    import pyproj  # noqa: PLC0415 heavy
+
+    to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32650", always_xy=True)
+    return changed_map(
+        lambda place: [*to_utm.transform(*place[:2]), *place[2:]], "urn:ogc:def:crs:EPSG::32651"
+    )(text)
+
+
+def level_dem(height_m: float) -> Planter:
+    """Return a planter that gives a level DEM of a height, without its undulation."""
+
+    def plant(good: FlightFiles, folder: Path) -> FlightFiles:
+        import rasterio  # noqa: PLC0415 an extra
+
+        path = folder / "dem.tif"
+        west, north, step = 116.69, 39.86, 1e-4
+        profile = {
+            "driver": "GTiff",
+            "count": 1,
+            "dtype": "float32",
+            "crs": "EPSG:4326",
+            "height": 200,
+            "width": 200,
+            "transform": rasterio.Affine(step, 0, west, 0, -step, north),
+        }
+        with rasterio.open(path, "w", **profile) as out:
+            out.write(np.full((1, 200, 200), height_m, np.float32))
+        return dataclasses.replace(good, options={"dem": path})
+
+    return plant
+
 
 #: Height of the geoid above the ellipsoid in central Europe: heights above sea level are less.
 GEOID_M = 47.0
 _GROUND_M = 11.5  # of the sample's site, ellipsoidal
 _G = 9.80665
 _JOINTS, _CAMERA_INFO = "gimbal/joint_states", "thermal/camera_info"
+_GIMBAL = (_JOINTS,)
 _PICTURES = "thermal/image_raw/compressed"
 _RTK = ("rtk/fix", "rtk/vel", "rtk/heading")
 
@@ -69,16 +328,14 @@ class Fault:
     flipped: tuple[int, ...] = ()  # of its pictures' axes: 0 down, 1 across
 
 
-def _no_params(good: FlightFiles, _folder: Path) -> FlightFiles:
-    return dataclasses.replace(good, params=[])
-
-
 _DEG = math.degrees(1.0)
-_ANTENNAS = {
-    "aircraft__rtk_antenna_m": [0.1, -0.32, -0.38],
-    "aircraft__second_antenna_m": [1.1, -0.32, -0.38],
-}
-_PIVOT = ("gimbal/joint_states",)
+
+
+def _antennas(*place_m: float) -> Planter:
+    second_m = [place_m[0] + 1.0, *place_m[1:]]
+    places = {"aircraft__rtk_antenna_m": [*place_m], "aircraft__second_antenna_m": second_m}
+    return parameters("", **places)
+
 
 FAULTS: tuple[Fault, ...] = (
     Fault(
@@ -105,21 +362,41 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "fixes above sea level",
         ("rtk/fix", "geoid_undulation_m"),
-        altered(lowered(GEOID_M), "rtk/fix"),
+        altered(setting(altitude=lambda m: m.altitude - GEOID_M), "rtk/fix"),
     ),
     Fault(
-        "wrong K", (_CAMERA_INFO,), altered(longer_lens, _CAMERA_INFO), ShownFrom.MOVING_PICTURES
+        "wrong K",
+        (_CAMERA_INFO,),
+        altered(setting(k=scaled_k(1.5)), _CAMERA_INFO),
+        ShownFrom.MOVING_PICTURES,
     ),
-    Fault("wrong size", (_CAMERA_INFO,), altered(half_size, _CAMERA_INFO)),
-    Fault("roll and pitch swapped", _PIVOT, altered(joints(swapped_tilt), _JOINTS)),
+    Fault(
+        "wrong size",
+        (_CAMERA_INFO,),
+        altered(
+            setting(
+                k=scaled_k(0.5, 0.5),
+                width=lambda m: m.width // 2,
+                height=lambda m: m.height // 2,
+            ),
+            _CAMERA_INFO,
+        ),
+    ),
+    Fault(
+        "roll and pitch swapped",
+        _GIMBAL,
+        altered(
+            joints(lambda all_: all_ | {"roll": all_["pitch"], "pitch": all_["roll"]}), _JOINTS
+        ),
+    ),
     Fault(
         "joints in degrees",
-        _PIVOT,
+        _GIMBAL,
         altered(joints(lambda all_: {k: _DEG * v for k, v in all_.items()}), _JOINTS),
     ),
     Fault(
         "pitch sign",
-        _PIVOT,
+        _GIMBAL,
         altered(joints(lambda all_: all_ | {"pitch": -all_["pitch"]}), _JOINTS),
     ),
     Fault(
@@ -127,7 +404,7 @@ FAULTS: tuple[Fault, ...] = (
         ("rtk/heading", "second_antenna_m"),
         altered(lambda m: turned_yaw(m.orientation, lambda yaw: yaw + math.pi / 2), "rtk/heading"),
     ),
-    Fault("lever arm sign", ("rtk_antenna_m",), parameters("", **_ANTENNAS), ShownFrom.TURNS),
+    Fault("lever arm sign", ("rtk_antenna_m",), _antennas(0.1, -0.32, -0.38), ShownFrom.TURNS),
     Fault(
         "gyroscopes in deg/s", ("imu/data",), altered(scaled("angular_velocity", _DEG), "imu/data")
     ),
@@ -137,9 +414,12 @@ FAULTS: tuple[Fault, ...] = (
         altered(scaled("linear_acceleration", 1 / _G), "imu/data"),
     ),
     Fault("UTM zone", ("map",), with_map(next_zone)),
-    Fault("no params", ("--params",), _no_params),
-    # Own ones.
-    Fault("latitude and longitude swapped", ("map",), with_map(changed_map(swapped))),
+    Fault("no params", ("--params",), lambda good, _: dataclasses.replace(good, params=[])),
+    Fault(
+        "latitude and longitude swapped",
+        ("map",),
+        with_map(changed_map(lambda place: [place[1], place[0], *place[2:]])),
+    ),
     Fault(
         "heading sign",
         ("rtk/heading",),
@@ -147,7 +427,11 @@ FAULTS: tuple[Fault, ...] = (
         ShownFrom.TURNS,
     ),
     Fault("NED velocity", ("rtk/vel",), altered(ned_velocity, "rtk/vel")),
-    Fault("covariance 0", ("rtk/fix",), altered(no_covariance, "rtk/fix")),
+    Fault(
+        "covariance 0",
+        ("rtk/fix",),
+        altered(setting(position_covariance=lambda _: np.zeros(9)), "rtk/fix"),
+    ),
     Fault(
         "image stamps 0",
         ("thermal/image_raw",),
@@ -158,7 +442,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "gimbal of another type",
         ("gimbal/joint_states",),
-        both(rewritten(points, _JOINTS), left_out("gimbal/attitude")),
+        rewritten(points, _JOINTS, "gimbal/attitude"),
     ),
 )
 
@@ -176,7 +460,8 @@ def _pictures_late(by_s: float) -> Fault:
 
 
 def _heading_off(by_deg: float) -> Fault:
-    plant = altered(heading_off(by_deg), "rtk/heading")
+    by_rad = math.radians(by_deg)
+    plant = altered(lambda m: turned_yaw(m.orientation, lambda yaw: yaw - by_rad), "rtk/heading")
     return Fault(f"headings {by_deg:g} deg off", _AHEAD, plant, ShownFrom.TURNS)
 
 
@@ -203,7 +488,7 @@ FAULTS += (
     *map(_boresight, (2.0, 3.0)),
     _flipped("mirrored", 1),
     _flipped("upside down", 0, 1),
-    Fault("yaw from north", _PIVOT, yaw_from_north),
+    Fault("yaw from north", _GIMBAL, yaw_from_north),
     Fault("gimbal 0.3 s late", ("gimbal",), late(0.3, _JOINTS, "gimbal/attitude"), word="0.3"),
     Fault(
         "latency 0.25 for 0.05",
@@ -214,11 +499,7 @@ FAULTS += (
     Fault(
         "RTK antenna 1 m off",
         ("rtk_antenna_m",),
-        parameters(
-            "",
-            aircraft__rtk_antenna_m=[-1.1, 0.32, 0.38],
-            aircraft__second_antenna_m=[-0.1, 0.32, 0.38],
-        ),
+        _antennas(-1.1, 0.32, 0.38),
         ShownFrom.TURNS,
     ),
     Fault(
@@ -226,5 +507,9 @@ FAULTS += (
         ("rtk/vel",),
         altered(scaled("twist.twist.linear", 0.0), "rtk/vel"),
     ),
-    Fault("map 10 m off", ("map",), with_map(changed_map(moved))),
+    Fault(
+        "map 10 m off",
+        ("map",),
+        with_map(changed_map(lambda place: [place[0], place[1] + 9e-5, *place[2:]])),
+    ),
 )

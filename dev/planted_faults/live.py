@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dev.planted_faults.faults import Fault, ShownFrom
-from dev.planted_faults.planting import FlightFiles
+from dev.planted_faults.faults import Fault, FlightFiles, ShownFrom
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates
 from tirgeo_ros.core.config import OverlayConfig
@@ -21,9 +20,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad
 from tirgeo_ros.core.ground.ground_point import Located, place
-from tirgeo_ros.core.overlay.written_text import VERDICT_BGR, line_px, status_box, text_px
 from tirgeo_ros.core.streams.stamps import exposure_ns
-from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
@@ -34,7 +31,7 @@ from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, free_domain, run_graph
 from tirgeo_ros.tools.presentation.progress import Report as Progress
-from tirgeo_ros.tools.replay.graph_outputs import read_outputs, read_pictures
+from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 _WHOLE_FLIGHT_S = 1e9
@@ -66,26 +63,8 @@ class Eye:
         return located if isinstance(located, Located) else None
 
 
-def eye_of(poses_bag: Path, camera: Camera, ground: Ground, config: OverlayConfig) -> Eye | None:
-    """Return the eye of a bag with camera poses; None where it has none."""
-    outputs = read_outputs(poses_bag)
-    if outputs.plane is None or not outputs.cameras:
-        return None
-    poses: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
-    for pose in outputs.cameras:
-        poses.add(pose)
-    return Eye(poses, outputs.plane, camera, ground, config)
-
-
-def camera_of(bag: Path) -> Camera | None:
-    """Return the first calibration in a bag; None where it has none."""
-    for item in BagReader(bag).messages(["/thermal/camera_info"]):
-        return convert.camera(Cdr().deserialize(item.data, item.typename))
-    return None
-
-
 def times_of_ellipse(
-    believed: Eye,
+    assumed: Eye,
     true: Eye,
     stamp_ns: int,
     true_ns: int | None = None,
@@ -101,7 +80,7 @@ def times_of_ellipse(
     worst = math.nan
     for across, down in _PLACES:
         uv = across * size[0], down * size[1]
-        located = believed.locate(stamp_ns, uv)
+        located = assumed.locate(stamp_ns, uv)
         if located is None:
             continue
         was = (
@@ -109,21 +88,35 @@ def times_of_ellipse(
             size[1] - uv[1] if 0 in flipped else uv[1],
         )
         actual = true.locate(true_ns, was)
-        times = math.inf if actual is None else _times(located, actual, believed.plane)
+        times = math.inf
+        if actual is not None:
+            place = actual.latitude_rad, actual.longitude_rad, actual.height_m
+            off = (located.point_n - assumed.plane.ned_from_geodetic(*place))[:2]
+            squared = float(off @ np.linalg.solve(located.covariance_n[:2, :2], off))
+            times = math.sqrt(squared / CHI2_95)
         worst = times if math.isnan(worst) else max(worst, times)
     return worst
 
 
 def eyes_of(good: FlightFiles, planted: FlightFiles, poses: Path) -> tuple[Eye, Eye] | None:
     """Return how poses of a planted flight locate pixels, and how they lie in truth; or None."""
-    believed, true = _eye(planted, poses), _eye(good, good.bag.with_name("truth.mcap"))
-    return (believed, true) if believed and true else None
+    assumed, true = _eye(planted, poses), _eye(good, good.bag.with_name("truth.mcap"))
+    return (assumed, true) if assumed and true else None
 
 
-def _eye(flight: FlightFiles, poses: Path) -> Eye | None:
+def _eye(flight: FlightFiles, poses_bag: Path) -> Eye | None:
+    """Return the eye of a bag with camera poses; None without poses, a lens or a ground."""
     overlay = node_configs(flight.params, dem=flight.options.get("dem")).overlay
-    camera, ground = camera_of(flight.bag), ground_of(overlay)
-    return None if camera is None or ground is None else eye_of(poses, camera, ground, overlay)
+    info, outputs = "/thermal/camera_info", read_outputs(poses_bag)
+    item = next(iter(BagReader(flight.bag).messages([info])), None)
+    ground = ground_of(overlay)
+    if item is None or ground is None or outputs.plane is None or not outputs.cameras:
+        return None
+    camera = convert.camera(Cdr().deserialize(item.data, item.typename))
+    poses: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
+    for pose in outputs.cameras:
+        poses.add(pose)
+    return Eye(poses, outputs.plane, camera, ground, overlay)
 
 
 def flight_times(
@@ -135,25 +128,12 @@ def flight_times(
         return []
     stamps = zip(_picture_stamps_ns(planted.bag), _picture_stamps_ns(good.bag), strict=True)
     times = [times_of_ellipse(*eyes, *both_ns, flipped) for both_ns in stamps]
-    return [one for one in times if not math.isnan(one)]
+    return [size for size in times if not math.isnan(size)]
 
 
 def _picture_stamps_ns(bag: Path) -> list[int]:
     items = BagReader(bag).messages(["/thermal/image_raw/compressed"])
     return [header_stamp_ns(item.data) for item in items]
-
-
-def _times(located: Located, actual: Located, plane: TangentPlane) -> float:
-    place_n = plane.ned_from_geodetic(actual.latitude_rad, actual.longitude_rad, actual.height_m)
-    off = (located.point_n - place_n)[:2]
-    squared = float(off @ np.linalg.solve(located.covariance_n[:2, :2], off))
-    return math.sqrt(squared / CHI2_95)
-
-
-_WORSE = (Severity.CAUTION, Severity.STOP)
-#: Under words the picture is darkened to a seventh. JPEG leaves the colour of a letter's middle
-#: this near, and grey ones greyer than that; a word has hundreds of such pixels.
-_DARK, _NEAR, _COLOURED, _FEWEST_PX = 45, 60, 90, 30
 
 
 @dataclass(frozen=True)
@@ -169,15 +149,6 @@ class Report:
         return any(name in self.finding.parameter for name in parameters)
 
 
-@dataclass(frozen=True)
-class Picture:
-    """An overlay picture: when it was taken, and what it says."""
-
-    at_s: float
-    notice: bool  # at its top, from the checks
-    green: bool  # neither that, nor anything in colour in the status line
-
-
 def read_reports(recording: Path, begin_ns: int) -> list[Report]:
     """Return what the nodes' checks found, in order; seconds count from ``begin_ns``."""
     cdr = Cdr()
@@ -185,32 +156,18 @@ def read_reports(recording: Path, begin_ns: int) -> list[Report]:
     for item in BagReader(recording).messages(["/tirgeo/findings"]):
         node, stamp_ns, findings = convert.findings_of(cdr.deserialize(item.data, item.typename))
         at_s = (stamp_ns - begin_ns) * 1e-9
-        worse = [one for one in findings if one.severity is not Severity.NOTE]
-        reports += [Report(at_s, node.strip("/"), one) for one in worse]
+        worse = [each for each in findings if each.severity is not Severity.NOTE]
+        reports += [Report(at_s, node.strip("/"), each) for each in worse]
     return reports
-
-
-def seen(at_s: float, pixels: Pixels) -> Picture:
-    """Return what an overlay picture (h, w, 3) BGR says of the checks and the filter."""
-    top = pixels[: line_px(text_px(pixels)), : pixels.shape[1] // 2]
-    strip = float(np.median(top)) < _DARK
-    notice = strip and any(_count(top, VERDICT_BGR[one]) > _FEWEST_PX for one in _WORSE)
-    status = pixels[status_box(pixels).top :].astype(np.int16)
-    coloured = np.count_nonzero(np.ptp(status, axis=2) > _COLOURED) > _FEWEST_PX
-    return Picture(at_s, notice, green=not (notice or coloured))
-
-
-def _count(pixels: Pixels, colour: Sequence[int]) -> int:
-    off = np.abs(pixels.astype(np.int16) - np.array(colour, np.int16)).max(axis=2)
-    return int(np.count_nonzero(off < _NEAR))
 
 
 #: A fault is named so soon after the data can show it.
 WITHIN_S = 10.0
-#: A green picture's pixels lie no farther from the truth, in units of their ellipses.
+#: A picture's pixels lie no farther from the truth, in units of their ellipses, where nothing is
+#: reported.
 MOST_TIMES = 3.0
 _TURN_RAD = math.radians(40.0)
-_HEAD = ("fault", "shown", "named", "by", "notice", "green", "error", "")
+_HEAD = ("fault", "shown", "named", "by", "silent", "error", "")
 #: What no fault is planted in: nothing may be said of it.
 CLEAN = Fault("(none)", (), lambda good, _: good)
 
@@ -223,10 +180,8 @@ class Outcome:
     shown_s: float = math.nan  # from when on the data can show it; nan: never
     named: Report | None = None  # the first finding with its parameter
     others: tuple[str, ...] = ()  # what else was found, by check
-    notice_s: float = math.nan  # of the first picture with a notice since then; nan: none
-    green: int = 0  # pictures without notice or warning, WITHIN_S after it is shown
+    silent: int = 0  # pictures WITHIN_S after it is shown, with nothing reported
     times: float = math.nan  # the largest error of these over their ellipses
-    wrong_until_s: float = math.nan  # the last of these beyond MOST_TIMES
     refused: str = ""  # a node's last words, where the graph did not run
 
     @property
@@ -248,7 +203,7 @@ class Outcome:
 
     @property
     def lies(self) -> bool:
-        """Whether a picture was green and wrong by more than its ellipse can be."""
+        """Whether a picture was silent and wrong by more than its ellipse can be."""
         return self.times > MOST_TIMES
 
 
@@ -311,53 +266,32 @@ def outcomes(live: Live, faults: Sequence[Fault], jobs: int, progress: Progress)
 
 
 def _judged(fault: Fault, good: FlightFiles, planted: FlightFiles, run: GraphRun) -> Outcome:
-    begin_ns = first_imu_ns(good.bag)
+    begin_ns = _first_imu_ns(good.bag)
     reports = read_reports(run.recording, begin_ns)
-    named = next((one for one in reports if one.names(fault.names)), None)
-    others = {one.finding.check for one in reports if not one.names(fault.names)}
-    pictures = [
-        seen((stamp_ns - begin_ns) * 1e-9, pixels)
-        for stamp_ns, pixels in read_pictures(run.recording)
-    ]
+    named = next((report for report in reports if report.names(fault.names)), None)
+    others = {report.finding.check for report in reports if not report.names(fault.names)}
     cameras = read_outputs(run.recording).cameras
     first_pose_s = (cameras[0].stamp_ns - begin_ns) * 1e-9 if cameras else math.nan
-    shown_s = _shown_s(fault.shown, first_pose_s, _truth(good), begin_ns)
-    from_s = WITHIN_S + (0.0 if math.isnan(shown_s) else shown_s)
-    green_s = [one.at_s for one in pictures if one.green and one.at_s >= from_s]
-    eyes = eyes_of(good, planted, run.recording)
-    times = [
-        times_of_ellipse(*eyes, begin_ns + round(at_s * 1e9)) if eyes else math.nan
-        for at_s in green_s
+    shown_s = _shown_s(fault.shown, first_pose_s, good.bag.with_name("truth.mcap"), begin_ns)
+    from_ns = begin_ns + round((WITHIN_S + (0.0 if math.isnan(shown_s) else shown_s)) * 1e9)
+    reported_s = min((report.at_s for report in reports), default=math.inf)
+    silent_ns = [
+        stamp_ns
+        for stamp_ns in _picture_stamps_ns(planted.bag)
+        if from_ns <= stamp_ns and (stamp_ns - begin_ns) * 1e-9 < reported_s
     ]
-    return Outcome(
-        fault,
-        shown_s,
-        named,
-        tuple(sorted(others)),
-        math.nan if named is None else notice_s(pictures, named.at_s),
-        len(green_s),
-        max((one for one in times if not math.isnan(one)), default=math.nan),
-        max(
-            (at_s for at_s, one in zip(green_s, times, strict=True) if one > MOST_TIMES),
-            default=math.nan,
-        ),
-    )
+    eyes = eyes_of(good, planted, run.recording)
+    times = [times_of_ellipse(*eyes, stamp_ns) for stamp_ns in silent_ns] if eyes else []
+    worst = max((size for size in times if not math.isnan(size)), default=math.nan)
+    return Outcome(fault, shown_s, named, tuple(sorted(others)), len(silent_ns), worst)
 
 
-def notice_s(pictures: Sequence[Picture], after_s: float) -> float:
-    """Return when the first picture with a notice came after an instant; nan: none did."""
-    return next((one.at_s for one in pictures if one.notice and one.at_s >= after_s), math.nan)
-
-
-def first_imu_ns(bag: Path) -> int:
+def _first_imu_ns(bag: Path) -> int:
     """Return the stamp of the first sample of the IMU."""
-    for item in BagReader(bag).messages(["/imu/data"]):
-        return convert.stamp_ns(Cdr().deserialize(item.data, item.typename))
-    raise BagError(f"{bag}: no imu/data")
-
-
-def _truth(good: FlightFiles) -> Path:
-    return good.bag.with_name("truth.mcap")
+    item = next(iter(BagReader(bag).messages(["/imu/data"])), None)
+    if item is None:
+        raise BagError(f"{bag}: no imu/data")
+    return convert.stamp_ns(Cdr().deserialize(item.data, item.typename))
 
 
 def _shown_s(shown: ShownFrom, first_pose_s: float, truth: Path, begin_ns: int) -> float:
@@ -366,46 +300,42 @@ def _shown_s(shown: ShownFrom, first_pose_s: float, truth: Path, begin_ns: int) 
     if shown is ShownFrom.MOVING_PICTURES:
         return first_pose_s
     cameras = read_outputs(truth).cameras
-    turned = np.abs(np.diff(np.unwrap([camera_heading_rad(one) for one in cameras]))).cumsum()
+    headings = np.unwrap([camera_heading_rad(pose) for pose in cameras])
+    turned = np.abs(np.diff(headings)).cumsum()
     enough = np.flatnonzero(turned > _TURN_RAD)
     return (cameras[enough[0] + 1].stamp_ns - begin_ns) * 1e-9 if enough.size else math.nan
 
 
 def live_table(results: Sequence[Outcome]) -> str:
     """Return a row of Markdown for each outcome, and two lines that sum them up."""
-    rows = [_HEAD, ("---",) * len(_HEAD), *(_row(one) for one in results)]
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    faulty = [one for one in results if one.fault.names]
-    named = sum(one.in_time for one in faulty)
-    lying = [one.fault.name for one in faulty if one.lies]
-    lines += [
+    rows = [_HEAD, ("---",) * len(_HEAD), *map(_row, results)]
+    faulty = [outcome for outcome in results if outcome.fault.names]
+    named = sum(outcome.in_time for outcome in faulty)
+    lying = ", ".join(outcome.fault.name for outcome in faulty if outcome.lies)
+    lines = [
+        *(f"| {' | '.join(row)} |" for row in rows),
         "",
         f"{named} of {len(faulty)} named within {WITHIN_S:g} s of when the data show them",
-        f"green later than that, and beyond {MOST_TIMES:g} ellipses: {', '.join(lying) or 'none'}",
+        f"silent later than that, and beyond {MOST_TIMES:g} ellipses: {lying or 'none'}",
     ]
     return "\n".join(lines) + "\n"
 
 
 def _row(outcome: Outcome) -> Iterable[str]:
-    if outcome.refused:
-        in_time = "yes" if outcome.in_time else "NO"
-        return outcome.fault.name, "", in_time, "", "", "", "", outcome.refused
-    named = outcome.named
-    words = named.finding.line if named else ""
-    unnamed = "" if outcome.is_quiet and not outcome.fault.names else "NO"
-    others = f" (also {', '.join(outcome.others)})" if outcome.others else ""
-    until = f" to {outcome.wrong_until_s:.1f} s" if outcome.lies else ""
+    named, words = outcome.named, outcome.refused
+    when = "" if outcome.is_quiet and not outcome.fault.names else "NO"
+    if outcome.refused and outcome.in_time:
+        when = "yes"
+    if named is not None:
+        when, words = f"{named.at_s:.1f} s", named.finding.line
+    if outcome.others:
+        words += f" (also {', '.join(outcome.others)})"
     return (
         outcome.fault.name,
-        _seconds(outcome.shown_s),
-        _seconds(named.at_s) if named else unnamed,
+        "" if math.isnan(outcome.shown_s) else f"{outcome.shown_s:.1f} s",
+        when,
         named.node if named else "",
-        _seconds(outcome.notice_s),
-        str(outcome.green),
-        "" if math.isnan(outcome.times) else f"{outcome.times:.1f}{until}",
-        words + others,
+        str(outcome.silent),
+        "" if math.isnan(outcome.times) else f"{outcome.times:.1f}",
+        words,
     )
-
-
-def _seconds(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.1f} s"

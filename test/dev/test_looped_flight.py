@@ -14,7 +14,6 @@ from dev.bench.imu_load import figures, load_of
 from dev.flights import LoopedFlight
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.core.types.verdicts import Outcome
 
 RATE_HZ = 50.0
@@ -84,19 +83,6 @@ def _reachable_bytes(root):
         total += sys.getsizeof(item)
         stack.extend(gc.get_referents(item))
     return total
-
-
-@pytest.mark.slow
-def test_a_leak_would_be_seen(looped):
-    class Leaking(Navigation):
-        def process(self, sample):
-            if isinstance(sample, HeadingSample):
-                self._kept = [*getattr(self, "_kept", []), float(sample.stamp_ns)]
-            return super().process(sample)
-
-    navigation = Leaking(looped.config)
-    first, second = (_largest(navigation, minute) for minute in first_minutes(looped, 2))
-    assert second - first > 4_000
 
 
 START, STEP, MS = 1_700_000_000_000_000_000, 2_500_000, 1_000_000

@@ -9,28 +9,19 @@ import numpy as np
 import pytest
 from overlays import PLANE, pose_at
 
-from dev.planted_faults.faults import FAULTS, Fault
+from dev.planted_faults.faults import FAULTS, Fault, FlightFiles
 from dev.planted_faults.live import (
     CLEAN,
     Eye,
     Live,
     Outcome,
-    Picture,
     Report,
-    seen,
     times_of_ellipse,
 )
-from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.written_text import (
-    VERDICT_BGR,
-    Field,
-    paint_status,
-    place_notice,
-)
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.tools.presentation.progress import silent
@@ -42,28 +33,6 @@ NAMED = Report(
     "ekf_node",
     Finding("late", Severity.CAUTION, "rtk/fix is late", "ekf_node rtk.delay_s", "set it"),
 )
-
-
-def picture(*, verdict: Severity = Severity.NOTE, state: str = "", light: int = 200) -> Picture:
-    """A bright picture with a yellow line across its top, as the map's are."""
-    image = np.full((512, 640, 3), light, np.uint8)
-    image[10:13] = 0, 255, 255
-    fields = [Field("ekf_heading"), Field("RTK fixed")]
-    if verdict:
-        place_notice(image, "NO GO: an antenna is elsewhere", VERDICT_BGR[verdict]).paint(image)
-        fields.insert(0, Field("NO GO", VERDICT_BGR[verdict]))
-    if state:
-        fields.insert(0, Field(state, (80, 200, 255)))
-    paint_status(image, fields)
-    return seen(1.0, image)
-
-
-@pytest.mark.parametrize("light", [30, 200])
-def test_a_picture_is_green_where_neither_checks_nor_filter_warn(light):
-    assert picture(light=light) == Picture(1.0, notice=False, green=True)
-    for verdict in (Severity.CAUTION, Severity.STOP):
-        assert picture(verdict=verdict, light=light) == Picture(1.0, notice=True, green=False)
-    assert picture(state="aligning 3 s", light=light) == Picture(1.0, notice=False, green=False)
 
 
 def test_a_fault_is_in_time_from_when_the_data_show_it():
@@ -125,7 +94,7 @@ def outcome(fault, sample, folder):
 def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(sample, tmp_path):
     found = outcome(CLEAN, sample, tmp_path)
     assert found.is_quiet, found
-    assert found.green > 150  # of 20 s at 9 Hz
+    assert found.silent > 150  # of 20 s at 9 Hz
     assert found.times < 3
 
 
@@ -135,8 +104,7 @@ def test_nothing_is_said_of_a_good_flight_and_its_places_are_in_their_ellipses(s
 @pytest.mark.parametrize(
     "fault", [f for f in FAULTS if f.name in PLAYED], ids=lambda fault: fault.name
 )
-def test_a_fault_is_named_in_time_and_no_green_picture_is_wrong(fault, sample, tmp_path):
+def test_a_fault_is_named_in_time_and_no_silent_picture_is_wrong(fault, sample, tmp_path):
     found = outcome(fault, sample, tmp_path)
     assert found.named is not None, found
-    assert found.named.at_s <= found.notice_s <= found.named.at_s + 1.5  # a report and a picture
     assert found.is_good, found

@@ -64,16 +64,6 @@ def test_smoothed_numbers_are_those_of_process(short, tables, params, tmp_path, 
         filtered(tables, config={"method": "rtk"}, smooth=True)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["raw", "rtk", "ekf", "ekf_heading"])
-def test_so_they_are_over_the_whole_sample(sample, params, method, tmp_path, monkeypatch):
-    bag = sample / "flight.mcap"
-    given = tmp_path / "method.yaml"
-    given.write_text(f"/**/ekf_node: {{ros__parameters: {{method: {method}}}}}\n")
-    flight = filtered(tirgeo_ros.read_bag(bag), config=[params, given])
-    same_as_process(monkeypatch, bag, flight, tmp_path / "out.mcap", params=[params, given])
-
-
 def test_what_a_written_bag_holds_is_the_same(short, flight, params, tmp_path):
     process(short, tmp_path / "out.mcap", images=False, params=params)
     odometry = tirgeo_ros.read_bag(tmp_path / "out.mcap", ["tirgeo/odometry"])["tirgeo/odometry"]
@@ -108,19 +98,6 @@ def test_the_table_says_what_the_arrays_say(flight):
     assert not any(np.isnan(one).any() for one in table.values())
     assert np.allclose(table["sigma_heading_rad"] ** 2, flight.covariance[:, 5, 5], rtol=1e-12)
     assert np.array_equal(table["velocity_down_m_s"], flight.velocity_n[:, 2])
-
-
-def test_without_arrivals_a_sample_arrives_at_its_stamp(tables, flight, params):
-    """The receiver is 80 ms late in the bag: without that, the same but for the newest moment."""
-    plain = {
-        topic: {name: one for name, one in table.items() if not name.startswith("arrival")}
-        for topic, table in tables.items()
-    }
-    again = filtered(plain, config=params)
-    same = np.isin(flight.stamp_ns, again.stamp_ns)
-    assert same.mean() > 0.9
-    offset = again.position_n[np.isin(again.stamp_ns, flight.stamp_ns)] - flight.position_n[same]
-    assert 0 < np.abs(offset).max() < 0.1
 
 
 def test_degrees_and_sigmas_stand_for_radians_and_variances(tables, flight, params):

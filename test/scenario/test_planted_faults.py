@@ -8,8 +8,7 @@ from __future__ import annotations
 import pytest
 
 from dev.planted_faults.__main__ import found_in, naming
-from dev.planted_faults.faults import FAULTS
-from dev.planted_faults.planting import FlightFiles
+from dev.planted_faults.faults import FAULTS, FlightFiles
 from tirgeo_ros.io.parameters.parameter_file import write_parameters
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.locate import locate_pixels

@@ -111,4 +111,4 @@ class AircraftOnPort:
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join(10.0)
-        self.terminal.close()
+        self.terminal.pull()

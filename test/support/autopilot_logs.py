@@ -90,10 +90,6 @@ class UlogFile:
         record = struct.pack(self._packed[name], *values)
         self._data.append(_message(b"D", struct.pack("<H", self._ids[name, instance]) + record))
 
-    def dropout(self, milliseconds: int) -> None:
-        """Add the mark of lost data."""
-        self._data.append(_message(b"O", struct.pack("<H", milliseconds)))
-
     def write(self, path: Path) -> Path:
         """Write the file."""
         parts = [MAGIC, struct.pack("<Q", self._boot_us), _message(b"B", bytes(40))]

@@ -6,10 +6,9 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.export.frames import ExportFrame, FlightPictures, Window, frames, register
 from tirgeo_ros.tools.presentation.progress import silent
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import open_flight
 
 GROUND_M = 11.5
 UNDULATION_M = -9.0
@@ -29,8 +28,8 @@ class Exported(NamedTuple):
 @cache
 def exported(folder: Path) -> Exported:
     """The sample flight: pictures before the alignment have no pose and are left out."""
-    reader, params = BagReader(folder / "flight.mcap"), folder / "params.yaml"
-    pictures = FlightPictures(reader, "")
-    configs = node_configs(params, ground_height=GROUND_M)
-    flight = register(reader, configs, params, "", pictures.chosen(Window()), silent)
+    bag, params = folder / "flight.mcap", folder / "params.yaml"
+    opened = open_flight(bag, (), params, "", {"ground_height": GROUND_M})
+    pictures = FlightPictures(opened.reader, "")
+    flight = register(opened, pictures.chosen(Window()), silent)
     return Exported([*frames(pictures, flight, silent)], pictures.stamps_ns, flight.states)

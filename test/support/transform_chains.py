@@ -32,18 +32,6 @@ class Chains:
                 pose = rigid(one.transform.translation, one.transform.rotation)
                 self._poses[child][stamp_ns(one)] = pose
 
-    def has(self, child: str, stamp: int) -> bool:
-        """Whether there is a transform of this very stamp."""
-        return stamp in self._poses[child]
-
-    def gap_ns(self, child: str, stamp: int) -> float:
-        """The time between the transforms around a stamp; infinite outside."""
-        stamps = sorted(self._poses[child])
-        after = bisect_left(stamps, stamp)
-        if after == len(stamps) or (after == 0 and stamps[0] != stamp):
-            return np.inf
-        return 0 if stamps[after] == stamp else stamps[after] - stamps[after - 1]
-
     def pose(self, child: str, stamp: int) -> np.ndarray:
         """(4, 4) of a frame in the root of its tree."""
         parent = self.parents[child]

@@ -28,7 +28,6 @@ from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
 from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
 from tirgeo_ros.tools.replay.registration import (
-    FilterRecording,
     Registered,
     Sample,
 )
@@ -226,10 +225,10 @@ def filter_flight(
     solutions = Solutions()
     poses = FlightPoses(configs.ekf, configs.gimbal, (), None, [solutions.watch])
     if smooth:
-        recording = FilterRecording(poses.ekf)
+        record = poses.recorder()
         for sample in _stream(tables, configs):
-            recording.take(sample)
-        poses.begin(recording.smoothed())
+            record(sample)
+        poses.smooth()
     for sample in _stream(tables, configs):
         poses.take(sample)
     status = poses.registration.navigation.status()

@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from operator import attrgetter
 from typing import Any
 
 from rclpy.exceptions import InvalidTopicNameException
@@ -22,8 +21,8 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.link.serial_link import LinkWatch, SerialLink
 from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
-from tirgeo_ros.dji.sources.psdk import PsdkDecoder
-from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
+from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder
+from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, sensed, stamp_ns
 from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
@@ -36,33 +35,6 @@ from tirgeo_ros.nodes.runner import run
 _WAIT_S = 0.02
 #: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
-Values = Callable[[Any], Any]
-
-_vector: Values = attrgetter("x", "y", "z")
-_quaternion: Values = attrgetter("w", "x", "y", "z")
-_place: Values = attrgetter("latitude", "longitude", "altitude")
-_sigmas: Values = attrgetter("horizontal_accuracy", "vertical_accuracy", "speed_accuracy")
-
-
-def _imu(m: Any) -> tuple[Quaternion, Vector, Vector]:
-    rates, forces = _vector(m.angular_velocity), _vector(m.linear_acceleration)
-    return _quaternion(m.orientation), rates, forces
-
-
-#: Topic name -> its type, and the function that extracts the values for PsdkDecoder.
-_TOPICS: dict[str, tuple[str, Values]] = {
-    "attitude": ("geometry_msgs/msg/QuaternionStamped", lambda m: _quaternion(m.quaternion)),
-    "imu": ("sensor_msgs/msg/Imu", _imu),
-    "gimbal_angles": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
-    "gps_position": ("sensor_msgs/msg/NavSatFix", _place),
-    "gps_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
-    "rtk_position": ("sensor_msgs/msg/NavSatFix", _place),
-    "rtk_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
-    "rtk_position_info": ("std_msgs/msg/UInt8", lambda m: m.data),
-    "rtk_yaw_info": ("std_msgs/msg/UInt8", lambda m: m.data),
-    "rtk_yaw": ("psdk_interfaces/msg/RTKYaw", lambda m: m.yaw),
-    "gps_details": ("psdk_interfaces/msg/GPSDetails", lambda m: (m.fix_state, _sigmas(m))),
-}
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
 #: What is missing without a topic whose message type may not be installed.
 _LOST = {"rtk_yaw": "no rtk/heading", "gps_details": "no accuracy and no kind of fix on gps/fix"}
@@ -156,11 +128,11 @@ class PsdkSource:
         self._prefix = _checked(config.psdk_prefix)
         self._heard_s = time.monotonic()
         self._logged: list[str] = []
-        missing = [topic for topic in _LOST if not _is_installed(_TOPICS[topic][0])]
+        missing = [topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)]
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
-        for topic in _TOPICS:
+        for topic in PSDK_TOPICS:
             if topic not in missing:
-                name, typename = self._prefix + topic, _TOPICS[topic][0]
+                name, typename = self._prefix + topic, PSDK_TOPICS[topic].typename
                 take = partial(self.handle, topic)
                 node.listen(name, take, sensor_input(), typename)
         for topic in _NEEDED:
@@ -190,10 +162,9 @@ class PsdkSource:
     def handle(self, topic: str, message: Any) -> None:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._heard_s = time.monotonic()
-        values = _TOPICS[topic][1](message)
         arrival_ns = self._node.now_ns
         sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
-        self._take(self._decoder.take(topic, values, sent_ns, arrival_ns))
+        self._take(self._decoder.take(topic, message, sent_ns, arrival_ns))
 
     def _due(self) -> None:
         self._take(self._decoder.due(self._node.now_ns))

@@ -13,6 +13,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.checks.input_checks import RecordedTopics, needed_findings
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
@@ -21,7 +22,6 @@ from tirgeo_ros.nodes.graph_node import GraphNode
 
 _OUTPUTS = ("tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/overlay/image")
 _SENSORS = (*DJI_TOPICS, "thermal/image_raw", "thermal/image_raw/compressed")
-_REMEDY = "end the other graph or driver (dji:=false), or give it another ROS_DOMAIN_ID"
 #: DDS lists a killed node's publishers until its lease ends, by default 20 s later.
 _GHOST_REPORTS = 25
 #: A new start, or a gap of the IMU, is a caution for so long, then a note.
@@ -43,27 +43,29 @@ class OtherPublishers:
     def findings(self) -> list[Finding]:
         """Return a finding for each such topic; call it once a second."""
         self._reports += 1
-        outputs = {endpoint.topic_name for endpoint in self._node.publishers}
-        inputs = {endpoint.topic_name for endpoint in self._node.subscriptions}
-        own = outputs & set(map(self._node.resolve_topic_name, _OUTPUTS))
-        read = inputs & set(map(self._node.resolve_topic_name, _SENSORS))
+        node = self._node
+        outputs = {endpoint.topic_name for endpoint in node.publishers}
+        inputs = {endpoint.topic_name for endpoint in node.subscriptions}
+        own = outputs & set(map(node.resolve_topic_name, _OUTPUTS))
+        read = inputs & set(map(node.resolve_topic_name, _SENSORS))
+        for topic in read:
+            doubled = node.count_publishers(topic) > 1
+            self._doubled[topic] = self._doubled[topic] + 1 if doubled else 0
         # Late in this node's life no publisher beside its own can be its killed predecessor's.
-        findings = [self._several(t, Severity.STOP, self._reports) for t in sorted(own)]
-        for topic in sorted(read):
-            several = self._node.count_publishers(topic) > 1
-            self._doubled[topic] = self._doubled[topic] + 1 if several else 0
-            findings.append(self._several(topic, Severity.CAUTION, self._doubled[topic]))
-        return [finding for finding in findings if finding]
-
-    def _several(self, topic: str, severity: Severity, reports: int) -> Finding | None:
-        infos = self._node.get_publishers_info_by_topic(topic) if reports > _GHOST_REPORTS else ()
-        infos = [info for info in infos if info.node_name != _NOT_YET]
-        if len(infos) < 2:
-            return None
-        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
-        evidence = f"{topic} has {len(names)} publishers: {', '.join(names)}"
-        check = f"publishers_of{topic.replace('/', '_')}"
-        return Finding(check, severity, evidence, topic.lstrip("/"), _REMEDY)
+        asked = [(topic, "output", self._reports) for topic in sorted(own)]
+        asked += [(topic, "", self._doubled[topic]) for topic in sorted(read)]
+        findings = []
+        for topic, case, reports in asked:
+            infos = node.get_publishers_info_by_topic(topic) if reports > _GHOST_REPORTS else ()
+            names = sorted(
+                f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                for info in infos
+                if info.node_name != _NOT_YET
+            )
+            if len(names) > 1:
+                texts = {"topic": topic, "name": topic.lstrip("/"), "names": ", ".join(names)}
+                findings.append(finding("publishers_of{topic}", case, **texts, number=len(names)))
+        return findings
 
 
 class Restarts:
@@ -83,12 +85,12 @@ class Restarts:
         """Return one finding for each node that was started again."""
         findings = []
         for node, starts in sorted(self.starts.items()):
-            recent = time.monotonic() - max(starts.values(), default=0.0) < RECENT_S
-            severity = Severity.CAUTION if recent else Severity.NOTE
-            evidence = f"{node} ended and was started again; restarts so far: {len(starts) - 1}"
             if len(starts) > 1:
-                mend = "its log says why it ended"
-                findings.append(Finding(f"restarts_of_{node}", severity, evidence, node, mend))
+                recent = time.monotonic() - max(starts.values()) < RECENT_S
+                case = "recent" if recent else ""
+                findings.append(
+                    finding("restarts_of_{topic}", case, topic=node, number=len(starts) - 1)
+                )
         return findings
 
 
@@ -125,7 +127,7 @@ class SetupChecks:
 
     def findings(self) -> list[Finding]:
         """Return the findings of the last ``report``, the worst first."""
-        return sorted_findings(finding for finding, _ in self._recent.values())
+        return sorted_findings(each for each, _ in self._recent.values())
 
     def report(self) -> DiagnosticItem:
         """Ask the checks, log a change of the verdict, and return the item for diagnostics."""
@@ -138,24 +140,19 @@ class SetupChecks:
         if decided and worst is not self._logged:
             self._logged = worst
             self._node.log(worst, f"{SUBJECT}: {verdict}")
-        values = {
-            finding.check: shown(f"{finding.severity.name}: {finding.line}")
-            for finding in findings
-        }
+        values = {each.check: shown(f"{each.severity.name}: {each.line}") for each in findings}
         return self._node.item(SUBJECT, values, verdict, int(worst))
 
     def _ask(self) -> None:
         at_start = self._at_start if self._node.monitor.heard() else ()
-        newest = {finding.check: finding for finding in at_start}
-        newest |= {
-            finding.check: finding for check in self._checks for finding in check.findings()
-        }
+        given = [*at_start, *(each for check in self._checks for each in check.findings())]
+        newest = {each.check: (each, 0) for each in given}
         absent = {
-            name: (finding, reports + 1)
-            for name, (finding, reports) in self._recent.items()
+            name: (each, reports + 1)
+            for name, (each, reports) in self._recent.items()
             if name not in newest and reports < _HELD
         }
-        self._recent = absent | {name: (finding, 0) for name, finding in newest.items()}
+        self._recent = absent | newest
 
 
 class InputChecks:
@@ -178,7 +175,7 @@ class InputChecks:
         findings = needed_findings(self._graph(missed), missed)
         if self._waited > _PATIENCE:
             return findings
-        return [finding for finding in findings if finding.check.startswith("type_of_")]
+        return [each for each in findings if each.check.startswith("type_of_")]
 
     def _graph(self, missed: Sequence[Sequence[str]]) -> RecordedTopics:
         node = self._node

@@ -8,24 +8,27 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
+from project import PROJECT
 
 from tirgeo_ros.core import checks
 from tirgeo_ros.core.checks.finding_table import FINDINGS, AtLeast, Row, finding
 from tirgeo_ros.core.types.finding import Severity
 
+CORE = [*Path(checks.__path__[0]).glob("*.py")]
+OTHERS = [
+    PROJECT / "tirgeo_ros" / name
+    for name in ("tools/replay/check.py", "tools/replay/flight_checks.py", "nodes/setup_checks.py")
+]
+
 
 def calls() -> Iterator[tuple[str, ast.Call]]:
-    for path in Path(checks.__path__[0]).glob("*.py"):
+    for path in (*CORE, *OTHERS):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "finding":
                 yield path.name, node
 
 
-SOURCE = "".join(
-    path.read_text()
-    for path in Path(checks.__path__[0]).glob("*.py")
-    if path.name != "finding_table.py"
-)
+SOURCE = "".join(path.read_text() for path in (*CORE, *OTHERS) if path.name != "finding_table.py")
 
 
 def texts(row: Row, field: str) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -11,15 +10,12 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.checks.input_checks import (
     RecordedTopics,
     lens_findings,
-    no_pose_findings,
     parameter_findings,
     recording_findings,
     size_fault,
     unreadable_findings,
 )
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 
 @pytest.mark.parametrize(
@@ -164,11 +160,3 @@ def test_messages_that_cannot_be_used(read, refused, severity):
         assert (one.parameter, one.check) == (topic, "unreadable_thermal_camera_info")
         said = f"{refused} of {read + refused} messages of {topic} cannot be used: K is zero"
         assert one.evidence == said
-
-
-def test_no_pose_says_why():
-    status = NavigationStatus(
-        "ekf", FilterState.WAITING, "needs rtk/fix", FixStatus.NONE, math.nan, {}, {}
-    )
-    (finding,) = no_pose_findings(status)
-    assert finding.evidence == "the filter made no pose: waiting: needs rtk/fix"

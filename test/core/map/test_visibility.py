@@ -309,12 +309,6 @@ def test_no_ghost_and_nothing_lost():
     assert_views(range(120))
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_no_ghost_and_nothing_lost_in_2000_views():
-    assert_views(range(1000, 3000))
-
-
 def test_simplified_lines_leave_no_ghost_either(monkeypatch):
     monkeypatch.setattr(view_module, "_FEW_VERTICES", -1)
     assert_views(range(5000, 5120), DETAIL_REACH_PX)

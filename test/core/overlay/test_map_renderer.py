@@ -12,8 +12,8 @@ from scenes import camera_pose, graticule
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.map_absence import MapAbsence
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.visibility import why_absent
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
@@ -126,7 +126,7 @@ def test_a_map_beside_the_elevation_model_lies_on_no_ground():
     grid_of = graticule((40.0, 10.0), (1e-4, 1e-4), 3)
     elsewhere = Terrain(np.full((3, 3), 25.0), grid_of)
     laid = drape_layers([MapLayer("m", [geo(SQUARE_N)])], PLANE, elsewhere)
-    why = MapAbsence(laid.map, PLANE, laid.first_n).why(XT2, pose_at(START), 1000.0)
+    why = why_absent(laid.map, PLANE, laid.first_n, XT2, pose_at(START), 1000.0)
     assert why == "none of the map lies on the elevation model"
 
 

@@ -11,7 +11,7 @@ from scenes import PLANE, camera_pose
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad
+from tirgeo_ros.core.ground.frame_geometry import Sight, camera_heading_rad
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     place_rose,
     place_scale_bar,
@@ -40,7 +40,7 @@ def ground_point(camera, at, uv):
 )
 def test_the_bar_is_as_long_on_the_ground_as_it_says(height_m, yaw, down, roll):
     at = pose(height_m, yaw, down, roll)
-    bar = scale_bar(XT2, at, PLANE, 11.5, 12.0, 470.0)
+    bar = scale_bar(Sight(XT2, at, PLANE, 11.5), 12.0, 470.0)
     assert bar is not None
     ends = [ground_point(XT2, at, (u, bar.row)) for u in (bar.left, bar.right)]
     # Linear between 33 samples: of a lens that bends by 7 px in the picture, below 0.1 %.
@@ -53,17 +53,17 @@ def test_the_bar_is_true_far_from_the_maps_origin():
     """The earth is round and the code says it is flat: by less than 0.2 % here, 3 km away."""
     at = pose(100.0, yaw=40.0, down=35.0)
     at.position_n[:2] = 2000.0, -2200.0
-    bar = scale_bar(XT2, at, PLANE, 0.0, 12.0, 470.0)
+    bar = scale_bar(Sight(XT2, at, PLANE, 0.0), 12.0, 470.0)
     ends, _ = locate(XT2, at, np.array([[bar.left, 470.0], [bar.right, 470.0]]), PLANE, 0.0)
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(bar.length_m, rel=2e-3)
 
 
 def test_no_bar_where_no_ground_is_seen():
-    assert scale_bar(XT2, pose(down=-40.0), PLANE, 11.5, 12.0, 470.0) is None  # the sky
-    assert scale_bar(XT2, pose(), PLANE, math.nan, 12.0, 470.0) is None  # height unknown
-    assert scale_bar(XT2, pose(), PLANE, 500.0, 12.0, 470.0) is None  # under the ground
+    assert scale_bar(Sight(XT2, pose(down=-40.0), PLANE, 11.5), 12.0, 470.0) is None  # the sky
+    assert scale_bar(Sight(XT2, pose(), PLANE, math.nan), 12.0, 470.0) is None  # height unknown
+    assert scale_bar(Sight(XT2, pose(), PLANE, 500.0), 12.0, 470.0) is None  # under the ground
     image = np.full((512, 640, 3), GREY, np.uint8)
-    assert place_scale_bar(image, XT2, pose(down=-40.0), PLANE, 11.5) is None
+    assert place_scale_bar(image, Sight(XT2, pose(down=-40.0), PLANE, 11.5)) is None
 
 
 @given(yaw=st.floats(0, 359.9), down=st.floats(75, 105))

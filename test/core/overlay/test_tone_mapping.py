@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from overlays import luminance
 
 from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
-from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
+from tirgeo_ros.core.overlay.picture_painter import ToneMapper
 
 FRAME_NS = 33_333_333
 SHAPE = (120, 160)

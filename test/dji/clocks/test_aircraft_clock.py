@@ -171,20 +171,6 @@ def test_drift_that_follows_the_temperature():
     assert rms(errors) < 0.15
 
 
-def test_a_truncating_counter_is_early_by_half_a_tick_in_the_mean():
-    flown = link(100, 120, exponential(0.5), seed=6, steady=False)
-    errors = errors_ms(stamps_of(flown), flown)
-    # The fraction cut off is even over 0 to 1 ms, so is minus the error: rms of it about its mean
-    # 1/sqrt(12). The line lies above by what the lowest of 2000 sums of delay and fraction is:
-    # sum below s with probability s^2 / (2 0.5 ms 1 ms), so 0.03 ms; 0.1 ms in the first 5 s.
-    assert errors.min() > -1.0
-    assert errors.max() < 0.15
-    assert errors.mean() == pytest.approx(-0.5, abs=0.1)
-    assert errors.std() == pytest.approx(1 / math.sqrt(12), abs=0.02)
-    exact = errors_ms(stamps_of(flown, extra=True), flown)
-    assert np.abs(exact).max() < 0.05
-
-
 def test_the_counter_wraps():
     flown = link(100, 40, stalls, seed=9, start_s=2**32 / 1000 - 20.0)
     clock = AircraftClock(CONFIG)

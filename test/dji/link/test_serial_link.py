@@ -90,53 +90,35 @@ WATCHED_BAUD = 230400
 FRAME = encode_frame(bytes((2, 0, 0, 0)))
 
 
-class Person:
-    """Who reads what the watch says, while the aircraft sends 50 frames a second."""
-
-    def __init__(self, path, cable):
-        self.link = SerialLink(str(path), WATCHED_BAUD)
-        self.watch = LinkWatch(str(path), WATCHED_BAUD)
-        self.reader = FrameReader()
-        self.cable = cable
-        self.told = []
-
-    def wait(self, seconds, *, sends=True, until=None):
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s:
-            if sends:
-                self.cable.write(FRAME)
-            self.reader.feed(self.link.read(0.02))
-            counts = self.reader.counts
-            report = self.watch.look(
-                time.monotonic(),
-                self.link.state,
-                self.link.message,
-                counts["bytes"],
-                counts["frames"],
-            )
-            if report is not None:
-                self.told.append(report.condition)
-            if until is not None and self.watch.report.condition == until:
-                return
-        assert until is None, self.told
-
-
 def test_from_no_device_to_receiving_and_back(tmp_path):
-    path = tmp_path / "aircraft"
+    """What a person reads, while the aircraft sends at any time but the first."""
+    path, told = tmp_path / "aircraft", []
     with PseudoTerminal(path, WATCHED_BAUD) as cable:
-        person = Person(path, cable)
+        link, watch = SerialLink(str(path), WATCHED_BAUD), LinkWatch(str(path), WATCHED_BAUD)
+        reader = FrameReader()
         cable.pull()
-        person.wait(0.2)
+
+        def wait_for(condition, sends=True):
+            end_s = time.monotonic() + 4.0
+            while watch.report is None or watch.report.condition != condition:
+                assert time.monotonic() < end_s, told
+                if sends:
+                    cable.write(FRAME)
+                reader.feed(link.read(0.02))
+                counts = reader.counts["bytes"], reader.counts["frames"]
+                report = watch.look(time.monotonic(), link.state, link.message, *counts)
+                told.extend([report.condition] if report else [])
+
+        wait_for("no_device")
         cable.plug()
-        person.wait(4.0, sends=False, until="silent")
-        person.wait(1.0, until="receiving")
+        wait_for("silent", sends=False)
+        wait_for("receiving")
         cable.pull()
-        person.wait(1.0, until="lost")
-        person.wait(0.5)
+        wait_for("lost")
         cable.plug()
-        person.wait(2.0, until="receiving")
-        person.link.close()
-    assert person.told == [
+        wait_for("receiving")
+        link.close()
+    assert told == [
         *("no_device", "waiting", "silent", "receiving", "lost", "waiting", "receiving")
     ]
 

@@ -177,16 +177,6 @@ def test_heading_and_ground_are_as_good_as_the_bags(flight, bag, by_joints):
     assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]
 
 
-@pytest.mark.slow
-def test_the_reported_attitude_is_as_good_as_the_bags(flight, bag):
-    samples, _ = flight.heard(gimbal="reported")
-    serial = flight.judged(samples)
-    assert serial.heading_deg <= AS_GOOD * bag.heading_deg
-    assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]
-    # Joints are computed of it: they can be no better than it, and are no worse.
-    assert serial.ground_m["encoders"] <= AS_GOOD * bag.ground_m["paper"]
-
-
 def test_each_measurement_comes_once(flight, by_joints):
     """The receivers are polled at 50 Hz and measure 5 and 10 times a second."""
 

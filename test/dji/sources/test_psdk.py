@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from itertools import pairwise
+from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
@@ -16,16 +17,39 @@ from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, quat_from_rotvec
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.psdk import READERS, PsdkDecoder
+from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder
 from tirgeo_ros.dji.sources.readings import GpsReading
 
 MS = 1_000_000
 SECOND = 1000 * MS
 START = 1_700_000_000 * SECOND
 EPOCH = 200 * MS
-HOME = (52.0, 13.0, 80.0)
-LEVEL_EAST = (1.0, 0.0, 0.0, 0.0)  # FLU to ENU: the nose points east
-IMU = (LEVEL_EAST, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8))
+
+
+def xyz(x, y, z):
+    return Message(x=x, y=y, z=z)
+
+
+def fix(latitude, longitude, altitude):
+    return Message(latitude=latitude, longitude=longitude, altitude=altitude)
+
+
+def twist(x, y, z):
+    return Message(twist=Message(linear=xyz(x, y, z)))
+
+
+def details(fix_state, horizontal, vertical, speed):
+    accuracies = {"horizontal_accuracy": horizontal, "vertical_accuracy": vertical}
+    return Message(fix_state=fix_state, speed_accuracy=speed, **accuracies)
+
+
+HOME = fix(52.0, 13.0, 80.0)
+LEVEL_EAST = Message(w=1.0, x=0.0, y=0.0, z=0.0)  # FLU to ENU: the nose points east
+IMU = Message(
+    orientation=LEVEL_EAST,
+    angular_velocity=xyz(0.0, 0.0, 0.0),
+    linear_acceleration=xyz(0.0, 0.0, 9.8),
+)
 #: A handful of products of numbers of order one.
 ROUNDING = 2e-15
 
@@ -43,15 +67,15 @@ def road():
     return PsdkDecoder()
 
 
-def near(metres: float) -> tuple[float, float, float]:
+def near(metres: float) -> Message:
     """So much to the north of home."""
-    return HOME[0] + metres / 111e3, HOME[1], HOME[2]
+    return fix(HOME.latitude + metres / 111e3, HOME.longitude, HOME.altitude)
 
 
 @given(st.integers(-(2**15), 2**15 - 1))
 def test_every_rtk_yaw_comes_back(yaw_deg):
     (sent,) = struct.unpack("<H", struct.pack("<h", yaw_deg))
-    assert READERS["rtk_yaw"](7, sent).yaw_deg == yaw_deg
+    assert PSDK_TOPICS["rtk_yaw"].read(7, Message(yaw=sent)).yaw_deg == yaw_deg
 
 
 @given(angles, st.floats(-120, 60), st.floats(-30, 30))
@@ -63,7 +87,7 @@ def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
     elif z > PI32:
         z -= 2 * PI32
     sent = (roll_deg * PI32 / 180, -pitch_deg * PI32 / 180, z)
-    _, roll, pitch, yaw = READERS["gimbal_angles"](7, sent)
+    _, roll, pitch, yaw = PSDK_TOPICS["gimbal_angles"].read(7, Message(vector=xyz(*sent)))
     # Its pi is 8.7e-8 too large, 1.571 is 2.4e-8 off: of angles up to a turn, less than 3e-7.
     assert roll == pytest.approx(math.radians(roll_deg), abs=3e-7)
     assert pitch == pytest.approx(math.radians(pitch_deg), abs=3e-7)
@@ -77,27 +101,29 @@ def test_attitude_there_and_back(rotvec):
     matrix = matrix_from_quat(quat_from_rotvec(rotvec))
     sent = quat_from_matrix(ENU_NED @ matrix @ FLU_FRD)
     for sign in (1, -1):
-        made = READERS["attitude"](7, tuple((sign * sent).tolist()))
+        w, x, y, z = (sign * sent).tolist()
+        made = PSDK_TOPICS["attitude"].read(7, Message(quaternion=Message(w=w, x=x, y=y, z=z)))
         back = matrix_from_quat(np.array(made.q_nb))
         np.testing.assert_allclose(back, matrix, atol=10 * ROUNDING)
 
 
 @pytest.mark.parametrize(("fix", "is_fix"), [(3.0, 3), (math.nan, 0), (math.inf, 0)])
 def test_accuracies_are_millimetres_and_centimetres_a_second(fix, is_fix):
-    made = READERS["gps_details"](7, (fix, (1500.0, 2500.0, 40.0)))
+    made = PSDK_TOPICS["gps_details"].read(7, details(fix, 1500.0, 2500.0, 40.0))
     assert made == GpsReading(7, None, None, is_fix, 1.5, 2.5, pytest.approx(0.4, rel=ROUNDING))
 
 
 def test_receivers_keep_the_stamps_of_their_headers(road):
     """Their delay is a parameter, which is taken off later."""
     (position,) = road.take("gps_position", HOME, START, START + 3 * MS)
-    (velocity,) = road.take("gps_velocity", (1.0, 2.0, 3.0), START + 1, START + 3 * MS)
-    (details,) = road.take("gps_details", (3.0, (1e3, 2e3, 10.0)), START + 2, START + 3 * MS)
-    assert [r.stamp_ns - START for r in (position, velocity, details)] == [0, 1, 2]
+    (velocity,) = road.take("gps_velocity", twist(1.0, 2.0, 3.0), START + 1, START + 3 * MS)
+    quality = details(3.0, 1e3, 2e3, 10.0)
+    (accuracy,) = road.take("gps_details", quality, START + 2, START + 3 * MS)
+    assert [r.stamp_ns - START for r in (position, velocity, accuracy)] == [0, 1, 2]
     assert velocity.velocity_n == (1.0, 2.0, 3.0)  # north, east, down, as it comes
-    road.take("rtk_velocity", (1.0, 2.0, 3.0), START + 1, START + 2 * MS)
+    road.take("rtk_velocity", twist(1.0, 2.0, 3.0), START + 1, START + 2 * MS)
     road.take("rtk_position", HOME, START, START + 3 * MS)
-    road.take("rtk_position_info", 50, 0, START + 4 * MS)
+    road.take("rtk_position_info", Message(data=50), 0, START + 4 * MS)
     (fixed,) = road.due(START + EPOCH)
     assert (fixed.stamp_ns, fixed.position_flag) == (START, 50)
     assert fixed.velocity_n == (1.0, 2.0, 3.0)
@@ -107,9 +133,11 @@ def test_streams_of_a_steady_rate_lose_their_jitter(road):
     """At 100 Hz, with the delays of a callback: up to 8 ms, none of it negative."""
     late = np.random.default_rng(3).exponential(1.5 * MS, 3000).clip(0, 8 * MS).astype(int)
     sent = START + np.arange(3000) * 10 * MS
-    for topic, values in (("imu", IMU), ("attitude", LEVEL_EAST), ("gimbal_angles", (0, 0, 0))):
+    angles = Message(vector=xyz(0, 0, 0))
+    attitude = Message(quaternion=LEVEL_EAST)
+    for topic, message in (("imu", IMU), ("attitude", attitude), ("gimbal_angles", angles)):
         stamps = [
-            road.take(topic, values, int(at), int(at))[0].stamp_ns
+            road.take(topic, message, int(at), int(at))[0].stamp_ns
             for at in np.maximum.accumulate(sent + late)
         ]
         assert all(b > a for a, b in pairwise(stamps))
@@ -122,21 +150,17 @@ def test_streams_of_a_steady_rate_lose_their_jitter(road):
 @pytest.mark.parametrize("flag_after_ns", [-5 * MS, 5 * MS])
 def test_a_fix_that_is_lost_is_lost_at_once(road, flag_after_ns):
     """Not an epoch later, whether the flag comes before the position or after it."""
-    meaning, given, readings = Interpreter(DjiConfig(geoid_undulation_m=40.0)), [], []
+    meaning, events = Interpreter(DjiConfig(geoid_undulation_m=40.0)), []
     for number, flag in enumerate([50, 50, 34, 34, 50]):
         at = START + number * EPOCH
-        events = [
-            (at, lambda at=at, n=number: road.take("rtk_position", near(n), at, at)),
-            (
-                at + flag_after_ns,
-                lambda at=at + flag_after_ns, f=flag: road.take("rtk_position_info", f, 0, at),
-            ),
-        ]
-        readings += [r for _, event in sorted(events, key=lambda e: e[0]) for r in event()]
+        events += [("rtk_position", near(number), at, at)]
+        events += [("rtk_position_info", Message(data=flag), 0, at + flag_after_ns)]
+    events.sort(key=lambda event: event[3])
+    readings = [reading for event in events for reading in road.take(*event)]
     readings += road.due(START + 5 * EPOCH)
     given = [s for r in readings for s in meaning.take(r) if isinstance(s, PositionSample)]
     for number, sample in enumerate(given):
-        assert sample.latitude_rad == pytest.approx(math.radians(near(number)[0]))
-        assert sample.height_m == pytest.approx(HOME[2] + 40.0)
+        assert sample.latitude_rad == pytest.approx(math.radians(near(number).latitude))
+        assert sample.height_m == pytest.approx(HOME.altitude + 40.0)
     fixed, floating = FixStatus.FIXED, FixStatus.FLOAT
     assert [s.status for s in given] == [fixed, fixed, floating, floating, fixed]

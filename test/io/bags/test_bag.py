@@ -310,11 +310,3 @@ def test_an_error_leaves_what_was_written_and_its_end(tmp_path):
         spoilt()
     assert BagReader(path).damage is None
     assert sum(1 for _ in BagReader(path).messages()) == 100
-
-
-def test_a_whole_bag_is_the_same_but_for_its_chunks(tmp_path):
-    for growing in (True, False):
-        with BagWriter(tmp_path / f"{growing}.mcap", growing=growing) as writer:
-            grow(writer)
-    both = [list(BagReader(tmp_path / f"{growing}.mcap").messages()) for growing in (True, False)]
-    assert both[0] == both[1]

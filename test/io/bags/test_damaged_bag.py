@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bz2
 import random
 import struct
 import tracemalloc
@@ -19,7 +18,7 @@ from recorded_bags import segments_of
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags import mcap_file
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.bag_file import MOST_BYTES, unpacked
+from tirgeo_ros.io.bags.bag_file import MOST_BYTES
 from tirgeo_ros.io.bags.mcap_file import MAGIC
 
 TYPE = "std_msgs/msg/Header"
@@ -111,13 +110,16 @@ def test_a_damaged_chunk_is_left_out(tmp_path, form):
     assert f"; {len(numbers)} messages were read" in damage
 
 
-@pytest.mark.parametrize("summary", [True, False])
-def test_damage_over_the_head_of_a_chunk(tmp_path, summary):
+@pytest.mark.parametrize(
+    ("head", "summary"),
+    [(bytes(30), True), (bytes(30), False), (b"\x80", True)],  # the last: of an application
+)
+def test_damage_over_the_head_of_a_chunk(tmp_path, head, summary):
     """A file with its summary loses the chunk, one without it all that follows too."""
     path = bag(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
     segment = segments_of(path)[5]
-    data[segment.offset : segment.offset + 30] = bytes(30)
+    data[segment.offset : segment.offset + len(head)] = head
     path.write_bytes(data if summary else data[:-100])
     numbers, damage = read(path)
     if summary:
@@ -125,17 +127,6 @@ def test_damage_over_the_head_of_a_chunk(tmp_path, summary):
         assert (numbers[0], numbers[-1]) == (0, COUNT - 1)
     else:
         assert numbers == list(range(segment.start_ns))
-    assert f"from byte {segment.offset} are not readable" in damage
-
-
-def test_a_chunk_that_calls_itself_something_else_is_told(tmp_path):
-    path = bag(tmp_path / "a.mcap")
-    data = bytearray(path.read_bytes())
-    segment = segments_of(path)[5]
-    data[segment.offset] = 0x80  # of a record that belongs to an application
-    path.write_bytes(data)
-    numbers, damage = read(path)
-    assert COUNT - 60 < len(numbers) < COUNT
     assert f"from byte {segment.offset} are not readable" in damage
 
 
@@ -228,7 +219,6 @@ GIGABYTES = 2_900_000_000
 PACK = {
     "zstd": zstandard.compress,
     "lz4": lz4.frame.compress,
-    "bz2": lambda data: bz2.compress(data, 1),
 }
 
 
@@ -276,15 +266,6 @@ def test_a_chunk_that_holds_more_than_it_says(tmp_path, compression):
             BagReader(path)
 
     assert peak_of(read) < MOST_PEAK
-
-
-@pytest.mark.parametrize("compression", PACK)
-def test_a_chunk_that_is_cut_off(compression):
-    data = b"".join(struct.pack("<Q", n * n) for n in range(60_000))
-    packed = PACK[compression](data)
-    assert unpacked(packed, compression, len(data)) == data
-    with pytest.raises(ValueError, match="is cut off or damaged"):
-        unpacked(packed[: len(packed) * 2 // 3], compression, len(data))
 
 
 def test_a_chunk_packed_in_no_known_way(tmp_path):

@@ -41,20 +41,42 @@ def read(path):
 # a part is lost
 
 
-def test_a_file_that_is_absent(tmp_path):
-    folder = record(tmp_path / "bag", THIRDS)
+def absent(folder):
     (folder / "bag_1.mcap").unlink()
-    found, damage = read(folder)
-    assert found == THIRDS[0] + THIRDS[2]
-    assert damage == "bag_1.mcap, named in metadata.yaml, is absent; 200 messages were read"
+    return THIRDS[0] + THIRDS[2], "bag_1.mcap, named in metadata.yaml, is absent"
 
 
-def test_a_file_that_was_renamed(tmp_path):
-    folder = record(tmp_path / "bag", [MESSAGES])
-    (folder / "bag_0.mcap").rename(folder / "flight.mcap")
+def renamed(folder):
+    for path in folder.glob("*.mcap"):
+        path.rename(folder / path.name.replace("bag", "flight"))
+    told = (f"bag_{number}.mcap, named in metadata.yaml, is absent" for number in range(3))
+    return MESSAGES, "; ".join(told)
+
+
+def empty_last(folder):
+    (folder / "metadata.yaml").unlink()
+    (folder / "bag_2.mcap").write_bytes(b"")
+    return THIRDS[0] + THIRDS[1], "bag_2.mcap: the file is empty"
+
+
+def metadata(text):
+    def change(folder):
+        (folder / "metadata.yaml").write_text(text)
+        return MESSAGES, "metadata.yaml is damaged"
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [absent, renamed, empty_last, *map(metadata, ("", "a: [", "rosbag2_bagfile_information: {}"))],
+)
+def test_a_part_that_is_lost_is_told_and_the_rest_is_read(tmp_path, change):
+    folder = record(tmp_path / "bag", THIRDS)
+    wanted, told = change(folder)
     found, damage = read(folder)
-    assert found == MESSAGES
-    assert damage == "bag_0.mcap, named in metadata.yaml, is absent; 300 messages were read"
+    assert found == wanted
+    assert damage == f"{told}; {len(wanted)} messages were read"
 
 
 def test_metadata_that_are_a_pipe(tmp_path):
@@ -62,23 +84,6 @@ def test_metadata_that_are_a_pipe(tmp_path):
     folder = record(tmp_path / "bag", THIRDS, metadata=False)
     os.mkfifo(folder / "metadata.yaml")
     assert read(folder) == (MESSAGES, None)
-
-
-def test_an_empty_last_file(tmp_path):
-    folder = record(tmp_path / "bag", THIRDS, metadata=False)
-    (folder / "bag_2.mcap").write_bytes(b"")
-    found, damage = read(folder)
-    assert found == THIRDS[0] + THIRDS[1]
-    assert damage == "bag_2.mcap: the file is empty; 200 messages were read"
-
-
-@pytest.mark.parametrize("text", ["", "a: [", "rosbag2_bagfile_information: {}", "- 1"])
-def test_metadata_that_say_nothing(tmp_path, text):
-    folder = record(tmp_path / "bag", THIRDS)
-    (folder / "metadata.yaml").write_text(text)
-    found, damage = read(folder)
-    assert found == MESSAGES
-    assert damage == "metadata.yaml is damaged; 300 messages were read"
 
 
 @pytest.mark.parametrize("mode", ["", "file"])
@@ -156,14 +161,12 @@ def another_database(folder):
     return folder / "a.db3"
 
 
-def in_another_form(folder):
-    write_sqlite(folder / "a.db3", MESSAGES, "json")
-    return folder / "a.db3"
+def database(messages, form="cdr"):
+    def make(folder):
+        write_sqlite(folder / "a.db3", messages, form)
+        return folder / "a.db3"
 
-
-def without_messages(folder):
-    write_sqlite(folder / "a.db3", [])
-    return folder / "a.db3"
+    return make
 
 
 def cut_compression(folder):
@@ -179,24 +182,14 @@ def two_recordings(folder):
     return folder
 
 
-def all_absent(folder):
-    write_metadata(folder, ["bag_0.mcap", "bag_1.mcap"])
-    return folder
+def naming(*names, **how):
+    """A folder whose metadata name files that are absent."""
 
+    def make(folder):
+        write_metadata(folder, names, **how)
+        return folder
 
-def a_name_that_no_file_can_have(folder):
-    write_metadata(folder, ["x" * 300])
-    return folder
-
-
-def unknown_storage(folder):
-    write_metadata(folder, ["bag_0.dat"], "of_my_own")
-    return folder
-
-
-def unknown_compression(folder):
-    write_metadata(folder, ["bag_0.mcap.lz4"], mode="file", form="lz4")
-    return folder
+    return make
 
 
 @pytest.mark.parametrize(
@@ -205,14 +198,26 @@ def unknown_compression(folder):
         (lambda folder: folder, "{}: no bag in this folder: no .mcap and no .db3 file"),
         (lambda folder: folder / "a.mcap", "{}/a.mcap: cannot be read: No such file"),
         (two_recordings, "{}: 2 recordings without a metadata.yaml (first, other): give one"),
-        (all_absent, "{}: no bag in this folder: no .mcap and no .db3 file"),
-        (unknown_storage, "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3"),
-        (unknown_compression, "{}/metadata.yaml: compression 'lz4' is not known (zstd);"),
-        (a_name_that_no_file_can_have, "{}: cannot be read: File name too long"),
+        (
+            naming("bag_0.mcap", "bag_1.mcap"),
+            "{}: no bag in this folder: no .mcap and no .db3 file",
+        ),
+        (
+            naming("bag_0.dat", storage="of_my_own"),
+            "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3",
+        ),
+        (
+            naming("a.mcap.lz4", mode="file", form="lz4"),
+            "{}/metadata.yaml: compression 'lz4' is not known (zstd);",
+        ),
+        (naming("x" * 300), "{}: cannot be read: File name too long"),
         (cut_database, "{}/a.db3: the database is cut off or damaged (database disk image is"),
         (another_database, "{}/a.db3: a SQLite database, but not of rosbag2"),
-        (without_messages, "{}/a.db3: no message can be read; it has none"),
-        (in_another_form, "{}/a.db3: topic /a is encoded as json; record it with ROS 2 (cdr)"),
+        (database([]), "{}/a.db3: no message can be read; it has none"),
+        (
+            database(MESSAGES, "json"),
+            "{}/a.db3: topic /a is encoded as json; record it with ROS 2 (cdr)",
+        ),
         (cut_compression, "{}/a.db3.zstd: the compressed file is cut off or damaged: nothing"),
     ],
 )

@@ -332,13 +332,3 @@ def test_a_small_file_of_many_pixels_is_refused(rasterio, tmp_path):
     done = run_measured(LOAD, str(tmp_path / "many.vrt"))
     assert "30000 x 30000 pixels, more than the 64 million allowed; cut out" in done.said, done
     done.check_modest()
-
-
-@pytest.mark.slow
-def test_the_most_pixels_that_are_taken_fit(rasterio, tmp_path):
-    _, _, transform = grid_of_metres(rasterio)
-    written(rasterio, tmp_path / "one.tif", np.ones((9, 9), np.float32), transform)
-    (tmp_path / "many.vrt").write_text(MANY_PIXELS.replace("30000", "8000"))
-    done = run_measured(LOAD, str(tmp_path / "many.vrt"))
-    assert "(8000, 8000)" in done.said, done
-    done.check_modest()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from datetime import datetime, timezone
 
 import numpy as np
 import pandas as pd
@@ -63,19 +62,6 @@ def test_broken_lines_repeats_and_a_clock_without_a_date(shared):
     since = (table[:, 6] - table[0, 6]).astype(int) * 10**6
     assert (stamps(imu) - OPTIONS.start_ns).tolist() == since.tolist()
     assert contents.refused == {("row", "it has fewer columns than the others"): 2}
-
-
-def test_vectornav_imu(shared):
-    path, contents = read_real(shared, "ins/vn310_imu_16s.csv", "vectornav_imu")
-    table = pd.read_csv(path)
-    imu = by_topic(contents)["imu/data"]
-    columns = [f"IMU::Accel::{axis} [m/s^2]" for axis in "XYZ"]
-    np.testing.assert_array_equal(forces(imu), table[columns])
-    columns = ["IMU::AngularRate::X", "IMU::AngularRate::Y [rad/s]", "IMU::AngularRate::Z [rad/s]"]
-    np.testing.assert_array_equal(rates(imu), table[columns])
-    week = datetime(1980, 1, 6, tzinfo=timezone.utc).timestamp() + 2303 * 7 * 86400
-    exact = [(round(week) - 18) * 10**9 + tow for tow in table["Time::GpsTow [ns]"]]
-    assert stamps(imu).tolist() == exact
 
 
 def test_vectornav_receiver_whose_heading_is_not_of_its_antennas(shared):

@@ -13,8 +13,6 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage, write_shapefile
 from wild_map_files import LINE as KML_LINE
 from wild_map_files import collection, feature, kml, mark
@@ -323,26 +321,6 @@ def test_the_rest_of_a_file_is_where_it_was(path, wrong):
     assert [(f.group, f.closed) for f in layer.features] == [(0, True), (0, True), (2, False)]
     np.testing.assert_allclose(degrees(layer.features[2]), [[16, 48], [17, 48]], atol=CLOSE_DEG)
     assert layer.left_out
-
-
-@pytest.mark.slow
-@given(
-    kind=st.sampled_from([*SHAPES, "GeometryCollection"]),
-    junk=st.recursive(
-        st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
-        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.just("type"), inner),
-        max_leaves=12,
-    ),
-)
-def test_any_junk_is_a_map_error_or_a_map(tmp_path_factory, kind, junk):
-    path = tmp_path_factory.mktemp("junk") / "map.geojson"
-    path.write_text(collection(feature(kind, junk)))
-    try:
-        features = [f for layer in read_layers(str(path)) for f in layer.features]
-    except MapError as error:
-        assert str(error).startswith(str(path))  # noqa: PT017  either outcome is right
-    else:
-        assert all(np.isfinite(f.points[:, :2]).all() for f in features)
 
 
 def test_what_pyogrio_cannot_read_and_where_it_is_absent(tmp_path, monkeypatch):

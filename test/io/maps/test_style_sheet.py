@@ -86,7 +86,7 @@ BAD = {
     "nan": ("layers: [{sigma: .nan}]", "layer 1: sigma: "),
     "scale": ("layers: [{scale: [2, 1]}]", "layer 1: scale: .* must be two numbers, the smaller"),
     "label": ("layers: [{label: true}]", "layer 1: label: True is neither a field nor false"),
-    "format": ("layers: [{label: '{b:3}'}]", "layer 1: label: '{b:3}' is not a label"),
+    "format": ("layers: [{label: '{b'}]", "layer 1: label: '{b' is not a label"),
     "crs": ("layers: [{crs: EPSG:1}]", "layer 1: crs: unknown .* system 'EPSG:1'"),
     "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition; write it as"),
     "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj: cannot be read"),
@@ -244,10 +244,10 @@ def test_fields_in_other_capitals_and_absent_ones():
 
 
 def test_templates():
-    rule = LabelRule.parsed("{{{name}}} no. {ref} ", "s.yaml")
-    assert text(rule, {"name": "a", "ref": 3}) == "{a} no. 3"
-    assert text(rule, {"name": "a", "ref": None}) == "{a} no."
-    assert text(rule, {"name": None, "ref": ""}) == ""
+    rule = LabelRule.parsed("{name} no. {addr:ref} ", "s.yaml")
+    assert text(rule, {"name": "a", "addr:ref": 3}) == "a no. 3"
+    assert text(rule, {"name": "a", "addr:ref": None}) == "a no."
+    assert text(rule, {"name": None, "addr:ref": ""}) == ""
 
 
 def test_an_unknown_field_of_a_sheet():

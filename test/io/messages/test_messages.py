@@ -15,10 +15,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tirgeo_ros.core.frames import axes as frames
 from tirgeo_ros.core.frames.rotations import (
+    canonical,
     matrix_from_euler,
     matrix_from_quat,
     matrix_from_rotvec,
     quat_from_euler,
+    quat_from_rotvec,
 )
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import MessageError
@@ -35,6 +37,11 @@ from tirgeo_ros.io import messages
 from tirgeo_ros.io.messages import SENSED_SAMPLES, sensed
 from tirgeo_ros.io.messages.decode import heading_sample, position_sample, velocity_sample
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
+from tirgeo_ros.io.messages.message_parts import (
+    covariance_turned_world,
+    positive,
+    quat_turned_world,
+)
 
 unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
     lambda q: np.linalg.norm(q) > 1e-3
@@ -91,14 +98,9 @@ def test_round_trips(name):
             assert got == wanted
 
 
-def test_imu_at_rest_reads_up():
+def test_imu_at_rest_reads_up_also_without_attitude():
     message = made.imu(ImuSample(0, np.array([0.0, 0.0, -9.8]), np.zeros(3)))
     assert message.linear_acceleration.z == pytest.approx(9.8)
-    assert message.header.frame_id == "base_link"
-
-
-def test_imu_without_attitude():
-    message = made.imu(ImuSample(0, np.zeros(3), np.zeros(3)))
     assert message.orientation_covariance[0] == -1
     assert messages.imu_sample(message).autopilot_q_nb is None
 
@@ -348,3 +350,49 @@ def test_the_point_is_in_the_map_and_has_no_attitude():
 def test_a_clicked_pixel_comes_back():
     clicked = (given.STAMP_NS, 12.5, 7.25)
     assert messages.pixel(through_cdr(made.pixel(*clicked))) == clicked
+
+
+# axes
+
+
+rotvecs = st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array)
+
+
+@drawn(rotvecs)
+def test_attitude_is_the_same_in_both_worlds(rotvec):
+    q_nb = quat_from_rotvec(rotvec)
+    made = frames.quat_turned_both(*q_nb)
+    expected = frames.ENU_NED @ matrix_from_quat(q_nb) @ frames.FLU_FRD
+    assert_allclose(matrix_from_quat(made), expected, atol=EXACT)
+    assert_allclose(frames.quat_turned_both(*made), q_nb, atol=EXACT)
+
+
+@drawn(rotvecs)
+def test_only_the_world_changes(rotvec):
+    q = quat_from_rotvec(rotvec)
+    made = quat_turned_world(*q)
+    expected = frames.ENU_NED @ matrix_from_quat(q)
+    assert_allclose(matrix_from_quat(made), expected, atol=EXACT)
+    back = matrix_from_quat(quat_turned_world(*made))
+    assert_allclose(back, matrix_from_quat(q), atol=EXACT)
+
+
+@pytest.mark.parametrize(("heading_deg", "yaw_deg"), [(0, 90), (90, 0), (180, -90), (45, 45)])
+def test_heading_is_clockwise_from_north_and_yaw_the_other_way_from_east(heading_deg, yaw_deg):
+    made = frames.quat_turned_both(*quat_from_euler(0, 0, math.radians(heading_deg)))
+    half = math.radians(yaw_deg) / 2
+    expected = canonical(np.array([math.cos(half), 0, 0, math.sin(half)]))
+    assert_allclose(positive(made), expected, atol=EXACT)
+
+
+@pytest.mark.parametrize("blocks", [1, 2])
+def test_covariance_of_turned_vectors(blocks):
+    size = 3 * blocks
+    root = np.random.default_rng(1).normal(size=(size, size))
+    covariance = root @ root.T
+    made = covariance_turned_world(covariance, size)
+    turn = np.kron(np.eye(blocks), frames.ENU_NED)
+    # a permutation with signs: no rounding at all
+    assert_array_equal(made.reshape(size, size), turn @ covariance @ turn.T)
+    back = covariance_turned_world(made, size).reshape(size, size)
+    assert_array_equal(back, covariance)

@@ -36,20 +36,14 @@ def test_eight_bit_round_trip(pixels):
     assert_array_equal(image_pixels(image(pixels)), pixels)
 
 
-def test_data_of_rclpy_is_read_too():
+def test_data_of_rclpy_and_padded_rows_are_read_too():
     message = image(GREY)
     message.data = array.array("B", GREY.tobytes())
     assert_array_equal(image_pixels(message), GREY)
-
-
-def test_rows_may_be_padded():
     padded = np.hstack([COLOUR.reshape(6, 24), np.full((6, 5), 77, np.uint8)])
     message = image(COLOUR)
     message.step, message.data = 29, padded.ravel()
     assert_array_equal(image_pixels(message), COLOUR)
-
-
-def test_rgb_is_turned():
     assert_array_equal(image_pixels(image(COLOUR, "rgb8")), COLOUR[..., ::-1])
 
 
@@ -188,16 +182,6 @@ try:
 except TirgeoError as error:
     print(error)
 """
-FILE = """
-import sys
-from pathlib import Path
-from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.tools.calibrate.board_pictures import pictures_of_files
-try:
-    print([taken.pixels.shape for taken in pictures_of_files([Path(sys.argv[1])], print)])
-except TirgeoError as error:
-    print(error)
-"""
 
 
 def write_black_png(path, side: int) -> None:
@@ -217,12 +201,11 @@ def write_black_png(path, side: int) -> None:
     )
 
 
-@pytest.mark.parametrize("program", [COMPRESSED, FILE], ids=["message", "file"])
-def test_a_picture_that_would_fill_the_memory_is_refused(tmp_path, program):
+def test_a_picture_that_would_fill_the_memory_is_refused(tmp_path):
     path = tmp_path / "black.png"
     write_black_png(path, 12_000)  # 1.2 GB of pixels
-    done = run_measured(program, str(path))
-    assert re.search(r"more than (8.4|50.0) million pixels", done.said), done
+    done = run_measured(COMPRESSED, str(path))
+    assert re.search(r"more than 8.4 million pixels", done.said), done
     done.check_modest()
 
 

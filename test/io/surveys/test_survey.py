@@ -137,8 +137,6 @@ def test_files_that_cannot_be_read_or_written(tmp_path):
 TABLES = {
     "load_survey": ("id,lat,lon,h", "P{0},48.{0:07d},16.{0:07d},200.5"),
     "load_observations": ("id,stamp_ns,u,v", "P{0},{0},320.5,256.5"),
-    "load_marks": ("id,column,row", "P{0},{0}.5,256.5"),
-    "load_control_points": ("#CRS: EPSG:32650\nmapX,mapY,sourceX,sourceY", "{0},{0},{0}.5,256.5"),
 }
 LOAD = """
 import sys
@@ -146,10 +144,7 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.surveys import survey
 name, path = sys.argv[1:]
 try:
-    if name == "load_control_points":
-        print(len(survey.load_control_points(path, None, None).names))
-    else:
-        print(len(getattr(survey, name)(path)))
+    print(len(getattr(survey, name)(path)))
 except TirgeoError as error:
     print(error)
 """
@@ -190,9 +185,7 @@ def write(folder, name, text):
 
 
 def test_marks_and_survey_are_matched_by_id(tmp_path):
-    found = load_control_points(
-        write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY), None
-    )
+    found = load_control_points(write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY))
     assert found.names == ["a", "c"]
     assert found.pixels.tolist() == [[10.5, 20], [50, 5]]
     np.testing.assert_allclose(found.degrees, [[116.7, 39.81], [116.71, 39.82]], rtol=1e-12)
@@ -200,16 +193,9 @@ def test_marks_and_survey_are_matched_by_id(tmp_path):
 
 
 def test_a_points_file_of_qgis(tmp_path):
-    found = load_control_points(write(tmp_path, "o.points", POINTS), None, None)
+    found = load_control_points(write(tmp_path, "o.points", POINTS), None)
     assert found.pixels.tolist() == [[100.5, 200.25], [300, 400]]  # the third is switched off
     np.testing.assert_allclose(found.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
-
-
-def test_a_points_file_of_older_qgis_in_a_named_plane(tmp_path):
-    text = "mapX,mapY,pixelX,pixelY,enable\n500000,4400000,10,-20,1\n"
-    found = load_control_points(write(tmp_path, "o.points", text), None, "EPSG:32650")
-    assert found.degrees[0, 0] == pytest.approx(117.0, abs=1e-9)  # the zone's middle meridian
-    assert found.pixels.tolist() == [[10, 20]]
 
 
 def test_rows_that_grow_upwards_are_turned():
@@ -222,7 +208,7 @@ def test_rows_that_grow_upwards_are_turned():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (POINTS.partition("\n")[2], "names no coordinate reference system; give --points-crs"),
+        (POINTS.partition("\n")[2], "names no coordinate system; save it with QGIS 3.26"),
         (MARKS, "not a .points file of QGIS .*give --survey too"),
         (POINTS.replace("300", "x"), "point 2 is not four numbers"),
         (POINTS.replace("39.82", "99.82"), "a point is not a place in GEOG"),
@@ -230,7 +216,7 @@ def test_rows_that_grow_upwards_are_turned():
 )
 def test_points_files_that_are_refused(tmp_path, text, message):
     with pytest.raises(SurveyError, match=rf"o\.points: {message}"):
-        load_control_points(write(tmp_path, "o.points", text), None, None)
+        load_control_points(write(tmp_path, "o.points", text), None)
 
 
 @pytest.mark.parametrize(
@@ -244,6 +230,4 @@ def test_points_files_that_are_refused(tmp_path, text, message):
 )
 def test_marks_that_are_refused(tmp_path, marks, message):
     with pytest.raises(SurveyError, match=message):
-        load_control_points(
-            write(tmp_path, "m.csv", marks), write(tmp_path, "s.csv", SURVEY), None
-        )
+        load_control_points(write(tmp_path, "m.csv", marks), write(tmp_path, "s.csv", SURVEY))

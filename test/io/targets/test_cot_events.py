@@ -16,10 +16,9 @@ from tirgeo_ros.core.frames.rotations import matrix_from_euler, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.targets.cot_events import (
-    COLOURS,
     UNKNOWN,
     AircraftState,
     aircraft_event,
@@ -73,18 +72,6 @@ def test_a_target_is_a_spot_with_place_errors_and_colour():
     assert remarks.startswith("fire; seen 2021-10-20T12:00:35.605Z; 90 % within 4.3 m")
     assert "CE90" in remarks
     assert "LE90" in remarks
-
-
-def test_colours_are_those_that_their_names_say():
-    as_rgb = {kind: f"{colour & 0xFFFFFFFF:08x}" for kind, colour in COLOURS.items()}
-    assert as_rgb == {
-        "person": "ffff0000",
-        "fire": "ffff7700",
-        "vehicle": "ff0000ff",
-        "hydrant": "ff00ffff",
-        "building": "ffffff00",
-    }
-    assert {*COLOURS} | {"other"} == {*KINDS}
 
 
 def test_name_note_and_clicks_are_said():
@@ -155,25 +142,6 @@ def events(view):
 
 def numbers(element):
     return {key: float(text) for key, text in element.attrib.items()}
-
-
-# Heading, pitch and roll of the aircraft, azimuth and elevation of the camera in it, and the two
-# against the earth: computed by hand-made matrices for MISB's definition of the angles.
-@pytest.mark.parametrize(
-    ("aircraft", "camera", "azimuth", "elevation"),
-    [
-        ((0, 0, 45), (0, -30, 90), 135.0, -30.0),
-        ((3, 5, 45), (0, -30, 90), 131.7605, -32.8585),
-        ((3, 5, 45), (0, -30, 0), 43.3460, -24.9569),
-    ],
-)
-def test_azimuth_and_elevation_are_against_the_earth(aircraft, camera, azimuth, elevation):
-    view, _ = looking(degrees(*aircraft) @ degrees(*camera))
-    sensor = numbers(events(view)[0].find("detail/sensor"))
-    assert sensor["azimuth"] == pytest.approx(azimuth, abs=1e-3)
-    assert sensor["elevation"] == pytest.approx(elevation, abs=1e-3)
-    assert sensor["fov"] == pytest.approx(2 * math.degrees(math.atan(320 / 800)), abs=1e-3)
-    assert sensor["vfov"] == pytest.approx(2 * math.degrees(math.atan(256 / 800)), abs=1e-3)
 
 
 @pytest.mark.parametrize("attitude", [(12, -35, 200), (-5, -89.5, 10), (4, -60, 359.99996)])

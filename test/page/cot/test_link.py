@@ -6,7 +6,6 @@ import dataclasses
 import math
 import time
 
-import pytest
 from cot_objects import flying, sharing, target
 from free_addresses import free_port
 from project import wait_until
@@ -134,28 +133,15 @@ def test_what_cannot_be_said_is_counted_and_holds_nothing_up():
         assert link.status.error == "1 events could not be sent"
 
 
-@pytest.mark.parametrize("on", [False, True])
-def test_it_ends_at_once(on):
-    link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"))
-    link.start()
-    link.share(on)
-    if on:
-        wait_until(lambda: "is the TAK server running" in link.status.error)
-    thread = link._thread
-    link.stop()
-    assert not thread.is_alive()
-    CotLink(CotParameters("tcp://127.0.0.1")).stop()  # never started
-
-
-def test_changes_are_told_once_and_not_each_attempt():
+def test_changes_are_told_once_and_not_each_attempt_and_it_ends_at_once():
     told = []
+    CotLink(CotParameters("tcp://127.0.0.1")).stop()  # never started
     link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"), told.append)
     link.start()
     link.share(on=True)
-    try:
-        wait_until(lambda: link.status.error)
-        time.sleep(2.5)  # one or two attempts more
-        assert len(told) == 1
-        assert "is the TAK server running" in told[0]
-    finally:
-        link.stop()
+    wait_until(lambda: link.status.error)
+    time.sleep(2.5)  # one or two attempts more
+    assert len(told) == 1
+    assert "is the TAK server running" in told[0]
+    link.stop()
+    assert not link._thread.is_alive()

@@ -115,7 +115,7 @@ def test_qgis_points_and_upward_rows_give_the_same_map(tmp_path):
     given = files(tmp_path)
     calibrate_map(**given)
     plain = (tmp_path / "map.geojson").read_text()
-    lines = ["mapX,mapY,sourceX,sourceY,enable,dX,dY,residual"]
+    lines = ["#CRS: EPSG:32650", "mapX,mapY,sourceX,sourceY,enable,dX,dY,residual"]
     lines += [
         f"{x!r},{y!r},{c:.4f},{-r:.4f},1,0,0,0"
         for (x, y), (c, r) in zip(plane_of(MARKS).tolist(), MARKS.tolist(), strict=True)
@@ -123,7 +123,7 @@ def test_qgis_points_and_upward_rows_give_the_same_map(tmp_path):
     (tmp_path / "o.points").write_text("\n".join(lines) + "\n")
     (tmp_path / "px.geojson").write_text(json.dumps(features(up=True)))
     given |= {"points": tmp_path / "o.points", "survey": None, "output": tmp_path / "b.geojson"}
-    calibrate_map(**given, points_crs="EPSG:32650")
+    calibrate_map(**given)
     a, b = (json.loads(text)["features"] for text in (plain, given["output"].read_text()))
     for one, other in zip(a[:2], b[:2], strict=True):
         first, second = (np.ravel(x["geometry"]["coordinates"][0]) for x in (one, other))

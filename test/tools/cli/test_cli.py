@@ -152,10 +152,6 @@ _BORESIGHT = "calibrate boresight a.mcap --survey s --observations o -o y"
         (f"{_BORESIGHT} --estimate roll --hold roll", "roll: either --estimate or --hold"),
         (f"{_BORESIGHT} --estimate ,", "nothing to estimate"),
         ("calibrate imu a.mcap --from 10 --to 5", "--from must be 0 or more, and less than --to"),
-        (
-            "calibrate map a --points b --survey s -o c --points-crs EPSG:32650",
-            "--points-crs needs a .points file and no --survey",
-        ),
     ],
 )
 def test_wrong_use_is_named_with_usage(capsys, words, message):

@@ -184,14 +184,6 @@ def test_the_commands_own_output_is_not_replaced(tmp_path):
             os.close(before)
 
 
-SCENARIO = """\
-duration_s: 6.0
-route: {hover_s: 1.0}
-park: {resolution_m: 0.2}
-survey: {points: 4, after_s: 0.0, apart_s: 0.5}
-"""
-
-
 def with_files_below(size: int, *words: str) -> subprocess.CompletedProcess[str]:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
@@ -211,19 +203,6 @@ def test_a_flight_that_does_not_fit(sample, tmp_path):
     assert run.stderr.count("\n") == 1
     assert f"{tmp_path / 'out.mcap'}: cannot be written: File too large" in run.stderr
     assert sorted(one.name for one in tmp_path.iterdir()) == before
-
-
-@pytest.mark.slow
-def test_a_simulation_that_does_not_fit(tmp_path):
-    (tmp_path / "hover.yaml").write_text(SCENARIO)
-    words = ["simulate", str(tmp_path / "hover.yaml"), "-o", str(tmp_path / "out"), "--no-images"]
-    for size, name in ((1000, "map.geojson"), (100_000, "truth.mcap")):
-        run = with_files_below(size, *words)
-        assert run.returncode == 1
-        assert run.stderr.count("\n") == 1
-        assert f"{name}: cannot be written: File too large" in run.stderr
-        assert all(one.stat().st_size < size for one in (tmp_path / "out").iterdir())
-        assert not (tmp_path / "out" / name).exists()
 
 
 @contextlib.contextmanager

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.types.errors import ConfigError, DjiError
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
 from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Rtk, Velocity
@@ -155,15 +154,3 @@ def test_a_file_without_a_frame_is_an_error(tirgeo_dump, tmp_path, text):
     assert (code, records) == (1, [])
     assert err.startswith(f"tirgeo dump: {tmp_path}/capture.bin: {what}")
     assert err.count("\n") == 1
-
-
-def test_a_bad_table_or_key_is_told_before_reading(tmp_path):
-    capture = tmp_path / "absent.bin"
-    table = tmp_path / "packages.yaml"
-    table.write_text("packages: {1: {}}")
-    with pytest.raises(DjiError, match=r"packages\.yaml: packages\.1: needs rate_hz"):
-        CaptureDump(capture, table)
-    with pytest.raises(ConfigError, match=r"absent\.yaml: cannot be read: No such file"):
-        CaptureDump(capture, tmp_path / "absent.yaml")
-    with pytest.raises(DjiError, match="64 hexadecimal digits"):
-        CaptureDump(capture, key="12")

@@ -11,6 +11,7 @@ import pytest
 from ros1_bags import messages
 
 from tirgeo_ros.core.config import BagPlayerConfig
+from tirgeo_ros.core.frames.rotations import heading_of
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast, encode_broadcast
@@ -52,17 +53,12 @@ def player(sample):
     return ParameterFile(sample / "params.yaml").config("bag_player", BagPlayerConfig)
 
 
-def said(flight, player=None) -> bytes:
-    player = player or BagPlayerConfig()
-    aircraft = Aircraft(player.simulated_aircraft, places=player.aircraft)
-    return b"".join(frame.data for frame in frames_of(aircraft, flight))
-
-
 @pytest.fixture(scope="module")
 def capture(flight, player, tmp_path_factory):
     """A capture whose file is as old as the flight, so that its time zone can be told."""
     path = tmp_path_factory.mktemp("capture") / "capture.bin"
-    path.write_bytes(said(flight, player))
+    aircraft = Aircraft(player.simulated_aircraft, places=player.aircraft)
+    path.write_bytes(b"".join(frame.data for frame in frames_of(aircraft, flight)))
     os.utime(path, ns=(flight[-1][0], flight[-1][0]))
     return path
 
@@ -73,10 +69,27 @@ def imported(capture, sample):
     return target, import_flight(capture, target, params=sample / "params.yaml")
 
 
-def nearest(times_ns, at_ns):
-    """Index of the time nearest to each of others."""
-    after = np.searchsorted(times_ns, at_ns).clip(1, len(times_ns) - 1)
-    return after - (at_ns - times_ns[after - 1] < times_ns[after] - at_ns)
+@pytest.fixture
+def import_changed(capture, sample, tmp_path):
+    """Import other bytes, in a file as old as the capture; return the IMU's stamps, and all."""
+
+    def imported_as(data, **options):
+        path = tmp_path / "changed.bin"
+        path.write_bytes(data)
+        os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+        target = tmp_path / "out.mcap"
+        summary = import_flight(path, target, params=sample / "params.yaml", **options)
+        return stamps(target, "/imu/data"), summary
+
+    return imported_as
+
+
+def broadcasts(data):
+    return [decode_broadcast(frame.value) for frame in FrameReader().feed(data)]
+
+
+def framed(parts):
+    return b"".join(encode_frame(b"\x02\x00" + encode_broadcast(each)) for each in parts)
 
 
 def test_every_topic_with_its_type(imported):
@@ -104,18 +117,11 @@ def test_the_result_can_be_processed(imported, sample, tmp_path, capsys):
     params = ["--params", str(sample / "params.yaml"), "--no-images", "--json"]
     assert main(["process", str(imported[0]), "-o", str(out), *params]) == 0
     assert json.loads(capsys.readouterr().out)["state"] == "running"
-    truth = {convert.stamp_ns(m): m for m in messages(sample / "truth.mcap", "/tirgeo/odometry")}
-    times = np.array(sorted(truth))
-    last = messages(out, "/tirgeo/odometry")[-1]
-    true = truth[times[nearest(times, np.array([convert.stamp_ns(last)]))[0]]]
-    apart_deg = heading_deg(last) - heading_deg(true)
-    assert abs(math.remainder(apart_deg, 360)) < 1.0
-
-
-def heading_deg(message):
-    q = message.pose.pose.orientation
-    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-    return 90 - math.degrees(yaw)
+    last = convert.body_pose(messages(out, "/tirgeo/odometry")[-1])
+    truth = map(convert.body_pose, messages(sample / "truth.mcap", "/tirgeo/odometry"))
+    true = min(truth, key=lambda pose: abs(pose.stamp_ns - last.stamp_ns))
+    apart_rad = heading_of(last.q_nb) - heading_of(true.q_nb)
+    assert abs(math.degrees(math.remainder(apart_rad, math.tau))) < 1.0
 
 
 def test_the_zone_of_an_old_copy_is_as_documented_and_told(capture, imported, sample, tmp_path):
@@ -127,17 +133,14 @@ def test_the_zone_of_an_old_copy_is_as_documented_and_told(capture, imported, sa
     assert made.tolist() == expected.tolist()
 
 
-def test_without_a_date_times_count_from_power_up(flight, tmp_path):
-    path = tmp_path / "undated.bin"
-    frames = (decode_broadcast(f.value) for f in FrameReader().feed(said(flight)))
-    dateless = (encode_broadcast(parts._replace(gps=None, rtk=None)) for parts in frames)
-    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + value) for value in dateless))
-    summary = import_flight(path, tmp_path / "out.mcap")
+def test_without_a_date_times_count_from_power_up(capture, import_changed):
+    dateless = (parts._replace(gps=None, rtk=None) for parts in broadcasts(capture.read_bytes()))
+    found, summary = import_changed(framed(dateless))
     assert "the capture has no date" in summary["warning"]
-    assert stamps(tmp_path / "out.mcap", "/imu/data")[0] == 60_000_000_000  # what its clock shows
+    assert found[0] == 60_000_000_000  # what its clock shows
 
 
-def test_garbage_and_cuts_cost_what_they_hit(capture, imported, sample, tmp_path):
+def test_garbage_and_cuts_cost_what_they_hit(capture, imported, import_changed):
     """Bytes between frames, a bit, and the rest of the last frame."""
     data = capture.read_bytes()
     frames = FrameReader().feed(data)
@@ -145,82 +148,59 @@ def test_garbage_and_cuts_cost_what_they_hit(capture, imported, sample, tmp_path
     noisy = bytearray(data[: frames[-1].offset + 40])
     noisy[hit.offset + 20] ^= 1
     noisy[middle.offset : middle.offset] = b"\xaa\x55garbage"
-    path = tmp_path / "noisy.bin"
-    path.write_bytes(noisy)
-    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
-    summary = import_flight(path, tmp_path / "out.mcap", params=sample / "params.yaml")
+    found, summary = import_changed(noisy)
     assert summary["frames"]["frames"] == len(frames) - 2
     lost = hit.length + 40 + len(b"\xaa\x55garbage")
     assert f"{lost} bytes are in no frame" in summary["warning"]
-    found, whole = stamps(tmp_path / "out.mcap", "/imu/data"), stamps(imported[0], "/imu/data")
+    whole = stamps(imported[0], "/imu/data")
     assert set(found) <= set(whole)
     assert len(found) >= len(whole) - 2
 
 
-def test_encrypted_frames_need_the_key(capture, imported, tmp_path, sample):
+def test_encrypted_frames_need_the_key(capture, imported, import_changed, tmp_path):
     pytest.importorskip("cryptography")
-    plain = FrameReader().feed(capture.read_bytes())
-    path = tmp_path / "encrypted.bin"
-    key = bytes.fromhex(KEY)
-    path.write_bytes(b"".join(encode_frame(f.data, sequence=f.sequence, key=key) for f in plain))
-    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
-    params = sample / "params.yaml"
-    import_flight(path, tmp_path / "o.mcap", params=params, capture=CaptureOptions(key=KEY))
-    assert (tmp_path / "o.mcap").read_bytes() == imported[0].read_bytes()
-    assert main(["import", str(path), "-o", str(tmp_path / "none.mcap")]) == 1
-    assert not (tmp_path / "none.mcap").exists()
+    plain, key = FrameReader().feed(capture.read_bytes()), bytes.fromhex(KEY)
+    data = b"".join(encode_frame(f.data, sequence=f.sequence, key=key) for f in plain)
+    import_changed(data, capture=CaptureOptions(key=KEY))
+    assert (tmp_path / "out.mcap").read_bytes() == imported[0].read_bytes()
+    with pytest.raises(DjiError, match="frames are encrypted: give --key"):
+        import_changed(data)
 
 
-def test_a_capture_without_any_time_is_refused(capture, tmp_path):
-    path = tmp_path / "untimed.bin"
-    frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
-    timeless = (encode_broadcast(parts._replace(time=None)) for parts in frames)
-    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + value) for value in timeless))
-    with pytest.raises(DjiError, match=r"untimed\.bin: it has no time of the aircraft"):
-        import_flight(path, tmp_path / "o.mcap")
-    assert list(tmp_path.iterdir()) == [path]
+def test_a_capture_without_any_time_is_refused(capture, import_changed, tmp_path):
+    timeless = (parts._replace(time=None) for parts in broadcasts(capture.read_bytes()))
+    with pytest.raises(DjiError, match=r"changed\.bin: it has no time of the aircraft"):
+        import_changed(framed(timeless))
+    assert list(tmp_path.iterdir()) == [tmp_path / "changed.bin"]
 
 
 @pytest.mark.parametrize("given", [None, 1_718_091_879_000_000_000])
-def test_a_counter_of_long_ticks_is_told_by_the_seconds(
-    capture, imported, sample, tmp_path, given
-):
+def test_a_counter_of_long_ticks_is_told_by_the_seconds(capture, imported, import_changed, given):
     """Firmware of before 3.3 counts 2.5 ms; 100 Hz are four of them."""
-    path = tmp_path / "ticks.bin"
-    frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
-    ticking = (p._replace(time=p.time._replace(time_ms=p.time.time_ms * 2 // 5)) for p in frames)
-    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + encode_broadcast(p)) for p in ticking))
-    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
-    options = CaptureOptions(start_ns=given)
-    params = sample / "params.yaml"
-    import_flight(path, tmp_path / "o.mcap", params=params, capture=options)
-    found, whole = (stamps(p, "/imu/data") for p in (tmp_path / "o.mcap", imported[0]))
-    assert len(found) == len(whole)
-    apart = found - whole
+    ticking = (
+        parts._replace(time=parts.time._replace(time_ms=parts.time.time_ms * 2 // 5))
+        for parts in broadcasts(capture.read_bytes())
+    )
+    found, _ = import_changed(framed(ticking), capture=CaptureOptions(start_ns=given))
+    apart = found - stamps(imported[0], "/imu/data")
     assert np.ptp(apart) <= 2_500_000  # a tick
     assert given is not None or abs(np.median(apart)) <= 2_500_000
 
 
-def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, sample, tmp_path):
+def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, import_changed):
     """The time of what stands before is not moved by the seconds that are said after it."""
-    frames = [f.data for f in FrameReader().feed(capture.read_bytes())]
-    half = len(frames) // 2
-    again = [decode_broadcast(data[2:]) for data in frames[half:]]
-    begun_ms = again[0].time.time_ms
-    words = {"time": (again[0].rtk or again[0].gps or again[1].rtk).time}
+    said = broadcasts(capture.read_bytes())
+    half = len(said) // 2
+    begun_ms = said[half].time.time_ms
+    second = (said[half].rtk or said[half].gps or said[half + 1].rtk).time
     later = [
         parts._replace(
             time=parts.time._replace(time_ms=parts.time.time_ms - begun_ms + 300),
-            gps=parts.gps and parts.gps._replace(time=words["time"] + 100),
-            rtk=parts.rtk and parts.rtk._replace(time=words["time"] + 100 + (number > 100)),
+            gps=parts.gps and parts.gps._replace(time=second + 100),
+            rtk=parts.rtk and parts.rtk._replace(time=second + 100 + (number > 100)),
         )
-        for number, parts in enumerate(again)
+        for number, parts in enumerate(said[half:])
     ]
-    path = tmp_path / "swapped.bin"
-    data = [*frames[:half], *(b"\x02\x00" + encode_broadcast(parts) for parts in later)]
-    path.write_bytes(b"".join(encode_frame(value) for value in data))
-    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
-    summary = import_flight(path, tmp_path / "o.mcap", params=sample / "params.yaml")
+    found, summary = import_changed(framed([*said[:half], *later]))
     assert "the aircraft's clock started again 1 times" in summary["warning"]
-    first, whole = (stamps(p, "/imu/data")[0] for p in (tmp_path / "o.mcap", imported[0]))
-    assert abs(first - whole) <= DATE_NS
+    assert abs(found[0] - stamps(imported[0], "/imu/data")[0]) <= DATE_NS

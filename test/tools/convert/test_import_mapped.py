@@ -9,7 +9,6 @@ import pytest
 from damaged_files import read_damaged
 from recorded_bags import record
 from ros1_bags import BEGUN_NS, Bag, by_time
-from rosbags.highlevel import AnyReader
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import FixStatus, Source
@@ -53,15 +52,26 @@ def twist_stamped(bag, at_ns, *linear):
     return bag.new("geometry_msgs/msg/TwistStamped", header=bag.header(at_ns), twist=twist)
 
 
+@pytest.fixture
+def mapped(tmp_path):
+    """Import a bag's topics; return the result. The new bag is out.mcap."""
+
+    def imported(bag, pairs, **options):
+        path = tmp_path / "a.bag"
+        if not path.exists():
+            bag.write(path)
+        return import_flight(path, tmp_path / "out.mcap", mapped=MappedTopics(pairs, **options))
+
+    return imported
+
+
 def samples(path, source):
     topic, decode = NAVIGATION_INPUTS[source]
     return [decode(message) for _, message in by_time(path, f"/{topic}")]
 
 
-def test_topics_of_ros_1_with_their_stamps_and_log_times(tmp_path):
-    path = mavros_bag().write(tmp_path / "mavros.bag")
-    out = tmp_path / "out.mcap"
-    result = import_flight(path, out, mapped=MappedTopics(MAVROS))
+def test_topics_of_ros_1_with_their_stamps_and_log_times(mapped, tmp_path):
+    result, out = mapped(mavros_bag(), MAVROS), tmp_path / "out.mcap"
     assert BagReader(out).topics() == {f"/{to}": TOPIC_TYPES[to] for _, to in sorted(
         MAVROS, key=lambda pair: pair[1]
     )}  # fmt: skip
@@ -88,24 +98,6 @@ def test_topics_of_ros_1_with_their_stamps_and_log_times(tmp_path):
     assert [row["lag_s"] for row in result["topics"]] == pytest.approx([0.005, 0.005, 0.005, 0.0])
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-@pytest.mark.parametrize("mode", ["", "message", "file"])
-def test_recordings_of_ros_2_in_every_form(tmp_path, storage, mode):
-    """The same messages, byte by byte, under the contract's names."""
-    ros1 = mavros_bag(0.5).write(tmp_path / "a.bag")
-    import_flight(ros1, tmp_path / "a.mcap", mapped=MappedTopics(MAVROS[:1]))
-    whole = [one._replace(topic="/xsens/imu") for one in BagReader(tmp_path / "a.mcap").messages()]
-    odd = "std_msgs/msg/String" if storage == "mcap" else "test_msgs/msg/Arrays"
-    other = BagMessage("/odd", odd, whole[3].log_time_ns, b"\0\1\0\0abc")
-    parts = [[*whole[:20], other], whole[20:]]
-    folder = record(tmp_path / "recorded", parts, storage, mode)
-    out = tmp_path / "out.mcap"
-    result = import_flight(folder, out, mapped=MappedTopics((("/xsens/imu", "imu/data"),)))
-    assert [one._replace(topic="/xsens/imu") for one in BagReader(out).messages()] == whole
-    assert result["not_read"] == {"/odd": odd}
-    assert result["error"] is None
-
-
 def test_pictures_and_gimbal_go_on_byte_by_byte_into_a_namespace(sample, tmp_path):
     names = ("thermal/image_raw/compressed", "thermal/camera_info", "gimbal/joint_states")
     names += ("gimbal/attitude",)
@@ -117,7 +109,7 @@ def test_pictures_and_gimbal_go_on_byte_by_byte_into_a_namespace(sample, tmp_pat
     assert sorted(found) == sorted(whole)
 
 
-def test_an_odometry_becomes_a_velocity_east_north_up(tmp_path):
+def test_an_odometry_becomes_a_velocity_east_north_up(mapped, tmp_path):
     """Forward 2 m/s with the nose to the north; the covariance turns along."""
     bag = Bag()
     covariance = np.zeros((6, 6))
@@ -142,10 +134,8 @@ def test_an_odometry_becomes_a_velocity_east_north_up(tmp_path):
         ),
     )
     bag.add(BEGUN_NS, "/odom", odometry)
-    out = tmp_path / "out.mcap"
-    path = bag.write(tmp_path / "odom.bag")
-    result = import_flight(path, out, mapped=MappedTopics((("/odom", "rtk/vel"),)))
-    (velocity,) = samples(out, Source.RTK_VELOCITY)
+    result = mapped(bag, (("/odom", "rtk/vel"),))
+    (velocity,) = samples(tmp_path / "out.mcap", Source.RTK_VELOCITY)
     assert velocity.velocity_n == pytest.approx((2.0, -0.5, 1.0))
     assert velocity.covariance_n.diagonal() == pytest.approx((0.04, 0.01, 0.09))
     assert "wheel's odometry" in result["notes"][0]
@@ -179,23 +169,18 @@ def test_parameters_that_turn_it_later_are_no_cause_for_doubt(tmp_path):
     assert result["warning"] is None
 
 
-def test_heights_and_fixes_that_are_none_of_rtk(tmp_path):
-    path = mavros_bag().write(tmp_path / "a.bag")
-    out = tmp_path / "out.mcap"
-    mapped = MappedTopics((("/mavros/fix", "rtk/fix"),), undulation_m=43.5)
-    result = import_flight(path, out, mapped=mapped)
-    first = samples(out, Source.RTK_POSITION)[0]
+def test_heights_and_fixes_that_are_none_of_rtk(mapped, tmp_path):
+    result = mapped(mavros_bag(), (("/mavros/fix", "rtk/fix"),), undulation_m=43.5)
+    first = samples(tmp_path / "out.mcap", Source.RTK_POSITION)[0]
     assert (first.height_m, first.status) == (87.5, FixStatus.SINGLE)
     assert result["notes"] == []
     assert "no message has status 1 (float) or 2 (fixed)" in result["warning"]
     assert "map it to gps/fix" in result["warning"]
 
 
-def test_stamps_of_another_clock_are_kept_and_told(tmp_path):
-    path = mavros_bag(lag_ns=7_200_000_000_000).write(tmp_path / "a.bag")
-    out = tmp_path / "out.mcap"
-    result = import_flight(path, out, mapped=MappedTopics(MAVROS[:2]))
-    assert samples(out, Source.IMU)[0].stamp_ns == BEGUN_NS
+def test_stamps_of_another_clock_are_kept_and_told(mapped, tmp_path):
+    result = mapped(mavros_bag(lag_ns=7_200_000_000_000), MAVROS[:2])
+    assert samples(tmp_path / "out.mcap", Source.IMU)[0].stamp_ns == BEGUN_NS
     assert "(/mavros/imu/data -7200.0 s, /mavros/fix -7200.0 s) and are kept" in result["warning"]
 
 
@@ -217,10 +202,9 @@ def test_stamps_of_another_clock_are_kept_and_told(tmp_path):
         ),
     ],
 )
-def test_topics_that_do_not_fit_are_named(tmp_path, pairs, told):
-    path = mavros_bag(0.2).write(tmp_path / "a.bag")
-    with pytest.raises(BagError, match=rf"^{path}: .*{told}"):
-        import_flight(path, tmp_path / "out.mcap", mapped=MappedTopics(tuple(pairs)))
+def test_topics_that_do_not_fit_are_named(mapped, tmp_path, pairs, told):
+    with pytest.raises(BagError, match=rf"^{tmp_path}/a\.bag: .*{told}"):
+        mapped(mavros_bag(0.2), tuple(pairs))
     assert not (tmp_path / "out.mcap").exists()
 
 
@@ -236,7 +220,7 @@ def test_pictures_that_are_left_are_named_with_the_option_that_takes_them(tmp_pa
     assert told in capsys.readouterr().out
 
 
-def test_a_joint_state_without_the_gimbals_joints_is_refused(tmp_path):
+def test_a_joint_state_without_the_gimbals_joints_is_refused(mapped):
     bag = mavros_bag(0.5)
     doubles = {name: np.zeros(1) for name in ("position", "velocity", "effort")}
     for k in range(4):
@@ -247,14 +231,12 @@ def test_a_joint_state_without_the_gimbals_joints_is_refused(tmp_path):
             **doubles,
         )
         bag.add(BEGUN_NS + k, "/joint_states", joints)
-    path = bag.write(tmp_path / "a.bag")
-    mapped = MappedTopics((("/joint_states", "gimbal/joint_states"),))
+    pair = ("/joint_states", "gimbal/joint_states")
     with pytest.raises(
         BagError, match=r"nothing to import: /joint_states: 4 of 4 refused \(.*yaw"
     ):
-        import_flight(path, tmp_path / "out.mcap", mapped=mapped)
-    both = MappedTopics((*MAVROS[:1], *mapped.pairs))
-    result = import_flight(path, tmp_path / "out.mcap", mapped=both)
+        mapped(bag, (pair,))
+    result = mapped(bag, (*MAVROS[:1], pair))
     assert "/joint_states: 4 of 4 refused" in result["warning"]
 
 
@@ -317,66 +299,9 @@ def test_options_that_a_bag_does_not_take_are_wrong_use(tmp_path, option, why, c
     assert why in capsys.readouterr().err
 
 
-GLOBAL = "/mavros/global_position"
-
-
 @pytest.fixture(scope="module")
 def bags(shared):
     return shared / "foreign_logs"
-
-
-def source_of(path, typenames):
-    """Messages by topic as rosbags reads them: record time, message."""
-    found = {}
-    with AnyReader([path]) as reader:
-        wanted = [one for one in reader.connections if one.msgtype in typenames]
-        for connection, at_ns, data in reader.messages(wanted):
-            one = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append((at_ns, one))
-    return found
-
-
-def imported(path, topic):
-    return [
-        (one.log_time_ns, CDR.deserialize(one.data, one.typename))
-        for one in BagReader(path).messages([topic])
-    ]
-
-
-def plain(message):
-    """Return a message's values, without constants and the sequence number of ROS 1."""
-    if hasattr(message, "__dataclass_fields__"):
-        names = [name for name in message.__dataclass_fields__ if name.islower() and name != "seq"]
-        return {name: plain(getattr(message, name)) for name in names if name[0] != "_"}
-    return message.tolist() if isinstance(message, np.ndarray) else message
-
-
-def test_mavros_names_field_by_field(bags, tmp_path):
-    path, out = bags / "ros1" / "made_mavros.bag", tmp_path / "out.mcap"
-    pairs = (
-        ("/mavros/imu/data", "imu/data"),
-        (f"{GLOBAL}/raw/fix", "gps/fix"),
-        (f"{GLOBAL}/raw/gps_vel", "gps/vel"),
-        (f"{GLOBAL}/compass_hdg", "rtk/heading"),
-    )
-    result = import_flight(path, out, mapped=MappedTopics(pairs))
-    assert result["warning"] is None
-    kinds = ("Imu", "NavSatFix")
-    theirs = source_of(path, [f"sensor_msgs/msg/{kind}" for kind in kinds])
-    theirs |= source_of(path, ["geometry_msgs/msg/TwistStamped", "std_msgs/msg/Float64"])
-    for topic, name in pairs[:2]:
-        ours = [(at_ns, plain(one)) for at_ns, one in imported(out, f"/{name}")]
-        assert ours == [(at_ns, plain(one)) for at_ns, one in theirs[topic]]
-    ours = imported(out, "/gps/vel")
-    for (_, one), (_, other) in zip(ours, theirs[pairs[2][0]], strict=True):
-        assert plain(one.twist.twist.linear) == plain(other.twist.linear)
-        assert plain(one.header.stamp) == plain(other.header.stamp)
-    decode = NAVIGATION_INPUTS[Source.RTK_HEADING][1]
-    ours = imported(out, "/rtk/heading")
-    for (at_ns, one), (their_ns, other) in zip(ours, theirs[pairs[3][0]], strict=True):
-        sample = decode(one)
-        assert (at_ns, sample.stamp_ns) == (their_ns, their_ns)
-        assert math.degrees(sample.heading_rad) == pytest.approx(other.data, abs=1e-10)
 
 
 def recordings(bags):

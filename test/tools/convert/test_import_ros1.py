@@ -256,55 +256,25 @@ def test_what_is_wrong_is_told_and_the_rest_imported(empty_folder, capsys):
 def test_pictures_go_on_as_they_are(empty_folder):
     bag = wrapper_bag(Flight(duration_s=1.0))
     pixels = np.arange(12, dtype=np.uint8)
+    form = {"height": 3, "width": 4, "encoding": "mono8", "is_bigendian": 0, "step": 4}
     for k in range(3):
         at_ns = BEGUN_NS + k * 100_000_000
         head = {"header": bag.header(at_ns, "camera")}
-        image = bag.new(
-            "sensor_msgs/msg/Image",
-            height=3,
-            width=4,
-            encoding="mono8",
-            is_bigendian=0,
-            step=4,
-            data=pixels + k,
-            **head,
-        )
+        image = bag.new("sensor_msgs/msg/Image", **form, data=pixels + k, **head)
         bag.add(at_ns + 5, "/flir/image", image)
         jpeg = bag.new("sensor_msgs/msg/CompressedImage", format="jpeg", data=pixels, **head)
         bag.add(at_ns + 6, "/flir/image/compressed", jpeg)
-        bag.add(at_ns + 7, "/flir/camera_info", camera_info(bag, head))
     path = bag.write(empty_folder / "pictures.bag")
     target = empty_folder / "pictures.mcap"
-    result = import_flight(path, target, pictures=Pictures("/flir/image", "flir/camera_info"))
+    result = import_flight(path, target, pictures=Pictures("flir/image"))
     found = by_time(target, "/thermal/image_raw")
     assert [round(t_s, 9) for t_s, _ in found] == [0.0, 0.1, 0.2]
     assert [m.data.tolist() for _, m in found] == [(pixels + k).tolist() for k in range(3)]
     logged = [m.log_time_ns for m in BagReader(target).messages(["/thermal/image_raw"])]
     assert logged == [BEGUN_NS + k * 100_000_000 + 5 for k in range(3)]
-    info = messages(target, "/thermal/camera_info")[0]
-    camera = convert.camera(info)
-    assert (camera.width, camera.fx, camera.cy) == (640, 760.0, 256.0)
     assert result["not_read"] == {"/flir/image/compressed": "sensor_msgs/msg/CompressedImage"}
     import_flight(path, target, pictures=Pictures("/flir/image/compressed"))
     assert messages(target, "/thermal/image_raw/compressed")[0].format == "jpeg"
-
-
-def camera_info(bag, head):
-    roi = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
-    return bag.new(
-        "sensor_msgs/msg/CameraInfo",
-        height=512,
-        width=640,
-        distortion_model="plumb_bob",
-        D=np.zeros(5),
-        K=np.array([760.0, 0, 320, 0, 760, 256, 0, 0, 1]),
-        R=np.eye(3).ravel(),
-        P=np.zeros(12),
-        binning_x=0,
-        binning_y=0,
-        roi=bag.new("sensor_msgs/msg/RegionOfInterest", **roi),
-        **head,
-    )
 
 
 @pytest.mark.parametrize(

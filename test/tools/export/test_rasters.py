@@ -22,8 +22,7 @@ from scenes import PLANE, camera_pose
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.tools.export import rasters
-from tirgeo_ros.tools.export.orthophotos import Mosaic, Orthophotos
-from tirgeo_ros.tools.export.rasters import RasterOptions, raster_setup
+from tirgeo_ros.tools.export.rasters import Mosaic, Orthophotos, RasterOptions, raster_setup
 
 rasterio = pytest.importorskip("rasterio")
 
@@ -145,9 +144,7 @@ def test_no_ground_in_view(tmp_path):
         raster_setup(RasterOptions(), CAMERA, [sky], PLANE, GROUND_M)
 
 
-@pytest.mark.parametrize(
-    ("height_m", "pixel_m"), [(20.0, 0.15), (25.0, 0.2), (60.0, 0.5), (150.0, 1.0), (1.2, 0.01)]
-)
+@pytest.mark.parametrize(("height_m", "pixel_m"), [(20.0, 0.15), (60.0, 0.5), (1.2, 0.01)])
 def test_the_size_of_a_pixel_is_a_round_one(height_m, pixel_m):
     """The median over the picture, a little above the height over 100 px, and rounded down."""
     pose = camera_pose([0.0, 0.0, -height_m])

@@ -186,6 +186,6 @@ def test_an_outline_across_the_antimeridian_is_one_piece(flight, tmp_path):
 
 def test_a_file_of_targets_that_is_none_is_named(tmp_path):
     (tmp_path / "targets.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(TargetError, match=r"targets.csv: a file which tirgeo did not write"):
+    with pytest.raises(TargetError, match=r"targets.csv: no GeoPackage; give one of targets"):
         Vectors(tmp_path / "flight.gpkg", targets=tmp_path / "targets.csv")
     assert [one.name for one in tmp_path.iterdir()] == ["targets.csv"]

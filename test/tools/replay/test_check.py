@@ -58,16 +58,14 @@ def test_a_good_flight_goes(sample, capsys):
     assert main(["check", str(sample / "flight.mcap"), *files]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    told = "checked over 30.0 s: 10 topics, filter ekf_heading running; -v has each"
+    told = "checked over 30.0 s: 10 topics, filter ekf_heading running; --json has each"
     assert out == f"GO\n\n{told}\n"
-    assert main(["check", str(sample / "flight.mcap"), *files, "-v"]) == 0
-    out, _ = capsys.readouterr()
-    assert out.startswith("GO\n")
-    lines = [line.split(maxsplit=1) for line in out.splitlines()]
-    said = {line[0]: line[1] for line in lines if len(line) > 1}
-    assert said["imu/data"] == "100.0 Hz, longest gap 0.01 s"
-    assert said["pictures"] == "640x512 pixels"
-    assert said["height"].startswith("above ground")
+    assert main(["check", str(sample / "flight.mcap"), *files, "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)["checked"]
+    imu = checked["topics"]["imu/data"]
+    assert (round(imu["rate_hz"]), round(imu["longest_gap_s"], 3)) == (100, 0.01)
+    assert checked["picture_size"] == [640, 512]
+    assert 0 < checked["height_above_ground_m"][0] < checked["height_above_ground_m"][1] < 60
 
 
 def test_findings_are_three_lines_each_and_the_worst_is_first(short, sample, stand_ins, capsys):

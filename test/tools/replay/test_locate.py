@@ -141,21 +141,6 @@ def test_nothing_located_is_a_failure_with_an_output(sample, tmp_path, capsys):
     assert points_of(tmp_path / "o.geojson")[0]["geometry"] is None
 
 
-@pytest.mark.slow
-def test_the_ground_and_the_method_can_be_chosen(sample, tmp_path):
-    def north_m(name, **options):
-        out = tmp_path / f"{name}.geojson"
-        summary = locate(sample, out, **options)
-        return np.array([e for _, e, _ in errors_of(out, sample)]), summary
-
-    level, _ = north_m("level")
-    raised, _ = north_m("raised", ground_height=14.5)
-    assert np.median(np.hypot(*(raised - level).T)) > 2  # 3 m seen at 30 to 45 deg
-    raw, summary = north_m("raw", method="raw")
-    assert summary["method"] == "raw"
-    assert np.hypot(*raw.T).mean() > 2 * np.hypot(*level.T).mean()
-
-
 @pytest.mark.parametrize(
     ("options", "error", "said"),
     [

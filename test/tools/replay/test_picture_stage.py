@@ -93,15 +93,6 @@ def test_ctrl_c_ends_the_painter_too(flown, options, tmp_path):
         os.kill(painters[0], 0)
 
 
-def test_no_painter_without_pictures(flown, sample, tmp_path):
-    def look(_done_s, _total_s):
-        with pytest.raises(AssertionError, match="has none that runs"):
-            child_of(os.getpid(), _STAGE)
-
-    given = {"params": sample / "params.yaml", "images": False}
-    process(flown, tmp_path / "out.mcap", cores=2, progress=look, **given)
-
-
 class _SlowStage:
     """Hands out a picture only when it must."""
 

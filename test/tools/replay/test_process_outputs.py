@@ -115,19 +115,6 @@ def test_everything_of_drawn_frames_and_nothing_of_others(film):
         by_klvdata(one)
 
 
-def test_a_film_needs_no_map(film, cut, options, tmp_path):
-    """Without one: the same poses, the clicks' points, and no word of a map."""
-    params = options["params"]
-    summary = process(cut, tmp_path / "out.mcap", video=tmp_path / "out.ts", params=params)
-    assert summary["overlay"] == film[0]["overlay"]
-    assert demuxed(tmp_path / "out.ts").packets == film[1].packets
-    topics = ("/tirgeo/overlay/camera_info", "/tirgeo/footprint", "/tirgeo/locate/point")
-    written = [summary["written"].get(one, 0) for one in topics]
-    assert written == [film[0]["written"].get(one, 0) for one in topics]
-    assert written[0] == summary["video"]["frames"]
-    assert not [one for one in summary["findings"] if "map" in str(one)]
-
-
 def test_places_are_those_of_the_flight(film, sample):
     """Within a metre of the true camera; heights above the sea by dji_node's undulation, -9 m."""
     truth = sample / "truth.mcap"
@@ -221,26 +208,6 @@ def test_an_elevation_model_stands_before_the_parameters_height(clicked, options
     process(clicked[0], output, dem=dem, **options)
     # 1 mm of the Earth's bend, and what float32 leaves of the height
     assert located(output)[1][2] == pytest.approx(-2.0, abs=0.002)
-
-
-def kml(path, params):
-    """A line at the sample's origin, one 3 deg away, and a link that is not followed."""
-    north, east, _ = load_config(params, "ekf_node", EkfConfig).origin_lat_lon_h
-    marks = "".join(
-        f"<Placemark><LineString><coordinates>{east + off},{north} {east + off},{north + 0.001}"
-        "</coordinates></LineString></Placemark>"
-        for off in (0.0, 3.0)
-    )
-    head = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
-    path.write_text(f"{head}{marks}</Document></kml>")
-    return path
-
-
-def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, params, tmp_path):
-    dem = model(tmp_path / "dem.tif", params, 20.0)
-    given = {"params": params, "map": kml(tmp_path / "map.kml", params), "dem": dem}
-    notes = process(clicked[0], tmp_path / "out.mcap", **given)["notes"]
-    assert any(note.startswith("map: 1 of 2 features lie where the elev") for note in notes)
 
 
 SIGMA = math.radians(2.0)

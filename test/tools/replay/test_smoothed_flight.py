@@ -52,14 +52,6 @@ def test_poses_differ_and_are_more_certain(processed):
     assert (variances[1] < 0.8 * variances[0]).all()
 
 
-@pytest.mark.slow
-def test_the_same_input_gives_the_same_bytes(processed, nine_s, params, tmp_path):
-    folder, _ = processed
-    again = tmp_path / "smoother.mcap"
-    process(nine_s, again, params=params, images=False, smooth=True)
-    assert again.read_bytes() == (folder / "smoother.mcap").read_bytes()
-
-
 @pytest.mark.parametrize("method", ["raw", "rtk"])
 def test_a_method_without_filter_is_refused_in_one_line(nine_s, sample, tmp_path, capsys, method):
     out = tmp_path / "out.mcap"
@@ -81,25 +73,6 @@ def test_progress_covers_both_passes(nine_s):
     assert shares == sorted(shares)
     assert shares[0] < 0.05
     assert shares[-1] == pytest.approx(1.0)
-
-
-@pytest.mark.slow
-def test_a_registration_of_each_kind_in_one_flight(nine_s):
-    """What is not to be smoothed is as without."""
-    found = {}
-    for smooth in (False, True):
-        flight = Flight(BagReader(nine_s), needs_camera=False)
-        config = EkfConfig(), GimbalConfig()
-        plain = flight.registered(*config, [])
-        other = flight.registered(*config, [], smooth=smooth)
-        flight.read_all(lambda *_: None)
-        assert other.plane == plain.plane
-        found[smooth] = (
-            plain.registration.navigation.status(),
-            type(other.registration.navigation).__name__,
-        )
-    assert found[False][0] == found[True][0]
-    assert [found[smooth][1] for smooth in (False, True)] == ["Navigation", "SmoothedNavigation"]
 
 
 @pytest.mark.slow

@@ -134,16 +134,12 @@ def corrected_pose(
         other = stepped.poses(exposed_ns)
         if other is None:
             return None
-        slopes[:, PARAMETERS.index(name)] = _apart(pose, other[0]) / stepped.step
+        turn = rotvec_from_quat(quat_multiply(other[0].q_nc, quat_conjugate(pose.q_nc)))
+        move = np.concatenate([other[0].position_n - pose.position_n, turn])
+        slopes[:, PARAMETERS.index(name)] = move / stepped.step
     moved = slopes.copy()
     moved[:, _LATENCY] = 0  # already applied by the exposure's time
     return _turned(flight, pose, moved @ correction, correction[:3], slopes)
-
-
-def _apart(pose: CameraPose, other: CameraPose) -> Array:
-    """Return position and phi_n (6,) from one pose to the other."""
-    turn = quat_multiply(other.q_nc, quat_conjugate(pose.q_nc))
-    return np.concatenate([other.position_n - pose.position_n, rotvec_from_quat(turn)])
 
 
 def _turned(
@@ -155,9 +151,10 @@ def _turned(
     q_gc, axes_g = _mounting(tuple((flight.boresight_rpy_rad + turn_rpy).tolist()))
     rotation_ng = matrix_from_quat(q_ng)
     slopes[3:, :3] = rotation_ng @ axes_g
-    covariance = pose.covariance - flight.north_variance * _about_vertical(
-        rotation_ng @ flight.camera_offset_g
-    )
+    # A unit turn about down of the camera's offset from its pivot.
+    north, east, _ = rotation_ng @ flight.camera_offset_g
+    about_down = np.array([-east, north, 0.0, 0.0, 0.0, 1.0])
+    covariance = pose.covariance - flight.north_variance * np.outer(about_down, about_down)
     turned = replace(
         pose,
         position_n=pose.position_n + move[:3],
@@ -180,13 +177,6 @@ def _mounting(rpy_rad: tuple[float, ...]) -> tuple[Array, Array]:
     return q_gc, axes @ FLU_FRD
 
 
-def _about_vertical(offset_n: Array) -> Array:
-    """Return the covariance (6, 6) of a unit turn about down of a camera offset from its pivot."""
-    north, east, _ = offset_n
-    move = np.array([-east, north, 0.0, 0.0, 0.0, 1.0])
-    return np.outer(move, move)
-
-
 def _sight(flight: SightedFlight, sighting: PointSighting, correction: Array) -> Sight:
     posed = corrected_pose(flight, sighting.stamp_ns, correction)
     if posed is None:
@@ -198,10 +188,6 @@ def _sight(flight: SightedFlight, sighting: PointSighting, correction: Array) ->
     design = by_pose @ slopes
     design[:, _GROUND] = -by_point[:, 2]
     noise = flight.click_sigma_px**2 * np.eye(2) + _SURVEY_SIGMA_M**2 * by_point @ by_point.T
-    return Sight(sighting.uv - uv, design, noise, by_pose @ _root(pose.covariance))
-
-
-def _root(covariance: Array) -> Array:
-    """Return the symmetric root (6, 6); a variance that is negative by rounding counts as zero."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+    values, vectors = np.linalg.eigh(pose.covariance)  # a variance may be negative by rounding
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return Sight(sighting.uv - uv, design, noise, by_pose @ root)

@@ -285,6 +285,21 @@ FINDINGS: Mapping[str, Row] = {
         {"some": CAUTION, "": STOP},
         "{refused} of {messages} messages of {topic} cannot be used: {reason}", "{topic}",
         "mend what publishes it"),
+    "{topic}_unreadable": Row(
+        {"unused": CAUTION, "": STOP}, "{why}", "overlay_node {topic}",
+        "correct this file, or give another"),
+    "no_ground": _stop(
+        "{why}", "overlay_node ground_height_m", "give the ground's height, or a dem"),
+    "check_failed": _caution(
+        "a check failed {number} times: {kind}", "tirgeo itself",
+        "report it with this flight; other findings stand"),
+    "publishers_of{topic}": Row(
+        {"output": STOP, "": CAUTION}, "{topic} has {number} publishers: {names}", "{name}",
+        "end the other graph or driver (dji:=false), or give it another ROS_DOMAIN_ID"),
+    "restarts_of_{topic}": Row(
+        {"recent": CAUTION, "": NOTE},
+        "{topic} ended and was started again; restarts so far: {number}", "{topic}",
+        "its log says why it ended"),
     "no_pose": _stop(
         "the filter made no pose: {state}", "ekf_node method {method}",
         "fly with RTK fixes and some motion, or see the other findings"),

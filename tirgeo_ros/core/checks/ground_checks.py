@@ -17,7 +17,7 @@ from tirgeo_ros.core.checks.receiver_checks import LARGEST_UNDULATION_M
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.map_absence import (
+from tirgeo_ros.core.map.visibility import (
     ELSEWHERE_M,
     likely_mistake,
     nearest_feature,

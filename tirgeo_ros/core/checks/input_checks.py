@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
-_GIMBAL = ("gimbal/joint_states", "gimbal/attitude")
+GIMBAL = ("gimbal/joint_states", "gimbal/attitude")
 _CAMERA_INFO = "thermal/camera_info"
 _POSITIONS = ("rtk/fix", "gps/fix")
 _UNREADABLE_SHARE = 0.01
@@ -70,30 +69,27 @@ def recording_findings(recording: RecordedTopics) -> list[Finding]:
         return [finding("namespace", **texts, others=len(others))]  # all others follow from it
     needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
     if recording.there.intersection(_PICTURES):
-        needed += [_GIMBAL] if recording.has_camera else [_GIMBAL, (_CAMERA_INFO,)]
+        needed += [GIMBAL] if recording.has_camera else [GIMBAL, (_CAMERA_INFO,)]
     findings = needed_findings(recording, needed)
     if not recording.wants_pictures:  # poses of the body are made without gimbal and lens
-        return [_poses_only(each) for each in findings]
-    topics = {*recording.there, *(each.parameter for each in findings)}
-    return findings if topics.intersection(_PICTURES) else [*findings, _no_pictures(recording)]
-
-
-def _no_pictures(recording: RecordedTopics) -> Finding:
-    """Return that a flight was recorded without pictures, or has them under another name."""
-    kinds = {recording.contract[topic] for topic in _PICTURES}
-    near = [name for name, kind in recording.topics.items() if kind in kinds]
-    names = " nor ".join(map(recording.name, _PICTURES))
-    return finding("no_pictures", "near" if near else "", names=names, hint=_hint(near))
+        return [
+            each
+            if {*GIMBAL, _CAMERA_INFO}.isdisjoint(each.parameter.split(" or "))
+            else replace(each, severity=min(each.severity, Severity.CAUTION))
+            for each in findings
+        ]
+    if {*recording.there, *(each.parameter for each in findings)}.isdisjoint(_PICTURES):
+        # Recorded without pictures, or with pictures under another name.
+        kinds = {recording.contract[topic] for topic in _PICTURES}
+        near = [name for name, kind in recording.topics.items() if kind in kinds]
+        names = " nor ".join(map(recording.name, _PICTURES))
+        case = "near" if near else ""
+        findings.append(finding("no_pictures", case, names=names, hint=_hint(near)))
+    return findings
 
 
 def _hint(near: Sequence[str]) -> str:
     return f" (there is {', '.join(near)})" if near else ""
-
-
-def _poses_only(absent: Finding) -> Finding:
-    """Return a finding that is a caution if what it lacks is for pictures alone."""
-    lacks = set(absent.parameter.split(" or ")).intersection((*_GIMBAL, _CAMERA_INFO))
-    return replace(absent, severity=min(absent.severity, Severity.CAUTION)) if lacks else absent
 
 
 def needed_findings(recording: RecordedTopics, needed: Sequence[Sequence[str]]) -> list[Finding]:
@@ -130,11 +126,6 @@ def _absent(recording: RecordedTopics, topics: Sequence[str]) -> Finding:
     )
 
 
-def damage_findings(damage: str | None) -> list[Finding]:
-    """Return what could not be read of a bag; ``damage`` is None if all was read."""
-    return [] if damage is None else [finding("damaged_bag", damage=damage)]
-
-
 def unreadable_findings(
     read: Mapping[str, int], refused: Mapping[str, int], reasons: Mapping[str, str]
 ) -> list[Finding]:
@@ -151,12 +142,6 @@ def unreadable_findings(
         case, reason = "some" if read.get(topic) else "", reasons[topic]
         findings.append(finding("unreadable_{topic}", case, topic=topic, reason=reason, **numbers))
     return findings
-
-
-def no_pose_findings(status: NavigationStatus) -> list[Finding]:
-    """Return the finding that a whole flight gave no pose."""
-    state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
-    return [finding("no_pose", state=state, method=status.method)]
 
 
 def parameter_findings(
@@ -205,12 +190,9 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
     right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
     aside_px = math.hypot(right, down)
     if aside_px > _ASIDE * camera.width:
-        numbers = {"cx": camera.cx, "cy": camera.cy, "share": aside_px / camera.width}
-        findings.append(
-            finding(
-                "principal_point", **numbers, aside_px=aside_px, lens_size=lens_size, lens=lens
-            )
-        )
+        numbers = {"cx": camera.cx, "cy": camera.cy, "aside_px": aside_px}
+        texts = {"share": aside_px / camera.width, "lens_size": lens_size, "lens": lens}
+        findings.append(finding("principal_point", **numbers, **texts))
     view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:
         findings.append(finding("field_of_view", view_deg=view_deg, focal_px=camera.fx, lens=lens))

@@ -34,6 +34,7 @@ class LeverChecks:
         self.fit = LeverArmFit(config)
         self._explicit, aircraft = explicit, config.aircraft
         self._lever_b, self._sigma_b = aircraft.rtk_lever_b, aircraft.rtk_lever_sigma_b
+        self._is_set = bool(self._lever_b.any()) or _LEVER in (explicit or ())
         self._rotation_bi = aircraft.rotation_bi
         self._attitude_sigma_rad = math.radians(max(config.autopilot.attitude_sigma_deg[:2]))
 
@@ -43,30 +44,27 @@ class LeverChecks:
         unset = self._unset(topics, estimate)
         if estimate is None:
             return [*unset, finding("imu_tilt:unknown")] if self.fit.blind else unset
-        tilt = self._tilt(estimate)
-        if tilt:  # it turns the lever arm too
-            return tilt
-        delays = _delays(estimate)
-        headings = [] if delays else _heading(estimate)
-        return [*headings, *(unset or self._lever(estimate)), *delays]
-
-    def _tilt(self, estimate: LeverArmEstimate) -> list[Finding]:
-        """Return a finding if the IMU's axes are tilted against the autopilot's attitude."""
-        size_rad = float(np.linalg.norm(estimate.tilt_b))
+        # A tilt of the IMU's axes against the autopilot's attitude turns the lever arm too.
+        tilt_rad = float(np.linalg.norm(estimate.tilt_b))
         sigma_rad = math.hypot(estimate.tilt_sigma, self._attitude_sigma_rad)
-        if size_rad < max(_TILTED_RAD, _SIGMAS * sigma_rad):
-            return []
-        angles = rpy_text(matrix_from_rotvec(estimate.tilt_b), self._rotation_bi)
-        return [finding("imu_tilt", tilt_deg=math.degrees(size_rad), angles=angles)]
+        if tilt_rad >= max(_TILTED_RAD, _SIGMAS * sigma_rad):
+            angles = rpy_text(matrix_from_rotvec(estimate.tilt_b), self._rotation_bi)
+            return [finding("imu_tilt", tilt_deg=math.degrees(tilt_rad), angles=angles)]
+        findings = unset or self._lever(estimate)
+        delays = _delays(estimate)
+        off_deg = math.degrees(estimate.heading_off)
+        sigma_deg = math.degrees(estimate.heading_sigma)
+        if not delays and abs(off_deg) >= max(_OFF_DEG, _OFF_SIGMAS * sigma_deg):
+            heading = finding("heading_offset:motion", off_deg=off_deg, sigma_deg=sigma_deg)
+            findings = [heading, *findings]
+        return [*findings, *delays]
 
     def _unset(self, topics: Container[str], estimate: LeverArmEstimate | None) -> list[Finding]:
         """Return a finding if there are two antennas and nobody set their places."""
-        explicit = self._explicit
-        is_set = self._lever_b.any() or (explicit is not None and _LEVER in explicit)
-        if is_set or "rtk/heading" not in topics:
+        if self._is_set or "rtk/heading" not in topics:
             return []
         suggestion = f"; this flight suggests about {_place(estimate)}" if estimate else ""
-        case = "unread" if explicit is None else ""
+        case = "unread" if self._explicit is None else ""
         return [finding("antenna_place:unset", case, suggestion=suggestion)]
 
     def _lever(self, estimate: LeverArmEstimate) -> list[Finding]:
@@ -77,22 +75,13 @@ class LeverChecks:
         set_m = flu_from_frd(self._lever_b)
         turned = np.abs(set_m + flu_from_frd(estimate.lever_b)) < 0.5 * np.abs(set_m)
         turned &= np.abs(set_m) > _LEAST_M
-        is_set = self._lever_b.any() or (self._explicit is not None and _LEVER in self._explicit)
         texts = {
             "place": _place(estimate),
             "configured": _numbers(set_m),
             "axes": " and ".join(np.array(("forward", "left", "up"))[turned]),
         }
-        case = f"{'set' if is_set else ''} {'sign' if turned.any() else ''}"
+        case = f"{'set' if self._is_set else ''} {'sign' if turned.any() else ''}"
         return [finding("antenna_place", case, **texts)]
-
-
-def _heading(estimate: LeverArmEstimate) -> list[Finding]:
-    """Return a finding if headings are off from north as the motion gives it."""
-    off_deg, sigma_deg = math.degrees(estimate.heading_off), math.degrees(estimate.heading_sigma)
-    if abs(off_deg) < max(_OFF_DEG, _OFF_SIGMAS * sigma_deg):
-        return []
-    return [finding("heading_offset:motion", off_deg=off_deg, sigma_deg=sigma_deg)]
 
 
 def _sigmas(estimate: LeverArmEstimate) -> float:

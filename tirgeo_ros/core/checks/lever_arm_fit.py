@@ -101,15 +101,11 @@ class Normal(NamedTuple):
         """
         off_rad = math.nan
         if headings is not None and len(headings[0]):
-            off_rad = _heading_off(path, *headings)
+            yaw_rad = np.unwrap(azimuths(path.rotation_nb[:, :, 0]))
+            along = np.interp(headings[0], path.middles_s, yaw_rad)
+            off_rad = float(np.angle(np.exp(1j * (headings[1] - along)).mean()))
         both = [_rows(path, *positions, 0, off_rad), _rows(path, *velocities, 1, off_rad)]
         return cls(*map(np.array, zip(*both, strict=True)))
-
-
-def _heading_off(path: ImuPath, times_s: Array, headings: Array) -> float:
-    """Return the mean of headings (N,) less those of the path, rad."""
-    along = np.interp(times_s, path.middles_s, np.unwrap(azimuths(path.rotation_nb[:, :, 0])))
-    return float(np.angle(np.exp(1j * (headings - along)).mean()))
 
 
 def _rows(

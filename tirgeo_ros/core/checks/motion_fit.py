@@ -142,7 +142,9 @@ def fit_motion(pairs: Sequence[PicturePair], focal_px: float) -> MotionFit:
     scene = _Scene(pairs, focal_px)
     start = _nearest(scene, np.zeros(6), LATENCY)  # a straight flight fits many latencies a little
     if _cost(scene, start, _LOOSE) > _FITS_PX:
-        start = _searched(scene)
+        start = np.zeros(6)
+        for error in (*range(6), *range(6)):  # each on its grid in turn, twice
+            start = _nearest(scene, start, error)
     upright = best = _fit_of(scene, start)
     for turned, signs in _TURNED.items() if upright.after > _FITS_PX else ():
         back = [p._replace(first=p.first * signs, second=p.second * signs) for p in pairs]
@@ -181,14 +183,6 @@ def _fit_of(scene: _Scene, start: Array) -> MotionFit:
         angle_sigma_rad=angle_sigma_rad,
         step_s=step_s,
     )
-
-
-def _searched(scene: _Scene) -> Array:
-    """Return (6,) errors near the best ones: search each on its grid in turn, twice."""
-    x = np.zeros(6)
-    for error in (*range(6), *range(6)):
-        x = _nearest(scene, x, error)
-    return x
 
 
 def _nearest(scene: _Scene, x: Array, error: int) -> Array:

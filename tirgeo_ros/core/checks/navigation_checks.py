@@ -81,9 +81,6 @@ class NavigationChecks:
     def configure(self, config: EkfConfig) -> None:
         """Take other parameters, and begin again: all evidence was about the former ones."""
         self._config = config
-        self._begin(config)
-
-    def _begin(self, config: EkfConfig) -> None:
         self._streams: dict[str, Stream] = {}
         self._first_ns = self._arrived_ns = 0
         self._blocks = ImuBlocks(config.aircraft.rotation_bi)
@@ -102,7 +99,7 @@ class NavigationChecks:
         if isinstance(sample, SetHeading):
             return
         if arrival_ns < self._arrived_ns - _BACK_NS:
-            self._begin(self._config)
+            self.configure(self._config)
         self._first_ns, self._arrived_ns = self._first_ns or arrival_ns, arrival_ns
         if topic not in self._streams:
             self._streams[topic] = Stream(longest_step_s(topic, self._config))

@@ -82,53 +82,36 @@ def motion_findings(
     cases = ["far" if is_far else "" for is_far in far]
     significant = [_is_significant(fit, part) for part in range(len(_PARTS))]
     findings = []
+    pairs = {"pairs": fit.pairs}
     if significant[LATENCY]:
-        findings.append(_latency(fit, cases[0], latency_s))
+        true_s = latency_s + fit.values[LATENCY]
+        numbers = {"true_s": true_s, "sigma_s": fit.sigmas[LATENCY], "latency_s": latency_s}
+        findings.append(finding("video_latency", cases[0], **numbers, **pairs))
     if significant[FOCAL]:
-        findings.append(_focal_length(fit, cases[1], focal_px, lens))
-    if significant[HEIGHT] and ground:
-        findings += _height(fit, cases[2], ground)
+        true_px = focal_px * math.exp(fit.values[FOCAL])
+        numbers = {"true_px": true_px, "sigma_px": true_px * fit.sigmas[FOCAL]}
+        numbers |= {"focal_px": focal_px}
+        findings.append(finding("focal_length", cases[1], **numbers, lens=lens, **pairs))
+    true_m = fit.above_m * math.exp(fit.values[HEIGHT])
+    off_m = fit.above_m - true_m
+    off_enough = abs(off_m) > max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m)
+    if significant[HEIGHT] and ground and off_enough:
+        numbers = {"true_m": true_m, "sigma_m": true_m * fit.sigmas[HEIGHT], "off_m": abs(off_m)}
+        numbers |= {"above_m": fit.above_m}
+        texts = {"ground": ground, "move": "raise" if off_m > 0 else "lower"}
+        findings.append(finding("ground_by_motion", cases[2], **numbers, **texts, **pairs))
     if significant[_BORESIGHT]:
-        findings.append(_boresight(fit, cases[3]))
+        off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
+        numbers = {"off_deg": math.hypot(*off_deg)}
+        numbers |= {"sigma_deg": math.degrees(fit.sigmas[BORESIGHT].max())}
+        angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
+        findings.append(
+            finding("boresight_by_motion", cases[3], **numbers, angles=angles, **pairs)
+        )
     unclear = fit.assumed[LATENCY] or abs(fit.values[LATENCY]) > _LEAST[LATENCY]
     if unclear and not significant[LATENCY] and fit.pairs >= _TELLING:
         findings.append(finding("video_latency_untold"))
     return findings
-
-
-def _latency(fit: MotionFit, case: str, latency_s: float) -> Finding:
-    numbers = {"true_s": latency_s + fit.values[LATENCY], "sigma_s": fit.sigmas[LATENCY]}
-    return finding("video_latency", case, **numbers, latency_s=latency_s, pairs=fit.pairs)
-
-
-def _focal_length(fit: MotionFit, case: str, focal_px: float, lens: str) -> Finding:
-    true_px = focal_px * math.exp(fit.values[FOCAL])
-    numbers = {"true_px": true_px, "sigma_px": true_px * fit.sigmas[FOCAL], "focal_px": focal_px}
-    return finding("focal_length", case, **numbers, lens=lens, pairs=fit.pairs)
-
-
-def _height(fit: MotionFit, case: str, ground: str) -> list[Finding]:
-    """Return the finding of a height above ground; none if the error is small."""
-    true_m = fit.above_m * math.exp(fit.values[HEIGHT])
-    off_m = fit.above_m - true_m
-    if abs(off_m) <= max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m):
-        return []
-    numbers = {
-        "true_m": true_m,
-        "sigma_m": true_m * fit.sigmas[HEIGHT],
-        "above_m": fit.above_m,
-        "off_m": abs(off_m),
-    }
-    texts = {"ground": ground, "move": "raise" if off_m > 0 else "lower"}
-    return [finding("ground_by_motion", case, **numbers, **texts, pairs=fit.pairs)]
-
-
-def _boresight(fit: MotionFit, case: str) -> Finding:
-    off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
-    angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
-    sigma_deg = math.degrees(fit.sigmas[BORESIGHT].max())
-    numbers = {"off_deg": math.hypot(*off_deg), "sigma_deg": sigma_deg, "pairs": fit.pairs}
-    return finding("boresight_by_motion", case, **numbers, angles=angles)
 
 
 def _is_significant(fit: MotionFit, number: int, good_px: float = _GOOD_PX) -> bool:

@@ -65,7 +65,10 @@ class PictureTracker:
         if not self.wants(stamp_ns):
             return None
         scale = -(-pixels.shape[1] // _WIDTH)
-        small = _reduced(pixels, scale)
+        grey = pixels[..., 1] if pixels.ndim == 3 else pixels
+        size = max(grey.shape[1] // scale, 1), max(grey.shape[0] // scale, 1)
+        whole = grey[: size[1] * scale, : size[0] * scale]
+        small = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA))
         first, self._first = self._first, None
         if first is not None and 0 < stamp_ns - first[0] <= _LONGEST_NS:
             return self._tracks(*first, stamp_ns, small, scale)
@@ -97,15 +100,6 @@ class PictureTracker:
         middle = 0.5 * (scale - 1)  # offset of a reduced pixel's centre in the whole picture
         start, end = (points * scale + middle for points in followed)
         return Tracks(first_ns, second_ns, start, end)
-
-
-def _reduced(pixels: RawPixels, scale: int) -> RawPixels:
-    """Reduce a frame to a small one; each of its pixels averages ``scale`` squared."""
-    if pixels.ndim == 3:
-        pixels = pixels[..., 1]
-    size = (max(pixels.shape[1] // scale, 1), max(pixels.shape[0] // scale, 1))
-    part = pixels[: size[1] * scale, : size[0] * scale]
-    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA))
 
 
 def _grey(first: RawPixels, second: RawPixels) -> tuple[Pixels, Pixels]:

@@ -75,7 +75,11 @@ class PositionChecks:
         limit = np.maximum(_SIGMAS * sigma.mean(axis=0), _LEAST_M)
         north, east, down = np.median(apart, axis=0).tolist()
         if math.hypot(north, east) > _ELSEWHERE_M:
-            return [self._elsewhere(math.hypot(north, east))]
+            rtk, gps = self._newest[Source.RTK_POSITION], self._newest[Source.GPS_POSITION]
+            crossed = rtk.latitude_rad - gps.longitude_rad, rtk.longitude_rad - gps.latitude_rad
+            case = "swapped" if max(map(abs, crossed)) < _SWAPPED_RAD else ""
+            apart_km = math.hypot(north, east) / 1e3
+            return [finding("position_elsewhere", case, apart_km=apart_km)]
         findings = []
         if np.percentile(np.abs(apart[:, 2]), 10) > limit[2]:
             off, sigma_m = f"{-down:+.1f} m above rtk/fix", sigma[:, 2].mean()
@@ -85,12 +89,6 @@ class PositionChecks:
             off = f"{north:+.0f} m north and {east:+.0f} m east of rtk/fix"
             findings.append(finding("position_datum", off=off, sigma_m=sigma[:, :2].mean()))
         return findings
-
-    def _elsewhere(self, apart_m: float) -> Finding:
-        rtk, gps = self._newest[Source.RTK_POSITION], self._newest[Source.GPS_POSITION]
-        apart = rtk.latitude_rad - gps.longitude_rad, rtk.longitude_rad - gps.latitude_rad
-        case = "swapped" if max(map(abs, apart)) < _SWAPPED_RAD else ""
-        return finding("position_elsewhere", case, apart_km=apart_m / 1e3)
 
 
 _STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000

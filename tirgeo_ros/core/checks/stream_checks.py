@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import EkfConfig
@@ -116,7 +116,17 @@ def stream_findings(
     findings = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
     findings += lone_findings(streams, gap_counts_s)
     if waited_ns > _PATIENCE_NS:
-        findings += _absent(streams, config.method, waited_ns * 1e-9)
+        absent = [] if IMU in streams else ["no_imu_data"]
+        if config.method == "raw":
+            absent += [] if "gps/fix" in streams else ["no_gps_fix"]
+        elif "rtk/fix" not in streams:
+            absent.append("no_rtk_fix")
+        elif config.method == "ekf_heading" and "rtk/heading" not in streams:
+            absent.append("no_rtk_heading")
+        elif "rtk/vel" not in streams:
+            absent.append("no_rtk_vel")
+        case = "gps" if "gps/fix" in streams and config.method != "rtk" else ""
+        findings += [finding(check, case, waited_s=waited_ns * 1e-9) for check in absent]
     return findings
 
 
@@ -129,23 +139,6 @@ def lone_findings(streams: Mapping[str, Stream], counts_s: float = math.inf) -> 
     counts = ", ".join(f"{topic} ({s.alone} of {s.count})" for topic, s in alone.items())
     case = "past" if is_past else ""
     return [finding("stamp_alone", case, counts=counts, topic=next(iter(alone)))]
-
-
-def _absent(streams: Mapping[str, Stream], method: str, waited_s: float) -> list[Finding]:
-    findings = []
-    if IMU not in streams:
-        findings.append(finding("no_imu_data", waited_s=waited_s))
-    if method == "raw":
-        if "gps/fix" not in streams:
-            findings.append(finding("no_gps_fix", waited_s=waited_s))
-    elif "rtk/fix" not in streams:
-        case = "gps" if "gps/fix" in streams and method != "rtk" else ""
-        findings.append(finding("no_rtk_fix", case, waited_s=waited_s))
-    elif method == "ekf_heading" and "rtk/heading" not in streams:
-        findings.append(finding("no_rtk_heading", waited_s=waited_s))
-    elif "rtk/vel" not in streams:
-        findings.append(finding("no_rtk_vel", waited_s=waited_s))
-    return findings
 
 
 def _rates(streams: Mapping[str, Stream]) -> list[Finding]:
@@ -179,21 +172,20 @@ def _gaps(streams: Mapping[str, Stream], counts_s: float) -> list[Finding]:
 def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
     """Return the faults that a share of a topic's samples has."""
     findings = []
-
-    def listed(
-        number: Callable[[Stream], int], least: Callable[[Stream], float]
-    ) -> dict[str, str]:
-        return {
-            topic: f"{topic} ({number(stream)} of {stream.count})"
-            for topic, stream in streams.items()
-            if number(stream) >= least(stream)
-        }
-
-    back = listed(lambda s: s.back, lambda s: max(3, _MOST_BACK * s.count))
+    back: dict[str, str] = {}
+    unstamped: dict[str, str] = {}
+    unknown: dict[str, str] = {}
+    for topic, stream in streams.items():
+        for listed, number, least in (
+            (back, stream.back, max(3, _MOST_BACK * stream.count)),
+            (unstamped, stream.unstamped, _LEAST_UNSTAMPED),
+            (unknown, stream.unknown, max(_LEAST_UNKNOWN, 0.5 * stream.count)),
+        ):
+            if number >= least:
+                listed[topic] = f"{topic} ({number} of {stream.count})"
     if back:
         counts = ", ".join(back.values())
         findings.append(finding("stamp_order", counts=counts, topic=next(iter(back))))
-    unstamped = listed(lambda s: s.unstamped, lambda _: _LEAST_UNSTAMPED)
     if unstamped:
         names = {IMU: "imu.delay_s"} | {topic: name for topic, (_, name) in _DELAYED.items()}
         of_topics = sorted({names[topic] for topic in unstamped if topic in names})
@@ -202,7 +194,6 @@ def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
         case = "delayed" if set(unstamped) <= delayed else ""
         texts = {"counts": ", ".join(unstamped.values()), "delays": ", ".join(of_topics)}
         findings.append(finding("stamp_zero", case, **texts))
-    unknown = listed(lambda s: s.unknown, lambda s: max(_LEAST_UNKNOWN, 0.5 * s.count))
     if unknown:
         texts = {
             "counts": ", ".join(unknown.values()),
@@ -259,24 +250,23 @@ class StampChecks:
                 self._jumped_s[topic] = apart_s
 
     def findings(self) -> list[Finding]:
-        """Return one finding for each fault, of the topic that is farthest off."""
+        """Return one finding for each fault: on the topic that is farthest off."""
         recent = {t: list(a)[-_WINDOWS:] for t, a in self._medians_s.items() if len(a) >= _WINDOWS}
-        off_s = {
+        faults = {
             "stamp_ahead": {t: -max(a) for t, a in recent.items() if max(a) < _AHEAD_S},
             "stamp_late": {t: min(a) for t, a in recent.items() if min(a) > self._max_delay_s},
             "stamp_jump": self._jumped_s,
         }
-        return [self._worst(check, topics) for check, topics in off_s.items() if topics]
-
-    def _worst(self, check: str, off_s: Mapping[str, float]) -> Finding:
-        """Return the finding on the topic that is farthest off, with the names of the others."""
-        worst = max(off_s, key=lambda topic: abs(off_s[topic]))
-        others = ", ".join(topic for topic in off_s if topic != worst)
-        return finding(
-            check,
-            topic=worst,
-            off_s=off_s[worst],
-            others=f"{IMU} ({others} too)" if others else IMU,
-            delay=_DELAYED[worst][1],
-            limit_s=self._max_delay_s,
-        )
+        findings = []
+        for check, off_s in faults.items():
+            worst = max(off_s, key=lambda topic: abs(off_s[topic]), default=None)
+            if worst is not None:
+                others = ", ".join(topic for topic in off_s if topic != worst)
+                texts = {
+                    "topic": worst,
+                    "others": f"{IMU} ({others} too)" if others else IMU,
+                    "delay": _DELAYED[worst][1],
+                }
+                numbers = {"off_s": off_s[worst], "limit_s": self._max_delay_s}
+                findings.append(finding(check, **texts, **numbers))
+        return findings

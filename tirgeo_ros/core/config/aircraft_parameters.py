@@ -38,14 +38,12 @@ class AircraftConfig:
 
     imu_m: tuple[float, ...] = param(
         _NOWHERE,
-        "position of the IMU, the origin of base_link (forward, left, up); zeros if everything "
-        "is measured from the IMU",
+        "position of the IMU, the origin of base_link (forward, left, up)",
         _PLACE,
     )
     imu_rpy_deg: tuple[float, ...] = param(
         _NOWHERE,
-        "rotation of the IMU's axes relative to base_link: roll, pitch, yaw about forward, "
-        "left, up; zeros for a flight controller mounted level",
+        "rotation of the IMU's axes to base_link: roll, pitch, yaw about forward, left, up",
         ("deg", -180, 180),
     )
     rtk_antenna_m: tuple[float, ...] = param(
@@ -56,16 +54,14 @@ class AircraftConfig:
     rtk_antenna_sigma_m: tuple[float, ...] = param(
         (),
         "standard deviation of rtk_antenna_m (forward, left, up); components above 0 are "
-        "estimated in flight. Empty = zeros, or 0.3 up if rtk_antenna_m is where the IMU is, "
-        "that is, not measured",
+        "estimated in flight. Empty = zeros, or 0.3 up if rtk_antenna_m is not measured",
         ("m", 0, 10),
         sizes=(0, 3),
     )
     second_antenna_m: tuple[float, ...] = param(
         (),
-        "position of the second RTK antenna (forward, left, up); with D-RTK the right one. "
-        "Empty = one antenna. The two give the direction of the heading's baseline and must be "
-        "5 cm apart seen from above",
+        "position of the second RTK antenna (forward, left, up), 5 cm or more from the first "
+        "seen from above; with D-RTK the right one. Empty = one antenna",
         _PLACE,
         sizes=(0, 3),
     )
@@ -74,14 +70,12 @@ class AircraftConfig:
     )
     gimbal_pivot_m: tuple[float, ...] = param(
         _NOWHERE,
-        "position of the point about which the gimbal turns the camera (forward, left, up; a "
-        "gimbal that hangs below has a negative up)",
+        "position of the point about which the gimbal turns the camera (forward, left, up)",
         _PLACE,
     )
     camera_from_pivot_m: tuple[float, ...] = param(
         _NOWHERE,
-        "position of the camera relative to that point, along the camera's own axes (forward, "
-        "left, up)",
+        "position of the camera from that point, along the camera's axes (forward, left, up)",
         _PLACE,
     )
 

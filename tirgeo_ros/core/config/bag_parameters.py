@@ -15,14 +15,12 @@ class SimulatedAircraftConfig:
 
     geoid_undulation_m: float = param(
         0.0,
-        "height of the geoid (sea level) above the ellipsoid, subtracted from the recorded "
-        "heights before they are sent",
+        "height of the geoid above the ellipsoid, subtracted from the heights that are sent",
         ("m", -120, 100),
     )
     gimbal: str = param(
         "joints",
-        "source of the gimbal's angles: joints (the aircraft's attitude and the recorded "
-        "encoder angles, if there are any) or reported (the recorded gimbal/attitude)",
+        "source of the gimbal's angles: joints (attitude and recorded encoder angles) or reported",
         choices=("joints", "reported"),
     )
     joint_order: str = param(

@@ -37,8 +37,7 @@ class RtkConfig:
     median_window: int = param(1, "number of positions in the median filter; 1 = off", ("", 1, 99))
     delay_s: float = param(
         0.0,
-        "delay of the RTK stamps: stamp minus time of measurement. Positive where a receiver "
-        "stamps at arrival, negative where stamps are early",
+        "delay of the RTK stamps: stamp minus time of measurement; negative where they are early",
         _DELAY,
     )
     velocity_delay_s: float = param(
@@ -53,8 +52,7 @@ class RtkConfig:
     )
     reset_after_s: float = param(
         2.0,
-        "reset the state to the positions or velocities that have been rejected for this long "
-        "while agreeing with each other",
+        "reset the state to positions or velocities that agree and were rejected for this long",
         _PATIENCE,
     )
 
@@ -68,9 +66,8 @@ class HeadingConfig:
     )
     sigma_floor_deg: float = param(
         0.6,
-        "smallest standard deviation accepted for a heading; smaller reported ones are raised "
-        "to it. 0.6 suits headings in whole degrees, whose rounding error stays the same along "
-        "a leg",
+        "smallest standard deviation accepted for a heading; 0.6 suits headings in whole degrees, "
+        "whose rounding error stays the same along a leg",
         ("deg", 1e-3, 180),
     )
     gate_sigma: float = _gate(4.0, "headings")
@@ -79,8 +76,7 @@ class HeadingConfig:
     )
     reset_after_s: float = param(
         5.0,
-        "reset the heading to the headings that have been rejected for at least this long while "
-        "agreeing with each other",
+        "reset the heading to headings that agree and were rejected for at least this long",
         _PATIENCE,
     )
     set_sigma_deg: float = param(
@@ -118,8 +114,7 @@ class BarometerConfig:
     delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     noise_m: float = param(
         0.2,
-        "smallest standard deviation of the white noise of one reading, as a height; smaller "
-        "reported ones are raised to it",
+        "smallest standard deviation accepted for the white noise of one reading, as a height",
         ("m", 1e-3, 100),
     )
     sigma_m: float = param(
@@ -131,15 +126,13 @@ class BarometerConfig:
     )
     scale_sigma: float = param(
         0.05,
-        "standard deviation of the relative error of a change of height; 0.035 for each 10 K "
-        "by which the air differs from the standard atmosphere",
+        "sigma of the relative error of a change of height; 0.035 for each 10 K off the standard",
         ("", 0, 1),
     )
     gate_sigma: float = _gate(5.0, "heights")
     reset_after_s: float = param(
         2.0,
-        "take a new reference after heights that have been rejected for this long while "
-        "agreeing with each other",
+        "take a new reference after heights that agree and were rejected for this long",
         _PATIENCE,
     )
 
@@ -183,21 +176,19 @@ class ImuConfig(ImuNoiseConfig):
 
     gyro_vibration_share: float = param(
         0.3,
-        "share of the vibration measured in flight (density of the second differences of the "
-        "readings) that counts as white noise of the gyroscope; 0 = the configured noise alone",
+        "share of the vibration measured in flight that counts as white noise of the gyroscope; "
+        "0 = the configured noise alone",
         ("", 0, 10),
     )
     accel_vibration_share: float = param(
         0.7,
-        "share of the measured vibration that counts as white noise of the accelerometer; 0 = "
-        "the configured noise alone",
+        "the same share for the accelerometer",
         ("", 0, 10),
     )
     delay_s: float = param(
         0.0,
-        "delay of the IMU stamps: stamp minus time of measurement. Half the sample interval for "
-        "an IMU that averages over it and stamps at its end (0.005 at 100 Hz). Poses carry the "
-        "corrected time",
+        "delay of the IMU stamps: stamp minus time of measurement; half the sample interval for "
+        "an IMU that averages over it. Poses carry the corrected time",
         ("s", -0.5, 0.5),
     )
 
@@ -220,8 +211,7 @@ class AlignmentConfig:
     )
     wait_s: float = param(
         5.0,
-        "longest wait for RTK and its heading before the ordinary GPS or the autopilot's "
-        "heading is used to start",
+        "longest wait for RTK and its heading before GPS or the autopilot's heading is used",
         ("s", 0, 3600),
     )
 
@@ -235,8 +225,8 @@ class TrustConfig:
     )
     lost_position_sigma_m: float = param(
         10.0,
-        "standard deviation of the position beyond which it counts as lost; raised to 1.5 times "
-        "what the receivers report, where that is more",
+        "sigma of the position beyond which it counts as lost; at least 1.5 times what the "
+        "receivers report",
         ("m", 0.1, 1e4),
     )
     lost_heading_sigma_deg: float = param(
@@ -251,14 +241,12 @@ class EkfConfig(TransformsConfig):
     method: str = param(
         "ekf_heading",
         "raw (autopilot's GPS and attitude), rtk (RTK position, autopilot's attitude), ekf (the "
-        "filter without heading) or ekf_heading (the filter with the heading of the two "
-        "antennas)",
+        "filter without heading) or ekf_heading (with the heading of two antennas)",
         choices=METHODS,
     )
     position_update: str = param(
         "fused",
-        "fused (a full update), or rtk_direct (the position is the RTK's, after the median "
-        "filter, as in Ren et al. 2022)",
+        "fused (a full update), or rtk_direct (the position is the RTK's, as in Ren et al. 2022)",
         choices=("fused", "rtk_direct"),
     )
     publish_rate_hz: float = param(
@@ -276,8 +264,7 @@ class EkfConfig(TransformsConfig):
     )
     origin_lat_lon_h: tuple[float, ...] = param(
         (),
-        "origin of the frame map: latitude, longitude (deg), ellipsoidal height (m); empty = "
-        "the first accepted RTK position",
+        "origin of map: latitude, longitude (deg), ellipsoidal height (m); empty = first RTK fix",
         sizes=(0, 3),
     )
     imu: ImuConfig = group(ImuConfig, live=True)

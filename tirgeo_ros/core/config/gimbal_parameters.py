@@ -23,33 +23,28 @@ class NorthConfig:
 
     bias_deg: float = param(
         0.0,
-        "calibrated bias: heading of the camera as reported minus its true heading, counted "
-        "from the autopilot's north. To measure it, centre the gimbal on the nose and subtract "
-        "the aircraft's heading from the gimbal's",
+        "calibrated bias: reported heading of the camera minus its true one. To measure it, "
+        "centre the gimbal on the nose and subtract the aircraft's heading from the gimbal's",
         _ANGLE,
     )
     sigma_deg: float = param(
         3.0,
-        "standard deviation of bias_deg at the start; 3 = not calibrated (uniform within 5 deg "
-        "either way is 2.9), 0.5 suits a calibration of the same day",
+        "sigma of bias_deg at the start; 3 = not calibrated, 0.5 suits a calibration of the day",
         ("deg", 0, 100),
     )
     walk_deg: float = param(
         0.03,
-        "random walk of the bias: standard deviation of its change in one second, growing with "
-        "the square root of the time; 0.03 is one degree in 18 minutes",
+        "random walk of the bias: sigma of its change in a second; 0.03 is 1 deg in 18 minutes",
         ("deg", 0, 10),
     )
     centred: bool = param(
         False,
         "true = the gimbal follows the nose and nobody turns it aside, so that the bias can be "
-        "measured whenever the nose keeps still; a camera turned aside would be taken for a "
-        "bias",
+        "measured whenever the nose keeps still",
     )
     settle_s: float = param(
         3.0,
-        "time for which the nose must have kept still, within 2 deg, before a centred gimbal is "
-        "read; six of the time constants with which the gimbal follows",
+        "time for which the nose must have kept still, within 2 deg, before the gimbal is read",
         ("s", 0, 60),
     )
     centred_sigma_deg: float = param(
@@ -60,14 +55,12 @@ class NorthConfig:
     )
     gate_sigma: float = param(
         5.0,
-        "innovation gate: reject readings further than this many standard deviations from the "
-        "estimate",
+        "innovation gate: reject readings further than this many sigmas from the estimate",
         ("", 1, 1e6),
     )
     reset_after_s: float = param(
         5.0,
-        "reset the bias to the readings that have been rejected for at least this long while "
-        "agreeing with each other",
+        "reset the bias to readings that agree and were rejected for at least this long",
         ("s", 0.1, 3600),
     )
 
@@ -79,8 +72,7 @@ class GimbalConfig(TransformsConfig):
     composition: str = param(
         "auto",
         "how the camera's attitude is composed: paper (reported roll and pitch, filtered "
-        "heading), encoders (body attitude and joint angles), or auto (encoders while joint "
-        "angles arrive, else paper)",
+        "heading), encoders (body attitude and joint angles), auto (encoders where they come)",
         choices=("auto", "paper", "encoders"),
     )
     joint_order: str = param(
@@ -90,15 +82,13 @@ class GimbalConfig(TransformsConfig):
     )
     boresight_rpy_deg: tuple[float, ...] = param(
         (0.0, 0.0, 0.0),
-        "mounting error of the camera: roll, pitch, yaw about its own axes forward, left, up; "
-        "found by tirgeo calibrate boresight",
+        "mounting error of the camera: roll, pitch, yaw about its axes forward, left, up",
         _ANGLE,
         live=True,
     )
     yaw_zero_deg: float = param(
         0.0,
-        "error of the yaw encoder's zero: yaw joint angle in gimbal/joint_states minus the true "
-        "one. Joint angles computed from the reported attitude have north.bias_deg instead",
+        "error of the yaw encoder's zero: yaw in gimbal/joint_states minus the true one",
         _ANGLE,
         live=True,
     )
@@ -113,22 +103,19 @@ class GimbalConfig(TransformsConfig):
     )
     autopilot_tilt_sigma_deg: float = param(
         0.5,
-        "standard deviation of the autopilot's own roll and pitch, which joint angles computed "
-        "from its attitude inherit",
+        "sigma of the autopilot's tilt, which joint angles computed from it inherit",
         _SIGMA,
         live=True,
     )
     max_wait_s: float = param(
         0.5,
-        "longest wait of a gimbal sample for the body pose that follows it; must exceed 1 / "
-        "publish_rate_hz of ekf_node",
+        "longest wait of a gimbal sample for the next body pose; above 1 / publish_rate_hz",
         ("s", 0, 10),
         live=True,
     )
     max_gap_s: float = param(
         0.25,
-        "longest gap between two body poses that is interpolated; must exceed 1 / "
-        "publish_rate_hz of ekf_node",
+        "longest gap between two body poses that is interpolated; above 1 / publish_rate_hz",
         ("s", 1e-3, 2),
         live=True,
     )

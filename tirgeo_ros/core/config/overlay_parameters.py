@@ -78,19 +78,16 @@ class OverlayConfig(FramesConfig):
     )
     dem_undulation_m: float = param(
         0.0,
-        "height of the DEM's zero above the ellipsoid: 0 for ellipsoidal heights, the geoid's "
-        "height for heights above sea level",
+        "height of the DEM's zero above the ellipsoid: the geoid's for heights above sea level",
         ("m", -120, 100),
     )
     camera: str = param(
         "",
-        "file of the camera's calibration (YAML of camera_calibration), used in place of "
-        "thermal/camera_info; empty = that topic",
+        "calibration of the camera (YAML of camera_calibration); empty = thermal/camera_info",
     )
     video_latency_s: float = param(
         0.05,
-        "delay of the video: an image's stamp minus its time of exposure; found by tirgeo "
-        "calibrate boresight",
+        "delay of the video: an image's stamp minus its time of exposure",
         ("s", -1, 5),
         live=True,
     )
@@ -102,8 +99,7 @@ class OverlayConfig(FramesConfig):
     )
     max_prediction_s: float = param(
         0.1,
-        "longest prediction of a pose for a frame that has waited in vain, which is then drawn "
-        "and marked; 0 = never",
+        "longest prediction of a pose for a frame that has waited in vain; 0 = never",
         ("s", 0, 1),
         live=True,
     )

@@ -89,16 +89,14 @@ class Parameter:
         if fault:
             raise self._error(f"{HIDDEN if self.secret else repr(value)} {fault}")
         if kind in (int, float):
-            self._check_range(float(cast("float", value)))
+            number = float(cast("float", value))
+            if math.isinf(number):
+                raise self._error(f"{number:g} is not finite")
+            unset = math.isnan(number) and self.default != self.default  # nan stands for unset
+            if not unset and not self.low <= number <= self.high:
+                unit = f" {self.unit}" if self.unit else ""
+                raise self._error(f"{number:g}{unit} is outside {self.low:g} to {self.high:g}")
         return cast("bool | int | float | str", kind(value))
-
-    def _check_range(self, value: float) -> None:
-        if math.isinf(value):
-            raise self._error(f"{value:g} is not finite")
-        unset = math.isnan(value) and isinstance(self.default, float) and math.isnan(self.default)
-        if not unset and not self.low <= value <= self.high:
-            unit = f" {self.unit}" if self.unit else ""
-            raise self._error(f"{value:g}{unit} is outside {self.low:g} to {self.high:g}")
 
     def _error(self, text: str) -> ConfigError:
         return ConfigError(f"parameter {self.name}: {text}")

@@ -86,14 +86,12 @@ def camera_turn(joints: JointSample, order: str = USUAL_ORDER) -> Array:
 def _turns(joints: JointSample, order: str) -> tuple[Quaternion, Quaternion, Quaternion]:
     """Return the rotations by the first joint, by the first two, and by all three."""
     angles = (joints.yaw_rad, joints.roll_rad, joints.pitch_rad)
-    first, middle, last = (_turn(joint, angles[joint]) for joint in _CHAINS[order])
-    both = quat_multiply(first, middle)
-    return first, both, quat_multiply(both, last)
-
-
-def _turn(joint: int, angle_rad: float) -> Quaternion:
-    c, s = cos(angle_rad / 2), sin(angle_rad / 2)
-    return ((c, 0.0, 0.0, s), (c, s, 0.0, 0.0), (c, 0.0, s, 0.0))[joint]
+    turns: list[Quaternion] = []
+    for joint in _CHAINS[order]:
+        c, s = cos(angles[joint] / 2), sin(angles[joint] / 2)
+        turns.append(((c, 0.0, 0.0, s), (c, s, 0.0, 0.0), (c, 0.0, s, 0.0))[joint])
+    both = quat_multiply(turns[0], turns[1])
+    return turns[0], both, quat_multiply(both, turns[2])
 
 
 def joint_angles(rotation_bg: Array, order: str = USUAL_ORDER) -> Array:

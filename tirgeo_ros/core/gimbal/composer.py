@@ -202,40 +202,36 @@ class GimbalComposer:
     def _take(
         self, sample: JointSample | CameraAttitudeSample, *, drives: bool
     ) -> list[CameraPose]:
-        if not drives or self._is_before_handover(sample.stamp_ns):
+        stamp_ns = sample.stamp_ns
+        if self._handover_ns is not None and drives:
+            # The previous stream has given, or will give, the poses up to the handover.
+            drives = not 0 <= self._handover_ns - stamp_ns <= self._max_wait_ns
+            self._handover_ns = None if drives else self._handover_ns
+        if not drives:
             self._counts["unused"] += 1
             return []
-        if sample.stamp_ns == self._newest_ns:
+        if stamp_ns == self._newest_ns:
             self._counts["repeated"] += 1
             return []
-        if self._newest_ns is not None and sample.stamp_ns < self._newest_ns:
+        if self._newest_ns is not None and stamp_ns < self._newest_ns:
             self._counts["went_back"] += 1
             self._waiting.clear()
-        self._newest_ns = sample.stamp_ns
+        self._newest_ns = stamp_ns
         self._waiting.append(sample)
         return self._resolve()
-
-    def _is_before_handover(self, stamp_ns: int) -> bool:
-        """Return whether the previous stream has given, or will give, the pose of this time."""
-        if self._handover_ns is None:
-            return False
-        if 0 <= self._handover_ns - stamp_ns <= self._max_wait_ns:
-            return True
-        self._handover_ns = None
-        return False
 
     def _resolve(self) -> list[CameraPose]:
         poses = []
         while self._waiting:
-            composed = self._compose(self._waiting[0])
+            sample = self._waiting[0]
+            composed = self._compose(sample)
             if isinstance(composed, CameraPose):
                 poses.append(composed)
                 why = "composed"
             else:
                 why, miss = composed
-                stamp_ns = self._waiting[0].stamp_ns
-                newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
-                if miss in _MAY_COME and newest_ns - stamp_ns <= self._max_wait_ns:
+                newest_ns = max(self._newest_ns or 0, self._bodies.newest_ns or 0, sample.stamp_ns)
+                if miss in _MAY_COME and newest_ns - sample.stamp_ns <= self._max_wait_ns:
                     break
             self._counts[why] += 1
             self._read_north(self._waiting.popleft())

@@ -109,7 +109,23 @@ class YawBiasFilter:
         cross = self._covariance @ design
         spread = float(design @ cross) + variance
         if innovation**2 > self._gate_sigma**2 * spread:
-            return self._refuse(stamp_ns, reading_rad, variance, innovation, centred=centred)
+            self.refused += 1
+            self._suspect_rad2 = innovation**2
+            if self._refusals and not self._is_consistent(stamp_ns, reading_rad, variance):
+                self._refusals.clear()
+            self._refusals.append((stamp_ns, reading_rad))
+            del self._refusals[1:-_LEAST_REFUSED]  # the first is kept for its stamp
+            lasted_ns = stamp_ns - self._refusals[0][0]
+            if len(self._refusals) < _LEAST_REFUSED or lasted_ns < self._reset_after_ns:
+                return Outcome.GATED
+            # Reset b to the measurement, as if nothing had been known of it; keep c.
+            offset, known = (self._state[1], self._covariance[1, 1]) if centred else (0.0, 0.0)
+            self._state[0] = reading_rad - offset
+            self._covariance[0] = variance + known, -known
+            self._covariance[1, 0] = -known
+            self.resets += 1
+            self._accept()
+            return Outcome.RESET
         self._state += cross * (innovation / spread)
         self._covariance -= np.outer(cross, cross) / spread
         self._accept()
@@ -121,21 +137,6 @@ class YawBiasFilter:
         self._suspect_rad2 = 0.0
         self._state[0] = wrapped(self._state[0])
 
-    def _refuse(
-        self, stamp_ns: int, reading: float, variance: float, innovation: float, *, centred: bool
-    ) -> Outcome:
-        self.refused += 1
-        self._suspect_rad2 = innovation**2
-        if self._refusals and not self._is_consistent(stamp_ns, reading, variance):
-            self._refusals.clear()
-        self._refusals.append((stamp_ns, reading))
-        del self._refusals[1:-_LEAST_REFUSED]  # the first is kept for its stamp
-        lasted_ns = stamp_ns - self._refusals[0][0]
-        if len(self._refusals) < _LEAST_REFUSED or lasted_ns < self._reset_after_ns:
-            return Outcome.GATED
-        self._start_again(reading, variance, centred=centred)
-        return Outcome.RESET
-
     def _is_consistent(self, stamp_ns: int, reading: float, variance: float) -> bool:
         """Return whether a measurement is consistent with the same bias as the previous one."""
         before_ns, before = self._refusals[-1]
@@ -143,15 +144,6 @@ class YawBiasFilter:
             return False
         spread = 2 * variance + self._walk_rad2_s * 1e-9 * (stamp_ns - before_ns)
         return wrapped(reading - before) ** 2 <= self._gate_sigma**2 * spread
-
-    def _start_again(self, reading: float, variance: float, *, centred: bool) -> None:
-        """Reset b to the measurement, as if nothing had been known of it; keep c."""
-        offset, spread = (self._state[1], self._covariance[1, 1]) if centred else (0.0, 0.0)
-        self._state[0] = reading - offset
-        self._covariance[0] = variance + spread, -spread
-        self._covariance[1, 0] = -spread
-        self.resets += 1
-        self._accept()
 
 
 #: The nose is still while its heading stays within this range. A steady turn by this angle during
@@ -186,41 +178,24 @@ class YawBiasMeasurements:
             return
         nose = azimuth(nose_n)
         if q_bg is not None:
-            self._read_joints(north, stamp_ns, nose, q_ng, quat_multiply(q_nb, q_bg))
-        if self._centred is not None:
-            heading = heading_of_right(q_ng)
-            mean = None if heading is None else self._centred.add(stamp_ns, nose, heading - nose)
+            # The turn about the vertical from the joints' attitude to the reported one. Errors of
+            # either about level axes do not change it to first order.
+            w, _, _, z = quat_multiply(q_ng, quat_conjugate(quat_multiply(q_nb, q_bg))).tolist()
+            mean = None
+            if math.hypot(w, z) > _LEAST_HORIZONTAL:  # else the tilt between them is too large
+                mean = self._joints.add(stamp_ns, nose, 2 * math.atan2(z, w))
+            if mean is not None:
+                # The reported roll's error is about the optical axis, so partly the vertical.
+                down = float(matrix_from_quat(q_ng)[2, 0])
+                variance = self._noise_rad2 + self._roll_rad2 * down * down
+                north.take(stamp_ns, mean, variance, centred=False)
+        # The heading of the camera's level right side, which is defined looking down too.
+        right_n = matrix_from_quat(q_ng)[:, 1]
+        if self._centred is not None and math.hypot(right_n[0], right_n[1]) >= _LEAST_HORIZONTAL:
+            heading = azimuth(right_n) - math.pi / 2
+            mean = self._centred.add(stamp_ns, nose, heading - nose)
             if mean is not None:
                 north.take(stamp_ns, mean, self._noise_rad2, centred=True)
-
-    def _read_joints(
-        self, north: YawBiasFilter, stamp_ns: int, nose: float, q_ng: Array, q_joints: Array
-    ) -> None:
-        turn = vertical_turn(q_joints, q_ng)
-        mean = None if turn is None else self._joints.add(stamp_ns, nose, turn)
-        if mean is not None:
-            # The reported roll's error is about the optical axis, so partly about the vertical.
-            down = float(matrix_from_quat(q_ng)[2, 0])
-            variance = self._noise_rad2 + self._roll_rad2 * down * down
-            north.take(stamp_ns, mean, variance, centred=False)
-
-
-def heading_of_right(q_ng: Array) -> float | None:
-    """Return a camera's heading from its level right side, or None; it works looking down too."""
-    right_n = matrix_from_quat(q_ng)[:, 1]
-    if math.hypot(right_n[0], right_n[1]) < _LEAST_HORIZONTAL:
-        return None
-    return azimuth(right_n) - math.pi / 2
-
-
-def vertical_turn(q_from: Array, q_to: Array) -> float | None:
-    """Return the turn about the vertical (clockwise from above) from one attitude to another.
-
-    Errors of either attitude about level axes do not change it to first order. None where the
-    tilt between the attitudes is too large for the turn to be meaningful.
-    """
-    w, _, _, z = quat_multiply(q_to, quat_conjugate(q_from)).tolist()
-    return 2 * math.atan2(z, w) if math.hypot(w, z) > _LEAST_HORIZONTAL else None
 
 
 class SteadyMean:
@@ -239,23 +214,18 @@ class SteadyMean:
 
     def add(self, stamp_ns: int, nose_rad: float, angle_rad: float) -> float | None:
         """Add an angle and the nose's heading; return the mean if a second is full, else None."""
-        if not self._still(stamp_ns, nose_rad):
+        still = False
+        if self._since_ns is not None and 0 <= stamp_ns - self._newest_ns < _LONGEST_GAP_S * 1e9:
+            turned = wrapped(nose_rad - self._nose)
+            self._low, self._high = min(self._low, turned), max(self._high, turned)
+            still = self._high - self._low <= _STILL_RAD
+        if not still:
             self._since_ns, self._nose = stamp_ns, nose_rad
             self._low = self._high = 0.0
             self._begun_ns = None
         self._newest_ns = stamp_ns
         if self._since_ns is None or stamp_ns - self._since_ns < self._settle_ns:
             return None
-        return self._mean(stamp_ns, angle_rad)
-
-    def _still(self, stamp_ns: int, nose_rad: float) -> bool:
-        if self._since_ns is None or not 0 <= stamp_ns - self._newest_ns < _LONGEST_GAP_S * 1e9:
-            return False
-        turned = wrapped(nose_rad - self._nose)
-        self._low, self._high = min(self._low, turned), max(self._high, turned)
-        return self._high - self._low <= _STILL_RAD
-
-    def _mean(self, stamp_ns: int, angle_rad: float) -> float | None:
         if self._begun_ns is None:
             self._begun_ns, self._first = stamp_ns, angle_rad
             self._offsets = []

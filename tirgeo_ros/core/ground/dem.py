@@ -137,13 +137,9 @@ class Slopes:
         """
         steps = step_m * np.array([0.0, -1.0, 1.0])
         column, row = self._place[:, None, None] + self._by_m[:, :, None] * steps
-        heights = self._terrain.at(column, row).tolist()
-        slopes = [_rise(before, here, after) / step_m for here, before, after in heights]
+        slopes = []
+        for here, before, after in self._terrain.at(column, row).tolist():
+            rises = [x for x in (here - before, after - here) if math.isfinite(x)]
+            slopes.append(sum(rises) / max(len(rises), 1) / step_m)
         normal: Array = -self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes
         return normal
-
-
-def _rise(before: float, here: float, after: float) -> float:
-    """Return the mean of the known rises before and after a place; 0 if none is known."""
-    rises = [x for x in (here - before, after - here) if math.isfinite(x)]
-    return sum(rises) / max(len(rises), 1)

@@ -203,14 +203,28 @@ def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
     middle, left, right, top, bottom = camera.rays(_crosshair(camera))
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
     to_local = plane.rotation_from_local(latitude, longitude).T
-    rotation_ls = to_local @ matrix_from_quat(pose.q_nc) @ _sensor_axes(middle, left, right)
+    # Forward is the middle's ray; right is to the right edge. nan where the lens has no ray.
+    forward = middle / np.linalg.norm(middle)
+    across = right - left
+    across -= (across @ forward) * forward
+    across /= np.linalg.norm(across)
+    axes_c = np.stack([forward, across, np.cross(forward, across)], axis=1)
+    rotation_ls = to_local @ matrix_from_quat(pose.q_nc) @ axes_c
     platform_rpy = sensor_rpy = _UNKNOWN
     if sight.body is not None:
         rotation_lb = to_local @ matrix_from_quat(sight.body.q_nb)
         platform_rpy = rpy_of(rotation_lb)
         sensor_rpy = rpy_of(rotation_lb.T @ rotation_ls)
-    centre = _centre(sight, config)
-    width_m, corners = _rim(sight) if centre else (math.nan, _NO_CORNERS)
+    u, v = _crosshair(camera)[0].tolist()
+    answer = place(camera, pose, (u, v), plane, sight.ground, config, sight.rates)
+    centre = answer if isinstance(answer, Located) else None
+    width_m, corners = math.nan, _NO_CORNERS
+    if centre:
+        uv = np.concatenate([_crosshair(camera)[1:3], _corners(camera)])
+        points_n, _ = locate(camera, pose, uv, plane, sight.ground)
+        width_m = math.dist(*points_n[:2].tolist())
+        places = np.stack(plane.geodetic_from_ned(points_n[2:])[:2], axis=1)
+        corners = places if np.isfinite(places).all() else _NO_CORNERS
     return FrameGeometry(
         sensor=(latitude, longitude, height_m),
         platform_rpy=platform_rpy,
@@ -235,40 +249,9 @@ def _crosshair(camera: Camera) -> Array:
     return np.array([[u, v], [-0.5, v], [right, v], [u, -0.5], [u, bottom]])
 
 
-def _sensor_axes(middle: Array, left: Array, right: Array) -> Array:
-    """Return the rotation (3, 3) to the optical frame from forward, right and down of the picture.
-
-    Forward is the middle's ray; right is to the right edge. nan where the lens has no ray.
-    """
-    forward = middle / np.linalg.norm(middle)
-    across = right - left
-    across -= (across @ forward) * forward
-    across /= np.linalg.norm(across)
-    return np.stack([forward, across, np.cross(forward, across)], axis=1)
-
-
 def _between(first: Array, last: Array) -> float:
     """Return the angle between two rays (3,), rad."""
     return math.atan2(float(np.linalg.norm(np.cross(first, last))), float(first @ last))
-
-
-def _centre(sight: Sight, config: ConfidenceConfig) -> Located | None:
-    u, v = _crosshair(sight.camera)[0].tolist()
-    surface = sight.plane, sight.ground
-    answer = place(sight.camera, sight.pose, (u, v), *surface, config, sight.rates)
-    return answer if isinstance(answer, Located) else None
-
-
-def _rim(sight: Sight) -> tuple[float, Array]:
-    """Return the width on the ground, m, and the corners (4, 2), as in FrameGeometry."""
-    camera = sight.camera
-    right, bottom = camera.width - 0.5, camera.height - 0.5
-    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-    uv = np.concatenate([_crosshair(camera)[1:3], corners])
-    points_n, _ = locate(camera, sight.pose, uv, sight.plane, sight.ground)
-    places = np.stack(sight.plane.geodetic_from_ned(points_n[2:])[:2], axis=1)
-    width_m = math.dist(*points_n[:2].tolist())
-    return width_m, places if np.isfinite(places).all() else _NO_CORNERS
 
 
 def footprint(
@@ -285,7 +268,10 @@ def footprint(
         ahead_m = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)[:, 2]
         return points_n, ahead_m <= far_m  # nan compares false
 
-    uv = _border(camera)
+    # Along the border, from the upper left corner, clockwise.
+    corners, share = _corners(camera), np.arange(_PER_EDGE)[:, None] / _PER_EDGE
+    edges = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    uv = np.concatenate([here + share * (following - here) for here, following in edges])
     points_n, inside = on_ground(uv)
     after, inside_after = np.roll(uv, -1, axis=0), np.roll(inside, -1)
     cut = np.flatnonzero(inside != inside_after)
@@ -301,10 +287,7 @@ def footprint(
     return np.asarray(with_ends[np.insert(inside, cut + 1, values=True)])
 
 
-def _border(camera: Camera) -> Array:
-    """Return pixels (N, 2) along the picture's border, from the upper left corner, clockwise."""
+def _corners(camera: Camera) -> Array:
+    """Return the pixels (4, 2) of the corners, from the upper left one, clockwise."""
     right, bottom = camera.width - 0.5, camera.height - 0.5
-    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-    edges = np.roll(corners, -1, axis=0) - corners
-    share = np.arange(_PER_EDGE)[:, None] / _PER_EDGE
-    return np.concatenate([c + share * e for c, e in zip(corners, edges, strict=True)])
+    return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])

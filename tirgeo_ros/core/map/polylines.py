@@ -82,14 +82,6 @@ class Polylines:
         index, starts = runs(self.starts[which], self.starts[which + 1] - self.starts[which])
         return Polylines(self.points.take(index, axis=1), starts, self.owner[which])
 
-    def parted(self, count: int) -> tuple[Polylines, Polylines]:
-        """Split into the first ``count`` lines and the others."""
-        starts, owner, at = self.starts, self.owner, int(self.starts[count])
-        return (
-            Polylines(self.points[:, :at], starts[: count + 1], owner[:count]),
-            Polylines(self.points[:, at:], starts[count:] - at, owner[count:]),
-        )
-
     def cut(self, enter: Array, leave: Array) -> Polylines:
         """Return the lines with segment ``i`` cut to its part from ``enter[i]`` to ``leave[i]``.
 
@@ -247,7 +239,15 @@ class Details:
     @classmethod
     def of(cls, lines: Polylines, layer: IntArray) -> Details:
         """Cut and simplify lines (3, V) of two points or more; ``layer`` (lines,) is of each."""
-        pieces, line = cut_in_pieces(lines)
+        # The pieces of a line share their ends.
+        segments = np.diff(lines.starts) - 1
+        per_line = -(-segments // (PIECE_VERTICES - 1))
+        line = np.repeat(np.arange(len(lines)), per_line)
+        place, _ = runs(np.zeros_like(per_line), per_line)
+        begin = lines.starts[line] + place * segments[line] // per_line[line]
+        end = lines.starts[line] + (place + 1) * segments[line] // per_line[line]
+        index, starts = runs(begin, end - begin + 1)
+        pieces = Polylines(lines.points.take(index, axis=1), starts, lines.owner[line])
         boxes = Boxes.around(pieces.points, pieces.points, pieces.starts)
         order = np.lexsort((_morton(boxes.centres), layer[line]))
         pieces, boxes = pieces.select(order), boxes.take(order)
@@ -288,18 +288,6 @@ def levels_at(tolerance_m: Array) -> IntArray:
     _, exponent = np.frexp(tolerance_m * (1 / TOLERANCES_M[1]))
     level = np.minimum(np.maximum(exponent, 0), len(TOLERANCES_M) - 1)
     return np.asarray(level, np.int64)
-
-
-def cut_in_pieces(lines: Polylines) -> tuple[Polylines, IntArray]:
-    """Cut lines into pieces that share their ends; also return the line index of each piece."""
-    segments = np.diff(lines.starts) - 1
-    per_line = -(-segments // (PIECE_VERTICES - 1))
-    line = np.repeat(np.arange(len(lines)), per_line)
-    place, _ = runs(np.zeros_like(per_line), per_line)
-    begin = lines.starts[line] + place * segments[line] // per_line[line]
-    end = lines.starts[line] + (place + 1) * segments[line] // per_line[line]
-    index, starts = runs(begin, end - begin + 1)
-    return Polylines(lines.points.take(index, axis=1), starts, lines.owner[line]), line
 
 
 def worths(lines: Polylines) -> Array:

@@ -174,7 +174,12 @@ class VectorMap:
         labels, layer, owner = _owners(of_layers)
         features = list(chain.from_iterable(of_layers))
         single = np.array([len(feature.points) == 1 for feature in features], bool)
-        parts = [_closed(feature) for feature in features]
+        parts = [
+            np.concatenate([each.points, each.points[:1]])
+            if each.closed and not np.array_equal(each.points[0], each.points[-1])
+            else each.points
+            for each in features
+        ]
         lines, cells = drape(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
         marks, _ = drape(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
         filled = np.array([each.style.fill_bgr is not None for each in layers], bool)
@@ -227,13 +232,6 @@ def _owners(
         labels[index[key]] = labels[index[key]] or feature.label
     layer = np.array([key[0] for key in index], np.int64)
     return tuple(labels), layer, np.array([index[key] for key in keys], np.int64)
-
-
-def _closed(feature: GeoFeature) -> Array:
-    points = feature.points
-    if not feature.closed or len(points) < 2 or np.array_equal(points[0], points[-1]):
-        return points
-    return np.concatenate([points, points[:1]])
 
 
 def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylines:

@@ -95,17 +95,15 @@ class GroundTiles:
         )
         metres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         longitude, latitude = np.radians(self._projected.degrees(metres)).T
-        points_n = self._points_n(latitude, longitude, self._heights_m(latitude, longitude))
+        ground = self.ground
+        heights = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
+        points_n = self._points_n(latitude, longitude, heights)
         normals_n = np.cross(np.gradient(points_n, axis=0), np.gradient(points_n, axis=1))
         normals_n /= np.linalg.norm(normals_n, axis=2, keepdims=True)
-        if isinstance(self.ground, Terrain):
-            lowest_n = self._points_n(latitude, longitude, self.ground.lowest_m)
+        if isinstance(ground, Terrain):
+            lowest_n = self._points_n(latitude, longitude, ground.lowest_m)
             points_n = np.where(np.isnan(points_n), lowest_n, points_n)
         return GroundNodes(points_n, normals_n)
-
-    def _heights_m(self, latitude: Array, longitude: Array) -> Array | float:
-        ground = self.ground
-        return ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
 
     def _points_n(self, latitude: Array, longitude: Array, height_m: Array | float) -> Array:
         points_n = self.plane.ned_from_geodetic(latitude, longitude, height_m)
@@ -173,22 +171,19 @@ class FrameView:
         self._rotation_nc = matrix_from_quat(pose.q_nc)
         self._seeds_n = seeds(camera, pose, tiles.plane, tiles.ground)
         self._way = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        self._factor = 1 if nearest else self._reduction()
+        self._factor = 1
+        if not nearest:  # the power of two by which the picture's middle is finer than the lattice
+            gsd_m = level_gsd_m(camera, pose, tiles.plane, self._seeds_n, grazing_rad)
+            finite = gsd_m[np.isfinite(gsd_m)]
+            times = tiles.pixel_m / float(np.median(finite)) if finite.size else 1.0
+            most = max(min(camera.width, camera.height) // _LEAST_PX, 1)
+            self._factor = int(2 ** math.floor(math.log2(min(max(times, 1.0), most))))
         if self._factor > 1:
             # Whole blocks only: the rest of a row is less than a pixel of the reduced picture.
             width, height = camera.width // self._factor, camera.height // self._factor
             pixels = pixels[: height * self._factor, : width * self._factor]
             pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
         self._pixels = pixels
-
-    def _reduction(self) -> int:
-        """Return the power of two by which the picture's middle is finer than the lattice."""
-        plane, grazing_rad = self._tiles.plane, math.asin(self._least_sine)
-        gsd_m = level_gsd_m(self._camera, self._pose, plane, self._seeds_n, grazing_rad)
-        finite = gsd_m[np.isfinite(gsd_m)]
-        times = self._tiles.pixel_m / float(np.median(finite)) if finite.size else 1.0
-        most = max(min(self._camera.width, self._camera.height) // _LEAST_PX, 1)
-        return int(2 ** math.floor(math.log2(min(max(times, 1.0), most))))
 
     def patches(self) -> Iterator[tuple[TileKey, Patch]]:
         """Yield what the picture shows, tile by tile: from the middle to the neighbours."""
@@ -200,8 +195,15 @@ class FrameView:
             view = self._at_nodes(self._tiles.nodes(key))
             if not view.near.any():
                 continue
-            for neighbour in _neighbours(key, view.near):
-                if neighbour not in begun:
+            (column, row), near = key, view.near
+            reaches = {
+                (column, row - 1): near[0],
+                (column, row + 1): near[-1],
+                (column - 1, row): near[:, 0],
+                (column + 1, row): near[:, -1],
+            }
+            for neighbour, edge in reaches.items():
+                if edge.any() and neighbour not in begun:
                     begun.add(neighbour)
                     waiting.append(neighbour)
             patch = self._patch(view)
@@ -222,20 +224,16 @@ class FrameView:
             near &= offset_n[..., 2] > least_m * (_FLATTER if self._terrain else 1.0)
             seen = near & (above_m > least_m)
             if self._terrain and seen.any():
-                seen &= ~self._hidden(self._terrain, nodes.points_n)
+                some = nodes.points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
+                places = self._tiles.plane, self._pose.position_n, some.reshape(-1, 3)
+                hides = hidden(self._terrain, *places).reshape(some.shape[:2])
+                whole = hides.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
+                seen &= ~whole[:NODES, :NODES]
             gsd_m = _gsd_m(camera, offset_n @ self._rotation_nc[:, 2], above_m)
             aside = uv / (0.5 * np.array([camera.width - 1, camera.height - 1])) - 1
             score = gsd_m * (1 + 0.5 * np.square(aside).sum(axis=2))
         uv[~seen] = np.nan
         return _NodeView(uv, score, near)
-
-    def _hidden(self, terrain: Terrain, points_n: Array) -> BoolArray:
-        """Return which nodes the terrain hides; every fourth one is computed."""
-        some = points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
-        place = self._tiles.plane, self._pose.position_n
-        hides = hidden(terrain, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
-        whole = hides.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
-        return np.asarray(whole[:NODES, :NODES])
 
     def _patch(self, view: _NodeView) -> Patch | None:
         """Return the picture's part in a tile, in the box of the nodes near it; None without."""
@@ -289,18 +287,6 @@ def _gsd_m(camera: Camera, depth_m: Array, above_m: Array) -> Array:
     return np.sqrt(depth_m**3 / (camera.fx * camera.fy * above_m))
 
 
-def _neighbours(key: TileKey, near: BoolArray) -> list[TileKey]:
-    """Return the tiles beside a tile into which the picture reaches."""
-    column, row = key
-    reaches = {
-        (column, row - 1): near[0],
-        (column, row + 1): near[-1],
-        (column - 1, row): near[:, 0],
-        (column + 1, row): near[:, -1],
-    }
-    return [neighbour for neighbour, edge in reaches.items() if edge.any()]
-
-
 def _span(near: BoolArray, across: int) -> slice:
     """Return the nodes from the first to the last that is near, and one more on each side."""
     first, last = np.flatnonzero(np.any(near, axis=across))[[0, -1]].tolist()
@@ -315,11 +301,11 @@ def _pixels_of(span: slice) -> slice:
 
 def _cropped(pixels: Floats, box: tuple[slice, slice]) -> Floats:
     """Return interpolated pixels without those outside the tile."""
-    cut = []
-    for span in box:
-        first, wanted = (span.start - 1) * STEP_PX, _pixels_of(span)
-        cut.append(slice(wanted.start - first, wanted.stop - first))
-    return pixels[tuple(cut)]
+    rows, columns = (
+        slice(_pixels_of(span).start - first, _pixels_of(span).stop - first)
+        for span, first in ((span, (span.start - 1) * STEP_PX) for span in box)
+    )
+    return pixels[rows, columns]
 
 
 _SQUARINGS = 5  # (best / score) to the power of 2^5
@@ -348,17 +334,14 @@ class MosaicTile:
             better = patch.score < self.best[box]
             self.total[box][better], self.weight[box][better] = values[better], 1.0
         else:
-            self._blend(patch, values[patch.seen])
+            seen = patch.seen
+            former, score = self.best[box][seen], patch.score[seen]
+            best: Floats = np.minimum(former, score)
+            kept, weight = _weight(best, former), _weight(best, score)
+            self.weight[box][seen] = kept * self.weight[box][seen] + weight
+            former_total = self.total[box][seen]
+            self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values[seen]
         self.best[box] = np.minimum(self.best[box], patch.score)
-
-    def _blend(self, patch: Patch, values: Floats) -> None:
-        box, seen = (patch.rows, patch.columns), patch.seen
-        former, score = self.best[box][seen], patch.score[seen]
-        best: Floats = np.minimum(former, score)
-        kept, weight = _weight(best, former), _weight(best, score)
-        self.weight[box][seen] = kept * self.weight[box][seen] + weight
-        former_total = self.total[box][seen]
-        self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values
 
     def values(self) -> tuple[Floats, BoolArray]:
         """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""

@@ -174,23 +174,16 @@ class LineRenderer:
         cv2.dilate(mask, _disc(1 + 2 * halo_px), dst=grown)
         cv2.cvtColor(grown, cv2.COLOR_GRAY2BGR, dst=coat)
         cv2.subtract(image, coat, dst=image)
-        planes = [
-            _times(mask, level, plane[inked])
-            for level, plane in zip(colour, self._planes, strict=True)
-        ]
+        planes = []
+        for level, plane in zip(colour, self._planes, strict=True):
+            part = mask if level == _FULL else plane[inked]
+            if level == 0:  # levels 0 and 255 need no multiplication
+                part.fill(0)
+            elif level != _FULL:
+                cv2.convertScaleAbs(mask, alpha=level / _FULL, dst=part)
+            planes.append(part)
         cv2.merge(planes, dst=coat)
         cv2.add(image, coat, dst=image)
-
-
-def _times(mask: Pixels, level: int, plane: Pixels) -> Pixels:
-    """Return the mask times level / 255; levels 0 and 255 need no multiplication."""
-    if level == _FULL:
-        return mask
-    if level == 0:
-        plane.fill(0)
-    else:
-        cv2.convertScaleAbs(mask, alpha=level / _FULL, dst=plane)
-    return plane
 
 
 def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:

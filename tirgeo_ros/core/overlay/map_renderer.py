@@ -14,10 +14,9 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfi
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.map.map_absence import MapAbsence
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import LayerStyle, MapLayer, VectorMap, check_heights
-from tirgeo_ros.core.map.visibility import View, VisibleLines
+from tirgeo_ros.core.map.visibility import View, VisibleLines, why_absent
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, marked, with_marks
@@ -50,7 +49,17 @@ def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground
     """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
-    vector_map = _writable_map(VectorMap.from_layers(layers, plane, ground))
+    vector_map = VectorMap.from_layers(layers, plane, ground)
+    # Labels that cannot be written here are left out, with a note of them.
+    labels, labelled = vector_map.labels, vector_map.labelled.copy()
+    lost = [i for i in np.flatnonzero(labelled).tolist() if not writable(labels[i])]
+    if lost:
+        labelled[lost] = False
+        needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
+        example = cut(labels[lost[0]], LONGEST)
+        note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
+        notes = (*vector_map.notes, note)
+        vector_map = replace(vector_map, labelled=labelled, notes=notes)
     places = [feature.points for layer in layers for feature in layer.features]
     level_m = math.nan
     if places and not is_given(ground):
@@ -60,19 +69,6 @@ def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground
         latitude, longitude, _ = places[0][0]
         first_n = plane.ned_from_geodetic(latitude, longitude, 0.0)
     return DrapedMap(plane, vector_map, features, level_m, first_n)
-
-
-def _writable_map(draped: VectorMap) -> VectorMap:
-    """Return a map without the labels that cannot be written here, and with a note of them."""
-    lost = [i for i in np.flatnonzero(draped.labelled).tolist() if not writable(draped.labels[i])]
-    if not lost:
-        return draped
-    labelled = draped.labelled.copy()
-    labelled[lost] = False
-    needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
-    example = cut(draped.labels[lost[0]], LONGEST)
-    note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
-    return replace(draped, labelled=labelled, notes=(*draped.notes, note))
 
 
 class VisibleMap(NamedTuple):
@@ -104,8 +100,7 @@ class MapRenderer:
         self.lines = LineRenderer()
         self.confidence = config
         self._labels = Labels(vector_map)
-        self._features = draped.features
-        self._absence = MapAbsence(vector_map, draped.plane, draped.first_n)
+        self._draped = draped
         #: Whether some layers have a limited scale range.
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
 
@@ -166,10 +161,12 @@ class MapRenderer:
         far_m: float,
     ) -> str:
         """Return why none of the map is in view; empty if some is, or there is none to draw."""
-        if not visible.empty or not self._features:
+        draped = self._draped
+        if not visible.empty or not draped.features:
             return ""
         if not visible.hidden:
-            return f"NO MAP IN VIEW: {self._absence.why(camera, pose, far_m)}"
+            map_of = draped.map, draped.plane, draped.first_n
+            return f"NO MAP IN VIEW: {why_absent(*map_of, camera, pose, far_m)}"
         sample = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
         sample += " a pixel"
         if math.isnan(scale_m_px):

@@ -11,10 +11,9 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, locate
+from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.frame_geometry import height_above_m
+from tirgeo_ros.core.ground.frame_geometry import Sight, height_above_m
 from tirgeo_ros.core.overlay.written_text import (
     TEXT_BGR,
     Box,
@@ -27,7 +26,6 @@ from tirgeo_ros.core.overlay.written_text import (
     text_px,
 )
 from tirgeo_ros.core.types.arrays import Array, Pixels
-from tirgeo_ros.core.types.poses import CameraPose
 
 _LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, limits of the bar
 _SAMPLES = 33
@@ -57,30 +55,26 @@ class ScaleBar:
         return f"{self.length_m:g} m" if self.length_m >= 1 else f"{self.length_m * 100:g} cm"
 
 
-def ground_sample_m(
-    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
-) -> float:
+def ground_sample_m(sight: Sight) -> float:
     """Return the ground length, m, that the picture's middle pixel spans along its row, or nan."""
-    u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
-    return float(_away_m(camera, pose, plane, ground, (u - 0.5, u + 0.5, v, 2))[1][-1])
+    u, v = (sight.camera.width - 1) / 2, (sight.camera.height - 1) / 2
+    return float(_away_m(sight, (u - 0.5, u + 0.5, v, 2))[1][-1])
 
 
-def scale_bar(
-    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, left: float, row: float
-) -> ScaleBar | None:
+def scale_bar(sight: Sight, left: float, row: float) -> ScaleBar | None:
     """Return a bar that runs to the right from a pixel (left, row); None without ground there.
 
     Its length is the largest of 1, 2 and 5 times a power of ten, m, that fits into a quarter of
     the picture's width. On an elevation model the ground is assumed level along the bar.
     """
-    part = left, left + _LONGEST_PART * camera.width, row, _SAMPLES
-    u, away_m = _away_m(camera, pose, plane, ground, part)
+    width = sight.camera.width
+    u, away_m = _away_m(sight, (left, left + _LONGEST_PART * width, row, _SAMPLES))
     if not (away_m[1:] > away_m[:-1]).all():  # nan compares false
         return None
     power = 10.0 ** math.floor(math.log10(away_m[-1]))
     length_m = max(step * power for step in (1, 2, 5) if step * power <= away_m[-1])
     right = float(np.interp(length_m, away_m, u))
-    is_long = right - left >= _SHORTEST_PART * camera.width
+    is_long = right - left >= _SHORTEST_PART * width
     return ScaleBar(left, right, row, length_m) if is_long else None
 
 
@@ -91,13 +85,7 @@ def _row(camera: Camera, left: float, right: float, row: float, count: int) -> t
     return uv, camera.rays(uv)
 
 
-def _away_m(
-    camera: Camera,
-    pose: CameraPose,
-    plane: TangentPlane,
-    ground: Ground,
-    part: tuple[float, float, float, int],
-) -> tuple[Array, Array]:
+def _away_m(sight: Sight, part: tuple[float, float, float, int]) -> tuple[Array, Array]:
     """Return the columns (N,) of a part of a row, and distances (N,) from its first ground point.
 
     ``part`` is its first and last column, its row and N. All distances are nan if not all of it
@@ -105,6 +93,7 @@ def _away_m(
     neglecting the curvature of the earth and the map's plane changes a length by less than 0.1 %,
     seen from 100 m up, 1 km from the map's origin.
     """
+    camera, pose, plane, ground, *_ = sight
     uv, rays = _row(camera, *part)
     if isinstance(ground, Terrain):
         points, _ = locate(camera, pose, uv[len(uv) // 2, None], plane, ground)
@@ -147,13 +136,11 @@ class PlacedBar:
         text.lay(image, round((bar.left + bar.right - text.size[0]) / 2), self.box.top)
 
 
-def place_scale_bar(
-    image: Pixels, camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground
-) -> PlacedBar | None:
+def place_scale_bar(image: Pixels, sight: Sight) -> PlacedBar | None:
     """Return the scale bar of a picture (h, w, ...); None without ground in view, or room."""
     size_px, bottom = text_px(image), status_box(image).top
     row = bottom - 0.6 * size_px
-    bar = scale_bar(camera, pose, plane, ground, 0.8 * size_px, row)
+    bar = scale_bar(sight, 0.8 * size_px, row)
     if bar is None or row < 3 * size_px:
         return None
     width, height = stamp(bar.text, size_px, TEXT_BGR).size

@@ -16,7 +16,6 @@ from tirgeo_ros.core.frames.rotations import (
     quat_conjugate,
     quat_multiply,
     rotation_of,
-    wrapped,
 )
 from tirgeo_ros.core.gimbal.camera_pose import joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
@@ -70,7 +69,6 @@ class GimbalInterpreter:
         self._attitudes, self._counts = attitudes, counts
         self.waiting: deque[GimbalReading] = deque()  # for an attitude
         self._newest_ns: int | None = None
-        self._psi_coder: float | None = None
         self._cameras, self._joints = Sequence(), Sequence()
 
     def configure(self, config: DjiConfig) -> None:
@@ -124,7 +122,6 @@ class GimbalInterpreter:
             return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
         nose = heading_of(q_nb)
         yaw += nose if self._from_nose else 0.0
-        self._psi_coder = wrapped(yaw - nose)
         q_ng = _camera_attitude(roll, pitch, yaw)
         q_bg = quat_multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
         joint_yaw, joint_roll, joint_pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
@@ -136,13 +133,6 @@ class GimbalInterpreter:
 
     def _camera(self, stamp_ns: int, q_ng: Quaternion) -> CameraAttitudeSample:
         return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
-
-    @property
-    def diagnostics(self) -> dict[str, str]:
-        """Return psi_coder (deg): the gimbal's yaw minus the autopilot's at the same instant."""
-        if self._psi_coder is None:
-            return {}
-        return {"psi_coder_deg": f"{math.degrees(self._psi_coder):.2f}"}
 
 
 def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
@@ -211,7 +201,6 @@ class Interpreter:
         return {
             **self._imu.diagnostics,
             **self._rtk.diagnostics,
-            **self._gimbal.diagnostics,
             "geoid_undulation_m": "0 (not set)" if unset else f"{self._undulation_m:g}",
         }
 

@@ -124,29 +124,19 @@ class Push(NamedTuple):
     values: dict[str, Any]  # numbers, tuples and parts of ``rtk_gps_imu_parts``
 
 
-_USUAL = (
-    (
-        0,
-        5,
-        True,
-        """GPS_DATE GPS_TIME GPS_POSITION GPS_VELOCITY GPS_DETAILS BATTERY_INFO
-        RTK_POSITION RTK_VELOCITY RTK_YAW RTK_YAW_INFO RTK_POSITION_INFO""",
-    ),
-    (
-        1,
-        50,
-        True,
-        """GPS_FUSED ALTITUDE_FUSIONED HEIGHT_FUSION STATUS_FLIGHT STATUS_DISPLAYMODE
-        GIMBAL_ANGLES GIMBAL_STATUS RC VELOCITY GPS_CONTROL_LEVEL""",
-    ),
-    (2, 100, True, "QUATERNION ACCELERATION_GROUND ANGULAR_RATE_FUSIONED"),
-    (3, 400, True, "HARD_SYNC"),
-    (4, 200, False, "ACCELERATION_RAW ANGULAR_RATE_RAW ACCELERATION_BODY"),
-)
-#: The packages of an aircraft whose requests were not seen.
-USUAL_PACKAGES = tuple(
-    Package.of(number, rate_hz, stamped, names.split())
-    for number, rate_hz, stamped, names in _USUAL
+_RECEIVERS = """GPS_DATE GPS_TIME GPS_POSITION GPS_VELOCITY GPS_DETAILS BATTERY_INFO
+    RTK_POSITION RTK_VELOCITY RTK_YAW RTK_YAW_INFO RTK_POSITION_INFO"""
+_FLIGHT = """GPS_FUSED ALTITUDE_FUSIONED HEIGHT_FUSION STATUS_FLIGHT STATUS_DISPLAYMODE
+    GIMBAL_ANGLES GIMBAL_STATUS RC VELOCITY GPS_CONTROL_LEVEL"""
+_FUSED = ("QUATERNION", "ACCELERATION_GROUND", "ANGULAR_RATE_FUSIONED")
+_RAW = ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "ACCELERATION_BODY")
+#: The packages of an aircraft whose requests were not seen: those of DJI's ROS wrapper.
+USUAL_PACKAGES = (
+    Package.of(0, 5, with_timestamp=True, names=_RECEIVERS.split()),
+    Package.of(1, 50, with_timestamp=True, names=_FLIGHT.split()),
+    Package.of(2, 100, with_timestamp=True, names=_FUSED),
+    Package.of(3, 400, with_timestamp=True, names=("HARD_SYNC",)),
+    Package.of(4, 200, with_timestamp=False, names=_RAW),
 )
 
 
@@ -175,9 +165,8 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
     if len(value) != packed.size:
         return None
     numbers, values = packed.unpack(value)
-    if package.with_timestamp:
-        return Push(package, numbers[1], numbers[2], values)
-    return Push(package, None, None, values)
+    time_ms, time_ns = numbers[1:3] if package.with_timestamp else (None, None)
+    return Push(package, time_ms, time_ns, values)
 
 
 def encode_push(push: Push) -> bytes:

@@ -56,9 +56,10 @@ class PseudoTerminal:
 
     def pull(self) -> None:
         """Pull the cable: hang up the program that has the port open, and remove the port."""
-        if self._hang_up():
-            with suppress(FileNotFoundError):
-                self.path.unlink()
+        if self._master is not None:
+            os.close(self._master)
+            self._master = None
+            self.path.unlink(missing_ok=True)
 
     def plug(self) -> None:
         """Plug the cable in again: make a new port under the same path."""
@@ -74,26 +75,18 @@ class PseudoTerminal:
                 self.path.unlink()
             self.path.symlink_to(name)
         except OSError as error:
-            self._hang_up()
+            if self._master is not None:
+                os.close(self._master)
+                self._master = None
             raise DjiError(
                 f"{self.path}: no pseudo-terminal can be made there: {error.strerror or error}"
             ) from None
-
-    def close(self) -> None:
-        """Remove the port for good."""
-        self.pull()
-
-    def _hang_up(self) -> bool:
-        master, self._master = self._master, None
-        if master is not None:
-            os.close(master)
-        return master is not None
 
     def __enter__(self) -> PseudoTerminal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self.pull()
 
 
 def _speed_of(baud: int) -> int:

@@ -1,10 +1,10 @@
-"""Read the topics of psdk_ros2 (M300, M350): values in with their times, readings out.
+"""Read the topics of psdk_ros2 (M300, M350): messages in with their times, readings out.
 
 psdk_ros2 stamps a message when its node receives it. For streams of a steady rate the jitter is
 removed from that stamp. A receiver's messages keep it: their delay is a parameter, and the jitter
 does no harm.
 
-Some of its topics are not what their type or frame says; ``READERS`` states the axes of the input.
+Some of its topics are not what their type or frame says: the table says what they are.
 Not read: ``home_point`` (radians in fields of degrees), ``angular_rate_*``, ``acceleration_*``
 (``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say more), fused positions
 and velocities (of uncertain height, and correlated in time). Nothing is judged: values that are
@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
@@ -42,64 +42,85 @@ _PSDK_GRAVITY = 9.8
 _PSDK_QUARTER_TURN = 1.571
 
 
-def _imu(stamp_ns: int, values: tuple[Quaternion, Vector, Vector]) -> ImuReading:
+def _vector(xyz: Any) -> Vector:
+    return xyz.x, xyz.y, xyz.z
+
+
+def _q_nb(flu_to_enu: Any) -> Quaternion:
+    q = flu_to_enu
+    return quat_turned_both(q.w, q.x, q.y, q.z)
+
+
+def _imu(stamp_ns: int, message: Any) -> ImuReading:
     """Convert attitude FLU to ENU, rate (rad/s), specific force, 9.8 m/s2 to the g."""
-    q_wxyz, (p, q, r), force_flu = values
-    x, y, z = (force / _PSDK_GRAVITY for force in force_flu)
-    q_nb, unit = quat_turned_both(*q_wxyz), AccelerationUnit.G
+    p, q, r = _vector(message.angular_velocity)
+    x, y, z = (force / _PSDK_GRAVITY for force in _vector(message.linear_acceleration))
+    q_nb, unit = _q_nb(message.orientation), AccelerationUnit.G
     return ImuReading(stamp_ns, ImuOrigin.MESSAGE, (x, -y, -z), unit, (p, -q, -r), q_nb)
 
 
-def _gimbal(stamp_ns: int, angles_rad: Vector) -> GimbalReading:
+def _gimbal(stamp_ns: int, message: Any) -> GimbalReading:
     """Convert roll to the right, pitch down, yaw anticlockwise from east (rad).
 
     They are absolute, although their frame is the gimbal's base.
     """
-    x, y, z = angles_rad
+    x, y, z = _vector(message.vector)
     yaw = (_PSDK_QUARTER_TURN - z + math.pi) % math.tau - math.pi
     return GimbalReading(stamp_ns, x, -y, yaw)
 
 
-def _place(degrees_and_height: Vector) -> GeodeticPlace:
+def _place(fix: Any) -> GeodeticPlace:
     """Convert latitude, longitude (deg) and height above the sea (m)."""
-    latitude, longitude, height_msl_m = degrees_and_height
-    return GeodeticPlace(math.radians(latitude), math.radians(longitude), height_msl_m)
+    return GeodeticPlace(math.radians(fix.latitude), math.radians(fix.longitude), fix.altitude)
 
 
-def _gps_details(stamp_ns: int, values: tuple[float, Vector]) -> GpsReading:
+def _gps_details(stamp_ns: int, details: Any) -> GpsReading:
     """Convert fix, and horizontal, vertical (mm) and speed accuracy (cm/s)."""
-    fix, (horizontal_mm, vertical_mm, speed_cm_s) = values
     return GpsReading(
         stamp_ns,
-        fix=int(fix) if math.isfinite(fix) else 0,
-        horizontal_sigma_m=horizontal_mm * 1e-3,
-        vertical_sigma_m=vertical_mm * 1e-3,
-        velocity_sigma_m_s=speed_cm_s * 1e-2,
+        fix=int(details.fix_state) if math.isfinite(details.fix_state) else 0,
+        horizontal_sigma_m=details.horizontal_accuracy * 1e-3,
+        vertical_sigma_m=details.vertical_accuracy * 1e-3,
+        velocity_sigma_m_s=details.speed_accuracy * 1e-2,
     )
 
 
-#: How the values of a topic become a reading with this stamp. ``attitude`` is wxyz, FLU to ENU;
-#: ``gps_velocity`` and ``rtk_velocity`` are NED, whatever their frames say (m/s).
-READERS: dict[str, Callable[[int, Any], Reading]] = {
-    "attitude": lambda stamp_ns, q_wxyz: AttitudeReading(stamp_ns, quat_turned_both(*q_wxyz)),
-    "imu": _imu,
-    "gimbal_angles": _gimbal,
-    "gps_position": lambda stamp_ns, values: GpsReading(stamp_ns, _place(values)),
-    "gps_velocity": lambda stamp_ns, ned_m_s: GpsReading(stamp_ns, velocity_n=ned_m_s),
-    "gps_details": _gps_details,
-    "rtk_position": lambda stamp_ns, values: RtkReading(stamp_ns, _place(values)),
-    "rtk_velocity": lambda stamp_ns, ned_m_s: RtkReading(stamp_ns, velocity_n=ned_m_s),
-    # an int16 (deg) that comes as uint16
-    "rtk_yaw": lambda stamp_ns, yaw: RtkReading(
-        stamp_ns, yaw_deg=(yaw + 0x8000) % 0x10000 - 0x8000
+class PsdkTopic(NamedTuple):
+    """Hold a topic's type, and how a message becomes a reading with this stamp."""
+
+    typename: str
+    read: Callable[[int, Any], Reading]
+
+
+_FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped"
+_QUATERNION, _VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
+_FLAG = "std_msgs/msg/UInt8"
+#: The topics that are read. Velocities are NED, whatever their frames say (m/s); ``rtk_yaw`` is an
+#: int16 (deg) that comes as uint16.
+PSDK_TOPICS: dict[str, PsdkTopic] = {
+    "attitude": PsdkTopic(_QUATERNION, lambda t, m: AttitudeReading(t, _q_nb(m.quaternion))),
+    "imu": PsdkTopic("sensor_msgs/msg/Imu", _imu),
+    "gimbal_angles": PsdkTopic(_VECTOR, _gimbal),
+    "gps_position": PsdkTopic(_FIX, lambda t, m: GpsReading(t, _place(m))),
+    "gps_velocity": PsdkTopic(
+        _TWIST, lambda t, m: GpsReading(t, velocity_n=_vector(m.twist.linear))
     ),
-    "rtk_position_info": lambda stamp_ns, flag: RtkReading(stamp_ns, position_flag=flag),
-    "rtk_yaw_info": lambda stamp_ns, flag: RtkReading(stamp_ns, yaw_flag=flag),
+    "gps_details": PsdkTopic("psdk_interfaces/msg/GPSDetails", _gps_details),
+    "rtk_position": PsdkTopic(_FIX, lambda t, m: RtkReading(t, _place(m))),
+    "rtk_velocity": PsdkTopic(
+        _TWIST, lambda t, m: RtkReading(t, velocity_n=_vector(m.twist.linear))
+    ),
+    "rtk_yaw": PsdkTopic(
+        "psdk_interfaces/msg/RTKYaw",
+        lambda t, m: RtkReading(t, yaw_deg=(m.yaw + 0x8000) % 0x10000 - 0x8000),
+    ),
+    "rtk_position_info": PsdkTopic(_FLAG, lambda t, m: RtkReading(t, position_flag=m.data)),
+    "rtk_yaw_info": PsdkTopic(_FLAG, lambda t, m: RtkReading(t, yaw_flag=m.data)),
 }
 
 
 class PsdkDecoder:
-    """Convert the topics' values to readings, which have the stamp of the header.
+    """Convert the topics' messages to readings, which have the stamp of the header.
 
     ``take`` and ``due`` return the readings that are complete; ``due`` must be called for those
     that wait. Stamps and arrivals are of one clock. Counted: ``unstamped`` messages.
@@ -110,15 +131,15 @@ class PsdkDecoder:
         self._rtk = RtkEpochs()
         self.counts: Counter[str] = Counter()
 
-    def take(self, topic: str, values: Any, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take a message: its values (``READERS``), its header's stamp (0: none), its arrival."""
+    def take(self, topic: str, message: Any, stamp_ns: int, arrival_ns: int) -> list[Reading]:
+        """Take a message of a topic, its header's stamp (0: none), and its arrival."""
         if not stamp_ns:
             stamp_ns = arrival_ns
             if not topic.endswith("_info"):  # flags have no header
                 self.counts["unstamped"] += 1
         if topic in self._steady:
             stamp_ns = self._steady[topic].stamp_ns(stamp_ns)
-        reading = READERS[topic](stamp_ns, values)
+        reading = PSDK_TOPICS[topic].read(stamp_ns, message)
         if isinstance(reading, RtkReading):
             return [arrived.reading for arrived in self._rtk.take(reading, arrival_ns)]
         return [reading]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import IO, Any, final
 
 import yaml
@@ -13,7 +12,7 @@ from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_file import TopicForm
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of
+from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
 from tirgeo_ros.io.messages.sensor_messages import offered_qos
 
 #: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
@@ -74,7 +73,7 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the future bag."""
         check_place(self.path, BagError)
-        with self._errors():
+        with writing(self.path, BagError):
             self._file = self._part.open("wb")
             chunk = _GROWING_CHUNK if self._growing else _CHUNK
             self._writer = Writer(self._file, chunk, CompressionType.ZSTD)
@@ -89,14 +88,12 @@ class BagWriter:
             raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
         ready = isinstance(message, bytes)
         data = message if ready else self._cdr.serialize(message, typename)
-        try:
+        with writing(self.path, BagError):
             self._writer.add_message(number, log_time_ns, data, log_time_ns)
-        except OSError as error:
-            raise self._error(error) from None
 
     def flush(self) -> None:
         """Pass all messages to the system but those of the newest chunk."""
-        with self._errors():
+        with writing(self.path, BagError):
             self._file.flush()
 
     def _channel(self, topic: str, typename: str) -> tuple[int, str]:
@@ -123,25 +120,15 @@ class BagWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the file and rename it, or remove it after an error."""
         try:
-            with self._errors(), self._file:
+            with writing(self.path, BagError), self._file:
                 if kind is None or self._growing:
                     self._writer.finish()  # type: ignore[no-untyped-call]
             if kind is None:
-                with self._errors():
+                with writing(self.path, BagError):
                     self._part.replace(self.path)
         finally:
             if not self._growing:
                 self._part.unlink(missing_ok=True)
-
-    @contextmanager
-    def _errors(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise self._error(error) from None
-
-    def _error(self, error: OSError) -> BagError:
-        return BagError(f"{self.path}: cannot be written: {error.strerror or error}")
 
 
 def qos_in_words(topic: str, metadata: Mapping[str, str]) -> str:

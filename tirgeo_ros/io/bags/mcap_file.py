@@ -45,14 +45,7 @@ _LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
 _PRIVATE = 0x80  # opcodes from here on belong to applications and are skipped
 
 # Raised by the parsers for bytes that are no such record.
-_BROKEN = (
-    McapError,
-    RuntimeError,
-    struct.error,
-    ValueError,
-    MemoryError,
-    OverflowError,
-)
+_BROKEN = McapError, RuntimeError, struct.error, ValueError, MemoryError, OverflowError
 
 
 class Segment(NamedTuple):
@@ -84,11 +77,13 @@ class McapFile(BagFile):
             silent = self._find(data)
         spans = [(segment.start_ns, segment.end_ns) for segment in self.segments]
         self.span_ns = (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
-        self.connections = {
-            key: Connection(channel.topic, self._form(channel))
-            for key, channel in self._channels.items()
-            if key not in silent
-        }
+        self.connections = {}
+        for key in [key for key in self._channels if key not in silent]:
+            channel = self._channels[key]
+            schema = self._schemas.get(channel.schema_id)
+            of_type = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
+            form = TopicForm(*of_type, channel.message_encoding, channel.metadata)
+            self.connections[key] = Connection(channel.topic, form)
 
     def fault(self, form: TopicForm) -> str:
         """Return how a topic is encoded, unless it is CDR with a ``ros2msg`` schema."""
@@ -127,11 +122,6 @@ class McapFile(BagFile):
                     waiting.append((log_ns, place, number, channel, body))
                 waiting.sort()
         yield from waiting
-
-    def _form(self, channel: Channel) -> TopicForm:
-        schema = self._schemas.get(channel.schema_id)
-        of_type = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
-        return TopicForm(*of_type, channel.message_encoding, channel.metadata)
 
     # what the file holds
 

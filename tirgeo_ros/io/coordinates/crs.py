@@ -166,7 +166,9 @@ class Plane:
         if not name:
             # Also beyond latitude 84 deg, where UTM proper ends.
             longitude, latitude = np.median(degrees, axis=0).tolist()
-            name = f"EPSG:{utm_zone(latitude, longitude)[1]}"
+            # Without the exceptions around Norway and Svalbard: their planes are as good.
+            zone = int((longitude + 180) // 6) % 60 + 1
+            name = f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
         self.system = system = checked_system(name, "--crs").to_2d()
         if not system.is_projected or any(axis.unit_name != "metre" for axis in system.axis_info):
             raise MapError(
@@ -189,15 +191,6 @@ class Plane:
         """Return longitudes and latitudes (n, 2) in degrees of x, y (n, 2) in metres."""
         x, y = metres.T
         return np.stack(self._way.transform(x, y, direction="INVERSE"), axis=1)
-
-
-def utm_zone(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
-    """Return the number of a place's UTM zone, and the zone's EPSG code (WGS84).
-
-    The exceptions around Norway and Svalbard are not made: their planes are as good.
-    """
-    zone = int((longitude_deg + 180) // 6) % 60 + 1
-    return zone, (32600 if latitude_deg >= 0 else 32700) + zone
 
 
 _HUNDREDTHS = 360_000  # of a second of arc, in a degree

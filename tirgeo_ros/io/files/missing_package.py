@@ -40,14 +40,11 @@ _ROS = ("rclpy", "rosidl", "ament_", "rpyutils")
 def missing_line(module: str) -> str:
     """Return one line for a module, as ``cv2`` or ``sensor_msgs.msg``, that cannot be imported."""
     name = module.partition(".")[0]
-    return f"the Python package {name} is missing: {_remedy(name)}"
-
-
-def _remedy(name: str) -> str:
     distribution = os.environ.get("ROS_DISTRO", "")
-    if distribution and name.endswith(_MESSAGES):
-        return f"sudo apt install ros-{distribution}-{name.replace('_', '-')}"
-    if name.endswith(_MESSAGES) or name.startswith(_ROS):
-        return "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'"
     apt, pip = PACKAGES.get(name, ("", name))
-    return f"sudo apt install {apt}, or pip install {pip}" if apt else f"pip install {pip}"
+    remedy = f"sudo apt install {apt}, or pip install {pip}" if apt else f"pip install {pip}"
+    if distribution and name.endswith(_MESSAGES):
+        remedy = f"sudo apt install ros-{distribution}-{name.replace('_', '-')}"
+    elif name.endswith(_MESSAGES) or name.startswith(_ROS):
+        remedy = "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'"
+    return f"the Python package {name} is missing: {remedy}"

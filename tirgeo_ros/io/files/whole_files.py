@@ -33,12 +33,12 @@ def check_outputs(
     Paths that are None or empty are ignored.
     """
     taken = _streams()
-    for path in inputs:
-        for file in (path, *_inside(path_of(path, error))) if path else ():
+    for path in [path for path in inputs if path]:
+        folder = path_of(path, error)
+        inside = folder.iterdir() if folder.is_dir() else ()
+        for file in (path, *inside):
             taken |= dict.fromkeys(_places(file), f"the input {os.fspath(file)}")
-    for path in outputs:
-        if not path:
-            continue
+    for path in [path for path in outputs if path]:
         check_place(path_of(path, error), error)
         places = _places(path)
         for place in places & taken.keys():
@@ -57,11 +57,6 @@ def check_place(path: PathLike, error: type[TirgeoError]) -> None:
 def part_of(path: PathLike) -> Path:
     """Return the temporary name beside a file under which it is written."""
     return Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part")
-
-
-def _inside(folder: PathLike) -> list[Path]:
-    """Return what is in a folder; nothing if it is none."""
-    return list(Path(folder).iterdir()) if Path(folder).is_dir() else []
 
 
 def _places(path: PathLike) -> set[object]:
@@ -173,6 +168,15 @@ def reading(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
         yield
     except OSError as fault:
         raise error(f"{os.fspath(path)}: cannot be read: {fault.strerror or fault}") from None
+
+
+@contextmanager
+def writing(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
+    """Raise ``error``, which names the file, for an OSError meanwhile."""
+    try:
+        yield
+    except OSError as fault:
+        raise error(f"{os.fspath(path)}: cannot be written: {fault.strerror or fault}") from None
 
 
 def first_bytes(path: PathLike, number: int, error: type[TirgeoError]) -> bytes:

@@ -186,15 +186,9 @@ Row = Sequence[str]
 #: Returns the sample of a row at a time (ns); raises Refused if a value is missing.
 Quantity = Callable[[int, Row], SensedSample]
 
-#: Directions of the body in FRD.
-_DIRECTIONS = {
-    "front": (1.0, 0.0, 0.0),
-    "right": (0.0, 1.0, 0.0),
-    "down": (0.0, 0.0, 1.0),
-    "back": (-1.0, 0.0, 0.0),
-    "left": (0.0, -1.0, 0.0),
-    "up": (0.0, 0.0, -1.0),
-}
+#: Directions of the body in FRD; + 0.0 leaves no -0.
+_NAMES = ("front", "right", "down", "back", "left", "up")
+_DIRECTIONS = dict(zip(_NAMES, np.vstack([np.eye(3), -np.eye(3)]) + 0.0, strict=True))
 _STATUS = {"fixed": FixStatus.FIXED, "float": FixStatus.FLOAT, "single": FixStatus.SINGLE}
 _AXES = {"flu": ("front", "left", "up"), "frd": ("front", "right", "down")}
 

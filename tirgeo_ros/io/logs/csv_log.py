@@ -154,6 +154,7 @@ class TimeColumns:
     def __init__(self, keys: Keys, log: Log) -> None:
         self._log = log
         self._counts = keys.choice("counts", (*_NUMBERS, *_WRITTEN))
+        self._is_written = self._counts in _WRITTEN
         self._cell = keys.cell("column", 1.0 if self._is_written else keys.unit("time"))
         self._week = keys.cell("week") if self._counts == "week" else None
         has_date = (self._counts == "start" or self._is_written) and "date" in keys
@@ -161,10 +162,6 @@ class TimeColumns:
         self._begun_ns = 0
         self._contradict = set[int]()  # rows whose dates do not fit those of most
         keys.finish()
-
-    @property
-    def _is_written(self) -> bool:
-        return self._counts in _WRITTEN
 
     def prepare(self, rows: Iterable[tuple[int, Row]]) -> None:
         """Find when a count since the log's start began. Raise LogError if nothing tells it.
@@ -180,9 +177,14 @@ class TimeColumns:
                     f"{self._log.path}: its times count from its start: give the UTC of the first "
                     "row as --start-time"
                 )
-            self._begun_ns = self._log.options.start_ns - first_count(self._counts_ns(rows))
+            counts = (count_ns for _, _, count_ns in self._numbered_counts(rows))
+            self._begun_ns = self._log.options.start_ns - first_count(counts)
             return
-        begins = {n: ns for n, row in rows if (ns := self._begun_by_date(row)) is not None}
+        begins = {
+            number: written.local_ns - count_ns
+            for number, row, count_ns in self._numbered_counts(rows)
+            if (written := written_time(self._date.text(row)))
+        }
         if not begins:
             column = f"{self._date.column}: {self._date.label}"
             raise LogError(f"{self._log.path}: no date in column {column}")
@@ -228,16 +230,11 @@ class TimeColumns:
             return written.local_ns
         return self._log.options.utc_ns(written, self._log.path)
 
-    def _counts_ns(self, rows: Iterable[tuple[int, Row]]) -> Iterator[int]:
-        for _, row in rows:
-            with suppress(Refused):  # counted when it is read again
-                yield self._count_ns(row)
-
-    def _begun_by_date(self, row: Row) -> int | None:
-        written = self._date and written_time(self._date.text(row))
-        with suppress(Refused):
-            return written.local_ns - self._count_ns(row) if written else None
-        return None
+    def _numbered_counts(self, rows: Iterable[tuple[int, Row]]) -> Iterator[tuple[int, Row, int]]:
+        """Yield the rows that have a count; the others are counted when they are read again."""
+        for number, row in rows:
+            with suppress(Refused):
+                yield number, row, self._count_ns(row)
 
 
 @dataclass(frozen=True)

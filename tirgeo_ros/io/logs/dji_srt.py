@@ -93,7 +93,6 @@ def read_srt(path: Path, options: LogOptions) -> LogContents:
             contents.samples.append(PositionSample(stamp_ns, source, status, *geodetic, unknown))
     if heights.used:
         contents.notes.append(f"heights: {', '.join(heights.used)}")
-    contents.notes += _doubts(cues)
     return contents
 
 
@@ -115,14 +114,12 @@ class _Heights:
             return self._above(TAKEOFF, relative)
         if absolute:
             return self._above(MSL, absolute)
-        if plain is None:
-            return None
-        if not self._options.height:
+        if plain and not self._options.height:
             raise LogError(
                 f"{self._path}: it does not tell what its altitude is above: give --height msl "
                 "(sea level) or --height takeoff"
             )
-        return self._above(self._options.height, plain)
+        return self._above(self._options.height, plain) if plain else None
 
     def _above(self, datum: str, match: re.Match[str]) -> float:
         self.used[f"{match[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
@@ -178,14 +175,3 @@ def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:
         return []
     angles_rad = (math.radians(float(angle)) for angle in (roll, pitch, yaw))
     return [CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
-
-
-def _doubts(cues: list[_Cue]) -> Iterator[str]:
-    """Yield what limits the accuracy of times and positions."""
-    if any(cue.written and cue.written.whole_seconds for cue in cues):
-        yield "times have whole seconds: up to 1 s late"
-    places = [place for cue in cues if (place := _place(cue.text))]
-    decimals = max((len(p.partition(".")[2]) for place in places for p in place), default=0)
-    if 0 < decimals < 6:
-        step_m = 111e3 * 10.0**-decimals  # m in a degree of latitude
-        yield f"positions have {decimals} decimals of a degree: steps of {step_m:.0f} m"

@@ -78,7 +78,6 @@ class WrittenTime(NamedTuple):
 
     local_ns: int
     offset_s: int | None  # of the zone, east positive; None where it is not written
-    whole_seconds: bool
 
 
 def written_time(text: str) -> WrittenTime | None:
@@ -102,7 +101,7 @@ def written_time(text: str) -> WrittenTime | None:
         return None
     digits = f"{fraction or ''}{micros or ''}"[:9]
     local_ns = minutes_ns + second * SECOND_NS + int(digits.ljust(9, "0"))
-    return WrittenTime(local_ns, offset_s, not digits)
+    return WrittenTime(local_ns, offset_s)
 
 
 def zone_offset_s(text: str) -> int:
@@ -149,18 +148,14 @@ class LogOptions:
 
         Raise LogError, naming the option, where that is not known.
         """
-        offsets: dict[str, tuple[float | None, str]] = {
-            ELLIPSOIDAL: (0.0, ""),
-            MSL: (
-                self.geoid_undulation_m,
-                "above mean sea level: give the geoid's height there with --geoid-undulation",
-            ),
-            TAKEOFF: (
-                self.takeoff_height_m,
-                "above the take-off: give that place's ellipsoidal height with --takeoff-height",
-            ),
-        }
-        offset_m, mend = offsets[datum]
+        if datum == ELLIPSOIDAL:
+            return 0.0
+        offset_m = self.geoid_undulation_m if datum == MSL else self.takeoff_height_m
+        mend = (
+            "above mean sea level: give the geoid's height there with --geoid-undulation"
+            if datum == MSL
+            else "above the take-off: give that place's ellipsoidal height with --takeoff-height"
+        )
         if offset_m is None:
             raise LogError(f"{path}: its heights are {mend}")
         return offset_m

@@ -96,7 +96,11 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
     except KeyError as error:
         raise LogError(f"{path}: a topic has no field {error}: a version not known here") from None
-    contents.notes += _left_out(log, tables)
+    contents.notes += [
+        f"{name} is left out: what its angles refer to differs by flags and version"
+        for name in _GIMBALS
+        if name in tables
+    ]
     return contents
 
 
@@ -194,13 +198,3 @@ def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator
             "off the baseline's: aircraft.second_antenna_m lies in that direction, clockwise "
             "from the nose, from aircraft.rtk_antenna_m"
         )
-
-
-def _left_out(log: Any, tables: dict[str, Records]) -> Iterator[str]:
-    """Yield notes on lost data, and on topics that are left out."""
-    for name in _GIMBALS:
-        if name in tables:
-            yield f"{name} is left out: what its angles refer to differs by flags and version"
-    if log.dropouts:
-        longest_ms = max(dropout.duration for dropout in log.dropouts)
-        yield f"the autopilot lost data {len(log.dropouts)} times, {longest_ms} ms at most"

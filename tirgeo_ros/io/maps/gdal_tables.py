@@ -103,9 +103,8 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     except ImportError:
         raise MapError(f"{path}: maps are read by pyogrio: pip install pyogrio") from None
     try:
-        _check_whole(path)
         with bounded_time():
-            _check_kml(path)
+            _check_content(path)
             return _tables(pyogrio, path, layer, wanted)
     except (MapError, ConfigError, MemoryError):
         raise
@@ -120,24 +119,20 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
         ) from None
 
 
-def _check_whole(path: Path) -> None:
-    """Refuse a shapefile that is shorter than its header says: GDAL would draw what is left."""
-    if path.suffix.lower() != ".shp":
-        return
-    with path.open("rb") as file:
-        length = 2 * int.from_bytes(file.read(28)[24:], "big")
-    size = path.stat().st_size
-    if size < length:
-        raise MapError(f"{path}: a damaged shapefile: {size} bytes, and its header says {length}")
+def _check_content(path: Path) -> None:
+    """Refuse files that GDAL would draw as what they are not.
 
-
-def _check_kml(path: Path) -> None:
-    """Refuse a KML, a KMZ or the KML in a zip with positions that are not numbers.
-
-    GDAL would read them as other ones.
+    These are a shapefile that is shorter than its header says, and a KML, a KMZ or the KML in a
+    zip with positions that are not numbers.
     """
     suffix, texts = path.suffix.lower(), []
-    if suffix == ".kml":
+    if suffix == ".shp":
+        with path.open("rb") as file:
+            length = 2 * int.from_bytes(file.read(28)[24:], "big")
+        if path.stat().st_size < length:
+            said = f"{path.stat().st_size} bytes, and its header says {length}"
+            raise MapError(f"{path}: a damaged shapefile: {said}")
+    elif suffix == ".kml":
         texts = [path.read_bytes()]
     elif suffix in {".kmz", ".zip"}:
         with zipfile.ZipFile(path) as archive:
@@ -150,14 +145,6 @@ def _check_kml(path: Path) -> None:
             if not _POSITION.fullmatch(position):
                 shown = position[:40].decode(errors="replace")
                 raise MapError(f"{path}: {shown!r} is not lon,lat[,height]")
-
-
-def _crs_member(place: str) -> str | None:
-    """Return the name of a GeoJSON's own system; None if it names none."""
-    if not place.lower().endswith((".geojson", ".json")) or place.startswith("/vsi"):
-        return None
-    match = _CRS_MEMBER.search(Path(place).read_bytes())
-    return match[1].decode(errors="replace") if match else None
 
 
 def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
@@ -210,13 +197,14 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
     places = {key: names.index(column) for key, column in columns.items()}
     rows = [{key: row[at] for key, at in places.items()} for row in zip(*values, strict=True)]
     shapes, faults = _shapes(blobs)
-    remarks = dict.fromkeys(
-        f"{where}: {each.message}" for each in caught if _LOST.search(str(each.message))
-    )
-    crs = _crs_member(place) or meta["crs"]
+    remarks = dict.fromkeys(str(each.message) for each in caught)
+    crs, is_file = meta["crs"], not place.startswith("/vsi")
+    if is_file and place.lower().endswith((".geojson", ".json")):
+        match = _CRS_MEMBER.search(Path(place).read_bytes())
+        crs = match[1].decode(errors="replace") if match else crs
     table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), fields, faults)
-    table.notes += itertools.islice(remarks, _MOST_WARNINGS)
-    if info.get("driver") == "GeoJSONSeq" and not place.startswith("/vsi"):
+    table.notes += [f"{where}: {each}" for each in remarks if _LOST.search(each)][:_MOST_WARNINGS]
+    if info.get("driver") == "GeoJSONSeq" and is_file:
         lost = len(_JSON_LINE.findall(Path(place).read_bytes())) - len(blobs)
         if lost > 0:
             table.notes.append(f"{where}: {lost} damaged lines left out")

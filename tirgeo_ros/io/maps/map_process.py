@@ -135,7 +135,16 @@ class MapProcess:
             answer = child.receive()
         except ChildEndedError as error:
             self.close()
-            raise MapError(f"{name}: {_fault(error)}") from None
+            crash = error.code in {-signal.SIGSEGV, -signal.SIGABRT}
+            why = (
+                f"the process that reads it ended (exit code {error.code})"
+                f"{'; is the file damaged?' if crash else ''}{error.last}"
+            )
+            if error.code == -signal.SIGXCPU:
+                why = _TOO_LONG
+            elif "bad_alloc" in error.said or "MemoryError" in error.said:
+                why = _TOO_LARGE
+            raise MapError(f"{name}: {why}") from None
         except BaseException:
             self.close()
             raise
@@ -151,16 +160,6 @@ class MapProcess:
         if child is not None:
             child.close()
             self.said = child.said
-
-
-def _fault(ended: ChildEndedError) -> str:
-    """Return why a process ended, by its exit code and its last words."""
-    if ended.code == -signal.SIGXCPU:
-        return _TOO_LONG
-    if "bad_alloc" in ended.said or "MemoryError" in ended.said:
-        return _TOO_LARGE
-    crashed = "; is the file damaged?" if ended.code in {-signal.SIGSEGV, -signal.SIGABRT} else ""
-    return f"the process that reads it ended (exit code {ended.code}){crashed}{ended.last}"
 
 
 def main() -> None:
@@ -222,7 +221,15 @@ def page_map(layers: Sequence[MapLayer]) -> bytes:
     ``simplified`` says in words what is changed, and is empty if nothing is.
     """
     parts = [(number, part) for number, layer in enumerate(layers) for part in layer.features]
-    parts, fewer = _largest(parts)
+    fewer = ""
+    if len(parts) > MOST_PARTS:
+        fewer = f"{MOST_PARTS:,} of {len(parts):,} shapes"
+        sizes_m = [
+            math.hypot(*np.ptp(_metres(part), axis=0)) if len(part.points) > 1 else _POINT_M
+            for _, part in parts
+        ]
+        rank = np.argsort(np.negative(sizes_m), kind="stable")
+        parts = [parts[i] for i in np.sort(rank[:MOST_PARTS]).tolist()]
     parts, coarser = _thinned(parts)
     features = [
         {
@@ -236,15 +243,6 @@ def page_map(layers: Sequence[MapLayer]) -> bytes:
     words = ", ".join(filter(None, (fewer, coarser)))
     collection = {"type": "FeatureCollection", "simplified": words, "features": features}
     return json.dumps(collection, separators=(",", ":")).encode()
-
-
-def _largest(parts: _Parts) -> tuple[_Parts, str]:
-    """Return the largest parts in their order, and words if some are left out."""
-    if len(parts) <= MOST_PARTS:
-        return parts, ""
-    rank = np.argsort([-_size_m(part) for _, part in parts], kind="stable")
-    chosen = [parts[i] for i in np.sort(rank[:MOST_PARTS]).tolist()]
-    return chosen, f"{MOST_PARTS:,} of {len(parts):,} shapes"
 
 
 def _thinned(parts: _Parts) -> tuple[_Parts, str]:
@@ -266,10 +264,6 @@ def _metres(part: GeoFeature) -> Array:
     """Return a part's points (N, 2), m; those of an outline end where it begins."""
     points = np.concatenate([part.points, part.points[:1]]) if part.closed else part.points
     return SEMI_MAJOR_AXIS_M * points[:, :2] * [1.0, math.cos(points[0, 0])]
-
-
-def _size_m(part: GeoFeature) -> float:
-    return math.hypot(*np.ptp(_metres(part), axis=0)) if len(part.points) > 1 else _POINT_M
 
 
 def _shapes(features: Sequence[GeoFeature]) -> Iterable[tuple[GeoFeature, dict[str, Any]]]:

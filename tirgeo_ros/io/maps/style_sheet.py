@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 import operator
 import re
-import string
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +30,7 @@ from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _RUBBISH = re.compile(r"[\x00-\x20\x7f-\xa0\u2028\u2029]+")
+_FIELD = re.compile(r"\{([^{}]+)\}")
 _LONGEST = 1000  # characters of a condition, and of the message that nothing meets it
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s\"'\[\],=!<>]+)"
 _COMPARISON = re.compile(
@@ -47,20 +47,19 @@ _ORDER: dict[str, Callable[[float, float], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class LabelRule:
-    """Make a label of properties' values between texts; ``texts`` has one more than ``fields``.
+    """Make a label of properties' values: ``template`` names each between braces.
 
     A field that a table lacks is looked for with another case. If it is not found either, it is
     empty; if ``source`` (a style sheet) requires it, that is an error.
     """
 
-    fields: tuple[str, ...] = ()
-    texts: tuple[str, ...] = ("",)
+    template: str = ""
     source: str = ""
 
     @classmethod
-    def of_field(cls, name: str) -> LabelRule:
+    def of_field(cls, name: str, source: str = "") -> LabelRule:
         """Return the rule that takes one property unchanged; without a name, no label."""
-        return cls((name,), ("", "")) if name else cls()
+        return cls(f"{{{name}}}", source) if name else cls()
 
     @classmethod
     def parsed(cls, text: str, source: str) -> LabelRule:
@@ -68,22 +67,16 @@ class LabelRule:
 
         Raises ConfigError, beginning with ``source``, for an invalid template.
         """
-        if "{" not in text and "}" not in text:
-            return cls((text,), ("", ""), source)
-        fields: list[str] = []
-        texts = [""]
-        try:
-            for literal, name, form, conversion in string.Formatter().parse(text):
-                texts[-1] += literal
-                if name is None:
-                    continue
-                if not name or form or conversion:
-                    raise ValueError("put the name of a field between the braces")  # noqa: TRY301
-                fields.append(name)
-                texts.append("")
-        except ValueError as error:
-            raise ConfigError(f"{source}: {text!r} is not a label: {error}") from None
-        return cls(tuple(fields), tuple(texts), source)
+        if not {"{", "}"} & set(text):
+            return cls.of_field(text, source)
+        if {"{", "}"} & set(_FIELD.sub("", text)):
+            raise ConfigError(f"{source}: {text!r} is not a label; write it as {{name}} {{ref}}")
+        return cls(text, source)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Return the properties to read."""
+        return tuple(_FIELD.findall(self.template))
 
     def check(self, own: Collection[str], where: str) -> None:
         """Raise ConfigError for a field that a style sheet names and a table does not have."""
@@ -93,11 +86,10 @@ class LabelRule:
 
     def text(self, properties: Mapping[str, Any]) -> str:
         """Return one feature's label; "" if all of its values are empty."""
-        values = [shown_value(properties.get(name)) for name in self.fields]
-        if not any(values):
+        values = {name: shown_value(properties.get(name)) for name in self.fields}
+        if not any(values.values()):
             return ""
-        ends = zip(values, self.texts[1:], strict=True)
-        text = self.texts[0] + "".join(value + text for value, text in ends)
+        text = _FIELD.sub(lambda field: values[field[1]], self.template)
         # On one line, without what no font shows: control codes, halves of surrogate pairs.
         return _RUBBISH.sub(" ", text).strip().encode("utf-8", "ignore").decode()
 
@@ -112,7 +104,13 @@ class _Comparison:
         if self.sign in _ORDER:
             number, bound = _number(value), _number(self.values[0])
             return number is not None and bound is not None and _ORDER[self.sign](number, bound)
-        return any(_equal(value, each) for each in self.values) != (self.sign == "!=")
+        is_one = False
+        for each in self.values:
+            number, other = _number(each), _number(value)
+            if number is None or other is None:  # else they compare as numbers
+                number, other = _unquoted(each), shown_value(value)
+            is_one |= number == other
+        return is_one != (self.sign == "!=")
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,13 +132,19 @@ class Condition:
         """
         if len(text) > _LONGEST:
             raise ConfigError(f"{source}: longer than {_LONGEST} characters")
-        comparisons = list(_comparisons(text))
-        if not all(comparisons):
-            raise ConfigError(
-                f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
-                "flow >= 60 and kind in [pump, well]"
-            )
-        return cls(tuple(filter(None, comparisons)), source)
+        comparisons, at, more = [], 0, "and"
+        while more:
+            match = _COMPARISON.match(text, at)
+            if match is None or (match["sign"] in _ORDER and _number(match["value"]) is None):
+                raise ConfigError(
+                    f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
+                    "flow >= 60 and kind in [pump, well]"
+                )
+            written = tuple(re.findall(_VALUE, match["value"] or match["values"]))
+            field = _unquoted(match["field"])
+            comparisons.append(_Comparison(field, match["sign"] or "in", written))
+            at, more = match.end(), match["more"]
+        return cls(tuple(comparisons), source)
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -179,31 +183,8 @@ class Wanted:
         return self.label.fields + (self.condition.fields if self.condition else ())
 
 
-def _comparisons(text: str) -> Iterator[_Comparison | None]:
-    """Yield the comparisons of a text; None where it is none."""
-    at, more = 0, "and"
-    while more:
-        match = _COMPARISON.match(text, at)
-        if match is None:
-            yield None
-            return
-        field, sign, value, values, more = match.group("field", "sign", "value", "values", "more")
-        ordered = sign in _ORDER and _number(value) is None
-        written = tuple(re.findall(_VALUE, value or values))
-        yield None if ordered else _Comparison(_unquoted(field), sign or "in", written)
-        at = match.end()
-
-
 def _unquoted(text: str) -> str:
     return text[1:-1] if text[0] in "\"'" else text
-
-
-def _equal(value: Any, written: str) -> bool:
-    """Return whether a property has a value, as numbers if both are."""
-    number, other = _number(written), _number(value)
-    if number is not None and other is not None:
-        return number == other
-    return shown_value(value) == _unquoted(written)
 
 
 def _number(value: Any) -> float | None:

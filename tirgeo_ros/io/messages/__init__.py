@@ -15,18 +15,18 @@ from tirgeo_ros.io.messages.decode import (
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
-from tirgeo_ros.io.messages.encode import Messages
-from tirgeo_ros.io.messages.json_codec import answer_of, targets_of
-from tirgeo_ros.io.messages.node_reports import (
+from tirgeo_ros.io.messages.encode import DiagnosticItem, Messages, navigation_item
+from tirgeo_ros.io.messages.json_codec import (
     FINDINGS_TOPIC,
     STATE_TOPIC,
     NodeState,
     PictureState,
     TopicState,
+    answer_of,
     finding_row,
     findings_of,
     node_state,
+    targets_of,
 )
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensor_messages import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,14 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem
-from tirgeo_ros.io.messages.json_codec import answer_text, targets_text
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io.messages.json_codec import (
+    NodeState,
+    answer_text,
+    findings_text,
+    state_text,
+    targets_text,
+)
 from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
     COVARIANCE_KNOWN,
@@ -48,82 +55,51 @@ from tirgeo_ros.io.messages.message_parts import (
     positive,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
 from tirgeo_ros.io.messages.pictures import calibration_of
 
+OK, WARN, ERROR = 0, 1, 2
+_LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 
-class FrameMessages(MessageParts):
-    """Build messages of transforms between frames, and of places in ``map``."""
 
-    def body_transform(self, body: BodyPose) -> Any:
-        """Return ``geometry_msgs/TransformStamped``, map -> base_link: the odometry's pose."""
-        north, east, down = body.position_n.tolist()
-        turned = positive(quat_turned_both(*body.q_nb.tolist()))
-        link = (self.frames.map, self.frames.base_link)
-        return self._transform(body.stamp_ns, link, (east, north, -down), turned)
+@dataclass(frozen=True, slots=True)
+class DiagnosticItem:
+    """Hold one status of a ``diagnostic_msgs/DiagnosticArray``."""
 
-    def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
-        """Return ``TransformStamped``, base_link -> camera, which was composed with ``body``."""
-        offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
-        w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
-        turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU
-        link = (self.frames.base_link, self.frames.camera)
-        return self._transform(camera.stamp_ns, link, flu_from_frd(offset_b).tolist(), turned)
+    name: str
+    level: int  # 0 OK, 1 WARN, 2 ERROR, 3 STALE
+    message: str
+    values: dict[str, str] = field(default_factory=dict)
 
-    def fixed_transforms(self, aircraft: AircraftConfig, stamp_ns: int) -> list[Any]:
-        """Return ``geometry_msgs/TransformStamped`` from base_link to what is fixed to it."""
-        ids, of_imu = self.frames, NO_TURN
-        places_b = {
-            ids.rtk_antenna: aircraft.rtk_lever_b,
-            ids.gps_antenna: aircraft.gps_lever_b,
-            ids.gimbal_pivot: aircraft.pivot_lever_b,
-        }
-        if aircraft.baseline_b is not None:
-            places_b[ids.second_antenna] = aircraft.rtk_lever_b + aircraft.baseline_b
-        places_b[ids.imu_link] = np.zeros(3)
-        if aircraft.rotation_bi is not None:  # of the IMU's axes to base_link's, FLU both
-            w, x, y, z = quat_from_matrix(aircraft.rotation_bi).tolist()
-            of_imu = w, x, -y, -z
-        transforms = []
-        for child, place_b in places_b.items():
-            xyz = (flu_from_frd(place_b) + 0.0).tolist()  # no minus zero
-            turned = of_imu if child == ids.imu_link else NO_TURN
-            transforms.append(self._transform(stamp_ns, (ids.base_link, child), xyz, turned))
-        return transforms
+    @property
+    def aircraft(self) -> str:
+        """Return the namespace in ``/uav1/node: subject``, and ``aircraft`` where it has none."""
+        return self.name.partition(":")[0].rpartition("/")[0].strip("/") or "aircraft"
 
-    def tf(self, transforms: Sequence[Any]) -> Any:
-        """Return ``tf2_msgs/TFMessage``."""
-        return self._class("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
 
-    def footprint(self, stamp_ns: int, outline_n: Array) -> Any:
-        """Return ``geometry_msgs/PolygonStamped`` of an outline (N, 3) in the map, NED, m."""
-        point = self._class("geometry_msgs/msg/Point32")
-        points = [point(x=east, y=north, z=-down) for north, east, down in outline_n.tolist()]
-        polygon = self._class("geometry_msgs/msg/Polygon")(points=points)
-        typename = "geometry_msgs/msg/PolygonStamped"
-        return self.stamped(typename, stamp_ns, self.frames.map, polygon=polygon)
-
-    def track_point(self, body: BodyPose) -> Any:
-        """Return ``geometry_msgs/PoseStamped`` of base_link in the map."""
-        pose = self._bare_pose(body.position_n, positive(quat_turned_both(*body.q_nb.tolist())))
-        typename = "geometry_msgs/msg/PoseStamped"
-        return self.stamped(typename, body.stamp_ns, self.frames.map, pose=pose)
-
-    def path(self, stamp_ns: int, track_points: Sequence[Any]) -> Any:
-        """Return ``nav_msgs/Path`` of track points."""
-        poses = list(track_points)
-        return self.stamped("nav_msgs/msg/Path", stamp_ns, self.frames.map, poses=poses)
-
-    def _transform(
-        self, stamp_ns: int, link: tuple[str, str], xyz: Sequence[float], turned: Quaternion
-    ) -> Any:
-        """Return a transform from a parent frame to its child: the child's pose in the parent."""
-        parent, child = link
-        transform = self._class("geometry_msgs/msg/Transform")(
-            translation=self._vector(xyz), rotation=self._quaternion(turned)
-        )
-        typename = "geometry_msgs/msg/TransformStamped"
-        return self.stamped(typename, stamp_ns, parent, child_frame_id=child, transform=transform)
+def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
+    """Convert the estimator's status: OK if it runs without warnings, an error once it is lost."""
+    values = {
+        "method": status.method,
+        "state": status.state.value,
+        "state_time_s": repr(float(status.state_s)),
+        "reason": status.reason,
+        "began_again": status.began_again.value if status.began_again else "",
+        "rtk_status": status.rtk_status.name.lower(),
+        "heading_sigma_deg": repr(math.degrees(status.heading_sigma_rad)),
+        "last_reset": status.last_reset,
+    }
+    values |= {f"count.{a}.{b}": str(n) for (a, b), n in sorted(status.counts.items())}
+    values |= {f"test_ratio.{a}": repr(float(r)) for a, r in sorted(status.test_ratios.items())}
+    values |= {f"reset.{a}": str(n) for a, n in sorted(status.resets.items())}
+    values |= {f"nis.{a}": repr(float(n)) for a, n in sorted(status.nis.items())}
+    values["process_noise"] = status.process_noise
+    values["vibration"] = " ".join(f"{density:.3g}" for density in status.vibration)
+    values |= {f"clipped.{name}": str(n) for name, n in sorted(status.clipped.items())}
+    warnings = values["warnings"] = "; ".join(status.warnings)
+    warned = warnings if status.state is FilterState.RUNNING else ""
+    level = WARN if warned else _LEVELS.get(status.state, WARN)
+    text = f"{status.state.value}: {warned or status.reason}".removesuffix(": ")
+    return DiagnosticItem(name, level, text, values)
 
 
 #: Variance of an unknown value, where a reader takes any number for a variance: so large that it
@@ -133,7 +109,7 @@ UNKNOWN_VARIANCE = 1e6
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 
 
-class Messages(FrameMessages):
+class Messages(MessageParts):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
     ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written
@@ -342,6 +318,76 @@ class Messages(FrameMessages):
             for item in items
         ]
         return self.stamped("diagnostic_msgs/msg/DiagnosticArray", stamp_ns, "", status=status)
+
+    def body_transform(self, body: BodyPose) -> Any:
+        """Return ``geometry_msgs/TransformStamped``, map -> base_link: the odometry's pose."""
+        north, east, down = body.position_n.tolist()
+        turned = positive(quat_turned_both(*body.q_nb.tolist()))
+        link = (self.frames.map, self.frames.base_link)
+        return self._transform(body.stamp_ns, link, (east, north, -down), turned)
+
+    def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
+        """Return ``TransformStamped``, base_link -> camera, which was composed with ``body``."""
+        offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
+        w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
+        turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU
+        link = (self.frames.base_link, self.frames.camera)
+        return self._transform(camera.stamp_ns, link, flu_from_frd(offset_b).tolist(), turned)
+
+    def fixed_transforms(self, aircraft: AircraftConfig, stamp_ns: int) -> list[Any]:
+        """Return ``geometry_msgs/TransformStamped`` from base_link to what is fixed to it."""
+        ids, of_imu = self.frames, NO_TURN
+        places_b = {
+            ids.rtk_antenna: aircraft.rtk_lever_b,
+            ids.gps_antenna: aircraft.gps_lever_b,
+            ids.gimbal_pivot: aircraft.pivot_lever_b,
+        }
+        if aircraft.baseline_b is not None:
+            places_b[ids.second_antenna] = aircraft.rtk_lever_b + aircraft.baseline_b
+        places_b[ids.imu_link] = np.zeros(3)
+        if aircraft.rotation_bi is not None:  # of the IMU's axes to base_link's, FLU both
+            w, x, y, z = quat_from_matrix(aircraft.rotation_bi).tolist()
+            of_imu = w, x, -y, -z
+        transforms = []
+        for child, place_b in places_b.items():
+            xyz = (flu_from_frd(place_b) + 0.0).tolist()  # no minus zero
+            turned = of_imu if child == ids.imu_link else NO_TURN
+            transforms.append(self._transform(stamp_ns, (ids.base_link, child), xyz, turned))
+        return transforms
+
+    def tf(self, transforms: Sequence[Any]) -> Any:
+        """Return ``tf2_msgs/TFMessage``."""
+        return self._class("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
+
+    def footprint(self, stamp_ns: int, outline_n: Array) -> Any:
+        """Return ``geometry_msgs/PolygonStamped`` of an outline (N, 3) in the map, NED, m."""
+        point = self._class("geometry_msgs/msg/Point32")
+        points = [point(x=east, y=north, z=-down) for north, east, down in outline_n.tolist()]
+        polygon = self._class("geometry_msgs/msg/Polygon")(points=points)
+        typename = "geometry_msgs/msg/PolygonStamped"
+        return self.stamped(typename, stamp_ns, self.frames.map, polygon=polygon)
+
+    def track_point(self, body: BodyPose) -> Any:
+        """Return ``geometry_msgs/PoseStamped`` of base_link in the map."""
+        pose = self._bare_pose(body.position_n, positive(quat_turned_both(*body.q_nb.tolist())))
+        typename = "geometry_msgs/msg/PoseStamped"
+        return self.stamped(typename, body.stamp_ns, self.frames.map, pose=pose)
+
+    def path(self, stamp_ns: int, track_points: Sequence[Any]) -> Any:
+        """Return ``nav_msgs/Path`` of track points."""
+        poses = list(track_points)
+        return self.stamped("nav_msgs/msg/Path", stamp_ns, self.frames.map, poses=poses)
+
+    def _transform(
+        self, stamp_ns: int, link: tuple[str, str], xyz: Sequence[float], turned: Quaternion
+    ) -> Any:
+        """Return a transform from a parent frame to its child: the child's pose in the parent."""
+        parent, child = link
+        transform = self._class("geometry_msgs/msg/Transform")(
+            translation=self._vector(xyz), rotation=self._quaternion(turned)
+        )
+        typename = "geometry_msgs/msg/TransformStamped"
+        return self.stamped(typename, stamp_ns, parent, child_frame_id=child, transform=transform)
 
     def _body_twist(self, solution: NavSolution) -> Any:
         """Return the twist in body axes, FLU.

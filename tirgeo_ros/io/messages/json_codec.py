@@ -1,8 +1,8 @@
-"""Encode located points and targets as JSON for programs, and decode it.
+"""Encode what programs read as JSON, and decode it: clicks, targets, states, findings.
 
 Each text is one ``std_msgs/String``: an object whose ``schema`` names its topic and version.
 docs/outputs.md lists the fields. Nanoseconds are texts of digits, since many readers of JSON
-round large numbers.
+round large numbers. ``/diagnostics`` has states and findings for people; no program reads it back.
 """
 
 from __future__ import annotations
@@ -10,13 +10,18 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypeVar
 
+from tirgeo_ros.core.config.overlay_parameters import POINT_SIGMAS, ConfidenceConfig
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal
 from tirgeo_ros.core.targets.target import KINDS, MOST_TARGETS, Target
 from tirgeo_ros.core.types.errors import MessageError, TargetError, cut, shown
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
 
 ANSWER_TOPIC, TARGETS_TOPIC = "tirgeo/locate/answer", "tirgeo/targets"
 ANSWER_SCHEMA, TARGETS_SCHEMA = f"{ANSWER_TOPIC}/1", f"{TARGETS_TOPIC}/1"
@@ -135,3 +140,205 @@ def _point(row: Mapping[str, Any], uv: tuple[float, float] = (math.nan, math.nan
     covariance = tuple(map(float, row["covariance_enu"]))
     stamp_ns, height_m = int(row["stamp_ns"]), float(row["height_m"])
     return Located(stamp_ns, latitude, longitude, height_m, covariance, uv)
+
+
+STATE_TOPIC, FINDINGS_TOPIC = "tirgeo/state", "tirgeo/findings"
+_STATE, _FINDINGS = "tirgeo/state/1", "tirgeo/findings/1"
+_PARTS = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
+_BY_NAME = ("test_ratios", "resets", "nis", "clipped")  # tables of the navigation's state
+_LONGEST = 100_000  # characters of a message
+_MOST_TOPICS = 100  # of a node
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class TopicState:
+    """Hold how messages of one topic come to a node or leave it; None where that is unknown."""
+
+    rate_hz: float
+    age_s: float | None = None  # of an input: since its newest message
+    latency_ms: float | None = None  # of an output: from the stamp, or the time that it took
+    latency_p95_ms: float | None = None  # the same, of which 95 % are not longer
+    unreadable: int = 0  # messages that were refused
+    failed: int = 0  # messages that met a fault of the program
+    lost: int = 0  # messages lost in transport
+
+
+@dataclass(frozen=True, slots=True)
+class PictureState:
+    """Hold what overlay_node says of its newest picture."""
+
+    notice: str  # why it has no map; empty if it has one
+    video_latency_s: float  # from the exposure to the stamp
+    confidence: ConfidenceConfig  # ``POINT_SIGMAS`` of located points, the rest by default
+    newest_frame_ns: int = 0  # stamp of the newest frame that came; 0 before the first
+
+
+@dataclass(frozen=True, slots=True)
+class NodeState:
+    """Hold what a node reports of itself."""
+
+    node: str  # its full name
+    stamp_ns: int
+    started_ns: int  # on the clock of its computer
+    topics: Mapping[str, TopicState] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)  # since its start
+    navigation: NavigationStatus | None = None  # of ekf_node
+    composition: str = ""  # of gimbal_node
+    picture: PictureState | None = None  # of overlay_node
+
+    @property
+    def name(self) -> str:
+        """Return the node's name without its namespace."""
+        return self.node.rpartition("/")[2]
+
+
+def state_text(state: NodeState) -> str:
+    """Return a node's state as JSON for ``tirgeo/state``."""
+    document: dict[str, Any] = {
+        "schema": _STATE,
+        "node": state.node,
+        "stamp_ns": str(state.stamp_ns),
+        "started_ns": str(state.started_ns),
+        "topics": {topic: asdict(topic_state) for topic, topic_state in state.topics.items()},
+        "counts": dict(state.counts),
+    }
+    if state.navigation is not None:
+        document["navigation"] = _navigation_row(state.navigation)
+    if state.composition:
+        document["composition"] = state.composition
+    if state.picture is not None:
+        sigmas = {name: getattr(state.picture.confidence, name) for name in POINT_SIGMAS}
+        document["picture"] = {
+            "notice": state.picture.notice,
+            "newest_frame_ns": str(state.picture.newest_frame_ns),
+            "video_latency_s": state.picture.video_latency_s,
+            **sigmas,
+        }
+    return json.dumps(_finite(document), allow_nan=False)
+
+
+def node_state(msg: Any) -> NodeState:
+    """Decode ``tirgeo/state``, texts cut. Raises MessageError."""
+    row = document_of(msg, STATE_TOPIC, _STATE, _LONGEST)
+    try:
+        return _node_state(row)
+    except WRONG_FORM as error:
+        raise MessageError(f"{STATE_TOPIC}: no state of a node: {shown(error, 100)}") from None
+
+
+def findings_text(node: str, stamp_ns: int, findings: Iterable[Finding]) -> str:
+    """Return what a node's checks have found, part by part, as JSON for ``tirgeo/findings``."""
+    rows = [finding_row(finding) for finding in findings]
+    head = {"schema": _FINDINGS, "node": node, "stamp_ns": str(stamp_ns)}
+    return json.dumps(head | {"findings": rows})
+
+
+def finding_row(finding: Finding) -> dict[str, str]:
+    """Return the parts of a finding by the names that programs read."""
+    parts = {key: getattr(finding, name) for key, name in _PARTS.items()}
+    return parts | {"severity": finding.severity.name}
+
+
+def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
+    """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
+    row = document_of(msg, FINDINGS_TOPIC, _FINDINGS, _LONGEST)
+    try:
+        findings = [
+            Finding(
+                severity=Severity[part["severity"]],
+                **{name: cut(str(part[key])) for key, name in _PARTS.items()},
+            )
+            for part in row["findings"]
+        ]
+        return cut(str(row["node"])), int(row["stamp_ns"]), findings
+    except WRONG_FORM as error:
+        raise MessageError(f"{FINDINGS_TOPIC}: no findings: {shown(error, 100)}") from None
+
+
+def _node_state(document: dict[str, Any]) -> NodeState:
+    topics = list(document["topics"].items())[:_MOST_TOPICS]
+    navigation, picture = document.get("navigation"), document.get("picture")
+    return NodeState(
+        node=cut(str(document["node"])),
+        stamp_ns=int(document["stamp_ns"]),
+        started_ns=int(document["started_ns"]),
+        topics={cut(topic): _topic_state(row) for topic, row in topics},
+        counts=_table(document["counts"], int),
+        navigation=None if navigation is None else _navigation(navigation),
+        composition=cut(str(document.get("composition", ""))),
+        picture=None if picture is None else _picture(picture),
+    )
+
+
+def _topic_state(row: dict[str, Any]) -> TopicState:
+    times = (row[name] for name in ("age_s", "latency_ms", "latency_p95_ms"))
+    age_s, latency_ms, p95_ms = (None if value is None else float(value) for value in times)
+    counts = (int(row[name]) for name in ("unreadable", "failed", "lost"))
+    return TopicState(_number(row["rate_hz"]), age_s, latency_ms, p95_ms, *counts)
+
+
+def _picture(row: dict[str, Any]) -> PictureState:
+    sigmas: dict[str, Any] = {name: float(row[name]) for name in POINT_SIGMAS}
+    latency_s = float(row["video_latency_s"])
+    if not math.isfinite(latency_s + sum(sigmas.values())):
+        raise ValueError("a number of its picture is not finite")
+    notice, newest_ns = cut(str(row["notice"])), int(row["newest_frame_ns"])
+    return PictureState(notice, latency_s, ConfidenceConfig(**sigmas), newest_ns)
+
+
+def _navigation_row(status: NavigationStatus) -> dict[str, Any]:
+    row = asdict(status)
+    row["state"] = status.state.value
+    row["began_again"] = status.began_again.value if status.began_again else None
+    row["rtk_status"] = status.rtk_status.name.lower()
+    row["heading_sigma_deg"] = math.degrees(row.pop("heading_sigma_rad"))
+    row |= {key: dict(sorted(row[key].items())) for key in _BY_NAME}
+    counts: dict[str, dict[str, int]] = {}
+    for (source, outcome), number in sorted(status.counts.items()):
+        counts.setdefault(source, {})[outcome] = number
+    return row | {"counts": counts}
+
+
+def _navigation(row: dict[str, Any]) -> NavigationStatus:
+    again = row["began_again"]
+    return NavigationStatus(
+        method=cut(str(row["method"])),
+        state=FilterState(row["state"]),
+        reason=cut(str(row["reason"])),
+        rtk_status=FixStatus[row["rtk_status"].upper()],
+        heading_sigma_rad=math.radians(_number(row["heading_sigma_deg"])),
+        counts={
+            (cut(source), outcome): number
+            for source, outcomes in row["counts"].items()
+            for outcome, number in _table(outcomes, int).items()
+        },
+        test_ratios=_table(row["test_ratios"], _number),
+        state_s=_number(row["state_s"]),
+        resets=_table(row["resets"], int),
+        last_reset=cut(str(row["last_reset"])),
+        clipped=_table(row["clipped"], int),
+        warnings=tuple(cut(str(text)) for text in row["warnings"]),
+        nis=_table(row["nis"], _number),
+        process_noise=cut(str(row["process_noise"])),
+        vibration=tuple(_number(density) for density in row["vibration"]),
+        began_again=Outcome(again) if again else None,
+    )
+
+
+def _table(row: dict[str, Any], value: Callable[[Any], T]) -> dict[str, T]:
+    return {cut(key): value(entry) for key, entry in row.items()}
+
+
+def _number(value: Any) -> float:
+    """Return a number of a document, in which null stands for what is not finite."""
+    return math.nan if value is None else float(value)
+
+
+def _finite(part: Any) -> Any:
+    """Return a part of a document with null for each number that is not finite."""
+    if isinstance(part, dict):
+        return {key: _finite(value) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [_finite(value) for value in part]
+    return None if isinstance(part, float) and not math.isfinite(part) else part

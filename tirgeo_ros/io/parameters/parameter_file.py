@@ -130,10 +130,7 @@ def _of_every_node(name: str, where: str = "") -> bool:
 
 
 def overridden_topic(name: str, where: str = "") -> str:
-    """Return the topic whose QoS a parameter overrides; the empty text for any other parameter.
-
-    Raise ConfigError, which begins with ``where``, for an override that rclpy would ignore.
-    """
+    """Return the topic whose QoS a parameter overrides, else ""; refuse what rclpy ignores."""
     if not name.startswith(_OVERRIDE):
         return ""
     topic = "/" + name.removeprefix(_OVERRIDE).partition(".")[0].lstrip("/")
@@ -207,10 +204,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         return super().compose_node(parent, index)
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
-        """Construct a value; refuse, with its line, one that its tag or its length does not allow.
-
-        Half of a pair of surrogates, which no file and no message can hold, is refused too.
-        """
+        """Construct a value; refuse, with its line, what its tag or length does not allow."""
         try:
             made = super().construct_object(node, deep)
             if isinstance(made, str):

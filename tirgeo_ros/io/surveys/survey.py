@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,15 +48,6 @@ class Observation:
     v: float  # row, px
 
 
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Hold the pixel of a ground point in one picture, for example an orthophoto."""
-
-    id: str
-    column: float  # px
-    row: float  # px
-
-
 def load_survey(path: PathLike) -> list[SurveyPoint]:
     """Load points of GeoJSON with property ``id``, or CSV ``id,lat,lon,h``. Raises SurveyError."""
     text = read_text(path, SurveyError)
@@ -63,7 +55,7 @@ def load_survey(path: PathLike) -> list[SurveyPoint]:
         points = _geojson_points(path, text)
     else:
         points = _csv_rows(path, text, _SURVEY_COLUMNS, _point)
-    _refuse_repeated(path, points)
+    _refuse_repeated(path, [point.id for point in points])
     return points
 
 
@@ -94,12 +86,12 @@ def load_observations(path: PathLike) -> list[Observation]:
     return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation)
 
 
-def load_marks(path: PathLike) -> list[Mark]:
-    """Load a CSV file ``id,column,row``. Raises SurveyError naming file and line."""
+def load_marks(path: PathLike) -> dict[str, list[float]]:
+    """Load column and row by id of a CSV file ``id,column,row``. Raises SurveyError."""
     text = read_text(path, SurveyError)
-    marks = _csv_rows(path, text, _MARK_COLUMNS, lambda n, *uv: Mark(_name(n), *_finite(*uv)))
-    _refuse_repeated(path, marks)
-    return marks
+    marks = _csv_rows(path, text, _MARK_COLUMNS, lambda n, *uv: (_name(n), _finite(*uv)))
+    _refuse_repeated(path, [name for name, _ in marks])
+    return dict(marks)
 
 
 def save_observations(path: PathLike, observations: Sequence[Observation]) -> None:
@@ -194,12 +186,10 @@ def _point(name: str, *place: str | float) -> SurveyPoint:
     )
 
 
-def _refuse_repeated(path: PathLike, points: Sequence[SurveyPoint] | Sequence[Mark]) -> None:
-    ids: set[str] = set()
-    for point in points:
-        if point.id in ids:
-            raise SurveyError(f"{path}: point {point.id} appears twice; give each its own id")
-        ids.add(point.id)
+def _refuse_repeated(path: PathLike, ids: Sequence[str]) -> None:
+    for name, count in Counter(ids).items():
+        if count > 1:
+            raise SurveyError(f"{path}: point {name} appears twice; give each its own id")
 
 
 class Answered(NamedTuple):
@@ -209,8 +199,7 @@ class Answered(NamedTuple):
     answer: Answer
 
 
-_QGIS_X, _QGIS_Y = ("mapX", "mapY")
-_QGIS_PIXELS = (("sourceX", "sourceY"), ("pixelX", "pixelY"))  # of now and of QGIS before 3.26
+_QGIS_COLUMNS = ("mapX", "mapY", "sourceX", "sourceY")  # since 3.26
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,24 +212,20 @@ class ControlPoints:
     unused: tuple[str, ...] = ()  # those that only one of two files has
 
 
-def load_control_points(
-    points: PathLike, survey: PathLike | None, points_crs: str | None
-) -> ControlPoints:
+def load_control_points(points: PathLike, survey: PathLike | None) -> ControlPoints:
     """Load marks (CSV ``id,column,row``) with their survey, or a ``.points`` file of QGIS alone.
 
-    ``points_crs`` is the system of a ``.points`` file, else it is the one that the file names.
     Raises SurveyError.
     """
     if survey is None:
-        return _qgis(points, points_crs)
-    marks = {mark.id: mark for mark in load_marks(points)}
-    places = {point.id: point for point in load_survey(survey)}
+        return _qgis(points)
+    marks, places = load_marks(points), {point.id: point for point in load_survey(survey)}
     used = [name for name in marks if name in places]
     if not used:
         raise SurveyError(f"{points}: none of its ids is in {survey}")
     radians = [(places[name].longitude_rad, places[name].latitude_rad) for name in used]
-    pixels = np.array([(marks[name].column, marks[name].row) for name in used])
     unused = [name for name in [*marks, *places] if not (name in marks and name in places)]
+    pixels = np.array([marks[name] for name in used])
     return ControlPoints(used, downward(pixels), np.degrees(radians), tuple(unused))
 
 
@@ -250,43 +235,29 @@ def downward(pixels: Array) -> Array:
     return pixels * np.array([1.0, -1.0]) if upward else pixels
 
 
-def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
+def _qgis(path: PathLike) -> ControlPoints:
     lines = read_text(path, SurveyError).splitlines()
     check_rows(path, len(lines))
-    comments = [line for line in lines if line.startswith("#")]
-    named = [line.partition(":")[2].strip() for line in comments if line.startswith("#CRS:")]
-    crs = points_crs or (named[0] if named else "")
-    rows = _rows(path, [line for line in lines if not line.startswith("#")])
-    if not crs:
+    crs = next((line.partition(":")[2].strip() for line in lines if line.startswith("#CRS:")), "")
+    reader = csv.DictReader(line for line in lines if not line.startswith("#"))
+    if not {*_QGIS_COLUMNS} <= {*(reader.fieldnames or ())}:
         raise SurveyError(
-            f"{path}: names no coordinate reference system; give --points-crs (EPSG code)"
+            f"{path}: not a .points file of QGIS ({','.join(_QGIS_COLUMNS)}); with a CSV "
+            "id,column,row give --survey too"
         )
-    values = np.array(list(rows.values()), float).reshape(-1, 4)
-    flat = np.column_stack([values[:, :2], np.zeros(len(values))])
+    if not crs:
+        raise SurveyError(f"{path}: names no coordinate system; save it with QGIS 3.26 or later")
+    points: dict[str, list[float]] = {}  # of the enabled points, by their numbers
+    for number, row in enumerate(reader, 1):
+        try:
+            values = _finite(*(row[name] for name in _QGIS_COLUMNS))
+        except (TypeError, ValueError):
+            raise SurveyError(f"{path}: point {number} is not four numbers") from None
+        if (row.get("enable") or "1").strip() != "0":
+            points[str(number)] = values
+    table = np.array(list(points.values()), float).reshape(-1, 4)
+    flat = np.column_stack([table[:, :2], np.zeros(len(table))])
     degrees, _ = to_wgs84(flat, crs, str(path))
     if not np.isfinite(degrees).all() or (np.abs(degrees[:, 1]) > 90).any():
         raise SurveyError(f"{path}: a point is not a place in {crs[:40]}")
-    return ControlPoints(list(rows), downward(values[:, 2:]), degrees[:, :2])
-
-
-def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Return easting, northing, column, row of the enabled points, by their numbers."""
-    reader = csv.DictReader(lines)
-    header = reader.fieldnames or ()
-    pixels = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)
-    if pixels is None or not {_QGIS_X, _QGIS_Y} <= set(header):
-        raise SurveyError(
-            f"{path}: not a .points file of QGIS (mapX,mapY,sourceX,sourceY); "
-            "with a CSV id,column,row give --survey too"
-        )
-    points: dict[str, tuple[float, ...]] = {}
-    for number, row in enumerate(reader, 1):
-        try:
-            values = tuple(float(row[name]) for name in (_QGIS_X, _QGIS_Y, *pixels))
-        except (TypeError, ValueError):
-            values = (math.nan,)
-        if not all(map(math.isfinite, values)):
-            raise SurveyError(f"{path}: point {number} is not four numbers")
-        if (row.get("enable") or "1").strip() != "0":
-            points[str(number)] = values
-    return points
+    return ControlPoints(list(points), downward(table[:, 2:]), degrees[:, :2])

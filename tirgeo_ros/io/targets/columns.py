@@ -34,28 +34,22 @@ _OF_PLACE = {
 }
 
 
-class _Own(NamedTuple):
-    """Hold a column of a target: its type in SQL, and how its cell is made."""
-
-    kind: str
-    cell: Callable[[Target], Any]
-
-
-#: A point that a GIS adds has neither id nor number.
-_OF_TARGET = {
-    "id": _Own("TEXT UNIQUE", lambda t: t.id),
-    "number": _Own("INTEGER UNIQUE", lambda t: t.number),
-    "name": _Own("TEXT", lambda t: _utf8(t.name)),
-    "target_kind": _Own("TEXT", lambda t: t.kind),
-    "note": _Own("TEXT", lambda t: _utf8(t.note)),
-    "aircraft": _Own("TEXT", lambda t: _utf8(t.aircraft)),
-    "created_ns": _Own("INTEGER", lambda t: t.created_ns),
-    "changed_ns": _Own("INTEGER", lambda t: t.changed_ns),
-    "clicks": _Own("INTEGER", lambda t: len(t.clicks)),
-    "clicks_agree": _Own("BOOLEAN", lambda t: t.clicks_agree),
+#: Column of a target -> its type in SQL, and its cell. A point that a GIS adds has neither id nor
+#: number.
+_OF_TARGET: Mapping[str, tuple[str, Callable[[Target], Any]]] = {
+    "id": ("TEXT UNIQUE", lambda t: t.id),
+    "number": ("INTEGER UNIQUE", lambda t: t.number),
+    "name": ("TEXT", lambda t: _utf8(t.name)),
+    "target_kind": ("TEXT", lambda t: t.kind),
+    "note": ("TEXT", lambda t: _utf8(t.note)),
+    "aircraft": ("TEXT", lambda t: _utf8(t.aircraft)),
+    "created_ns": ("INTEGER", lambda t: t.created_ns),
+    "changed_ns": ("INTEGER", lambda t: t.changed_ns),
+    "clicks": ("INTEGER", lambda t: len(t.clicks)),
+    "clicks_agree": ("BOOLEAN", lambda t: t.clicks_agree),
 }
 #: Column -> its type in SQL.
-COLUMNS: Mapping[str, str] = {name: own.kind for name, own in _OF_TARGET.items()} | _OF_PLACE
+COLUMNS: Mapping[str, str] = {name: kind for name, (kind, _) in _OF_TARGET.items()} | _OF_PLACE
 
 
 class Row(NamedTuple):
@@ -68,7 +62,8 @@ class Row(NamedTuple):
 
 def of_target(target: Target) -> dict[str, Any]:
     """Return the cells of a target, in the order of ``COLUMNS``."""
-    return {name: own.cell(target) for name, own in _OF_TARGET.items()} | _of_place(target.place)
+    own = {name: cell(target) for name, (_, cell) in _OF_TARGET.items()}
+    return own | _of_place(target.place)
 
 
 def of_targets(targets: Sequence[Target]) -> list[Row]:

@@ -1,7 +1,4 @@
-"""Write targets, and the pixels that ``tirgeo locate`` located, in the formats of others.
-
-Read back what was written as GeoPackage and GeoJSON.
-"""
+"""Write targets, and the pixels that ``tirgeo locate`` located, in the formats of others."""
 
 from __future__ import annotations
 
@@ -13,23 +10,19 @@ import sqlite3
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
-from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.targets.target import KINDS, Target
-from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.texts import legible, utc
-from tirgeo_ros.io.files.whole_files import PathLike, csv_text, read_text
-from tirgeo_ros.io.surveys.survey import MOST_ROWS, Answered
-from tirgeo_ros.io.targets.columns import COLUMNS, Row, of_answers, of_targets, target_of_pixel
+from tirgeo_ros.io.files.whole_files import PathLike, csv_text
+from tirgeo_ros.io.surveys.survey import Answered
+from tirgeo_ros.io.targets.columns import COLUMNS, Row, of_answers, of_targets
 from tirgeo_ros.io.targets.cot_events import target_event
 from tirgeo_ros.io.targets.geopackage import (
     explained,
     make_tables,
     put_picture,
     put_target,
-    read_file,
     transaction,
 )
 
@@ -41,7 +34,6 @@ _KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/
 _LINE = "ffff50ff"  # KML's colours are alpha, blue, green, red
 #: Some readers of GPX show its texts as HTML, others as they are.
 _NO_TAGS = str.maketrans("<>", "\u2039\u203a")
-_WRITTEN = "which tirgeo did not write; give a GeoPackage or GeoJSON of targets from tirgeo"
 
 
 def geojson(rows: Sequence[Row]) -> str:
@@ -146,12 +138,9 @@ def _waypoint(target: Target, words: str) -> ET.Element:
     )
 
 
-def cot(answers: Sequence[Answered]) -> str:
-    """Return Cursor-on-Target 2.0: an ``event`` for each located point, in a root ``events``.
-
-    The events are those of targets, as the operator's page sends them; the time is the picture's.
-    """
-    targets = [row.target for row in of_answers(answers) if row.target is not None]
+def cot(rows: Sequence[Row]) -> str:
+    """Return Cursor-on-Target 2.0: an ``event`` for each target, at its time, in ``events``."""
+    targets = [row.target for row in rows if row.target is not None]
     return _xml(_node("events", *(target_event(one, one.changed_ns) for one in targets)))
 
 
@@ -188,20 +177,14 @@ def geopackage(rows: Sequence[Row], picture: Pictures = lambda _: None) -> bytes
         return path.read_bytes()
 
 
-class Form(NamedTuple):
-    """Hold a format: how it is written, and its media type."""
-
-    write: Callable[[Sequence[Row]], str | bytes]
-    media_type: str
-
-
 #: By the ending of the file's name.
-FORMATS = {
-    "geojson": Form(geojson, "application/geo+json"),
-    "kml": Form(kml, "application/vnd.google-earth.kml+xml"),
-    "gpx": Form(gpx, "application/gpx+xml"),
-    "csv": Form(table, "text/csv; charset=utf-8"),
-    "gpkg": Form(geopackage, "application/geopackage+sqlite3"),
+FORMATS: Mapping[str, Callable[[Sequence[Row]], str | bytes]] = {
+    "geojson": geojson,
+    "kml": kml,
+    "gpx": gpx,
+    "csv": table,
+    "gpkg": geopackage,
+    "xml": cot,
 }
 
 
@@ -209,12 +192,12 @@ def exported(targets: Sequence[Target], form: str, picture: Pictures | None = No
     """Return targets in one of FORMATS; a GeoPackage has their pictures. Raises TargetError."""
     if form == "gpkg" and picture:
         return geopackage(of_targets(targets), picture)
-    return _encoded(FORMATS[form], of_targets(targets))
+    return _encoded(form, of_targets(targets))
 
 
 def exported_answers(answers: Sequence[Answered], form: str) -> bytes:
     """Return the pixels of ``tirgeo locate``; refused ones stay in GeoJSON, KML and CSV."""
-    return _encoded(FORMATS[form], of_answers(answers))
+    return _encoded(form, of_answers(answers))
 
 
 def form_of(path: PathLike) -> str:
@@ -223,54 +206,6 @@ def form_of(path: PathLike) -> str:
     return ending if ending in FORMATS else "geojson"
 
 
-def _encoded(form: Form, rows: Sequence[Row]) -> bytes:
-    content = form.write(rows)
+def _encoded(form: str, rows: Sequence[Row]) -> bytes:
+    content = FORMATS[form](rows)
     return content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
-
-
-def read_targets(path: PathLike) -> list[Target]:
-    """Return the targets of a file in its order, or by number (GeoPackage).
-
-    GeoJSON holds the average of the clicks, so its targets have one click. Pixels that ``tirgeo
-    locate`` located are targets too; refused ones are left out. Raises TargetError naming the
-    file.
-    """
-    path = Path(path)
-    with contextlib.suppress(OSError), path.open("rb") as file:
-        if file.read(16) == b"SQLite format 3\0":
-            return read_file(path)
-    try:
-        features = json.loads(read_text(path, TargetError))["features"]
-        every = [feature["properties"] for feature in features]
-        rows = [row for row in every if {"point": True, "ellipse": False}[row["kind"]]]
-    except (KeyError, TypeError, ValueError, RecursionError):
-        raise TargetError(f"{path}: a file {_WRITTEN}") from None
-    if len(rows) > MOST_ROWS:
-        raise TargetError(f"{path}: {len(rows)} rows, more than the {MOST_ROWS} allowed")
-    targets: list[Target] = []
-    for line, row in enumerate(rows, 1):
-        if row.get("latitude_deg") is None:
-            continue  # a refused pixel
-        try:
-            targets.append(_target(row, len(targets) + 1))
-        except (KeyError, TypeError, ValueError, OverflowError, AttributeError, TargetError):
-            raise TargetError(f"{path}: row {line} is one {_WRITTEN}") from None
-    for what in ("id", "number"):
-        if len({getattr(target, what) for target in targets}) < len(targets):
-            raise TargetError(f"{path}: two targets have the same {what}; remove one of them")
-    return targets
-
-
-def _target(row: Mapping[str, Any], place_in_file: int) -> Target:
-    """Return a row's target; a row without a number is that of a located pixel."""
-    latitude, longitude, height_m = (
-        float(row[key]) for key in ("latitude_deg", "longitude_deg", "height_m")
-    )
-    covariance = tuple(map(float, row["covariance_enu"].split()))
-    click = Located(int(row["stamp_ns"]), latitude, longitude, height_m, covariance)
-    if "number" not in row:
-        return target_of_pixel(place_in_file, str(row["id"]), click)
-    kind = row["target_kind"] if row["target_kind"] in KINDS else "other"
-    words = str(row["name"]), kind, str(row["note"]), str(row["aircraft"])
-    times = int(row["created_ns"]), int(row["changed_ns"])
-    return Target(str(row["id"]), int(row["number"]), *words, *times, (click,))

@@ -17,8 +17,10 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.files.geopackage_layers import Layer, Positions, insert, make_file, make_layer
+from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
 from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
+_MAGIC = b"SQLite format 3\0"
 _WAIT_S = 2.0  # for a program that is just ending
 #: A part of SQLite's message -> what to do.
 _REMEDIES = {
@@ -128,8 +130,11 @@ def next_number(db: sqlite3.Connection) -> int:
     return 1 + (int(row[0]) if row else 0)
 
 
-def read_file(path: Path) -> list[Target]:
-    """Return the targets of a file, read without a change. Raises TargetError."""
+def read_targets(path: PathLike) -> list[Target]:
+    """Return the targets of a file, read without a change. Raises TargetError naming it."""
+    path = Path(path)
+    if first_bytes(path, len(_MAGIC), TargetError) != _MAGIC:
+        raise TargetError(f"{path}: no GeoPackage; give one of targets from tirgeo (.gpkg)")
     journal = path.with_name(f"{path.name}-journal")  # of a change that a crash cut short
     cut_short = journal.exists() and journal.stat().st_size > 0
     address = f"{path.resolve().as_uri()}?mode={'rw' if cut_short else 'ro'}"

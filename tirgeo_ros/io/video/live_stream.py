@@ -89,11 +89,7 @@ class LiveStream:
         self._thread.start()
 
     def add(self, time_ns: int, picture: Pixels | bytes, sight: Sight | None) -> None:
-        """Send a picture, (h, w, 3) BGR or JPEG, that was exposed at ``time_ns``.
-
-        ``sight`` is None if there is no trusted pose at that time. The arrays must not be changed
-        afterwards.
-        """
+        """Send a picture, (h, w, 3) BGR or JPEG; ``sight`` is None without a trusted pose."""
         with self._changed:
             self.counts["replaced"] += self._waiting is not None
             self._waiting = _Frame(time_ns, picture, sight)

@@ -13,7 +13,7 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError
-from tirgeo_ros.io.files.whole_files import check_place, part_of
+from tirgeo_ros.io.files.whole_files import check_place, part_of, writing
 
 _CLOCK_HZ = 90_000
 _FIRST_STEP_NS = 100_000_000
@@ -192,19 +192,12 @@ class VideoFile:
                 f"{self.path}: a frame of {pixels.shape[1]}x{pixels.shape[0]} pixels follows "
                 f"frames of {self._shape[1]}x{self._shape[0]}"
             )
-        with self._writing():
+        with writing(self.path, VideoError):
             if self._encoder is None:
                 form, size = _FORMS[self.path.suffix.lower()], (pixels.shape[1], pixels.shape[0])
                 self._encoder = Encoder(str(self._part), form, size, metadata=bool(metadata))
             self._encoder.add(self._times.at(stamp_ns), pixels, metadata)
         self.frames += 1
-
-    @contextlib.contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise VideoError(f"{self.path}: cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> VideoFile:
         return self
@@ -212,7 +205,7 @@ class VideoFile:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if (kind is None or self._growing) and self._encoder is not None:
-                with self._writing():
+                with writing(self.path, VideoError):
                     self._encoder.finish()
                     self._part.replace(self.path)
         finally:

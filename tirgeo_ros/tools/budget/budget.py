@@ -192,14 +192,14 @@ _CONTOURS, _LEAST_SPAN_M = 7, 1e-6
 
 
 def make_budget(
-    given: dict[str, float],
+    values: dict[str, float],
     *,
     output: PathLike | None = None,
     params: Files = None,
     camera: PathLike | None = None,
     namespace: str = "",
 ) -> dict[str, object]:
-    """Compute the budget; ``given`` are values by the names of the fields of Setting.
+    """Compute the budget; ``values`` are by the names of the fields of Setting.
 
     ``camera``, a calibration file, overrides that of the parameters. Write budget.csv and the maps
     to the folder ``output`` if it is given. Raise CameraError, ConfigError, CalibrationError.
@@ -209,8 +209,8 @@ def make_budget(
         outputs = [Path(output) / name for name in _NAMES]
         check_outputs((*paths_of(params), *configs.files), outputs, CalibrationError)
     lens = given_camera(configs.overlay)
-    values: dict[str, Any] = {"confidence": configs.overlay.confidence, **given}
-    made = budget(Setting(**values) if lens is None else Setting(camera=lens, **values))
+    whole: dict[str, Any] = {"confidence": configs.overlay.confidence, **values}
+    made = budget(Setting(**whole) if lens is None else Setting(camera=lens, **whole))
     result: dict[str, object] = {
         "height_m": made.setting.height_m,
         "depression_deg": made.setting.depression_deg,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr, by_numbers, is_bag
+from tirgeo_ros.io.bags.bag import BagReader, Cdr, by_numbers, is_bag
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.messages.pictures import MOST_OF_FILE, unpacked
 from tirgeo_ros.tools.presentation.progress import Report
@@ -112,7 +112,13 @@ class BoardVideo:
         first_ns, last_ns = self.reader.span_ns
         for message in self.reader.messages([self._pictures]):
             progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
-            yield self._picture(message)
+            try:
+                decoded = self._cdr.deserialize(message.data, message.typename)
+                stamp_ns = convert.stamp_ns(decoded)
+                pixels = convert.pixels(self._contract, decoded)
+                yield Taken(f"{stamp_ns / 1e9:.3f}", stamp_ns, pixels)
+            except TirgeoError:
+                yield Taken(f"{message.log_time_ns / 1e9:.3f}", None, None)
 
     def camera(self) -> Camera:
         """Return the camera of the first ``thermal/camera_info``. Raise BagError, CameraError."""
@@ -123,20 +129,8 @@ class BoardVideo:
             raise BagError(
                 f"{self.reader.path}: no {self._info} in what can be read; give --camera"
             )
-        return convert.camera(self._decoded(message), self._info)
-
-    def _picture(self, message: BagMessage) -> Taken:
-        is_packed = self._contract.endswith("/compressed")
-        decode = convert.compressed_pixels if is_packed else convert.image_pixels
-        try:
-            decoded = self._decoded(message)
-            stamp_ns = convert.stamp_ns(decoded)
-            return Taken(f"{stamp_ns / 1e9:.3f}", stamp_ns, decode(decoded))
-        except TirgeoError:
-            return Taken(f"{message.log_time_ns / 1e9:.3f}", None, None)
-
-    def _decoded(self, message: BagMessage) -> Any:
-        return self._cdr.deserialize(message.data, message.typename)
+        decoded = self._cdr.deserialize(message.data, message.typename)
+        return convert.camera(decoded, self._info)
 
 
 def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:

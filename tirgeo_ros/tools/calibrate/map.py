@@ -124,7 +124,6 @@ def calibrate_map(
     output: PathLike,
     *,
     survey: PathLike | None = None,
-    points_crs: str | None = None,
     order: int = 3,
     crs: str | None = None,
 ) -> dict[str, object]:
@@ -134,7 +133,7 @@ def calibrate_map(
     summary. Raise SurveyError, MapError, CalibrationError.
     """
     check_outputs((vectors, points, survey), (output,), MapError)
-    control = load_control_points(points, survey, points_crs)
+    control = load_control_points(points, survey)
     plane = Plane(crs, control.degrees)
     try:
         transform, residuals = fit_polynomial(control.pixels, plane.metres(control.degrees), order)

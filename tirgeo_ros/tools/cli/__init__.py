@@ -9,7 +9,6 @@ a description, and ``example:``. It has::
     def run(args: Namespace) -> dict[str, object] | int: ...
 
     def describe(result: dict[str, object]) -> str: ...  # optional: the result for a person
-    # optional: describe_all(result) for -v, and VERBOSE, what -v adds
 
 ``_verb`` says what an option is, has those that verbs share, and calls the tool that does the
 work. ``main`` adds ``--json`` to every verb, runs it and handles its result and errors:

@@ -170,10 +170,6 @@ def add_verb(subparsers: Subparsers, module: ModuleType) -> Parser:
         return parser
     for option in module.OPTIONS:
         add_option(parser, *option)
-    if hasattr(module, "describe_all"):
-        keywords = {"dest": "describe", "action": "store_const", "const": module.describe_all}
-        what = f"{module.VERBOSE} (--json has it too)"
-        parser.add_argument("-v", "--verbose", help=what, **keywords)
     add_option(parser, "--json", None, "print the result as one JSON object on stdout")
     parser.set_defaults(verb_module=module, verb_parser=parser)
     return parser

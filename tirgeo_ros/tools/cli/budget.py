@@ -41,10 +41,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Compute the budget; return it as plain values."""
     from tirgeo_ros.tools.budget.budget import make_budget  # noqa: PLC0415 heavy
 
-    values = {name: getattr(args, name) for *_, name in _VALUES}
-    given = {name: value for name, value in values.items() if value is not None}
+    options = {name: getattr(args, name) for *_, name in _VALUES}
+    values = {name: value for name, value in options.items() if value is not None}
     files = {name: getattr(args, name) for name in ("output", "params", "camera", "namespace")}
-    return make_budget(given, **files)
+    return make_budget(values, **files)
 
 
 def describe(result: dict[str, Any]) -> str:

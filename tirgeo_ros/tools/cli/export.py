@@ -35,7 +35,7 @@ _ONLY = {"type": names_of(PRODUCTS)}
 _EVERY = "at most one picture in each interval of so many seconds; 0: all (default: %(default)g)"
 _DEGREES = "degrees Celsius = 16-bit value x SCALE + OFFSET, as 0.04 -273.15; default: values stay"
 _GRAZING = "leave out ground that is seen flatter than this (default: %(default)g)"
-_TARGETS = "targets to put into flight.gpkg, as the page or tirgeo locate wrote them"
+_TARGETS = "targets to put into flight.gpkg: a GeoPackage of the page or of tirgeo locate"
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "DIR", "folder for the products; replaces an earlier run's", NEEDED),

@@ -75,8 +75,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(plain(result), allow_nan=False, ensure_ascii=False))
     else:
-        by_verb = getattr(args.verb_module, "describe", lines)
-        print((getattr(args, "describe", None) or by_verb)(result))
+        print(getattr(args.verb_module, "describe", lines)(result))
     if result.get("warning") is not None:
         _say(args, f"warning: {result['warning']}", DONE)
     error = result.get("error")

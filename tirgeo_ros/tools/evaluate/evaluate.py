@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -40,7 +40,6 @@ from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.registration import Registered, Sample, can_smooth
 
-_UNSMOOTHED = "raw and rtk are as they are: without a filter there is nothing to smooth"
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
 
@@ -123,15 +122,9 @@ def evaluate(
     runs = [_Run(setup, true_poses) for setup in setups]
     runs, missing = _read(runs, flight, checks, experiment, reader, namespace, smooth, progress)
     methods = [run.result(flight.camera, experiment) for run in runs]
-    absent = {run.setup.method: done_without(run.poses.topics, run.ekf_method) for run in runs}
     notes = [
         *setup_notes(setups, heights_m),
-        *(
-            f"{method}: {_names(topics, namespace)} absent: continuing without it"
-            for method, topics in absent.items()
-            if topics
-        ),
-        *([_UNSMOOTHED] if smooth and not can_smooth(runs[0].ekf_method) else []),
+        *_run_notes(runs, namespace, smooth=smooth),
         *(f"{method} is left out: {why}" for method, why in missing.items()),
         *input_notes(experiment, flight.picture_stamps_ns),
         *filter(None, [place_note(methods)]),
@@ -140,6 +133,17 @@ def evaluate(
     error = _error(reader, methods) or stop_line(findings)
     paths = os.fspath(bag), os.fspath(survey), os.fspath(observations)
     return Evaluation(*paths, experiment, methods, missing, notes, error, findings, smooth)
+
+
+def _run_notes(runs: Sequence[_Run], namespace: str, *, smooth: bool) -> Iterator[str]:
+    """Yield what the methods go without."""
+    for run in runs:
+        absent = done_without(run.poses.topics, run.ekf_method)
+        if absent:
+            names = _names(absent, namespace)
+            yield f"{run.setup.method}: {names} absent: continuing without it"
+    if smooth and not can_smooth(runs[0].ekf_method):
+        yield "raw and rtk are as they are: without a filter there is nothing to smooth"
 
 
 def _read(

@@ -16,8 +16,8 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.bounded_reading import imported_rasterio
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
-from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
+from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
+from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
 from tirgeo_ros.tools.export import PRODUCTS, RASTERS
 from tirgeo_ros.tools.export.frames import (
     ExportFrame,
@@ -27,13 +27,12 @@ from tirgeo_ros.tools.export.frames import (
     frames,
     register,
 )
-from tirgeo_ros.tools.export.orthophotos import Mosaic, Orthophotos
-from tirgeo_ros.tools.export.rasters import RasterOptions, raster_setup
+from tirgeo_ros.tools.export.rasters import Mosaic, Orthophotos, RasterOptions, raster_setup
 from tirgeo_ros.tools.export.stills import Stills
 from tirgeo_ros.tools.export.subtitles import Subtitles
 from tirgeo_ros.tools.export.vectors import Vectors
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import open_flight
 
 _FIRST = 20.0  # per cent of the work: the registration
 
@@ -77,24 +76,22 @@ def export(
     ExportError, MapError, TargetError.
     """
     wanted, window = only or PRODUCTS, window or Window()
-    configs = node_configs(
-        params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
-    )
     places = [Path(folder) / name for name in FILES]
-    check_outputs((bag_in, targets, *paths_of(params), *configs.files), places, MapError)
+    options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
+    inputs = [targets] if targets is not None else []
+    given = (bag_in, places, params, namespace, options)
+    opened = open_flight(*given, inputs=inputs, error=MapError)
     if not {*RASTERS}.isdisjoint(wanted):
         imported_rasterio("orthophotos and mosaics need", MapError)
-    reader = BagReader(bag_in)
-    pictures = FlightPictures(reader, namespace)
+    pictures = FlightPictures(opened.reader, namespace)
     chosen = pictures.chosen(window)
-    of_flight = (reader, configs, params, namespace)
-    flight = register(*of_flight, chosen, _part(progress, 0.0, _FIRST), smooth=smooth)
+    flight = register(opened, chosen, _part(progress, 0.0, _FIRST), smooth=smooth)
     made, lattice = _rasters(flight, rasters or RasterOptions(), Path(folder), wanted)
     dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     if "stills" in wanted:
         made["stills"] = Stills(Path(folder) / "stills", dji.geoid_undulation_m)
     if "vectors" in wanted:
-        sources = targets, configs.overlay.confidence, flight.states.get
+        sources = targets, opened.configs.overlay.confidence, flight.states.get
         made["vectors"] = Vectors(places[1], window.every_s, *sources)
     if "subtitles" in wanted:
         times = pictures.stamps_ns, window.every_s
@@ -103,7 +100,7 @@ def export(
         for product in made.values():
             product.take(frame)
     written = lattice | {name: product.finish() for name, product in made.items()}
-    result = _summary(flight, reader, os.fspath(folder), len(chosen), written)
+    result = _summary(flight, opened.reader, os.fspath(folder), len(chosen), written)
     write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
     return result
 

@@ -24,14 +24,13 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 
@@ -140,23 +139,13 @@ class RegisteredFlight(NamedTuple):
 
 
 def register(
-    reader: BagReader,
-    configs: NodeConfigs,
-    params: Files,
-    namespace: str,
-    chosen: Sequence[Chosen],
-    progress: Report,
-    *,
-    smooth: bool = False,
+    opened: OpenedFlight, chosen: Sequence[Chosen], progress: Report, *, smooth: bool = False
 ) -> RegisteredFlight:
-    """Read the flight once, and check it on the way.
-
-    Raise BagError if no chosen picture has a pose; CameraError, ElevationError.
-    """
-    fitted, notes = configs.fitting(reader.topics(), namespace)
-    ekf, gimbal, overlay, _ = fitted
+    """Read and check the flight. Raise BagError without a pose; CameraError, ElevationError."""
+    reader, configs, params, namespace, notes = opened
+    ekf, gimbal, overlay, _ = configs
     ground, lens = ground_of(overlay), given_camera(overlay)
-    of_flight = (fitted, reader, params, namespace)
+    of_flight = (configs, reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, camera=lens, pictures=True)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in chosen]

@@ -23,8 +23,7 @@ from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.files.geopackage_layers import Layer, Row, write_layers
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.targets.formats import read_targets
-from tirgeo_ros.io.targets.geopackage import TARGET_LAYERS, rows_of_target
+from tirgeo_ros.io.targets.geopackage import TARGET_LAYERS, read_targets, rows_of_target
 from tirgeo_ros.tools.export.frames import ExportFrame
 
 _WHEN = {"stamp_ns": "INTEGER", "time": "DATETIME"}
@@ -146,9 +145,8 @@ class Vectors:
     def _footprint_row(self, frame: ExportFrame) -> dict[str, object]:
         pose, plane, ground = frame.pose, frame.plane, frame.ground
         assert ground is not None  # there is an outline
-        geometry = frame_geometry(
-            Sight(frame.camera, pose, plane, ground, frame.body), self._confidence
-        )
+        sight = Sight(frame.camera, pose, plane, ground, frame.body)
+        geometry = frame_geometry(sight, self._confidence)
         latitude, longitude, height_m = geometry.sensor
         return {
             "picture": frame.number,
@@ -160,7 +158,7 @@ class Vectors:
             "above_ground_m": height_above_m(pose, plane, ground),
             "heading_deg": math.degrees(camera_heading_rad(pose)),
             "pitch_deg": math.degrees(geometry.sight_rpy[1]),
-            "gsd_m": ground_sample_m(frame.camera, pose, plane, ground),
+            "gsd_m": ground_sample_m(sight),
             "slant_range_m": geometry.slant_range_m,
             "ce90_m": geometry.ce90_m,
             "le90_m": geometry.le90_m,

@@ -72,12 +72,7 @@ def not_used(refused: Mapping[str, str]) -> list[str]:
         return []
     counts = Counter(why.partition(":")[0] for why in refused.values())
     counted = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
-    return [f"not used: {counted}; -v names each"]
-
-
-def each_not_used(refused: Mapping[str, str]) -> str:
-    """Return a line for each picture that was not used."""
-    return "\n".join(f"not used: {name}: {why}" for name, why in refused.items())
+    return [f"not used: {counted}; --json names each"]
 
 
 def _in_words(key: str, value: object) -> tuple[str, str]:
@@ -100,25 +95,25 @@ def _text(value: object) -> str:
 
 def finding_items(findings: Iterable[Finding]) -> list[dict[str, object]]:
     """Return findings as items for JSON."""
-    return [asdict(one) | {"severity": one.severity.name.lower()} for one in findings]
+    return [asdict(each) | {"severity": each.severity.name.lower()} for each in findings]
 
 
 def finding_lines(items: Iterable[Mapping[str, object]]) -> list[str]:
     """Return a line for each item that is worse than a note."""
     return [
-        f"{str(one['severity']).upper()}: {one['evidence']}: {one['parameter']}: {one['mend']}"
-        for one in items
-        if one["severity"] != "note"
+        f"{str(item['severity']).upper()}: {item['evidence']}: {item['parameter']}: {item['mend']}"
+        for item in items
+        if item["severity"] != "note"
     ]
 
 
 def tally_line(findings: Sequence[Finding]) -> str:
     """Return ``GO``, or ``NO GO`` and the numbers of faults and cautions."""
-    lead = "NO GO" if any(one.severity is Severity.STOP for one in findings) else "GO"
+    lead = "NO GO" if any(each.severity is Severity.STOP for each in findings) else "GO"
     counts = [
         f"{number} {name}{'s' if number > 1 else ''}"
         for severity, name in _NAMES.items()
-        if (number := sum(one.severity is severity for one in findings))
+        if (number := sum(each.severity is severity for each in findings))
     ]
     return f"{lead}: {', '.join(counts)}" if counts else lead
 
@@ -126,9 +121,9 @@ def tally_line(findings: Sequence[Finding]) -> str:
 def report(items: Sequence[Mapping[str, object]]) -> str:
     """Return three short lines for each finding: evidence, parameter, remedy."""
     blocks = [
-        f"{str(one['severity']).upper():<8} {one['evidence']}\n"
-        f"{'':<8} look at  {one['parameter']}\n"
-        f"{'':<8} to mend  {one['mend']}"
-        for one in items
+        f"{str(item['severity']).upper():<8} {item['evidence']}\n"
+        f"{'':<8} look at  {item['parameter']}\n"
+        f"{'':<8} to mend  {item['mend']}"
+        for item in items
     ]
     return "\n\n".join(blocks)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.checks.input_checks import damage_findings, no_pose_findings
+from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -55,9 +55,13 @@ def check(
     poses = FlightPoses(configs.ekf, configs.gimbal, SAMPLES, (), watchers)
     flight.add_poses(poses)
     flight.read_all(progress)
-    findings += [*damage_findings(reader.damage), *checks.findings()]
+    if reader.damage is not None:
+        findings.append(finding("damaged_bag", damage=reader.damage))
+    findings += checks.findings()
     if not math.isfinite(heights.lowest_m) and stop_line(findings) is None:
-        findings += no_pose_findings(poses.registration.navigation.status())
+        status = poses.registration.navigation.status()
+        state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
+        findings.append(finding("no_pose", state=state, method=status.method))
     findings = sorted_findings(findings)
     checked = _numbers(reader, poses, checks)
     if isinstance(ground, float) and math.isfinite(heights.lowest_m):

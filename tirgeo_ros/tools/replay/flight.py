@@ -20,9 +20,15 @@ from tirgeo_ros.core.checks.input_checks import size_fault
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
-from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import RecordingNavigation
 from tirgeo_ros.core.streams.arrivals import Arrivals
-from tirgeo_ros.core.types.errors import BagError, CameraError, MessageError, TirgeoError
+from tirgeo_ros.core.types.errors import (
+    BagError,
+    CameraError,
+    ConfigError,
+    MessageError,
+    TirgeoError,
+)
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
@@ -39,11 +45,13 @@ from tirgeo_ros.tools.replay.flight_topics import (
     resolved,
 )
 from tirgeo_ros.tools.replay.registration import (
+    FILTERS,
     SAMPLES,
-    FilterRecording,
     Registered,
     Registration,
     Sample,
+    can_smooth,
+    navigated,
 )
 
 _TRIED = 10  # pictures to try for their size, as the first ones may be damaged
@@ -119,7 +127,7 @@ class Flight:
         self._needs_camera = needs_camera
         self._checks = checks
         self._sink: MessageSink | None = None
-        self._takers: defaultdict[str, list[Callable[[Sample], None]]] = defaultdict(list)
+        self._takers: defaultdict[str, list[Callable[[Sample], object]]] = defaultdict(list)
         self._to_smooth: list[FlightPoses] = []
         self._cdr = Cdr()
         self._unwanted = 0
@@ -189,7 +197,7 @@ class Flight:
             self._to_smooth.append(poses)
         return poses
 
-    def add(self, topics: Collection[str], take: Callable[[Sample], None]) -> None:
+    def add(self, topics: Collection[str], take: Callable[[Sample], object]) -> None:
         """Pass the samples of contract topics to ``take``, in order of arrival."""
         for topic in topics:
             self._takers[topic].append(take)
@@ -213,7 +221,9 @@ class Flight:
         if self._to_smooth:
             self._smooth(_part(progress, 0.0, _FIRST_SHARE))
             progress = _part(progress, _FIRST_SHARE, 1.0)
-        topics = self._topics() if sink is None else sink.topics
+        wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
+        heard = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
+        topics = heard if sink is None else sink.topics
         checks = self._checks
         checked = {} if checks is None else checked_topics(self._reader, self._namespace, topics)
         first_ns, last_ns = self._reader.span_ns
@@ -233,17 +243,11 @@ class Flight:
     def _smooth(self, progress: Report) -> None:
         """Record what is to be smoothed in a pass of its own, and begin it with smoothed poses."""
         first = Flight(self._reader, self._namespace, needs_camera=False)
-        recordings = [FilterRecording(poses.ekf) for poses in self._to_smooth]
-        for poses, recording in zip(self._to_smooth, recordings, strict=True):
-            first.add(METHOD_TOPICS[poses.ekf.method], recording.take)
+        for poses in self._to_smooth:
+            first.add(METHOD_TOPICS[poses.ekf.method], poses.recorder())
         first.read_all(progress)
-        for poses, recording in zip(self._to_smooth, recordings, strict=True):
-            poses.begin(recording.smoothed())
-
-    def _topics(self) -> dict[str, str]:
-        """Return what the sinks of samples and the checks of pictures read."""
-        wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
-        return {resolved(name, self._namespace): name for name in wanted if self.has(name)}
+        for poses in self._to_smooth:
+            poses.smooth()
 
     def _content(self, topic: str, message: BagMessage) -> object | None:
         """Return the content, why there is none, or None where it is not needed.
@@ -326,13 +330,9 @@ class Flight:
         elif self._sink is not None:
             self._sink.take(topic, content, self.now_ns)
         else:
-            self._take_picture(topic, message)
-
-    def _take_picture(self, topic: str, message: BagMessage) -> None:
-        """Keep a picture's stamp, and pass the picture to the checks."""
-        self.picture_stamps_ns.append(header_stamp_ns(message.data))
-        if self._checks is not None:
-            self._checks.picture(topic, message, always=self._all_pixels)
+            self.picture_stamps_ns.append(header_stamp_ns(message.data))
+            if self._checks is not None:
+                self._checks.picture(topic, message, always=self._all_pixels)
 
 
 class FlightPoses:
@@ -353,15 +353,32 @@ class FlightPoses:
         self.watchers = list(watchers)
         self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
         self._instants_ns = None if instants_ns is None else sorted(instants_ns)
-        self.begin(None)
+        self.registration = Registration(ekf, gimbal)
+        self._recording: RecordingNavigation | None = None
 
     @property
     def plane(self) -> TangentPlane | None:
         """Return the tangent plane of the poses; None before there is one."""
         return self.registration.navigation.plane
 
-    def begin(self, smoothed: Sequence[SmoothedRun] | None) -> None:
-        """Begin the registration, with the poses of smoothed runs if they are given."""
+    def recorder(self) -> Callable[[Sample], object]:
+        """Return what takes the samples of a first pass, for ``smooth`` after it.
+
+        Raise ConfigError for a method without a filter.
+        """
+        if not can_smooth(self.ekf.method):
+            choices = " or ".join(FILTERS)
+            raise ConfigError(
+                f"method {self.ekf.method} has no filter to smooth: choose {choices}, or do not "
+                "smooth"
+            )
+        self._recording = recording = RecordingNavigation(self.ekf)
+        return lambda sample: navigated(recording, sample)
+
+    def smooth(self) -> None:
+        """Begin anew, with the poses of the first pass, smoothed."""
+        assert self._recording is not None
+        smoothed = self._recording.smoothed()
         self.registration = Registration(self.ekf, self._gimbal, smoothed)
 
     def take(self, sample: Sample) -> None:

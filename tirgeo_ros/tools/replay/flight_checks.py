@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.ground_checks import MapChecks
 from tirgeo_ros.core.checks.input_checks import (
+    GIMBAL,
     RecordedTopics,
     parameter_findings,
     recording_findings,
@@ -32,7 +34,7 @@ from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
-from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
@@ -68,28 +70,27 @@ def _guarded(method: F) -> F:
 
 
 def tried(
-    found: list[Finding], parameter: str, load: Callable[[], T], *, used: bool = True
+    findings: list[Finding], parameter: str, load: Callable[[], T], *, used: bool = True
 ) -> T | None:
-    """Read a file that the parameters name; one that cannot be read is added to ``found``.
+    """Read a file that the parameters name; one that cannot be read is added to ``findings``.
 
     It is a caution if it is not ``used`` but for checks.
     """
     try:
         return load()
     except TirgeoError as error:
-        name, mend = f"overlay_node {parameter}", "correct this file, or give another"
-        severity = Severity.STOP if used else Severity.CAUTION
-        found.append(Finding(f"{parameter}_unreadable", severity, str(error), name, mend))
+        case = "" if used else "unused"
+        findings.append(finding("{topic}_unreadable", case, topic=parameter, why=error))
         return None
 
 
 def tried_map(
-    found: list[Finding], overlay: OverlayConfig, path: str, *, used: bool
+    findings: list[Finding], overlay: OverlayConfig, path: str, *, used: bool
 ) -> Sequence[MapLayer] | None:
     """Read a map likewise; None without one."""
     how = (overlay.style, overlay.label_field)
     load = functools.partial(load_layers, path, *how, network=overlay.network)
-    return tried(found, "map", load, used=used) if path else None
+    return tried(findings, "map", load, used=used) if path else None
 
 
 class FlightChecks:
@@ -136,11 +137,11 @@ class FlightChecks:
             has_camera=camera is not None,
             wants_pictures=pictures,
         )
-        seen = recording.there.intersection((*PICTURES, "gimbal/joint_states", "gimbal/attitude"))
+        pictured = recording.there.intersection((*PICTURES, *GIMBAL))
         unused = ParameterFile(params).elsewhere(namespace)
-        self.found = [
+        self.at_start = [
             *recording_findings(recording),
-            *parameter_findings(given, unused, namespace, pictures=bool(seen)),
+            *parameter_findings(given, unused, namespace, pictures=bool(pictured)),
         ]
 
     def _count(self, topic: str, arrival_ns: int) -> None:
@@ -183,8 +184,7 @@ class FlightChecks:
         try:
             self._map.map(drape_layers(self._layers, plane, ground))
         except ConfigError as error:
-            name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
-            self.found.append(Finding("no_ground", Severity.STOP, str(error), name, mend))
+            self.at_start.append(finding("no_ground", why=error))
 
     @_guarded
     def map(self, laid: DrapedMap) -> None:
@@ -239,20 +239,17 @@ class FlightChecks:
 
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
-        found = list(self.found)
+        findings = list(self.at_start)
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
-        found += lone_findings(self._streams)
-        found += unreadable_findings(counts, self._refused, self._reasons)
+        findings += lone_findings(self._streams)
+        findings += unreadable_findings(counts, self._refused, self._reasons)
         for group in (self._navigation, self._gimbal, self._pictures, self._map):
-            self._ask(group.findings, found)
+            self._ask(group.findings, findings)
         if self.failed:
             kind, number = self.failed.most_common(1)[0]
-            evidence = f"a check failed {number} times: {kind}"
-            mend = "report it with this flight; other findings stand"
-            where = "tirgeo itself"
-            found.append(Finding("check_failed", Severity.CAUTION, evidence, where, mend))
-        return sorted_findings(nearest_causes(found))
+            findings.append(finding("check_failed", kind=kind, number=number))
+        return sorted_findings(nearest_causes(findings))
 
     @_guarded
-    def _ask(self, findings: Callable[[], list[Finding]], found: list[Finding]) -> None:
-        found += findings()
+    def _ask(self, group: Callable[[], list[Finding]], findings: list[Finding]) -> None:
+        findings += group()

@@ -10,7 +10,6 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
@@ -25,7 +24,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
-from tirgeo_ros.io.targets.formats import cot, exported_answers, form_of
+from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -49,11 +48,10 @@ def locate_pixels(
 ) -> dict[str, object]:
     """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
 
-    The output's name chooses the format: ``.xml`` is Cursor-on-Target, others are of ``FORMATS``,
-    else GeoJSON. ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
-    override ``params``. A pixel that cannot be located is written with its reason. ``smooth``:
-    camera poses from all measurements, also later ones. Raise BagError, CameraError, ConfigError,
-    SurveyError, ElevationError.
+    The output's name chooses the format of ``FORMATS``, else GeoJSON. ``dem`` or ``ground_height``
+    (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A pixel that cannot be
+    located is written with its reason. ``smooth``: camera poses from all measurements, also later
+    ones. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError.
     """
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
     given = (bag_in, [output], params, namespace, options)
@@ -67,16 +65,15 @@ def locate_pixels(
     layers = tried_map(unread, overlay, overlay.map, used=False)
     of_flight = (opened.configs, opened.reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
-    checks.found += unread
+    checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
     used = opened.configs.ekf, opened.configs.gimbal, exposures_ns
     poses = flight.registered(*used, checks.watch, smooth=smooth)
     flight.read_all(progress)
     answers = _answers(observations, exposures_ns, flight, poses, ground, opened)
-    is_cot = Path(output).suffix.lower() == ".xml"
-    content = cot(answers) if is_cot else exported_answers(answers, form_of(output))
-    write_files({output: content}, SurveyError)
+    write_files({output: exported_answers(answers, form_of(output))}, SurveyError)
+    located = _summary(opened.reader, answers, ground)
     navigation, findings = poses.registration.navigation.status(), checks.findings()
     return {
         "input": os.fspath(bag_in),
@@ -89,8 +86,8 @@ def locate_pixels(
         "messages": flight.read.total(),
         "messages_refused": flight.refused,
         "findings": finding_items(findings),
-        "error": _error(opened.reader, answers) or stop_line(findings),
-        **_summary(answers, ground),
+        **located,
+        "error": located["error"] or stop_line(findings),
     }
 
 
@@ -117,41 +114,34 @@ def _answers(
     return [Answered(pixel.id, answer(pixel, exposed_ns)) for pixel, exposed_ns in pairs]
 
 
-def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
-    """Return the numbers of pixels, the median length of the ellipses (m), and the warnings."""
+def _summary(reader: BagReader, answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
+    """Return the numbers of pixels, the median length of the ellipses (m), warnings and error.
+
+    The error is what makes the run a failure although there is an output.
+    """
     lengths = [answer.ellipse.major_m for _, answer in answers if isinstance(answer, Located)]
-    reasons = _reasons(answers)
+    reasons = Counter(answer.reason for _, answer in answers if isinstance(answer, Refusal))
     notes = list(ground.notes) if isinstance(ground, Terrain) else []
+    error = None
     if reasons and lengths:
         why = ", ".join(f"{number} x {reason.value}" for reason, number in reasons.most_common())
         notes.append(f"{reasons.total()} of {len(answers)} pixels refused: {why}")
+    elif reasons:
+        most = reasons.most_common(1)[0][0]
+        error = f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}"
+        if most is Reason.NO_POSE:
+            asked_ns, (first_ns, last_ns) = [one.stamp_ns for _, one in answers], reader.span_ns
+            error += (
+                f"; their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was "
+                f"recorded from {first_ns} to {last_ns}"
+            )
+    if reader.damage is not None:
+        error = f"{reader.path}: {reader.damage}; the points come from the rest"
     return {
         "pixels": len(answers),
         "located": len(lengths),
         "refused": {reason.value: number for reason, number in reasons.items()},
         "ellipse_major_m_median": median(lengths) if lengths else None,
         "warning": "; ".join(notes) or None,
+        "error": error,
     }
-
-
-def _reasons(answers: Sequence[Answered]) -> Counter[Reason]:
-    return Counter(answer.reason for _, answer in answers if isinstance(answer, Refusal))
-
-
-def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
-    """Return what makes the run a failure although there is an output, or None."""
-    if reader.damage is not None:
-        return f"{reader.path}: {reader.damage}; the points come from the rest"
-    reasons = _reasons(answers)
-    if not answers or reasons.total() < len(answers):
-        return None
-    most = reasons.most_common(1)[0][0]
-    error = f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}"
-    if most is not Reason.NO_POSE:
-        return error
-    asked_ns = [answer.stamp_ns for _, answer in answers]
-    first_ns, last_ns = reader.span_ns
-    return (
-        f"{error}; their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was "
-        f"recorded from {first_ns} to {last_ns}"
-    )

@@ -126,7 +126,7 @@ def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
     # Of what is drawn, the checks get the map as it is laid for the pictures.
     to_lay, of_flight = None if draws else layers, (configs, reader, opened.params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=to_lay, camera=camera)
-    checks.found += unread
+    checks.at_start += unread
     notes = [*opened.notes, *(ground.notes if isinstance(ground, Terrain) else ())]
     notes += [note for layer in layers or () for note in layer.left_out]
     return ProcessSetup(opened, topics, overlay, checks, notes)
@@ -207,36 +207,32 @@ Line = tuple[str, str, bool]
 
 def six_lines(result: Mapping[str, Any]) -> str:
     """Return six lines, those that report a problem first: read, state, poses and so on."""
-    duration, elapsed, speed = (
-        three(result[name]) for name in ("duration_s", "elapsed_s", "speed")
-    )
-    number = sum(result["read"].values())
-    read = (
-        f"{duration} s of {result['input']} in {elapsed} s, {speed}x real time; {number} messages"
-    )
-    makers = (_state_line, _poses_line, _frames_line, refused_line, _output_line)
-    return summary([("read", read, False), *(make(result) for make in makers)])
-
-
-def _state_line(result: Mapping[str, Any]) -> Line:
-    """Return the final state with its reason, and the seconds in each state."""
+    read, written = result["read"], result["written"]
+    text = f"{three(result['duration_s'])} s of {result['input']} in "
+    text += f"{three(result['elapsed_s'])} s, {three(result['speed'])}x real time"
+    lines: list[Line] = [("read", f"{text}; {sum(read.values())} messages", False)]
     times = Counter(result["states_s"]).most_common()
-    said = ", ".join(f"{state} {seconds} s" for state, seconds in times)
     reason = f" ({result['reason']})" if result["reason"] else ""
     method = f"{result['method']}{', smoothed' if result['smoothed'] else ''}"
-    text = f"{result['state']} at the end{reason}, by {method}; in all {said}"
-    return "state", text, result["state"] not in _GOOD_STATES
-
-
-def _poses_line(result: Mapping[str, Any]) -> Line:
+    text = f"{result['state']} at the end{reason}, by {method}; in all "
+    text += ", ".join(f"{state} {seconds} s" for state, seconds in times)
+    lines.append(("state", text, result["state"] not in _GOOD_STATES))
     body, camera = (
-        sum(n for topic, n in result["written"].items() if topic.endswith(f"tirgeo/{name}"))
+        sum(count for topic, count in written.items() if topic.endswith(f"tirgeo/{name}"))
         for name in ("odometry", "camera_pose")
     )
     sigma_deg = result["heading_sigma_deg"]
     heading = f", heading to {three(sigma_deg)} deg" if math.isfinite(sigma_deg) else ""
     is_wrong = not body or (bool(result["overlay"]) and not camera)
-    return "poses", f"{body} of the body, {camera} of the camera{heading}", is_wrong
+    lines.append(("poses", f"{body} of the body, {camera} of the camera{heading}", is_wrong))
+    lines += [_frames_line(result), refused_line(result)]
+    text = f"{result['output']}, {three(Path(result['output']).stat().st_size / 1e6)} MB"
+    if film := result["video"]:
+        text += f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz"
+    if notes := result["notes"]:
+        text += f"; {notes[0]}"
+        text += f" (and {len(notes) - 1} more, with --json)" if len(notes) > 1 else ""
+    return summary([*lines, ("output", text, False)])
 
 
 def _frames_line(result: Mapping[str, Any]) -> Line:
@@ -269,13 +265,3 @@ def refused_line(result: Mapping[str, Any]) -> Line:
         texts.append(f"{topic} {number} unreadable{f' ({because})' if because else ''}")
     many = any(number > _MOST_REFUSED * taken[source] for source, number in refused.items())
     return "refused", "; ".join(texts) or "nothing", many or bool(unreadable)
-
-
-def _output_line(result: Mapping[str, Any]) -> Line:
-    size = f"{three(Path(result['output']).stat().st_size / 1e6)} MB"
-    film = result["video"]
-    video = f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz" if film else ""
-    notes = result["notes"]
-    more = f" (and {len(notes) - 1} more, with --json)" if len(notes) > 1 else ""
-    noted = f"; {notes[0]}{more}" if notes else ""
-    return "output", f"{result['output']}, {size}{video}{noted}", False

@@ -14,12 +14,10 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.smoothing.backward_pass import SmoothedRun
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
-    RecordingNavigation,
     SmoothedNavigation,
+    SmoothedRun,
 )
-from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     ImuSample,
@@ -33,7 +31,7 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 #: Topic -> the function that converts its messages to samples.
 SAMPLES: Mapping[str, Callable[[Any], Sample]] = convert.SENSED_SAMPLES
-_FILTERS = ("ekf", "ekf_heading")
+FILTERS = ("ekf", "ekf_heading")
 
 
 class Registered(NamedTuple):
@@ -88,29 +86,6 @@ def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) ->
     return cameras if body is None else cameras + composer.add_body(body)
 
 
-class FilterRecording:
-    """Record a filter in the first pass, then smooth it.
-
-    Raise ConfigError for a method without a filter.
-    """
-
-    def __init__(self, ekf: EkfConfig) -> None:
-        method, choices = ekf.method, " or ".join(_FILTERS)
-        if not can_smooth(method):
-            raise ConfigError(
-                f"method {method} has no filter to smooth: choose {choices}, or do not smooth"
-            )
-        self._navigation = RecordingNavigation(ekf)
-
-    def take(self, sample: Sample) -> None:
-        """Process a sample."""
-        navigated(self._navigation, sample)
-
-    def smoothed(self) -> list[SmoothedRun]:
-        """Return the filter's runs, smoothed, once the flight has been read."""
-        return self._navigation.smoothed()
-
-
 def can_smooth(method: str) -> bool:
     """Return whether a method's poses come from a filter."""
-    return method in _FILTERS
+    return method in FILTERS

@@ -23,7 +23,14 @@ from tirgeo_ros.io.surveys.survey import save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
-from tirgeo_ros.tools.simulate.park import WGS84_TEXT, Relief, elevation_text, lay_out, map_text
+from tirgeo_ros.tools.simulate.park import (
+    WGS84_TEXT,
+    Park,
+    Relief,
+    elevation_text,
+    lay_out,
+    map_text,
+)
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.renderer import Renderer, Target, paint, targets_of, targets_text
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
@@ -83,9 +90,11 @@ def _infos(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoing]:
 
 
 def _pictures(
-    messages: Messages, flight: SimulatedFlight, window: range, renderer: Renderer
+    messages: Messages, flight: SimulatedFlight, window: range, park: Park, targets: list[Target]
 ) -> Iterator[Outgoing]:
-    video = flight.scenario.video
+    scenario, video = flight.scenario, flight.scenario.video
+    ground, relief = paint(park, scenario.park, flight.seed), Relief(scenario.park)
+    renderer = Renderer(video.camera, ground, video, targets, relief)
     for number, (stamp_ns, t_s) in enumerate(frames(flight)):
         if stamp_ns not in window:  # rendering takes long
             continue
@@ -183,9 +192,7 @@ def simulate(
     _write(folder / "truth.mcap", truth, window, silent)
     streams = [_sensed(messages, flight), _infos(messages, flight)]
     if images:
-        ground, video = paint(park, scenario.park, flight.seed), scenario.video
-        renderer = Renderer(video.camera, ground, video, targets, relief)
-        streams.append(_pictures(messages, flight, window, renderer))
+        streams.append(_pictures(messages, flight, window, park, targets))
         streams.append(_clicked(messages, flight, window, targets))
     counts = _write(folder / "flight.mcap", streams, window, progress)
     return {

@@ -10,7 +10,6 @@ from filter_states import (
     ANTENNA_M,
     LEVER_B,
     NOW_NS,
-    SECOND_NS,
     TIMEOUT_NS,
     ZERO,
     antenna_fix,
@@ -194,39 +193,6 @@ def test_upright_baseline_has_no_heading():
 NEW = AidStatus(Receivers(NOW_NS))
 
 
-def test_for_how_long_it_has_agreed():
-    """Without silences beyond the time-out, and without the times of refusals."""
-    track = AidTrack()
-    assert not track.recent(ns(0), TIMEOUT_NS)
-    for t_s, agreed_s in ((0.0, 0.0), (1.0, 1.0), (2.001, 1.0), (2.501, 1.5)):
-        assert track.recent(ns(t_s), TIMEOUT_NS) is (t_s in {1.0, 2.501})
-        track = track.used(ns(t_s), TIMEOUT_NS)
-        assert (track.used_ns, track.agreed_ns) == (ns(t_s), agreed_s * SECOND_NS)
-    track = track.refused(ns(2.7), (9.0,), 0.1).used(ns(2.9), TIMEOUT_NS)
-    assert track.agreed_ns == 1.5 * SECOND_NS
-
-
-def test_a_run_of_refusals_that_agree_lasts_with_five():
-    track = AidTrack()
-    for k in range(5):
-        assert k == 0 or not track.run.lasts(0.0)
-        track = track.refused(ns(0.2 * k), (3.0 + 0.04 * k, -1.0), 0.2)
-    assert (track.run.number, track.run.first_ns, track.run.last_ns) == (5, ns(0), ns(0.8))
-    assert track.run.lasts(0.8)
-    assert not track.run.lasts(0.800000001)
-    assert track.used(ns(1.0), TIMEOUT_NS).run is None
-
-
-@pytest.mark.parametrize(("innovation", "number"), [((3.2, -1.0), 3), ((3.2, -1.21), 1)])
-def test_what_does_not_agree_with_the_first_begins_another_run(innovation, number):
-    """Within the slack on each axis, against the first: a drift does not add up."""
-    track = AidTrack().refused(ns(0), (3.0, -1.0), 0.2000001)
-    track = track.refused(ns(0.2), (3.1, -1.1), 0.2000001)
-    found = track.refused(ns(0.4), innovation, 0.2000001)
-    assert found.run.number == number
-    assert found.run.first_ns == (ns(0) if number > 1 else ns(0.4))
-
-
 def steps(track, t_s, *innovation):
     """The record after a refusal, as the fusion notes it, of a thing that should be zero."""
     zero = (0.0,) * len(innovation)
@@ -251,16 +217,6 @@ def test_a_step_back_ends_it_and_another_step_begins_anew():
     other = steps(track, 0.6, -0.55)
     assert other.step == pytest.approx((-0.6,))
     assert other.denied_ns == ns(0.6)
-
-
-def test_status_holds_for_the_time_out_and_fixed_counts_from_its_begin():
-    assert NEW.rtk.at(ns(0), TIMEOUT_NS) is None
-    aids = heard(NEW, 0.0, FixStatus.FLOAT)
-    assert aids.rtk.at(ns(1.0), TIMEOUT_NS) is FixStatus.FLOAT
-    assert aids.rtk.at(ns(1.0) + 1, TIMEOUT_NS) is None
-    aids = heard(heard(aids, 0.2), 0.4)
-    assert aids.rtk.fixed_since_ns == ns(0.2)
-    assert heard(heard(aids, 0.6, FixStatus.FLOAT), 0.8).rtk.fixed_since_ns == ns(0.8)
 
 
 def test_fixed_again_is_eased_and_only_the_position():

@@ -111,11 +111,6 @@ def test_statistic_is_chi_square(rate_hz):
     assert beyond == pytest.approx(0.0455, abs=0.02)  # 3 sqrt(0.0455 / 1000)
 
 
-def test_lag_takes_one_of_three_degrees_at_most():
-    """In a turn the velocity changes by 2.4 m/s within the window, which 10 ms make 2.4 cm."""
-    assert 2 * 0.92 - 0.23 < squares_of_many(STEADY, 5.0).mean() < 3 + 0.23
-
-
 @pytest.mark.parametrize("rate_hz", [1.0, 2.0, 5.0, 20.0])
 @pytest.mark.parametrize("motion", [REST, STEADY, circle(24.0, 12.0)])
 def test_nobody_is_refused_without_a_fault(motion, rate_hz):

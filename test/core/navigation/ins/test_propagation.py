@@ -14,11 +14,16 @@ from scipy import stats
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.navigation.ins.ins_error_model import CovariancePropagation, NoisePowers
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
+    STILL,
+    CovariancePropagation,
+    NoisePowers,
+    VibrationMeter,
+    densities,
+)
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit, update
 from tirgeo_ros.core.navigation.ins.propagation import Epoch, Propagated, Propagation
 from tirgeo_ros.core.navigation.ins.strapdown import propagate
-from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, VibrationMeter, densities
 from tirgeo_ros.core.types.measurements import ImuSample
 
 CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})

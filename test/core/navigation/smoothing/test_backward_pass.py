@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut, update
-from tirgeo_ros.core.navigation.smoothing import backward_pass
-from tirgeo_ros.core.navigation.smoothing.backward_pass import smooth
+from tirgeo_ros.core.navigation.smoothing import smoothed_navigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import BackwardPass
 from tirgeo_ros.core.navigation.timeline.epochs import FlightRecord
 
 STATES = 5
@@ -119,10 +119,10 @@ def square(record, lower):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("block", [4096, 7])
 def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
-    monkeypatch.setattr(backward_pass, "_BLOCK", block)
+    monkeypatch.setattr(smoothed_navigation, "_BLOCK", block)
     found = flown(seed)
     mean, covariance = found.conditioned()
-    errors = smooth(found.record)
+    errors = BackwardPass(found.record).smoothed()
     np.testing.assert_allclose(found.estimates + errors, mean, atol=TOLERANCE)
     smoothed = square(found.record, found.record.covariances)
     np.testing.assert_allclose(smoothed, covariance, atol=TOLERANCE)
@@ -131,7 +131,7 @@ def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monke
 def test_the_last_is_that_of_the_filter():
     found = flown(7)
     last = found.covariance
-    errors = smooth(found.record)
+    errors = BackwardPass(found.record).smoothed()
     assert (errors[-1] == 0).all()
     smoothed = square(found.record, found.record.covariances)[-1]
     np.testing.assert_allclose(smoothed, last, atol=1e-15)  # one half of it is stored
@@ -159,7 +159,7 @@ def test_rauch_tung_and_striebel_find_the_same():
             gain = earlier @ transition.T @ np.linalg.inv(predicted)
             errors.append(gain @ errors[-1])
             covariance.append(earlier + gain @ (covariance[-1] - predicted) @ gain.T)
-    np.testing.assert_allclose(smooth(found.record), errors[::-1], atol=TOLERANCE)
+    np.testing.assert_allclose(BackwardPass(found.record).smoothed(), errors[::-1], atol=TOLERANCE)
     smoothed = square(found.record, found.record.covariances)
     np.testing.assert_allclose(smoothed, covariance[::-1], atol=TOLERANCE)
 
@@ -170,6 +170,8 @@ def test_an_impossible_covariance_stays_out(variance):
     sound, lost = flown(1), flown(1)
     nothing = np.full((STATES, STATES), variance)
     lost.record.add(Change(nothing, nothing))
-    errors = smooth(lost.record)
-    np.testing.assert_array_equal(errors, [*smooth(sound.record), np.zeros(STATES)])
+    errors = BackwardPass(lost.record).smoothed()
+    np.testing.assert_array_equal(
+        errors, [*BackwardPass(sound.record).smoothed(), np.zeros(STATES)]
+    )
     np.testing.assert_array_equal(lost.record.covariances[:-1], sound.record.covariances)

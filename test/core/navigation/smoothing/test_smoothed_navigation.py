@@ -209,22 +209,6 @@ def test_a_method_without_filter_has_no_runs():
     assert recording.smoothed() == []
 
 
-@pytest.mark.slow
-def test_nees_of_five_flights():
-    """Nine degrees a flight and instant 12 s apart: 90, whose mean is 1 to 3.3 of its sigmas."""
-    squares = []
-    for seed in range(5):
-        flown = flight(100 + seed, 42.0)
-        config, samples = config_for(flown), navigation_samples(flown)
-        found = solutions(run(smoothed(config, samples), samples))
-        error = errors(flown, found)
-        for t_s in (20.0, 32.0):
-            at = int(np.searchsorted(error.t_s, t_s))
-            state, covariance = error.state[at], found[at].covariance
-            squares.append(state @ np.linalg.solve(covariance, state) / 9)
-    assert abs(np.mean(squares) - 1) < 3.3 * math.sqrt(2 / (9 * len(squares)))
-
-
 def test_what_was_recorded_must_be_what_is_replayed():
     config, samples = config_for(flight(5, LENGTH_S)), changed()
     recording = RecordingNavigation(config)

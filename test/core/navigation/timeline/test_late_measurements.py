@@ -14,10 +14,8 @@ from flights import (
     GPS,
     RTK,
     config_for,
-    errors,
     flight,
     navigation_samples,
-    rms,
     solutions,
     without,
 )
@@ -27,9 +25,8 @@ from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
-from tirgeo_ros.tools.simulate.flight import fly, truth_at
+from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
-from tirgeo_ros.tools.simulate.sensors import Epochs, imu_bias
 
 
 def started(flown, samples, **values):
@@ -282,37 +279,6 @@ def test_stamps_less_their_delay_are_those_of_measurement(
     for a, b in zip(timely, moved, strict=True):
         assert (a.stamp_ns, a.height_m, a.latitude_rad) == (b.stamp_ns, b.height_m, b.latitude_rad)
         assert np.array_equal(a.q_nb, b.q_nb)
-
-
-def heading_rms_deg(averages, delay_s, seeds):
-    squares = []
-    for seed in seeds:
-        values = {"imu.averages": averages, "route.heading_deg": 360 * seed * 0.618 % 360}
-        flown = fly(scenario_from(values), seed)
-        found = solutions(flown, config_for(flown, imu__delay_s=delay_s))
-        stamps = [one.stamp_ns for one in found]
-        t_s = (np.array(stamps) - flown.scenario.start_ns) * 1e-9
-        bias = imu_bias(flown.scenario.imu, seed, len(stamps))
-        truth = truth_at(flown.trajectory, Epochs(stamps, t_s), bias)
-        squares.append(rms(errors(replace(flown, truth=truth), found).after(20.0).rpy[:, 2]) ** 2)
-    return float(np.degrees(np.sqrt(np.mean(squares))))
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_an_imu_that_averages_is_half_its_interval_late():
-    """With its delay as good as an IMU that does not average; without, its turns tell.
-
-    Headings alone give 0.062 deg over many flights (docs/accuracy.md); the delay of 5 ms is an
-    error of 5 ms times the rate in turns of 45 deg/s and more, 0.2 deg there and less along the
-    legs.
-    """
-    seeds = range(1, 4)
-    plain, known = heading_rms_deg(False, 0.0, seeds), heading_rms_deg(True, 0.005, seeds)
-    unknown = heading_rms_deg(True, 0.0, seeds)
-    assert known <= 0.07
-    assert known == pytest.approx(plain, rel=0.02)
-    assert unknown > 1.3 * known
 
 
 def moved(samples, by_s):

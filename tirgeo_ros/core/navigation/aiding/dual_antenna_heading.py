@@ -55,15 +55,6 @@ _SPOILING_TURN_RAD = math.radians(5.0)
 _TILT_SIGMA_RAD = math.radians(1.0)
 
 
-def heading_design(states: int, u: Vector) -> Array | None:
-    """Return H (1, states) of a baseline ``u`` in ``n``, or None where it is near the vertical."""
-    if u[0] * u[0] + u[1] * u[1] < _LEAST_HORIZONTAL**2:
-        return None
-    design = np.zeros((1, states))
-    design[0, :3] = azimuth_row(u)
-    return design
-
-
 class Baseline(NamedTuple):
     """Hold the direction from the first antenna to the second, and the heading's offset."""
 
@@ -126,10 +117,11 @@ class HeadingAid(Aid):
         if obstacle:
             return Verdict(self.source, Outcome.NOT_FIXED, obstacle), estimate
         u = rotate(rotation_of(estimate.state.q_nb), self._baseline.direction_b)
-        design = heading_design(self._states, u)
-        if design is None:
+        if u[0] * u[0] + u[1] * u[1] < _LEAST_HORIZONTAL**2:
             reason = "the antenna baseline is vertical"
             return Verdict(self.source, Outcome.INVALID, reason), estimate
+        design = np.zeros((1, self._states))
+        design[0, :3] = azimuth_row(u)
         predicted = azimuth(u) + self._baseline.reported_less_azimuth_rad
         innovation = wrapped(sample.heading_rad - predicted)
         variance = max(sample.variance_rad2, self._floor_rad2)
@@ -199,7 +191,14 @@ class HeadingAid(Aid):
         error = np.zeros(len(covariance))
         error[2], lost = turn, [slice(2, 3)]
         if abs(turn) > _SPOILING_TURN_RAD:
-            covariance = self._as_at_start(covariance)
+            imu = self._config.imu
+            for block, variances in (  # tilt and biases as uncertain as at the start
+                (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
+                (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
+                (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
+            ):
+                covariance = uncorrelated(covariance, block)
+                covariance[block, block] = np.diag(variances)
             b, a = state.gyro_bias_b, state.accel_bias_b
             error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
             lost += [ATTITUDE, GYRO_BIAS, ACCEL_BIAS]
@@ -208,18 +207,6 @@ class HeadingAid(Aid):
         aids = self.with_reset(estimate.aids, aid.stamp_ns, turn)
         changes = (Change(covariance, transition),)
         return StateEstimate(feedback(state, error), covariance, aids, changes)
-
-    def _as_at_start(self, covariance: Array) -> Array:
-        """Return a covariance with tilt and biases as uncertain as at the start."""
-        imu = self._config.imu
-        for block, variances in (
-            (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
-            (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
-            (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
-        ):
-            covariance = uncorrelated(covariance, block)
-            covariance[block, block] = np.diag(variances)
-        return covariance
 
     def reset_text(self, size: float) -> str:
         """Return a turn in words, degrees."""

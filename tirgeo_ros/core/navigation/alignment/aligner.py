@@ -31,8 +31,8 @@ from tirgeo_ros.core.navigation.alignment.window_estimate import (
     differences,
     furthest,
 )
+from tirgeo_ros.core.navigation.ins.ins_error_model import Powers
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.ins.vibration_noise import Powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (

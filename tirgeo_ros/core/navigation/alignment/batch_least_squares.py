@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
-from tirgeo_ros.core.navigation.ins.vibration_noise import Powers
+from tirgeo_ros.core.navigation.ins.ins_error_model import Powers
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
 
@@ -109,11 +109,11 @@ _CONVERGED_RAD = 1e-7
 
 
 class ObservationKind(Enum):
-    """Name the quantity that an observation measures."""
+    """Name the quantity that an observation measures; the value is its unit for people."""
 
-    VELOCITY = "velocity"
-    POSITION = "position"
-    AZIMUTH = "azimuth"
+    VELOCITY = "m/s"
+    POSITION = "m"
+    AZIMUTH = "deg"
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,9 +246,27 @@ def fit(
         settled = bool(np.abs(step[:3]).max() < _CONVERGED_RAD)
         if settled:
             break
-    left = residual - design @ step
-    return _result(
-        rotation, rest, window.taken, information, settled, (observations, left, design, noise)
+    covariance = np.linalg.inv(information)
+    covariance = 0.5 * (covariance + covariance.T)
+    residual = residual - design @ step
+    # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
+    # ratio defined.
+    spread = (1 + 1e-6) * noise - design @ covariance @ design.T
+    places = _rows(observations)
+    parts = [residual[rows] for rows in places]
+    scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
+    distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
+    without_biases = np.linalg.inv(information[:9, :9])
+    return WindowFit(
+        rotation,
+        rest[:3],
+        rest[3:6],
+        rest[6:] + window.taken,
+        covariance,
+        float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1]))),
+        parts,
+        np.array(distances),
+        settled,
     )
 
 
@@ -315,35 +333,3 @@ def _measured_noise(observations: Sequence[AlignmentObservation]) -> Array:
     for o, rows in zip(observations, _rows(observations), strict=True):
         out[rows, rows] += o.white
     return out
-
-
-def _result(
-    rotation: Array,
-    rest: Array,
-    taken: Array,
-    information: Array,
-    settled: bool,
-    left: tuple[Sequence[AlignmentObservation], Array, Array, Array],
-) -> WindowFit:
-    covariance = np.linalg.inv(information)
-    covariance = 0.5 * (covariance + covariance.T)
-    observations, residual, design, noise = left
-    # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
-    # ratio defined.
-    spread = (1 + 1e-6) * noise - design @ covariance @ design.T
-    places = _rows(observations)
-    parts = [residual[rows] for rows in places]
-    scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
-    distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
-    without_biases = np.linalg.inv(information[:9, :9])
-    return WindowFit(
-        rotation,
-        rest[:3],
-        rest[3:6],
-        rest[6:] + taken,
-        covariance,
-        float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1]))),
-        parts,
-        np.array(distances),
-        settled,
-    )

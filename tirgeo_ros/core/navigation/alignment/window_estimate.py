@@ -41,8 +41,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     fit,
     integrate,
 )
-from tirgeo_ros.core.navigation.ins.ins_error_model import NoisePowers
-from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, mean_powers
+from tirgeo_ros.core.navigation.ins.ins_error_model import NoisePowers, Powers, mean_powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.measurements import (
@@ -138,34 +137,27 @@ def position_observation(
     sample: PositionSample, plane: TangentPlane, config: EkfConfig
 ) -> AlignmentObservation:
     """Return an antenna's position in the axes of ``plane``."""
-    place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
-    white, slow, time_s = _position_error(sample, config)
+    variances = np.diag(sample.covariance_n)
+    if sample.source is Source.GPS_POSITION:
+        absent = bool(np.any(variances <= 0))
+        slow = np.array(config.gps.position_sigma_m) if absent else np.sqrt(variances)
+        white, time_s = np.eye(3) * config.gps.position_noise_m**2, config.gps.position_time_s
+    elif sample.status is FixStatus.FIXED:
+        white = floored(sample.covariance_n, config.rtk.position_sigma_floor_m)
+        slow, time_s = np.zeros(3), np.inf
+    else:  # receivers differ in how much of a float solution's error is white: half is assumed
+        halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
+        white, slow, time_s = np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
     return AlignmentObservation(
         sample.stamp_ns,
         sample.source.topic,
         ObservationKind.POSITION,
-        plane.ned_from_geodetic(*place),
+        plane.ned_from_geodetic(sample.latitude_rad, sample.longitude_rad, sample.height_m),
         config.aircraft.antenna_b(sample.source),
         white,
         slow,
         time_s,
     )
-
-
-def _position_error(sample: PositionSample, config: EkfConfig) -> tuple[Array, Array, float]:
-    """Return white covariance (3, 3), slow standard deviations (3,), their correlation time s."""
-    variances = np.diag(sample.covariance_n)
-    if sample.source is Source.GPS_POSITION:
-        absent = bool(np.any(variances <= 0))
-        sigma = np.array(config.gps.position_sigma_m) if absent else np.sqrt(variances)
-        white = np.eye(3) * config.gps.position_noise_m**2
-        return white, sigma, config.gps.position_time_s
-    floor = config.rtk.position_sigma_floor_m
-    if sample.status is FixStatus.FIXED:
-        return floored(sample.covariance_n, floor), np.zeros(3), np.inf
-    # Receivers differ in how much of a float solution's error is white: half is assumed.
-    halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
-    return np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
 
 
 def velocity_observation(sample: VelocitySample, config: EkfConfig) -> AlignmentObservation:
@@ -196,7 +188,12 @@ def heading_observations(
         return [_of_nose(s, s.heading_rad, set_variance_rad2(s, config)) for s in set_by_hand]
     baseline = Baseline.from_config(config.aircraft)
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
-    shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
+    headings_rad = np.array([s.heading_rad for s in samples])
+    spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
+    shared_rad = 0.0  # rounding error, where the headings are in whole degrees
+    if np.abs(spread_deg - np.round(spread_deg)).max() <= _WHOLE_DEG:
+        before_rounding = max(float(np.var(spread_deg)) - 1 / 12, 0.0)
+        shared_rad = float(np.radians(np.sqrt(1 / 12) * np.exp(-2 * np.pi**2 * before_rounding)))
     return [
         AlignmentObservation(
             s.stamp_ns,
@@ -205,19 +202,10 @@ def heading_observations(
             np.array([s.heading_rad - baseline.reported_less_azimuth_rad]),
             np.array(baseline.direction_b),
             np.array([[max(s.variance_rad2, floor)]]),
-            shared,
+            np.array([shared_rad]),
         )
         for s in samples
     ]
-
-
-def _shared_rounding_rad(headings_rad: Array) -> float:
-    """Return the rounding error shared by headings in whole degrees; 0 if they are not."""
-    spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
-    if np.abs(spread_deg - np.round(spread_deg)).max() > _WHOLE_DEG:
-        return 0.0
-    before_rounding = max(float(np.var(spread_deg)) - 1 / 12, 0.0)
-    return float(np.radians(np.sqrt(1 / 12) * np.exp(-2 * np.pi**2 * before_rounding)))
 
 
 def _headings(
@@ -279,18 +267,26 @@ def rotations_of(samples: Sequence[ImuSample]) -> Array:
     return matrix_from_quat(np.array([s.autopilot_q_nb for s in samples], float).reshape(-1, 4))
 
 
+def _autopilot_at_end(window: PreintegratedImu, imu: Sequence[ImuSample]) -> tuple[Array, Array]:
+    """Return some attitudes of the autopilot (n, 3, 3), carried to the window's end.
+
+    Beside them the times from each to the end (n,), s.
+    """
+    picked = usable_samples(imu, *window.stamps_ns[[0, -1]].tolist())
+    at = window.at([s.stamp_ns for s in picked])
+    return rotations_of(picked) @ window.to_end[at].swapaxes(1, 2), window.before_s[at]
+
+
 def autopilot_gyro_bias(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
     """Return the gyroscope bias (3,), rad/s, by the autopilot's attitudes; None if they are few.
 
     Carried to the window's end, each attitude is turned by the bias times the time to the end.
     """
-    picked = usable_samples(imu, *window.stamps_ns[[0, -1]].tolist())
-    if len(picked) < _PICKED:
+    at_end, before_s = _autopilot_at_end(window, imu)
+    if len(at_end) < _PICKED:
         return None
-    at = window.at([s.stamp_ns for s in picked])
-    at_end = rotations_of(picked) @ window.to_end[at].swapaxes(1, 2)
     turned = np.array([rotvec_from_quat(quat_from_matrix(at_end[-1].T @ r)) for r in at_end])
-    before_s = window.before_s[at] - window.before_s[at].mean()
+    before_s = before_s - before_s.mean()
     return np.asarray(before_s @ turned / (before_s @ before_s) + window.taken[:3])
 
 
@@ -300,14 +296,12 @@ def autopilot_attitude(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Ar
     The gyroscopes carry some attitudes of the window to its end. More than half of them must be
     within 5 deg of the central one, so that they follow the body's turn.
     """
-    picked = usable_samples(imu, *window.stamps_ns[[0, -1]].tolist())
-    if not picked:
+    at_end, _ = _autopilot_at_end(window, imu)
+    if not len(at_end):
         return None
-    to_end = window.to_end[window.at([s.stamp_ns for s in picked])]
-    at_end = rotations_of(picked) @ to_end.swapaxes(1, 2)
     cosines = 0.5 * (np.einsum("aij,bij->ab", at_end, at_end) - 1)
     middle, near = central(np.arccos(np.clip(cosines, -1, 1)), _AUTOPILOT_APART_RAD)
-    return np.asarray(at_end[middle]) if near.sum() * 2 > len(picked) else None
+    return np.asarray(at_end[middle]) if near.sum() * 2 > len(at_end) else None
 
 
 #: Squared misfit per degree of freedom: six sigma is not chance.
@@ -325,13 +319,6 @@ _LOOK_AT_ANTENNAS = (
     ": are the antennas swapped, or aircraft.second_antenna_m wrong? (for a compass with such "
     "errors set autopilot.attitude_sigma_deg)"
 )
-_UNITS = {
-    ObservationKind.POSITION: "m",
-    ObservationKind.VELOCITY: "m/s",
-    ObservationKind.AZIMUTH: "deg",
-}
-
-
 #: Stages of an alignment that lacks nothing but motion, and of one that nothing is lacking.
 MOTION_STAGE, CONTRADICTION = 5, 6
 #: Stages of one that lacks a heading.
@@ -415,7 +402,7 @@ def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> 
     if result.distances[worst] > _LARGEST_DISTANCE:
         wrong, size = observations[worst], float(np.linalg.norm(result.residuals[worst]))
         size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
-        off = f"{size:.2g} {_UNITS[wrong.kind]} ({np.sqrt(result.distances[worst]):.0f} sigma)"
+        off = f"{size:.2g} {wrong.kind.value} ({np.sqrt(result.distances[worst]):.0f} sigma)"
         raise NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
     if not result.settled:
         raise NotAlignedError("imu/data does not fit the motion measured")

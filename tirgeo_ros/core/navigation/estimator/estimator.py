@@ -20,8 +20,8 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.navigation.estimator.start_up import StartUp
 from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
+from tirgeo_ros.core.navigation.ins.ins_error_model import densities
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.ins.vibration_noise import densities
 from tirgeo_ros.core.navigation.timeline.aid_stamps import AidClocks, DuplicateDetector, Same
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock, in_body_axes
@@ -95,7 +95,7 @@ class Navigation:
         self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._log.begin()
-        self._health.forget_rtk()
+        self._health.rtk = FixStatus.NONE, 0
         self._newest: NavSolution | None = None
         self._clocks = AidClocks(self._config, self._imu_clock.newest_ns)
         self._in_imu = [aid(self._config) for aid in AIDS.values() if aid.in_imu]

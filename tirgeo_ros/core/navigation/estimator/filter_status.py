@@ -49,7 +49,7 @@ class FilterHealth:
 
     def __init__(self, config: EkfConfig) -> None:
         self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2
-        self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
+        self.rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
         self.configure(config)
         self._expected = EXPECTED.get(config.method, ())
 
@@ -67,16 +67,12 @@ class FilterHealth:
         if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
             self._variances[sample.source] = north, east, down
         if sample.source is Source.RTK_POSITION:
-            self._rtk = sample.status, sample.stamp_ns
+            self.rtk = sample.status, sample.stamp_ns
 
     def rtk_status(self, now_ns: int) -> FixStatus:
         """Return the RTK receiver's newest fix status; NONE once it is silent."""
-        status, stamp_ns = self._rtk
+        status, stamp_ns = self.rtk
         return status if now_ns - stamp_ns <= _STATUS_AGE_NS else FixStatus.NONE
-
-    def forget_rtk(self) -> None:
-        """Set the fix status to NONE until the next position."""
-        self._rtk = FixStatus.NONE, 0
 
     def state(
         self, aids: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None

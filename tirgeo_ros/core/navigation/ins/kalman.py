@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,13 +45,6 @@ class Mark:
     change: Change
     before: Mark | None = None
     number: int = -1  # its place in the record, once it is there
-
-    def followed_by(self, changes: Iterable[Change]) -> Mark:
-        """Return the last of the marks of further changes."""
-        newest = self
-        for change in changes:
-            newest = Mark(change, newest)
-        return newest
 
 
 def cut(states: int, *blocks: slice) -> Array:

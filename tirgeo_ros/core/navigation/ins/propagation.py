@@ -16,12 +16,14 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ATTITUDE,
     POSITION,
+    STILL,
     VELOCITY,
     CovariancePropagation,
+    Powers,
+    VibrationMeter,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Rates, propagate, rotate
-from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, Powers, VibrationMeter
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
 

@@ -31,13 +31,15 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     STATES,
     VELOCITY,
     NoisePowers,
+    Powers,
+    VibrationMeter,
+    clipped_powers,
     has_antenna,
     states_of,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, VibrationMeter, clipped_powers
 from tirgeo_ros.core.navigation.timeline.epochs import (
     FilterEpoch,
     FlightRecord,
@@ -272,7 +274,10 @@ class Ekf:
             autopilot_q_nb=autopilot_q_nb,
         )
         self._set_verdict(record, verdict)
-        trail = now.trail and now.trail.followed_by(after.changes)
+        trail = now.trail
+        if trail is not None:
+            for change in after.changes:
+                trail = Mark(change, trail)
         return Propagated(after.state, after.covariance, trail=trail), after.aids
 
     def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:

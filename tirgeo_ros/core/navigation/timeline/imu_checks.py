@@ -171,10 +171,6 @@ class _End:
     hits_ns: deque[int] = field(default_factory=deque)  # within the window
     short_ns: deque[int] = field(default_factory=deque)
 
-    def outgrown(self, value: float, stamp_ns: int) -> bool:
-        """Return whether ``value`` exceeds the end, or the end is too old to keep."""
-        return value > self.level * (1 + _EQUAL_SHARE) or abs(stamp_ns - self.met_ns) > _FORGET_NS
-
     def add(self, value: float, stamp_ns: int, before: float) -> int:
         """Return how many samples are clipped with this one: 0, 1, or all of a new pile."""
         short = self.level * (1 - _SHORT_SHARE)
@@ -251,7 +247,11 @@ class Clipping:
                 continue
             place = channel, value > 0
             end = self._ends.get(place)
-            if end is None or end.outgrown(size, stamp_ns):
+            if (
+                end is None
+                or size > end.level * (1 + _EQUAL_SHARE)
+                or abs(stamp_ns - end.met_ns) > _FORGET_NS
+            ):
                 end = self._ends[place] = _End(size, stamp_ns, least)
             number = end.add(size, stamp_ns, last if value > 0 else -last)
             if number:

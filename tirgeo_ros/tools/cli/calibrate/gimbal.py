@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tirgeo_ros.tools.cli._verb import BOARD, NUMBER, UsageError, call
-from tirgeo_ros.tools.presentation.results import each_not_used, not_used
+from tirgeo_ros.tools.presentation.results import not_used
 
 _RATE_HELP = (
     "pictures a second: how many of a bag are used, or the rate of the files (default %(default)g)"
@@ -26,7 +26,6 @@ OPTIONS = (
     ("--rate", "HZ", _RATE_HELP, NUMBER | {"default": 10.0, "dest": "rate_hz"}),
     ("-o --output", "CSV", "the angles over time"),
 )
-VERBOSE = "list each picture that was not used, with its reason"
 _COLUMNS = {
     "std_deg": "std",
     "noise_deg": "of noise",
@@ -60,8 +59,3 @@ def describe(result: Mapping[str, Any]) -> str:
     lines += not_used(result["refused"])
     lines += [f"written: {path}" for path in result["output"]]
     return "\n".join(lines)
-
-
-def describe_all(result: Mapping[str, Any]) -> str:
-    """Return the same, then each picture that was not used with its reason."""
-    return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, call
-from tirgeo_ros.tools.presentation.results import each_not_used, not_used
+from tirgeo_ros.tools.presentation.results import not_used
 
 OPTIONS = (
     *BOARD,
@@ -23,7 +23,6 @@ OPTIONS = (
     ("--plot", "PNG", "plot of corners and errors"),
     ("--k3", None, "estimate k3 beside k1 k2 p1 p2"),
 )
-VERBOSE = "list each picture that was not used, with its reason"
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
@@ -53,8 +52,3 @@ def describe(result: Mapping[str, Any]) -> str:
         *(f"written: {path}" for path in result["output"]),
     ]
     return "\n".join(lines)
-
-
-def describe_all(result: Mapping[str, Any]) -> str:
-    """Return the same, then each picture that was not used with its reason."""
-    return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()

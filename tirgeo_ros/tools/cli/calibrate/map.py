@@ -16,10 +16,12 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import NEEDED, WORD, UsageError
+from tirgeo_ros.tools.cli._verb import NEEDED, WORD
 from tirgeo_ros.tools.presentation.results import table
 
-_POINTS_HELP = "id,column,row with --survey, or a .points file of QGIS's georeferencer"
+_POINTS_HELP = (
+    "id,column,row with --survey, or a .points file of QGIS's georeferencer (3.26 or later)"
+)
 _ORDERS = {"type": int, "choices": (1, 2, 3), "default": 3}
 OPTIONS = (
     ("vectors", "PIXELS.geojson", "coordinates are column, row"),
@@ -28,12 +30,6 @@ OPTIONS = (
     ("-o --output", "GEOJSON", "the map", NEEDED),
     ("--order", "ORDER", "order of the polynomial: %(choices)s (default: 3)", _ORDERS),
     ("--crs", "CRS", "plane of the fit (default: the UTM zone of the points)", WORD),
-    (
-        "--points-crs",
-        "CRS",
-        "coordinate system of a .points file that does not name it",
-        WORD,
-    ),
 )
 #: Columns of the residuals: title, key, format.
 _COLUMNS = (
@@ -52,10 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Georeference the features; return a summary."""
     from tirgeo_ros.tools.calibrate.map import calibrate_map  # noqa: PLC0415 heavy
 
-    if args.survey is not None and args.points_crs is not None:
-        raise UsageError("--points-crs needs a .points file and no --survey")
-    names = ("survey", "points_crs", "order", "crs")
-    options = {name: getattr(args, name) for name in names}
+    options = {name: getattr(args, name) for name in ("survey", "order", "crs")}
     return calibrate_map(args.vectors, args.points, args.output, **options)
 
 
