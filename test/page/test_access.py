@@ -13,6 +13,7 @@ import pytest
 from page_clients import (
     OPERATOR_TOKEN,
     TOKENS,
+    UPGRADE,
     VIEWER_TOKEN,
     Page,
     Served,
@@ -22,11 +23,6 @@ from page_clients import (
     status,
 )
 from signed_certificates import certificate
-
-UPGRADE = (
-    *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
-    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
-)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pytest
 from page_clients import (
     OPERATOR_TOKEN,
     TOKENS,
+    UPGRADE,
     VIEWER_TOKEN,
     Page,
     Served,
@@ -70,13 +71,7 @@ def opened(one):
 
 
 def upgrade(one, path):
-    return http(
-        path,
-        f"Host: 127.0.0.1:{one.port}",
-        f"Origin: {one.url}",
-        *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
-        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
-    )
+    return http(path, f"Host: 127.0.0.1:{one.port}", f"Origin: {one.url}", *UPGRADE)
 
 
 def upgraded(one, path):
