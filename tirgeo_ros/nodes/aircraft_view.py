@@ -6,7 +6,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -229,7 +228,7 @@ class AircraftView(AircraftTopics):
         show: Callable[[int, bytes], None],
         answered: Callable[[Answer], None],
     ) -> None:
-        self._pictures: deque[tuple[float, float]] = deque(maxlen=_PICTURES)  # time, latency; s
+        self._came_s: deque[float] = deque(maxlen=_PICTURES)
         self._pass_on = show
         super().__init__(node, aircraft, terrain, self._count)
         self._track, self._sent = list[Place](), list[Place]()
@@ -258,7 +257,7 @@ class AircraftView(AircraftTopics):
             self._marked, self._marked_s = marked, now_s
 
     def _count(self, stamp: int, jpeg: bytes) -> None:
-        self._pictures.append((time.monotonic(), 1e-9 * (self._node.now_ns - stamp)))
+        self._came_s.append(time.monotonic())
         self._pass_on(stamp, jpeg)
 
     def _take_path(self, message: Any) -> None:
@@ -286,10 +285,8 @@ class AircraftView(AircraftTopics):
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
         state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
-        recent = [latency for then_s, latency in [*self._pictures] if now_s - then_s < _RATE_S]
-        state["video_hz"] = len(recent) / _RATE_S
-        state["latency_ms"] = round(1e3 * median(recent), 1) if recent else None
-        return state
+        recent = [then_s for then_s in [*self._came_s] if now_s - then_s < _RATE_S]
+        return state | {"video_hz": len(recent) / _RATE_S}
 
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
         heard, picture = self.reports.findings(now_s), self.reports.picture(now_s)
