@@ -15,7 +15,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tirgeo_ros.core.frames import axes as frames
 from tirgeo_ros.core.frames.rotations import (
-    canonical,
     matrix_from_euler,
     matrix_from_quat,
     matrix_from_rotvec,
@@ -39,7 +38,6 @@ from tirgeo_ros.io.messages.decode import heading_sample, position_sample, veloc
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 from tirgeo_ros.io.messages.message_parts import (
     covariance_turned_world,
-    positive,
     quat_turned_world,
 )
 
@@ -375,14 +373,6 @@ def test_only_the_world_changes(rotvec):
     assert_allclose(matrix_from_quat(made), expected, atol=EXACT)
     back = matrix_from_quat(quat_turned_world(*made))
     assert_allclose(back, matrix_from_quat(q), atol=EXACT)
-
-
-@pytest.mark.parametrize(("heading_deg", "yaw_deg"), [(0, 90), (90, 0), (180, -90), (45, 45)])
-def test_heading_is_clockwise_from_north_and_yaw_the_other_way_from_east(heading_deg, yaw_deg):
-    made = frames.quat_turned_both(*quat_from_euler(0, 0, math.radians(heading_deg)))
-    half = math.radians(yaw_deg) / 2
-    expected = canonical(np.array([math.cos(half), 0, 0, math.sin(half)]))
-    assert_allclose(positive(made), expected, atol=EXACT)
 
 
 @pytest.mark.parametrize("blocks", [1, 2])

@@ -190,8 +190,9 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
     right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
     aside_px = math.hypot(right, down)
     if aside_px > _ASIDE * camera.width:
-        numbers = {"cx": camera.cx, "cy": camera.cy, "aside_px": aside_px}
-        texts = {"share": aside_px / camera.width, "lens_size": lens_size, "lens": lens}
+        share = aside_px / camera.width
+        numbers = {"cx": camera.cx, "cy": camera.cy, "aside_px": aside_px, "share": share}
+        texts = {"lens_size": lens_size, "lens": lens}
         findings.append(finding("principal_point", **numbers, **texts))
     view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:

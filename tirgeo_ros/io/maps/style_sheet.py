@@ -107,9 +107,10 @@ class _Comparison:
         is_one = False
         for each in self.values:
             number, other = _number(each), _number(value)
-            if number is None or other is None:  # else they compare as numbers
-                number, other = _unquoted(each), shown_value(value)
-            is_one |= number == other
+            if number is None or other is None:
+                is_one |= _unquoted(each) == shown_value(value)
+            else:
+                is_one |= number == other
         return is_one != (self.sign == "!=")
 
 

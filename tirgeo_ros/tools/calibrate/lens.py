@@ -97,9 +97,9 @@ def _sightings(
     sizes: dict[str, tuple[int, int]] = {}
     for name, _, pixels in pictures:
         detected = UNREADABLE if pixels is None else find_board(pixels, board)
-        if pixels is None or isinstance(detected, Refused):
+        if isinstance(detected, Refused):
             refused[name] = detected
-        else:
+        elif pixels is not None:
             views[name], sizes[name] = detected, (pixels.shape[1], pixels.shape[0])
     size = Counter(sizes.values()).most_common(1)[0][0] if sizes else (0, 0)
     for name, (width, height) in sizes.items():
