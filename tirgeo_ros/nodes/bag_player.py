@@ -53,13 +53,9 @@ _LEAD_S = 0.5
 #: Log text before the number of nanoseconds.
 SHIFTED = "live: stamps are later than the bag's by"
 Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
-#: Topics that the running graph publishes itself; the recorded ones would conflict with them.
-_OUTPUTS = (
-    *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose"),
-    *("tirgeo/footprint", "tirgeo/path", "tirgeo/state", "tirgeo/findings", "tf", "tf_static"),
-)
-_OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
-_INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
+#: What of ours others publish; the graph publishes the rest itself, and would conflict with it.
+_OF_OTHERS = ("tirgeo/locate/pixel", "tirgeo/targets", "tirgeo/targets/markers")
+_INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics", "tf", "tf_static")
 
 
 def publishers_for(
@@ -111,8 +107,8 @@ def _chosen(topics: Mapping[str, str], listed: str) -> list[str]:
 
 def _made_by_graph(name: str) -> bool:
     # A bag recorded in a namespace has the namespace as a prefix of each name.
-    own = name[name.find("tirgeo/") :] if "tirgeo/" in name else name
-    return own in _OUTPUTS or own.startswith(_OUTPUT_FOLDERS) or name in _INFRASTRUCTURE
+    _, ours, own = name.rpartition("tirgeo/")
+    return bool(ours and ours + own not in _OF_OTHERS) or name in _INFRASTRUCTURE
 
 
 def await_readers(
