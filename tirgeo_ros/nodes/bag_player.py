@@ -53,8 +53,8 @@ _LEAD_S = 0.5
 #: Log text before the number of nanoseconds.
 SHIFTED = "live: stamps are later than the bag's by"
 Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
-#: What of ours others publish; the graph publishes the rest itself, and would conflict with it.
-_OF_OTHERS = ("tirgeo/locate/pixel", "tirgeo/targets", "tirgeo/targets/markers")
+#: What of tirgeo/ others publish: the graph publishes the rest itself, and would conflict.
+_OF_OTHERS = ("locate/pixel", "targets")
 _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics", "tf", "tf_static")
 
 
@@ -108,7 +108,7 @@ def _chosen(topics: Mapping[str, str], listed: str) -> list[str]:
 def _made_by_graph(name: str) -> bool:
     # A bag recorded in a namespace has the namespace as a prefix of each name.
     _, ours, own = name.rpartition("tirgeo/")
-    return bool(ours and ours + own not in _OF_OTHERS) or name in _INFRASTRUCTURE
+    return (bool(ours) and not own.startswith(_OF_OTHERS)) or name in _INFRASTRUCTURE
 
 
 def await_readers(
