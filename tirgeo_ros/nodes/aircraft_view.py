@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -52,8 +51,6 @@ _ANSWER_S = 1.6
 _STEP_S = 0.4
 Place = list[float]  # latitude, longitude (deg)
 
-_RATE_S = 2.0  # over which the video's rate is taken
-_PICTURES = 200
 #: A picture that was drawn with a predicted pose has none on its other side.
 _LAST_POSE_S = 0.2
 _SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))
@@ -228,9 +225,7 @@ class AircraftView(AircraftTopics):
         show: Callable[[int, bytes], None],
         answered: Callable[[Answer], None],
     ) -> None:
-        self._came_s: deque[float] = deque(maxlen=_PICTURES)
-        self._pass_on = show
-        super().__init__(node, aircraft, terrain, self._count)
+        super().__init__(node, aircraft, terrain, show)
         self._track, self._sent = list[Place](), list[Place]()
         self.listen("tirgeo/path", self._take_path, 1)
         now_s, take = time.monotonic, self.reports.take_findings
@@ -255,10 +250,6 @@ class AircraftView(AircraftTopics):
         if self._markers.get_subscription_count():
             self._markers.publish(target_markers(self.map_frame, self.plane, targets))
             self._marked, self._marked_s = marked, now_s
-
-    def _count(self, stamp: int, jpeg: bytes) -> None:
-        self._came_s.append(time.monotonic())
-        self._pass_on(stamp, jpeg)
 
     def _take_path(self, message: Any) -> None:
         if self.plane is not None:
@@ -285,8 +276,8 @@ class AircraftView(AircraftTopics):
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
         state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
-        recent = [then_s for then_s in [*self._came_s] if now_s - then_s < _RATE_S]
-        return state | {"video_hz": len(recent) / _RATE_S}
+        video = self._node.monitor.topics().get(f"{self._prefix}{VIDEO}")
+        return state | {"video_hz": video.rate_hz if video else 0.0}
 
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
         heard, picture = self.reports.findings(now_s), self.reports.picture(now_s)
