@@ -25,17 +25,7 @@ import numpy as np
 
 from dev.flights import SoakFlight, make_soak_flight
 from dev.judging import Figure, exit_code, print_figures
-from dev.soak.run import (
-    EPOCHS,
-    LEDGER,
-    RECORD,
-    WITNESS,
-    Event,
-    Life,
-    Lives,
-    run_soak,
-    schedule,
-)
+from dev.soak.run import EPOCHS, LEDGER, RECORD, WITNESS, Event, Life, Lives, run_soak, schedule
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
 from tirgeo_ros.core.types.arrays import Array

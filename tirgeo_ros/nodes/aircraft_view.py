@@ -25,12 +25,7 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.io.messages import (
-    TOPIC_TYPES,
-    answer_of,
-    body_pose,
-    finding_row,
-)
+from tirgeo_ros.io.messages import TOPIC_TYPES, answer_of, body_pose, finding_row
 from tirgeo_ros.nodes.aircraft_topics import (
     ODOMETRY,
     POSE,
