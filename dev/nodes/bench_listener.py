@@ -20,10 +20,7 @@ from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 _LARGE = "tirgeo/overlay/image"
-_PIXELS = {
-    _LARGE: image_pixels,
-    "tirgeo/overlay/image/compressed": compressed_pixels,
-}
+_PIXELS = {_LARGE: image_pixels, "tirgeo/overlay/image/compressed": compressed_pixels}
 _LEAST_INK = 1000  # coloured pixels of a picture with lines
 
 
