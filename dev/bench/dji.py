@@ -9,7 +9,11 @@ from functools import partial
 
 from dev.judging import Figure
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.broadcast import Layout, broadcast_length, decode_broadcast
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import (
+    Layout,
+    broadcast_length,
+    decode_broadcast,
+)
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable, decode_push
 
 #: The fastest line, 1 Mbaud: ten bits a byte.

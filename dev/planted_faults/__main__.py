@@ -26,7 +26,7 @@ _MOST_TIMES = 3.0  # no silent fault moves the map by more ellipses
 
 
 def found_in(fault: Fault, good: FlightFiles, folder: Path) -> list[dict[str, Any]]:
-    """Return what is worse than a note in a flight with a fault; a refusal counts as one."""
+    """Return what is worse than a note in a flight with a fault; a refusal counts too."""
     return _found(lambda: check(**fault.plant(good, folder).arguments))
 
 
@@ -35,16 +35,16 @@ def _found(run: Callable[[], Any]) -> list[dict[str, Any]]:
         items: Any = run()["findings"]
     except TirgeoError as error:
         return [{"severity": "stop", "evidence": str(error), "parameter": str(error), "mend": ""}]
-    return [one for one in items if one["severity"] != "note"]
+    return [item for item in items if item["severity"] != "note"]
 
 
 def naming(fault: Fault, items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return those that name what is wrong."""
     return [
-        one
-        for one in items
-        if any(name in one["parameter"] for name in fault.names)
-        and fault.word in one["evidence"] + one["mend"]
+        item
+        for item in items
+        if any(name in item["parameter"] for name in fault.names)
+        and fault.word in item["evidence"] + item["mend"]
     ]
 
 
@@ -58,9 +58,9 @@ def _judged(fault: Fault, good: FlightFiles, folder: Path) -> tuple[bool, bool, 
     processed = naming(fault, _found(lambda: process(planted.bag, poses, **options)))
     times = flight_times(good, planted, poses, fault.flipped) if poses.exists() else []
     first = "; ".join(
-        f"{one['severity']} {one['parameter']}: {one['evidence']}" for one in right[:1]
+        f"{item['severity']} {item['parameter']}: {item['evidence']}" for item in right[:1]
     )
-    more = [f"{one['severity']} {one['parameter']}" for one in items if one not in right]
+    more = [f"{item['severity']} {item['parameter']}" for item in items if item not in right]
     ahead = "after " if items and right and items[0] is not right[0] else "also "
     also = f" ({ahead}{', '.join(more)})" if more else ""
     size = f"{median(times):.1f}, {max(times):.1f}" if times else ""

@@ -26,12 +26,6 @@ CLEAN = {
 }
 #: What no check can see in this flight.
 NOT_YET = ("boresight 2 deg", "map 10 m off")
-REAL = [
-    *(f"p4rtk_horizontal_{n}" for n in ("03", "06", "09", "15", "18", "24")),
-    *(f"p4rtk_horizontal_{n}_differenced_velocity" for n in ("09", "24")),
-    *(f"p4rtk_vertical_{n}" for n in ("03", "15", "24")),
-    "walk_0827",
-]
 
 
 def worse_than_notes(result):
@@ -99,12 +93,6 @@ def test_nothing_is_wrong_with_other_simulated_flights(name, tmp_path):
     folder = tmp_path / "flight"
     simulate(scenario, folder, seed=seed, start_s=start_s, duration_s=25.0)
     assert worse_than_notes(check(**FlightFiles.in_folder(folder).arguments)) == []
-
-
-@pytest.mark.parametrize("name", REAL)
-def test_nothing_is_wrong_with_recorded_flights(name, shared):
-    path = shared / "real_flights" / f"{name}.mcap"
-    assert worse_than_notes(check(path)) == []
 
 
 def test_a_right_boresight_is_no_fault(sample, tmp_path):

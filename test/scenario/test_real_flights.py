@@ -10,6 +10,7 @@ import math
 import pytest
 
 from dev.real_flights import ASKED, bags_in, groups, judge_all, report
+from tirgeo_ros.tools.replay.check import check
 
 pytestmark = pytest.mark.slow
 
@@ -41,3 +42,9 @@ def test_recorded_flights_miss_no_figure(shared):
     assert (len(cuts[P4]), len(cuts[WALK])) == (44, 27)
     assert not any(math.isnan(cut.error_m) for cut in cuts[P4])
     assert ASKED.keys() == {P4, WALK}  # more is asked of both groups
+
+
+@pytest.mark.parametrize("name", BAGS)
+def test_nothing_is_wrong_with_recorded_flights(name, shared):
+    findings = check(shared / "real_flights" / f"{name}.mcap")["findings"]
+    assert [one for one in findings if one["severity"] != "note"] == []

@@ -168,6 +168,17 @@ def test_a_receiver_without_vertical_velocity_gives_no_velocity(tmp_path):
     assert Source.GPS_VELOCITY not in found
 
 
+def test_the_attitude_is_roll_pitch_and_yaw(tmp_path):
+    found = by_source(read_dataflash(small_log().write(tmp_path / "a.BIN"), OPTIONS))
+    for k in (0, 20, 33):
+        w, x, y, z = found[Source.IMU][k].autopilot_q_nb
+        nose_n = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+        assert math.degrees(math.atan2(nose_n[1], nose_n[0])) == pytest.approx(k, abs=0.01)
+        assert math.degrees(math.asin(-nose_n[2])) == pytest.approx(-10.0, abs=0.01)
+        right_down, down_down = 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        assert math.degrees(math.atan2(right_down, down_down)) == pytest.approx(5.0, abs=0.01)
+
+
 def test_heights_need_the_geoid(tmp_path):
     log = small_log()
     fix(log, 80_100_000, 3, 0.0)

@@ -165,14 +165,6 @@ def test_stamps_beyond_use_are_refused(tmp_path):
         calibrate_imu(tmp_path / "a.mcap", namespace="uav1")
 
 
-def test_the_sample_flight_is_as_configured(sample):
-    """A simulated flight without vibration: nothing is written but what was configured."""
-    result = calibrate_imu(sample / "flight.mcap")
-    np.testing.assert_allclose(column(result, "density"), DEFAULTS, rtol=0.1)
-    assert column(result, "written") == DEFAULTS.tolist()
-    assert column(result, "lines") == [[]] * 6
-
-
 P4 = [f"p4rtk_horizontal_{n}.mcap" for n in ("03", "06", "09", "15", "18", "24")]
 
 

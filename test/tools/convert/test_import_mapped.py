@@ -114,24 +114,18 @@ def test_an_odometry_becomes_a_velocity_east_north_up(mapped, tmp_path):
     bag = Bag()
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = np.diag([0.04, 0.01, 0.09])
-    zero = bag.new("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
-    half = math.radians(45)
-    pose = bag.new(
-        "geometry_msgs/msg/Pose",
-        position=zero,
-        orientation=bag.quaternion((math.cos(half), 0, 0, math.sin(half))),
-    )
-    twist = bag.new(
-        "geometry_msgs/msg/Twist", linear=bag.vector(2, 0.5, -1), angular=bag.vector(0, 0, 0)
-    )
+    half, linear, zero = math.radians(45), bag.vector(2, 0.5, -1), bag.vector(0, 0, 0)
+    orientation = bag.quaternion((math.cos(half), 0, 0, math.sin(half)))
+    origin = bag.new("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
+    pose = bag.new("geometry_msgs/msg/Pose", position=origin, orientation=orientation)
+    twist = bag.new("geometry_msgs/msg/Twist", linear=linear, angular=zero)
+    uncertain = {"covariance": covariance.ravel()}
     odometry = bag.new(
         "nav_msgs/msg/Odometry",
         header=bag.header(BEGUN_NS, "odom"),
         child_frame_id="base_link",
-        pose=bag.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=bag.new(
-            "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance.ravel()
-        ),
+        pose=bag.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, **uncertain),
+        twist=bag.new("geometry_msgs/msg/TwistWithCovariance", twist=twist, **uncertain),
     )
     bag.add(BEGUN_NS, "/odom", odometry)
     result = mapped(bag, (("/odom", "rtk/vel"),))

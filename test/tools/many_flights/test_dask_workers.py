@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -153,6 +154,14 @@ def test_a_worker_that_does_not_see_the_folder_is_refused(tmp_path):
         dask_workers.ManyFlightsError, match=r"10.0.0.9:1 does not see .*all workers"
     ):
         dask_workers._check(Elsewhere(), str(tmp_path))
+
+
+def test_a_scheduler_without_workers_is_told(tmp_path):
+    def wait(number, timeout):
+        raise asyncio.TimeoutError
+
+    with pytest.raises(dask_workers.ManyFlightsError, match="the scheduler has no worker"):
+        dask_workers._check(SimpleNamespace(wait_for_workers=wait), str(tmp_path))
 
 
 def test_a_worker_of_another_version_that_came_later_begins_nothing(tmp_path):

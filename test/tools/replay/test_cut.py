@@ -118,7 +118,6 @@ FORMS = {
     "mcap": {},
     "mcap of Humble": {"version": 8},
     "sqlite": {"storage": StoragePlugin.SQLITE3},
-    "sqlite of Humble": {"version": 8, "storage": StoragePlugin.SQLITE3},
     "messages packed": {"mode": CompressionMode.MESSAGE},
     "file packed": {"mode": CompressionMode.FILE},
 }

@@ -3,9 +3,9 @@ r"""Measure a flight's ground accuracy against surveyed points, by method.
 The paper's experiment: locates every observed control point under the methods raw, rtk, ekf and
 ekf_heading, and calibrated (ekf_heading with the boresight file) where one is given. Prints each
 point's error, their means and the paired t-test between the methods, and writes report.html with
-the error vectors, observations.csv and result.json. A method is left out if the bag
-lacks its topics. Without --dem and --ground-height the ground is the parameters', else the median
-of the observed points' heights.
+the error vectors, observations.csv and result.json. A method is left out if the bag lacks its
+topics. Without --dem and --ground-height the ground is the parameters', else the median of the
+observed points' heights.
 
 example:
   tirgeo evaluate bags/sample/flight.mcap --survey bags/sample/survey.geojson \

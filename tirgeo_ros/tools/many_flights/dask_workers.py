@@ -6,6 +6,7 @@ is killed is begun again on another, by Dask's scheduler.
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import logging
 import re
@@ -106,7 +107,7 @@ def _check(client: Any, folder: str) -> None:
     """Raise ManyFlightsError unless there are workers, of this version, that see the folder."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
-    except TimeoutError:
+    except asyncio.TimeoutError:
         raise ManyFlightsError(
             "the scheduler has no worker: start some with dask worker"
         ) from None

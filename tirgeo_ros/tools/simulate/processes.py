@@ -12,6 +12,7 @@ import zlib
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
+from scipy.signal import lfilter
 
 from tirgeo_ros.core.types.arrays import Array
 
@@ -60,12 +61,8 @@ def gauss_markov(
     decay: Array = np.exp(-step_s / np.asarray(time_s, float))
     shocks: Array = rng.standard_normal((count, len(decay))) * np.asarray(std, float)
     shocks[1:] *= np.sqrt(1 - decay**2)
-    out = np.empty_like(shocks)
-    value = np.zeros(len(decay))
-    for k in range(count):
-        value = decay * value + shocks[k]
-        out[k] = value
-    return out
+    columns = [lfilter([1.0], [1.0, -d], x) for d, x in zip(decay, shocks.T, strict=True)]
+    return np.stack(columns, axis=-1)
 
 
 def smooth_noise(

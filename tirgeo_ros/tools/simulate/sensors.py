@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
@@ -269,7 +270,9 @@ class SimulatedGimbal:
         self._q_gc = quat_multiply(boresight, Q_BODY_OPTICAL)
         knots_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
         nose = trajectory.motion(knots_s).heading_rad
-        self._heading = Spline(_lagging(nose, scenario.gimbal.lag_s)[:, None], _KNOT_S)
+        kept = math.exp(-_KNOT_S / scenario.gimbal.lag_s)  # of the lag, from knot to knot
+        lagging = lfilter([1 - kept], [1.0, -kept], nose, zi=[kept * nose[0]])[0]
+        self._heading = Spline(lagging[:, None], _KNOT_S)
         rms = np.radians(scenario.gimbal.error_rms_deg)
         rng = generator(seed, "gimbal")
         #: True minus commanded camera roll and pitch (N, 2), rad, at times (N,).
@@ -328,14 +331,3 @@ def gimbal_samples(
         samples.append((stamp, JointSample(stamp, float(yaw), float(roll), float(pitch))))
         samples.append((stamp, CameraAttitudeSample(stamp, q_ng)))
     return samples
-
-
-def _lagging(heading_rad: Array, lag_s: float) -> Array:
-    """Return the heading (N,) behind a first-order lag."""
-    gain = 1 - math.exp(-_KNOT_S / lag_s)
-    out = np.empty_like(heading_rad)
-    value = heading_rad[0]
-    for k, nose in enumerate(heading_rad):
-        value += gain * (nose - value)
-        out[k] = value
-    return out
