@@ -213,15 +213,17 @@ def groups(flown: Sequence[Flown]) -> dict[str, list[Flown]]:
 def report(flown: Sequence[Flown]) -> tuple[list[str], int]:
     """Return the lines of the report and the number of missed figures."""
     table = MarkedTable(26, 9)
-    lines = [*_accuracy(table, flown), "", *_ratios(table, flown), "", *_distances(table, flown)]
+    low, high = ASKED_RATIO
+    lines = [f"rms error later than {SETTLED_S:g} s"]
+    lines += error_head(table, "asked, at the most", ASKED_ERRORS)
+    lines += [
+        error_row(table, name, [flight.squares for flight in flights], ASKED_ERRORS)
+        for name, flights in groups(flown).items()
+    ]
+    lines += ["", f"error over sigma, rms (asked: {low:g} to {high:g})", ratio_head(table)]
+    squares = [flight.squares for flight in flown]
+    lines += [ratio_row(table, "all flights", squares, ASKED_RATIO), "", *_distances(table, flown)]
     return lines, table.missed
-
-
-def _accuracy(table: MarkedTable, flown: Sequence[Flown]) -> Iterator[str]:
-    yield f"rms error later than {SETTLED_S:g} s"
-    yield from error_head(table, "asked, at the most", ASKED_ERRORS)
-    for name, flights in groups(flown).items():
-        yield error_row(table, name, [flight.squares for flight in flights], ASKED_ERRORS)
 
 
 def error_head(table: MarkedTable, name: str, limits: Sequence[float]) -> Iterator[str]:
@@ -238,13 +240,6 @@ def error_row(
     values = [*np.degrees(rms_of(flights, "rpy")), *(100 * rms_of(flights, "position"))]
     cells = zip(values, limits, strict=True)
     return table.row(name, [table.cell(value, high=limit, digits=3) for value, limit in cells])
-
-
-def _ratios(table: MarkedTable, flown: Sequence[Flown]) -> Iterator[str]:
-    low, high = ASKED_RATIO
-    yield f"error over sigma, rms (asked: {low:g} to {high:g})"
-    yield ratio_head(table)
-    yield ratio_row(table, "all flights", [flight.squares for flight in flown], ASKED_RATIO)
 
 
 def ratio_head(table: MarkedTable) -> str:

@@ -348,10 +348,6 @@ def _tilted(name: str, *rpy_deg: float, word: str = "") -> Fault:
     return Fault(f"IMU {name}", _IMU, altered(mounted(*rpy_deg), "imu/data"), word=word)
 
 
-def _pictures_late(by_s: float) -> Fault:
-    return Fault(f"pictures {by_s} s late", _LATE, late(by_s, _PICTURES), _MOVES)
-
-
 def _heading_off(by_deg: float) -> Fault:
     by_rad = math.radians(by_deg)
     plant = altered(lambda m: turned_yaw(m.orientation, lambda yaw: yaw - by_rad), "rtk/heading")
@@ -459,7 +455,10 @@ FAULTS: tuple[Fault, ...] = (
     _tilted("tilted by 10 deg", 10.0, 0.0, 0.0),
     _tilted("tilted by 20 deg", 0.0, 20.0, 0.0),
     _tilted("turned by 90 deg", 0.0, 0.0, 90.0, word="90"),
-    *map(_pictures_late, (0.2, 0.3, 0.4, 0.5)),
+    *(
+        Fault(f"pictures {by_s} s late", _LATE, late(by_s, _PICTURES), _MOVES)
+        for by_s in (0.2, 0.3, 0.4, 0.5)
+    ),
     *map(_heading_off, (4.0, 7.0)),
     *map(_boresight, (2.0, 3.0, 5.0)),
     _flipped("mirrored", 1),
