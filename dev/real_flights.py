@@ -388,12 +388,12 @@ def _fixes(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
     together = [("all", judged, ASKED_USED, ASKED_BEYOND)]
     for name, bags in groups(judged).items():
         together.insert(-1, (name, bags, ASKED.get(name, Asked()).used, math.inf))
-    for name, bags, least, most in together:
+    for name, those, least, most in together:
         words = [f">={100 * least:g} %"] * (least > 0) + [f">5 sigma <={100 * most:g} %"] * (
             most < 1
         )
-        cells = [table.cell(100 * used_of(bags), 100 * least or -math.inf, digits=1), "", "", ""]
-        cells.append(table.cell(100 * beyond(bags), high=100 * most))
+        cells = [table.cell(100 * used_of(those), 100 * least or -math.inf, digits=1), "", "", ""]
+        cells.append(table.cell(100 * beyond(those), high=100 * most))
         yield table.row(f"{name} ({', '.join(words)})" if words else name, cells)
 
 
@@ -408,7 +408,9 @@ def _tilt_and_nis(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]
             most = [f"<={deg:g} " for deg in asked.roll_pitch_deg]
             yield table.row(f"asked, {name}", [*most, f"{low:g}..{high:g} "])
         tilts = [each.flown.tilt for each in bags]
-        means = np.mean([np.degrees(rms(x)) if len(x) else [math.nan] * 2 for x in tilts], axis=0)
+        means = np.mean(
+            [np.degrees(rms(x)) if len(x) else np.full(2, np.nan) for x in tilts], axis=0
+        )
         nis = [
             [np.divide(*each.flown.nis.get(source, (math.nan, 1))) for each in bags]
             for source in _RTK

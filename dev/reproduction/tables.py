@@ -227,6 +227,11 @@ def askew(results: Results) -> dict[str, object]:
     }
 
 
+def p_value(value: float | None) -> str:
+    """Return a p-value as the paper prints them."""
+    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)
+
+
 def p_values(results: Results) -> str:
     """Return Table 7."""
     columns = [{(one.first, one.second): one.p_value for one in paired_tests(TABLE_6_M)}]
@@ -236,7 +241,7 @@ def p_values(results: Results) -> str:
     ]
     rows = [
         [f"`{pair[0]}`, `{pair[1]}`", fixed(TABLE_7.get(pair), 4)]
-        + ["< 0.0001" if column[pair] < 0.0001 else fixed(column[pair], 4) for column in columns]
+        + [p_value(column[pair]) for column in columns]
         for pair in columns[0]
     ]
     head = ["methods", "paper", "from the paper's Table 6", *(f"here, `{way}`" for way in _WAYS)]
