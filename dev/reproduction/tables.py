@@ -227,22 +227,22 @@ def askew(results: Results) -> dict[str, object]:
     }
 
 
-def p_value(value: float | None) -> str:
-    """Return a p-value as the paper prints them."""
-    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)
-
-
 def p_values(results: Results) -> str:
     """Return Table 7."""
-    columns = [{(one.first, one.second): one.p_value for one in paired_tests(TABLE_6_M)}]
+    columns = [{(test.first, test.second): test.p_value for test in paired_tests(TABLE_6_M)}]
     columns += [
-        {(one["first"], one["second"]): one["p_value"] for one in results[way]["t_tests"]}
+        {(test["first"], test["second"]): test["p_value"] for test in results[way]["t_tests"]}
         for way in _WAYS
     ]
     rows = [
         [f"`{pair[0]}`, `{pair[1]}`", fixed(TABLE_7.get(pair), 4)]
-        + [p_value(column[pair]) for column in columns]
+        + [_p_value(column[pair]) for column in columns]
         for pair in columns[0]
     ]
     head = ["methods", "paper", "from the paper's Table 6", *(f"here, `{way}`" for way in _WAYS)]
     return table(head, rows)
+
+
+def _p_value(value: float | None) -> str:
+    """Return a p-value as the paper prints them."""
+    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)
