@@ -121,9 +121,6 @@ def test_truth_is_a_table_too(sample, flight):
 def test_a_topic_that_cannot_be_read_is_named(short, topics, line):
     with pytest.raises(BagError, match=line):
         tirgeo_ros.read_bag(short, topics)
-
-
-def test_another_namespace_is_said(short):
     with pytest.raises(BagError, match=r"no sensor and no pose in namespace uav1; it has: /gimb"):
         tirgeo_ros.read_bag(short, namespace="uav1")
 
