@@ -8,7 +8,7 @@ import struct
 import zlib
 
 import cv2
-import message_samples as given
+import message_samples as samples
 import numpy as np
 import pytest
 from measured import run_measured
@@ -129,7 +129,7 @@ def test_what_is_no_picture_is_refused(data):
 # camera_info
 
 
-@pytest.mark.parametrize("lens", [given.BROWN, given.RATIONAL])
+@pytest.mark.parametrize("lens", [samples.BROWN, samples.RATIONAL])
 def test_camera_round_trip(lens):
     found = camera(made.camera_info(lens, 0))
     padded = (*lens.distortion, 0.0) if len(lens.distortion) == 4 else lens.distortion
@@ -143,7 +143,7 @@ def test_camera_round_trip(lens):
 
 
 def test_camera_info_of_a_brown_lens():
-    message = made.camera_info(given.BROWN, 0)
+    message = made.camera_info(samples.BROWN, 0)
     assert message.distortion_model == "plumb_bob"
     assert_array_equal(message.d, [0.054, 0.3462, -0.0037, 0.0076, 0])
     assert_array_equal(message.p.reshape(3, 4)[:, :3], message.k.reshape(3, 3))
@@ -163,7 +163,7 @@ def test_camera_info_of_a_brown_lens():
     ],
 )
 def test_useless_calibrations_are_refused(field, value, reason):
-    message = made.camera_info(given.BROWN, 0)
+    message = made.camera_info(samples.BROWN, 0)
     setattr(message, field, value)
     with pytest.raises(CameraError, match=rf"^cam0/camera_info: .*{reason}"):
         camera(message, "cam0/camera_info")
