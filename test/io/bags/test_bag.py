@@ -64,6 +64,7 @@ def test_every_message_comes_back(tmp_path):
     for message, (typename, make) in zip(read, EVERY_MESSAGE.values(), strict=True):
         assert message.typename == typename == reader.topics()[message.topic]
         assert message.data == cdr.serialize(make(made), typename)
+        assert message.data == cdr.serialize(cdr.deserialize(message.data, typename), typename)
     assert reader.damage is None
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 import struct
 import tracemalloc
-from functools import cache
 
 import lz4.frame
 import numpy as np
@@ -213,15 +212,7 @@ def test_no_damage_raises_anything_else(tmp_path, form):
 ZEROS = 40 << 20
 MOST_PEAK = 8 << 20  # the pieces, of a megabyte that is said
 GIGABYTES = 2_900_000_000
-PACK = {
-    "zstd": zstandard.compress,
-    "lz4": lz4.frame.compress,
-}
-
-
-@cache
-def packed_zeros(name):
-    return PACK[name](bytes(ZEROS))
+PACK = {"zstd": zstandard.compress, "lz4": lz4.frame.compress}
 
 
 def peak_of(work):
@@ -247,25 +238,18 @@ def mcap(path, compression, size, packed):
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_chunk_that_says_it_holds_gigabytes(tmp_path, compression):
+def test_a_chunk_that_says_it_holds_gigabytes_or_holds_more_than_it_says(tmp_path, compression):
     packed = PACK[compression](bytes(MOST_BYTES + 1))
     path = mcap(tmp_path / "bomb", compression, GIGABYTES, packed)
     with pytest.raises(BagError, match=r"bomb: .*chunk at byte \d+ holds more than 64 MiB: not"):
         BagReader(path)
-
-
-@pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_chunk_that_holds_more_than_it_says(tmp_path, compression):
-    path = mcap(tmp_path / "bomb", compression, 1 << 20, packed_zeros(compression))
+    path = mcap(tmp_path / "bomb", compression, 1 << 20, PACK[compression](bytes(ZEROS)))
 
     def read():
         with pytest.raises(BagError, match=r"bomb: no message .*the chunk at byte \d+ is"):
             BagReader(path)
 
     assert peak_of(read) < MOST_PEAK
-
-
-def test_a_chunk_packed_in_no_known_way(tmp_path):
     with pytest.raises(BagError, match="is packed as 'rar', which is not known"):
         BagReader(mcap(tmp_path / "a.mcap", "rar", 100, b"Rar!"))
 

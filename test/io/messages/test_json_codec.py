@@ -115,22 +115,19 @@ def test_targets_come_back_without_notes_each_with_one_click():
         ({"name": None, "kind": "cow"}, ""),
     ],
 )
-def test_targets_that_cannot_be_are_refused(changed, reason):
+def test_targets_that_cannot_be_or_are_too_many_are_refused(changed, reason):
     document = json.loads(MESSAGES.targets([TARGET]).data)
+    many = document["targets"] * (MOST_TARGETS + 1)
+    with pytest.raises(MessageError, match=f"{MOST_TARGETS} can be drawn"):
+        targets_of(text_of(document | {"targets": many}))
+    with pytest.raises(MessageError, match="no list of targets"):
+        targets_of(text_of(document | {"targets": 7}))
     document["targets"][0] |= changed
     if not reason:  # of a later version: drawn all the same
         assert targets_of(text_of(document))[0].kind == "other"
         return
     with pytest.raises(MessageError, match=reason):
         targets_of(text_of(document))
-
-
-def test_more_targets_than_can_be_drawn_are_refused():
-    document = json.loads(MESSAGES.targets([TARGET]).data)
-    with pytest.raises(MessageError, match=f"{MOST_TARGETS} can be drawn"):
-        targets_of(text_of(document | {"targets": document["targets"] * (MOST_TARGETS + 1)}))
-    with pytest.raises(MessageError, match="no list of targets"):
-        targets_of(text_of(document | {"targets": 7}))
 
 
 def state_document(**changed) -> SimpleNamespace:

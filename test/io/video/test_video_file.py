@@ -171,16 +171,11 @@ def test_as_many_packets_as_frames_at_the_same_times(tmp_path, count, size):
     np.testing.assert_allclose(steps, np.arange(count) * STEP_NS * 1e-9, atol=1 / 90_000)
     for one in found.packets:
         by_klvdata(one)
-
-
-def test_what_players_look_for(tmp_path):
-    """H.264 as browsers take it, and the registration KLVA by which FFmpeg knows metadata."""
-    write_stream(tmp_path / "out.ts", 30)
+    # H.264 as browsers take it, and the registration KLVA by which FFmpeg knows metadata.
     with av.open(str(tmp_path / "out.ts")) as container:
         video, data = container.streams
         assert (video.codec_context.name, video.codec_context.pix_fmt) == ("h264", "yuv420p")
         assert data.type == "data"
-        assert len([*container.decode(video=0)]) == 30
     content = (tmp_path / "out.ts").read_bytes()
     assert len(content) % 188 == 0
     assert bytes.fromhex("05044b4c5641") in content
