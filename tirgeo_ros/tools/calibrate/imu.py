@@ -36,8 +36,8 @@ from tirgeo_ros.tools.calibrate.imu_bag import (
 from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.registration import resolved
 
 _ENOUGH_REST = 3  # pieces at rest needed for a density that is accurate to 3 %
 _LOW, _HIGH = 10, 90  # percentiles

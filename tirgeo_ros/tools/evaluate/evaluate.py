@@ -36,9 +36,14 @@ from tirgeo_ros.tools.evaluate.summary import SETTLED_S, check_folder, place_not
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, node_configs
-from tirgeo_ros.tools.replay.registration import Registered, Sample, can_smooth
+from tirgeo_ros.tools.replay.registration import (
+    Registered,
+    Sample,
+    can_smooth,
+    done_without,
+    resolved,
+)
 
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
