@@ -35,7 +35,6 @@ _UNIX_US = 946_684_800_000_000
 _FIXES = {3: FixStatus.SINGLE, 4: FixStatus.FLOAT, 5: FixStatus.FLOAT, 6: FixStatus.FIXED}
 LEAST_FIX = min(_FIXES)
 #: Why records are refused.
-_OTHER_INSTANCE = "of another instance than the one taken"
 
 
 class Records:
@@ -108,7 +107,7 @@ def count_records(contents: LogContents, tables: Iterable[Records]) -> None:
     for table in tables:
         contents.read[table.name] += len(table) + table.others
         if table.others:
-            contents.refused[table.name, _OTHER_INSTANCE] += table.others
+            contents.refused[table.name, "of another instance than the one taken"] += table.others
 
 
 def add_samples(

@@ -45,7 +45,6 @@ from tirgeo_ros.tools.replay.registration import (
     Registered,
     Registration,
     Sample,
-    can_smooth,
     checked_topics,
     inputs_of,
     navigated,
@@ -339,7 +338,7 @@ class FlightPoses:
 
         Raise ConfigError for a method without a filter.
         """
-        if not can_smooth(self.ekf.method):
+        if self.ekf.method not in FILTERS:
             choices = " or ".join(FILTERS)
             raise ConfigError(
                 f"method {self.ekf.method} has no filter to smooth: choose {choices}, or do not "

@@ -53,6 +53,7 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 #: Topic -> the function that converts its messages to samples.
 SAMPLES: Mapping[str, Callable[[Any], Sample]] = SENSED_SAMPLES
+#: Methods whose poses come from a filter, and can be smoothed.
 FILTERS = ("ekf", "ekf_heading")
 
 
@@ -106,11 +107,6 @@ def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) ->
     if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
         cameras = composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb)
     return cameras if body is None else cameras + composer.add_body(body)
-
-
-def can_smooth(method: str) -> bool:
-    """Return whether a method's poses come from a filter."""
-    return method in FILTERS
 
 
 def prefix(namespace: str) -> str:
