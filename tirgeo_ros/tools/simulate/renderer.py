@@ -289,7 +289,7 @@ class Renderer:
         footprint = depth[middle] * self._pixel_angle / np.sqrt(np.maximum(slope, 1e-3))
         picture = self._sampled(north, east, footprint)
         draw_targets(picture, self._targets, north, east)
-        picture[~on_ground.reshape(self._shape)] = 20.0
+        picture[~on_ground.reshape(self._shape)] = 20.0  # the sky
         return self._sensed(picture, rng)
 
     def _sampled(self, north: Floats, east: Floats, footprint: Floats) -> Floats:
