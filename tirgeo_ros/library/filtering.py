@@ -23,9 +23,10 @@ from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.library.projecting import PicturePose
 from tirgeo_ros.library.tables import Table, arrived, is_frame
 from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
-from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
 from tirgeo_ros.tools.replay.registration import (
+    GIMBAL_TOPICS,
+    METHOD_TOPICS,
     Registered,
     Sample,
 )

@@ -47,9 +47,8 @@ from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight
-from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.registration import Sample
+from tirgeo_ros.tools.replay.registration import Sample, resolved
 
 _NEEDED = ("imu/data", "rtk/fix")
 _LEAST_S = 20.0

@@ -44,7 +44,7 @@ from tirgeo_ros.tools.calibrate.imu import (
 from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight_topics import resolved
+from tirgeo_ros.tools.replay.registration import resolved
 
 LEAST_REST_S = 60.0  # a shorter rest does not determine the noise
 _NAMED = 3  # intervals that a refusal lists

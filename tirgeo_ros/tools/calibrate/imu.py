@@ -27,8 +27,8 @@ from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import table
-from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.registration import resolved
 
 _ORDERS = {b"\0\1": "<", b"\0\0": ">"}
 #: Of a message's numbers: orientation, rate and acceleration, each with its covariance (9).
