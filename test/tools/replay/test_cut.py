@@ -225,20 +225,6 @@ def test_what_cannot_be_cut(bag, tmp_path):
     assert [*tmp_path.iterdir()] == []
 
 
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        ("--from noon", "noon: neither seconds nor a time as 2024-06-11T07:44:39"),
-        ("--from nan", "nan: neither seconds"),
-    ],
-)
-def test_wrong_use(bag, capsys, words, why):
-    with pytest.raises(SystemExit) as left:
-        main(["cut", str(bag), "-o", "out.mcap", *words.split()])
-    assert left.value.code == 2
-    assert why in capsys.readouterr().err
-
-
 def test_the_command(bag, tmp_path, capsys):
     argv = ["--from", "2021-10-20T12:00:36.5", "--to", "2.2"]
     assert main(["cut", str(bag), "-o", str(tmp_path / "part.mcap"), *argv]) == 0
