@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -140,7 +139,6 @@ def boards(results: Results) -> dict[str, object]:
         "gimbal": table(head, rows),
         "wall_used": wall["used"],
         "wall_pictures": wall["pictures"],
-        "swing_deg": f"{2 * math.sqrt(2) * truth['yaw']:.0f}",
         "lens": table(
             ["parameter", "paper, and put in", "here", "sigma", "off by, sigmas"], fitted
         ),
