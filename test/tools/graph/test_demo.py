@@ -77,12 +77,12 @@ def test_the_summary_has_what_the_nodes_published(tmp_path):
     overlay = NodeState("/overlay_node", 700 * MS, 1, topics, {"drawn": 7, "notices": 3})
     statuses.append(("tirgeo/state", MESSAGES.state(overlay), 700 * MS))
     path = write(tmp_path / "run.mcap", pictures + poses + statuses)
-    found = summary(read_outputs(path), begin_ns=0)
-    assert found["method"] == "ekf_heading"
-    assert found["overlay"] == {"drawn": 7, "notices": 3}
-    assert found["frame_latency_ms"] == 12.5
-    assert found["heading_sigma_deg"] == pytest.approx(0.15)
-    assert found["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
+    result = summary(read_outputs(path), begin_ns=0)
+    assert result["method"] == "ekf_heading"
+    assert result["overlay"] == {"drawn": 7, "notices": 3}
+    assert result["frame_latency_ms"] == 12.5
+    assert result["heading_sigma_deg"] == pytest.approx(0.15)
+    assert result["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
     made = make_pictures(path, tmp_path, 10)
     assert Path(str(made["video"])).stat().st_size > 0
     assert Path(str(made["still"])).stat().st_size > 0
@@ -110,7 +110,7 @@ def test_a_click_is_held_against_the_nearest_target(tmp_path):
     there = [[30.0, 40.0, 0.0], [60.0, 40.0, 0.5]]
     lat, lon, height = PLANE.geodetic_from_ned(np.array(there))
     names = ("person 1", "fire 1")
-    points = [SurveyPoint(*one) for one in zip(names, lat, lon, height, strict=True)]
+    points = [SurveyPoint(*item) for item in zip(names, lat, lon, height, strict=True)]
     targets = tmp_path / "targets.geojson"
     save_survey(targets, points)
     clicked_n = np.array([30.3, 39.6, 0.0])  # 0.5 m from the person
@@ -119,13 +119,13 @@ def test_a_click_is_held_against_the_nearest_target(tmp_path):
     origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
     point = Messages(Cdr().types).located_point(located)
     path = write(tmp_path / "run.mcap", [origin, ("tirgeo/locate/point", point, 9 * MS)])
-    (found,) = against_targets(read_outputs(path), targets)
+    (result,) = against_targets(read_outputs(path), targets)
     where = [np.degrees(x) for x in PLANE.geodetic_from_ned(clicked_n)[:2]]
     # The origin's latitude and longitude go through degrees: 1e-9 m.
-    assert [found["latitude_deg"], found["longitude_deg"]] == pytest.approx(where, abs=1e-9)
-    assert found["off_m"] == pytest.approx(0.5, abs=1e-5)  # survey files have ten decimals
-    assert found["ellipse_95_m"] == pytest.approx(0.2 * np.sqrt(CHI2_95))
-    assert found["target"] == "person 1"
+    assert [result["latitude_deg"], result["longitude_deg"]] == pytest.approx(where, abs=1e-9)
+    assert result["off_m"] == pytest.approx(0.5, abs=1e-5)  # survey files have ten decimals
+    assert result["ellipse_95_m"] == pytest.approx(0.2 * np.sqrt(CHI2_95))
+    assert result["target"] == "person 1"
     assert against_targets(read_outputs(path), tmp_path / "none.geojson") == []
 
 
