@@ -8,7 +8,6 @@ got no pose, or one that stems from another aircraft, or the nodes use more than
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 import tempfile
@@ -21,7 +20,7 @@ import numpy as np
 
 from dev.flights import FleetFlight, make_fleet
 from dev.graphs import read_json, started_graph
-from dev.judging import MarkedTable, exit_code, print_report
+from dev.judging import Figure, exit_code, print_figures
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.arrays import Array
@@ -40,6 +39,7 @@ _OFF_M = 1.0
 _SETTLE_S = 3.5
 _POLL_S = 0.1
 _MOST_CORES = 2.0
+_SUMMED = ("imu", "odometry_lost", "joints", "poses_lost", "crossed")
 
 
 @dataclass
@@ -66,40 +66,32 @@ def read_outputs(recording: Path, names: Sequence[str]) -> dict[str, Outputs]:
     return fleet
 
 
-#: The columns of the table, with the least and the most of each.
-_COLUMNS = {
-    "IMU sent": (-math.inf, math.inf),
-    "aligned s": (-math.inf, math.inf),  # from the first sample of the IMU to the first odometry
-    "odometry": (1, math.inf),
-    "odometry lost": (-math.inf, 0),  # samples of the IMU since then without odometry
-    "poses": (1, math.inf),  # of the camera
-    "poses lost": (-math.inf, 0),  # of joint samples between the first odometry and the last one
-    "crossed": (-math.inf, 0),  # messages of another aircraft's sample, or off the own truth
-    "off m": (-math.inf, math.inf),  # the largest distance from the truth
-}
+@dataclass(frozen=True)
+class Judged:
+    """Hold what an aircraft's graph gave of what was played to it."""
+
+    imu: int
+    odometry: int
+    odometry_lost: int  # samples of the IMU since the first odometry without one
+    joints: int
+    poses_lost: int  # of joint samples between the first odometry and the last
+    crossed: int  # messages of another aircraft's sample, or off the own truth
+    off_m: float  # the largest distance from the truth
 
 
-def judge(flight: FleetFlight, shift_ns: int, outputs: Outputs) -> dict[str, float]:
-    """Return, by column, what an aircraft's graph gave of what was played to it."""
+def judge(flight: FleetFlight, shift_ns: int, outputs: Outputs) -> Judged:
+    """Compare what an aircraft's graph gave with what was played to it."""
     sent = _sent(flight, shift_ns)
     imu, joints = sent["/imu/data"], sent["/gimbal/joint_states"]
-    odometry, cameras = outputs.stamps_ns[_ODOMETRY], outputs.stamps_ns[_CAMERA]
+    odometry, cameras = (set(outputs.stamps_ns[topic]) for topic in (_ODOMETRY, _CAMERA))
     first_ns, last_ns = min(odometry, default=0), max(odometry, default=0)
     errors = _errors_m(flight, shift_ns, outputs)
     # A camera's pose needs the body's before and after it.
     due = {stamp for stamp in joints if first_ns <= stamp <= last_ns}
-    foreign = len(set(odometry) - imu) + len(set(cameras) - joints)
-    values = (
-        len(imu),
-        (first_ns - min(imu)) * 1e-9 if odometry else math.nan,
-        len(odometry),
-        len({stamp for stamp in imu if stamp >= first_ns} - set(odometry)),
-        len(cameras),
-        len(due - set(cameras)),
-        foreign + int((errors > _OFF_M).sum()),
-        float(errors.max(initial=0.0)) if odometry else math.nan,
-    )
-    return dict(zip(_COLUMNS, values, strict=True))
+    lost = {stamp for stamp in imu if stamp >= first_ns} - odometry
+    foreign = len(odometry - imu) + len(cameras - joints) + int((errors > _OFF_M).sum())
+    sizes = len(imu), len(odometry), len(lost), len(due), len(due - cameras)
+    return Judged(*sizes, foreign, float(errors.max(initial=0.0)))
 
 
 def _sent(flight: FleetFlight, shift_ns: int) -> dict[str, set[int]]:
@@ -127,7 +119,7 @@ class FleetRun:
 
     cores: float  # of all nodes, while the flights were played
     memory_mb: float  # of all nodes, shared pages divided among those that share them
-    judged: dict[str, dict[str, float]]  # by aircraft and column
+    judged: list[Judged]
 
 
 def run_fleet(
@@ -158,7 +150,7 @@ def run_fleet(
         cores, memory_mb = _watch(graph.processes[:-1], player, rate, progress)
     moved_ns = read_json(shifts)
     outputs = read_outputs(recording, [flight.name for flight in flights])
-    judged = {f.name: judge(f, moved_ns[f.name], outputs[f.name]) for f in flights}
+    judged = [judge(f, moved_ns[f.name], outputs[f.name]) for f in flights]
     return FleetRun(cores, memory_mb, judged)
 
 
@@ -192,15 +184,22 @@ def _proportional_mb(process: NodeProcess) -> float:
     return int(text.partition("\nPss:")[2].split()[0]) / 1024
 
 
-def report(run: FleetRun) -> tuple[list[str], int]:
-    """Return a line for each aircraft, the cost of all, and the number of missed figures."""
-    table = MarkedTable(12, 15)
-    lines = [table.row("aircraft", [f"{name} " for name in _COLUMNS])]
-    for aircraft, values in run.judged.items():
-        cells = [table.cell(values[name], *bounds) for name, bounds in _COLUMNS.items()]
-        lines.append(table.row(aircraft, cells))
-    whole = table.row("all nodes", [table.cell(run.cores, high=_MOST_CORES)])
-    return [*lines, f"{whole} cores, {run.memory_mb:.0f} MB"], table.missed
+def figures(run: FleetRun) -> list[Figure]:
+    """Return what all aircraft lost and crossed, and what they cost."""
+    total = {name: sum(getattr(one, name) for one in run.judged) for name in _SUMMED}
+    silent = sum(not one.odometry for one in run.judged)
+    off_m = max(one.off_m for one in run.judged)
+    return [
+        Figure("aircraft without odometry", silent, "", "= 0"),
+        Figure("IMU samples", total["imu"]),
+        Figure("  without odometry, from the first one on", total["odometry_lost"], "", "= 0"),
+        Figure("joint samples between the first odometry and the last", total["joints"]),
+        Figure("  without a camera's pose", total["poses_lost"], "", "= 0"),
+        Figure("messages crossed", total["crossed"], "", "= 0"),
+        Figure("farthest from the truth", off_m, "m"),
+        Figure("nodes", run.cores, "cores", f"<= {_MOST_CORES:g}"),
+        Figure("nodes, memory", run.memory_mb, "MB"),
+    ]
 
 
 def _run(aircraft: int, seconds: float, *, together: bool) -> int:
@@ -210,7 +209,7 @@ def _run(aircraft: int, seconds: float, *, together: bool) -> int:
             flights = make_fleet(folder, aircraft, seconds, bar)
         with Progress("flying", "s") as bar:
             run = run_fleet(folder, flights, together=together, progress=bar)
-    return print_report(*report(run))
+    return int(any(figure.missed for figure in print_figures(figures(run))))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

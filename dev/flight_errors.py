@@ -34,10 +34,10 @@ from tirgeo_ros.tools.simulate.flight import SimulatedFlight, Truth
 
 NAVIGATION_SAMPLES = (ImuSample, PositionSample, VelocitySample, HeadingSample, PressureSample)
 #: The nine states of a solution, in the order of its covariance.
-STATE_NAMES = (
-    *(f"position {axis}" for axis in ("north", "east", "down")),
-    *(f"attitude {axis}" for axis in ("north", "east", "down")),
-    *(f"velocity {axis}" for axis in ("north", "east", "down")),
+STATE_NAMES = tuple(
+    f"{quantity} {axis}"
+    for quantity in ("position", "attitude", "velocity")
+    for axis in ("north", "east", "down")
 )
 
 
@@ -101,19 +101,16 @@ class Squares:
     rpy: Array  # (3,) roll, pitch, heading, rad2
     position: Array  # (3,) north, east, down, m2
     ratio: Array  # (9,) error over sigma
-    largest: tuple[float, float]  # distance, m, and heading error, rad
 
     @classmethod
     def of(cls, every: Errors, begin_s: float, end_s: float = math.inf) -> Squares:
         """Return those of the errors from ``begin_s`` to ``end_s``."""
         inside = (every.t_s > begin_s) & (every.t_s < end_s)
         rpy, state, sigma = every.rpy[inside], every.state[inside], every.sigma[inside]
-        largest_m = float(np.linalg.norm(state[:, :3], axis=1).max())
         return cls(
             np.mean(rpy**2, axis=0),
             np.mean(state[:, :3] ** 2, axis=0),
             np.mean((state / sigma) ** 2, axis=0),
-            (largest_m, float(np.abs(rpy[:, 2]).max())),
         )
 
 

@@ -25,7 +25,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 from tirgeo_ros.tools.simulate import simulate
 from tirgeo_ros.tools.simulate.files import parameters_text
-from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
+from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario, scenario_from
 
 _MINUTE_S = 60.0
@@ -53,11 +53,25 @@ class LoopedFlight:
 
     def __init__(self, imu_rate_hz: float = 100.0) -> None:
         """Simulate the minute."""
-        flight = fly(hover(imu_rate_hz))
+        # A quarter turn in 2 s and 4 s of rest, to and fro: 12 s.
+        hover = {
+            "duration_s": _HOVER_FIRST_S + _MINUTE_S + 1.0,
+            "route.shape": "hover",
+            "route.yaw_rate_deg_s": 45.0,
+            "route.hover_s": 4.0,
+            "route.hold_error_m": 0.0,
+            "wind.gust_m_s": 0.0,
+            "imu.rate_hz": imu_rate_hz,
+            "imu.noise.gyro_bias_instability": _NO_ERROR,
+            "imu.noise.accel_bias_instability": _NO_ERROR,
+            "gps.position_rms_m": _NO_ERROR,
+            "autopilot.heading_rms_deg": 0.0,
+            "autopilot.tilt_rms_deg": (0.0, 0.0),
+        }
+        flight = fly(scenario_from(hover))
         first_ns = flight.scenario.start_ns + round(_HOVER_FIRST_S * 1e9)
         end_ns = first_ns + round(_MINUTE_S * 1e9)
         self.config: EkfConfig = fitting_config(flight)
-        self.imu_samples = round(_MINUTE_S * imu_rate_hz)  # in each minute
         self._samples: list[NavigationInput] = [
             sample
             for arrival_ns, sample in flight.samples
@@ -73,27 +87,6 @@ class LoopedFlight:
                 for sample in self._samples
             ]
             shift_ns += round(_MINUTE_S * 1e9)
-
-
-def hover(imu_rate_hz: float) -> Scenario:
-    """Return the scenario of the minute and of what comes before it."""
-    # A quarter turn in 2 s and 4 s of rest, to and fro: 12 s.
-    return scenario_from(
-        {
-            "duration_s": _HOVER_FIRST_S + _MINUTE_S + 1.0,
-            "route.shape": "hover",
-            "route.yaw_rate_deg_s": 45.0,
-            "route.hover_s": 4.0,
-            "route.hold_error_m": 0.0,
-            "wind.gust_m_s": 0.0,
-            "imu.rate_hz": imu_rate_hz,
-            "imu.noise.gyro_bias_instability": _NO_ERROR,
-            "imu.noise.accel_bias_instability": _NO_ERROR,
-            "gps.position_rms_m": _NO_ERROR,
-            "autopilot.heading_rms_deg": 0.0,
-            "autopilot.tilt_rms_deg": (0.0, 0.0),
-        }
-    )
 
 
 @dataclass(frozen=True)
@@ -173,34 +166,23 @@ def make_fleet(
     Each is written as ``uavN.mcap`` with its parameters ``uavN.yaml``.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    fleet = []
+    fleet, default, messages = [], Scenario(), Messages(Cdr().types)
     for number in range(1, aircraft + 1):
-        flight = fly(_fleet_scenario(number, seconds))
+        own = {
+            "seed": default.seed + number,
+            "duration_s": seconds,
+            "site.latitude_deg": default.site.latitude_deg + _APART_DEG * number,
+            "route.heading_deg": (_TURNED_DEG * number) % 360.0,
+        }
+        flight = fly(scenario_from(own))
         bag, params = folder / f"uav{number}.mcap", folder / f"uav{number}.yaml"
-        _write_samples(flight, bag)
+        with BagWriter(bag) as writer:
+            for arrival_ns, sample in flight.samples:
+                topic, message = sensed(messages, sample)
+                writer.write(f"/{topic}", TOPIC_TYPES[topic], message, arrival_ns)
         params.write_text(parameters_text(flight.scenario))
         truth = flight.truth
         place_e = ecef_from_geodetic(truth.latitude_rad, truth.longitude_rad, truth.height_m)
         fleet.append(FleetFlight(number, bag, params, truth.stamp_ns, np.asarray(place_e)))
         progress(number, aircraft)
     return fleet
-
-
-def _fleet_scenario(number: int, seconds: float) -> Scenario:
-    default = Scenario()
-    return scenario_from(
-        {
-            "seed": default.seed + number,
-            "duration_s": seconds,
-            "site.latitude_deg": default.site.latitude_deg + _APART_DEG * number,
-            "route.heading_deg": (_TURNED_DEG * number) % 360.0,
-        }
-    )
-
-
-def _write_samples(flight: SimulatedFlight, path: Path) -> None:
-    messages = Messages(Cdr().types)
-    with BagWriter(path) as writer:
-        for arrival_ns, sample in flight.samples:
-            topic, message = sensed(messages, sample)
-            writer.write(f"/{topic}", TOPIC_TYPES[topic], message, arrival_ns)

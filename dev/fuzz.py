@@ -30,7 +30,7 @@ from tirgeo_ros.dji.link.framing import (
     crc32,
     encode_frame,
 )
-from tirgeo_ros.dji.protocol.broadcast import Layout, broadcast_length
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Layout, broadcast_length
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.tools.presentation.progress import Progress, Report

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 from playwright.sync_api import Page
 
@@ -94,10 +95,8 @@ class Pictures:
         """Wait until nothing has been wrong for two seconds."""
         quiet_s, end_s = time.monotonic(), time.monotonic() + _LIMIT_S
         while time.monotonic() - quiet_s < 2.0 and time.monotonic() < end_s:
-            wrong = (
-                page.locator("#banner").is_visible() or page.locator(".words-over").is_visible()
-            )
-            quiet_s = time.monotonic() if wrong else quiet_s
+            if any(page.locator(part).is_visible() for part in ("#banner", ".words-over")):
+                quiet_s = time.monotonic()
             page.wait_for_timeout(100)
 
     def _press(self, page: Page, u: float, v: float) -> None:
@@ -105,10 +104,8 @@ class Pictures:
         box = page.locator(".stage canvas").bounding_box()
         assert box is not None
         scale = min(box["width"] / 640, box["height"] / 512)
-        left, top = (
-            box["x"] + (box["width"] - 640 * scale) / 2,
-            box["y"] + (box["height"] - 512 * scale) / 2,
-        )
+        left = box["x"] + (box["width"] - 640 * scale) / 2
+        top = box["y"] + (box["height"] - 512 * scale) / 2
         page.mouse.click(left + u * scale, top + v * scale)
         page.wait_for_timeout(700)
 
@@ -123,38 +120,23 @@ class Pictures:
             14.0: page.locator(".row").first.click,
             18.0: page.get_by_text("List", exact=True).click,
         }
-        frames, times = list[Image.Image](), list[float]()
+        frames, times_s = list[Image.Image](), list[float]()
         start_s = time.monotonic()
         while (now_s := (time.monotonic() - start_s) * _RATE) < _FILM_S:
             for due_s in [due_s for due_s in acts if due_s <= now_s]:
                 acts.pop(due_s)()
-            frames.append(_small(page.screenshot(type="jpeg", quality=90)))
-            times.append(now_s)
+            picture = Image.open(io.BytesIO(page.screenshot(type="jpeg", quality=90)))
+            frames.append(picture.resize(_FILM_PX, Image.Resampling.LANCZOS))
+            times_s.append(now_s)
             page.wait_for_timeout(430)  # some 70 pictures in all
-        _write_film(self._folder / "page.webp", frames, times)
+        lasts_ms = np.rint(1000 * np.diff([*times_s, _FILM_S])).astype(int).tolist()
+        film = {"save_all": True, "append_images": frames[1:], "duration": lasts_ms, "loop": 0}
+        frames[0].save(self._folder / "page.webp", quality=_FILM_QUALITY, method=6, **film)
 
     def _save(self, page: Page, name: str, part: str = "body") -> None:
         page.locator(part).first.screenshot(
             path=self._folder / f"operator_{name}.jpg", type="jpeg", quality=_QUALITY
         )
-
-
-def _small(jpeg: bytes) -> Image.Image:
-    return Image.open(io.BytesIO(jpeg)).resize(_FILM_PX, Image.Resampling.LANCZOS)
-
-
-def _write_film(path: Path, frames: list[Image.Image], times_s: list[float]) -> None:
-    ends_s = [*times_s[1:], _FILM_S]
-    lasts_ms = [round(1000 * (end - at)) for at, end in zip(times_s, ends_s, strict=True)]
-    frames[0].save(
-        path,
-        save_all=True,
-        append_images=frames[1:],
-        duration=lasts_ms,
-        loop=0,
-        quality=_FILM_QUALITY,
-        method=6,
-    )
 
 
 if __name__ == "__main__":

@@ -94,71 +94,63 @@ def samples_of(path: str | Path) -> list[NavigationInput]:
     ]
 
 
-class FlightRun:
-    """Run the filter over samples and collect the results."""
+def fly_bag(config: EkfConfig, samples: Sequence[NavigationInput]) -> Flown:
+    """Run the filter over samples and return the results."""
+    start_ns = now_ns = samples[0].stamp_ns
+    settled_ns = start_ns + round(SETTLED_S * 1e9)
+    fresh_ns = lost_ns = used = 0
+    squares: defaultdict[Source, float] = defaultdict(float)
+    degrees: Counter[Source] = Counter()
+    misses, tilt, fixes_ns = list[Miss](), list[Array](), list[int]()
+    poses: list[NavSolution] = []
 
-    def __init__(self, config: EkfConfig, samples: Sequence[NavigationInput]) -> None:
-        self._lever_b = config.aircraft.rtk_lever_b
-        self._navigation = Navigation(config, self._heard)
-        self._settled_ns = samples[0].stamp_ns + round(SETTLED_S * 1e9)
-        self._now_ns = samples[0].stamp_ns
-        self._fresh_ns = self._lost_ns = self._used = 0
-        self._squares: Counter[Source] = Counter()
-        self._degrees: Counter[Source] = Counter()
-        self._misses: list[Miss] = []
-        self._tilt: list[Array] = []
-        self._poses: list[NavSolution] = []
-        self._fixes: list[int] = []
-        for sample in samples:
-            self._take(sample)
-
-    def _heard(self, verdict: Verdict) -> None:
-        if self._now_ns <= self._settled_ns or verdict.source not in _RTK:
+    def count(verdict: Verdict) -> None:
+        nonlocal used
+        if now_ns <= settled_ns or verdict.source not in _RTK:
             return
-        self._used += verdict.used and verdict.source is Source.RTK_POSITION
+        used += verdict.used and verdict.source is Source.RTK_POSITION
         if math.isfinite(verdict.nis):
-            degrees = len(verdict.innovation)
-            self._squares[verdict.source] += verdict.nis * degrees  # type: ignore[assignment]
-            self._degrees[verdict.source] += degrees
+            squares[verdict.source] += verdict.nis * len(verdict.innovation)
+            degrees[verdict.source] += len(verdict.innovation)
 
-    def _take(self, sample: NavigationInput) -> None:
-        settled = sample.stamp_ns > self._settled_ns
-        if _is_fix(sample) and self._now_ns > self._settled_ns:  # as its verdict is counted
-            self._fixes.append(sample.stamp_ns)
-            pose = self._poses[-1] if self._poses else None
-            if pose is not None and sample.stamp_ns - pose.stamp_ns <= _FRESH_NS:
-                self._misses.append(_missed(sample, pose, self._lever_b))
-        solution = self._navigation.process(sample).solution
+    navigation = Navigation(config, count)
+    for sample in samples:
+        if _is_fix(sample) and now_ns > settled_ns:  # as its verdict is counted
+            fixes_ns.append(sample.stamp_ns)
+            if _is_fresh(poses, sample.stamp_ns):
+                misses.append(_missed(sample, poses[-1], config.aircraft.rtk_lever_b))
+        solution = navigation.process(sample).solution
         if solution is not None:
-            self._poses.append(solution)
-        if isinstance(sample, ImuSample):
-            self._took(sample, solution, settled=settled)
+            poses.append(solution)
+        if not isinstance(sample, ImuSample):
+            continue
+        step_ns, now_ns = sample.stamp_ns - now_ns, sample.stamp_ns
+        if now_ns > settled_ns:
+            fresh_ns += step_ns * _is_fresh(poses, now_ns)
+            lost_ns += step_ns * (navigation.status().state is FilterState.LOST)
+            tilt += _tilt(sample, solution)
+    return Flown(
+        sum(stamp_ns <= now_ns for stamp_ns in fixes_ns),
+        used,
+        lost_ns * 1e-9,
+        sum(navigation.status().resets.values()),
+        fresh_ns / (now_ns - settled_ns),
+        tuple(misses),
+        np.array(tilt).reshape(-1, 2),
+        {source: (squares[source], n) for source, n in degrees.items()},
+        tuple(poses),
+    )
 
-    def _took(self, sample: ImuSample, solution: NavSolution | None, *, settled: bool) -> None:
-        step_ns, self._now_ns = sample.stamp_ns - self._now_ns, sample.stamp_ns
-        if not settled:
-            return
-        if self._poses and sample.stamp_ns - self._poses[-1].stamp_ns <= _FRESH_NS:
-            self._fresh_ns += step_ns
-        if self._navigation.status().state is FilterState.LOST:
-            self._lost_ns += step_ns
-        if solution is not None and sample.autopilot_q_nb is not None:
-            rpy, autopilot = map(euler_from_quat, (solution.q_nb, sample.autopilot_q_nb))
-            self._tilt.append(rpy[:2] - autopilot[:2])
 
-    def flown(self) -> Flown:
-        """Return the results."""
-        return Flown(
-            sum(stamp_ns <= self._now_ns for stamp_ns in self._fixes),
-            self._used,
-            self._lost_ns * 1e-9,
-            sum(self._navigation.status().resets.values()),
-            self._fresh_ns / (self._now_ns - self._settled_ns),
-            tuple(self._misses),
-            np.array(self._tilt).reshape(-1, 2),
-            {source: (self._squares[source], n) for source, n in self._degrees.items()},
-            tuple(self._poses),
-        )
+def _is_fresh(poses: Sequence[NavSolution], stamp_ns: int) -> bool:
+    return bool(poses) and stamp_ns - poses[-1].stamp_ns <= _FRESH_NS
+
+
+def _tilt(sample: ImuSample, solution: NavSolution | None) -> list[Array]:
+    """Return roll and pitch less the autopilot's, rad; nothing where one is missing."""
+    if solution is None or sample.autopilot_q_nb is None:
+        return []
+    return [(euler_from_quat(solution.q_nb) - euler_from_quat(sample.autopilot_q_nb))[:2]]
 
 
 def _is_fix(sample: NavigationInput) -> TypeGuard[PositionSample]:
@@ -188,7 +180,7 @@ def hidden_fixes(
     """
     cuts: list[list[Miss]] = []
     for phase_s in PHASES_S:
-        cut = _cut_of(samples, phase_s)
+        cut = [_cut_at(sample, samples, phase_s) for sample in samples]
         kept = [sample for sample, number in zip(samples, cut, strict=True) if number is None]
         navigation, pose = smoothed(config, kept) if smooth else Navigation(config), None
         hidden: defaultdict[int, list[Miss]] = defaultdict(list)
@@ -201,18 +193,18 @@ def hidden_fixes(
     return cuts
 
 
-def _cut_of(samples: Sequence[NavigationInput], phase_s: float) -> list[int | None]:
-    """Return the number of the cut that hides each sample, None for one that is kept."""
-    start_ns = samples[0].stamp_ns
-    length_s = (samples[-1].stamp_ns - start_ns) * 1e-9
-    begins_s = np.arange(FIRST_CUT_S + phase_s, length_s - CUT_S, CUT_EVERY_S)
-
-    def number(sample: NavigationInput) -> int | None:
-        since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
-        inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S)).tolist()
-        return inside[0] if inside else None
-
-    return [number(sample) if sample.source in _RTK else None for sample in samples]
+def _cut_at(
+    sample: NavigationInput, samples: Sequence[NavigationInput], phase_s: float
+) -> int | None:
+    """Return the number of the cut that hides a sample, None for one that is kept."""
+    if sample.source not in _RTK:
+        return None
+    since_s = (sample.stamp_ns - samples[0].stamp_ns) * 1e-9 - FIRST_CUT_S - phase_s
+    number, inside_s = divmod(since_s, CUT_EVERY_S)
+    length_s = (samples[-1].stamp_ns - samples[0].stamp_ns) * 1e-9
+    begins_s = since_s - inside_s + FIRST_CUT_S + phase_s
+    whole = number >= 0 and begins_s < length_s - CUT_S
+    return int(number) if whole and inside_s < CUT_S else None
 
 
 def _missed_by(fix: PositionSample, pose: NavSolution | None, config: EkfConfig) -> Miss:
@@ -275,17 +267,6 @@ class Judged:
         """Return carrier and aids."""
         return f"{self.name.partition('_')[0]}, {self.aids}"
 
-    @property
-    def tilt_deg(self) -> Array:
-        """Return the rms of roll and pitch less the autopilot's, (2,); nan without one."""
-        tilt = self.flown.tilt
-        return np.degrees(rms(tilt)) if len(tilt) else np.full(2, math.nan)
-
-    def nis(self, source: Source) -> float:
-        """Return the NIS over its degrees of freedom; nan if there is none."""
-        square, degrees = self.flown.nis.get(source, (math.nan, 1))
-        return square / degrees
-
 
 def config_of(samples: Sequence[NavigationInput], values: Mapping[str, object]) -> EkfConfig:
     """Return the defaults with ``values`` and, unless they set it, the method for the aids."""
@@ -301,7 +282,7 @@ def judge(path: Path, values: Mapping[str, object]) -> Judged:
     if length_s <= SETTLED_S + MOVED_FOR_S:
         raise TirgeoError(f"{path}: {length_s:.1f} s of samples for the filter are too few")
     config = config_of(samples, values)
-    flown = FlightRun(config, samples).flown()
+    flown = fly_bag(config, samples)
     moved_m = [
         largest_change_m(
             flown.poses,
@@ -382,7 +363,7 @@ ASKED = {
 def report(judged: Sequence[Judged]) -> tuple[list[str], int]:
     """Return the lines of the report and the number of missed figures."""
     table = MarkedTable(46, 10)
-    lines = [*_fixes(table, judged), "", *_tilt(table, judged), "", *_cuts(table, judged)]
+    lines = [*_fixes(table, judged), "", *_tilt_and_nis(table, judged), "", *_cuts(table, judged)]
     return lines, table.missed
 
 
@@ -415,29 +396,30 @@ def _fixes(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
 
 
 def _together(table: MarkedTable, bags: Sequence[Judged], used: float, most: float) -> list[str]:
-    share = used_of(bags)
-    cells = [table.cell(100 * share, 100 * used, digits=1), "", "", ""]
-    return [*cells, table.cell(100 * beyond(bags), high=100 * most)]
+    share = table.cell(100 * used_of(bags), 100 * used, digits=1)
+    return [share, "", "", "", table.cell(100 * beyond(bags), high=100 * most)]
 
 
-def _tilt(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
+def _tilt_and_nis(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
     yield "roll and pitch less the autopilot's, rms; NIS over its degrees of freedom"
     yield table.row("", ["roll ", "pitch ", *("NIS " for _ in _RTK)])
     yield table.row("", ["deg ", "deg ", "position ", "velocity ", "heading "])
-    for each in judged:
-        values = [*each.tilt_deg, *(each.nis(source) for source in _RTK)]
-        yield table.row(each.name, [table.cell(value) for value in values])
     for name, bags in groups(judged).items():
         asked = ASKED.get(name, Asked())
         low, high = asked.nis
         if math.isfinite(high):
             most = [f"<={deg:g} " for deg in asked.roll_pitch_deg]
             yield table.row(f"asked, {name}", [*most, f"{low:g}..{high:g} "])
-        means = np.mean([each.tilt_deg for each in bags], axis=0)
-        first, *nis = (float(np.mean([each.nis(source) for each in bags])) for source in _RTK)
-        tilts = zip(means, asked.roll_pitch_deg, strict=True)
-        cells = [table.cell(value, high=most_deg) for value, most_deg in tilts]
-        cells += [table.cell(first, low, high), *map(table.cell, nis)]
+        no_tilt = np.full(2, math.nan)
+        tilts = [rms(tilt) if len(tilt := each.flown.tilt) else no_tilt for each in bags]
+        means = np.degrees(np.mean(tilts, axis=0))
+        nis = [
+            [np.divide(*each.flown.nis.get(source, (math.nan, 1))) for each in bags]
+            for source in _RTK
+        ]
+        first, *others = np.mean(nis, axis=1).tolist()
+        cells = [table.cell(means[k], high=asked.roll_pitch_deg[k]) for k in range(2)]
+        cells += [table.cell(first, low, high), *map(table.cell, others)]
         yield table.row(f"mean, {name}", cells)
 
 
@@ -445,8 +427,6 @@ def _cuts(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
     yield f"RTK hidden for {CUT_S:g} s: the pose at the last hidden fix, medians, horizontal"
     yield table.row("", ["cuts ", "error ", "<3 sigma ", "sigma "])
     yield table.row("", ["", "m ", "% ", "m "])
-    for each in judged:
-        yield table.row(each.name, _of_cuts(table, each.cuts, Asked()))
     for name, bags in groups(judged).items():
         asked = ASKED.get(name, Asked())
         if asked != Asked():
@@ -454,17 +434,14 @@ def _cuts(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
             sigma = f"<={asked.sigma_m:g} " if math.isfinite(asked.sigma_m) else ""
             yield table.row(f"asked, {name}", ["", f"<={asked.cut_m:g} ", within, sigma])
         cuts = [cut for each in bags for cut in each.cuts]
-        yield table.row(f"all, {name}", _of_cuts(table, cuts, asked))
-
-
-def _of_cuts(table: MarkedTable, cuts: Sequence[Miss], asked: Asked) -> list[str]:
-    within = np.mean([cut.within(3) for cut in cuts]) if cuts else math.nan
-    return [
-        f"{len(cuts)} ",
-        table.cell(median([cut.error_m for cut in cuts]), high=asked.cut_m),
-        table.cell(100 * float(within), 100 * asked.within or -math.inf, digits=1),
-        table.cell(median([cut.sigma_m for cut in cuts]), high=asked.sigma_m),
-    ]
+        share = float(np.mean([cut.within(3) for cut in cuts])) if cuts else math.nan
+        cells = [
+            f"{len(cuts)} ",
+            table.cell(median([cut.error_m for cut in cuts]), high=asked.cut_m),
+            table.cell(100 * share, 100 * asked.within or -math.inf, digits=1),
+            table.cell(median([cut.sigma_m for cut in cuts]), high=asked.sigma_m),
+        ]
+        yield table.row(f"all, {name}", cells)
 
 
 def values_from(pairs: Sequence[Sequence[str]]) -> dict[str, object]:
@@ -500,16 +477,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
     args = parser.parse_args(argv)
-    if args.workers < 1:
-        parser.error("at least one worker")
-    return exit_code("real_flights", lambda: _run(args))
 
+    def run() -> int:
+        values, bags = values_from(args.set), bags_in(args.folder)
+        with Progress("flying", "bags") as bar:
+            return print_report(*report(judge_all(bags, values, args.workers, bar)))
 
-def _run(args: argparse.Namespace) -> int:
-    values, bags = values_from(args.set), bags_in(args.folder)
-    with Progress("flying", "bags") as bar:
-        judged = judge_all(bags, values, args.workers, bar)
-    return print_report(*report(judged))
+    return exit_code("real_flights", run)
 
 
 if __name__ == "__main__":

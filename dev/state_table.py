@@ -94,7 +94,8 @@ def changes(old: str, new: str) -> list[str]:
                 f"at {now[worst][0]}, where it was {before[worst][k + 1]}"
             )
     states = [(a[0], a[-1], b[-1]) for a, b in zip(before, now, strict=True) if a[-1] != b[-1]]
-    for stamp, first, second in states[:1]:
+    if states:
+        stamp, first, second = states[0]
         lines.append(f"state: {len(states)} rows, first at {stamp}: {first} before, {second} now")
     return lines
 
@@ -112,17 +113,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, help="with flight.mcap and params.yaml")
     parser.add_argument("table", type=Path, help="the CSV file to write")
     args = parser.parse_args(argv)
-    return exit_code("states", lambda: _write(args.folder, args.table))
 
+    def write() -> int:
+        text = states_text(args.folder / "flight.mcap", args.folder / "params.yaml")
+        if args.table.is_file():
+            lines = changes(args.table.read_text(encoding="ascii"), text) or ["nothing moved"]
+            sys.stdout.write("\n".join([*lines, ""]))
+        args.table.write_text(text, encoding="ascii")
+        return 0
 
-def _write(folder: Path, table: Path) -> int:
-    text = states_text(folder / "flight.mcap", folder / "params.yaml")
-    if table.is_file():
-        lines = changes(table.read_text(encoding="ascii"), text) or ["nothing moved"]
-        sys.stdout.write("\n".join([*lines, ""]))
-    table.parent.mkdir(parents=True, exist_ok=True)
-    table.write_text(text, encoding="ascii")
-    return 0
+    return exit_code("states", write)
 
 
 if __name__ == "__main__":

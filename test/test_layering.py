@@ -107,28 +107,6 @@ def test_all_but_the_nodes_import_without_ros():
     assert run.returncode == 0, run.stderr
 
 
-def test_an_import_is_seen_however_it_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(package_edges, "PROJECT", tmp_path)
-    for name in ("tools/process", "nodes/__init__", "io/bag", "core/sub/x", "core/sub/y"):
-        path = tmp_path / "tirgeo_ros" / f"{name}.py"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
-    (tmp_path / "tirgeo_ros/core/sub/x.py").write_text(
-        "import tirgeo_ros.tools.process\n"
-        "def f():\n"
-        "    from tirgeo_ros import nodes\n"
-        "    from ...io import bag\n"
-        "    from . import y\n"
-    )
-    assert module_graph(modules())["tirgeo_ros.core.sub.x"] == {
-        "tirgeo_ros.core.sub.y",
-        "tirgeo_ros.io.bag",
-        "tirgeo_ros.nodes",
-        "tirgeo_ros.tools.process",
-    }
-    assert package_graph(modules())["core.sub"] == {"io", "nodes", "tools"}
-
-
 #: What the core does not do: files, printing, logging, clocks of its own.
 SILENT = {"logging", "pathlib", "os", "shutil", "tempfile", "warnings", "subprocess", "time"}
 

@@ -124,21 +124,6 @@ def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
         assert PACKAGES[name][1] in items
 
 
-def test_an_index_shows_what_the_package_is(arguments, package_xml):
-    """As pip and twine read it: the README, whose links lead out of the index, and addresses."""
-    assert arguments["long_description_content_type"] == "text/markdown"
-    links = re.findall(r"\]\(([^)#]+)", arguments["long_description"])
-    assert len(links) > 10
-    assert all(link.startswith("https://") for link in links)
-    urls = {item.get("type"): item.text for item in package_xml.findall("url")}
-    listed = arguments["project_urls"]
-    assert urls == {
-        "website": arguments["url"],
-        "repository": listed["Source"],
-        "bugtracker": listed["Tracker"],
-    }
-
-
 @pytest.mark.slow
 def test_a_source_distribution_holds_the_whole_project(tmp_path):
     """Tests and documents too, so that ``make test`` runs where it was unpacked."""

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -16,26 +14,14 @@ from pathlib import Path
 from dev.bench.dji import dji_speeds
 from dev.bench.filters import filter_figures, smoother_figures
 from dev.bench.graph import graph_figures
-from dev.bench.overlay import click_speeds, overlay_times
+from dev.bench.overlay import overlay_times
 from dev.bench.pyins import pyins_is_installed
 from dev.judging import Figure, exit_code, print_figures
-from dev.static_imu import write_static
-from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.simulate.scenario import Scenario
 
 #: The fastest of several runs is the one least slowed by other processes.
 _RUNS = 3
-_ALLAN_HOURS = 5.0
-_ALLAN_SCRIPT = """\
-import json, resource
-from tirgeo_ros.tools.calibrate.allan import calibrate_allan
-calibrate_allan(sys.argv[1], sys.argv[2])
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(json.dumps({"peak": peak}))
-"""
 
 
 def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
@@ -45,9 +31,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     yield from filter_figures()
     yield from smoother_figures()
     yield from overlay_times()
-    yield from click_speeds()
     yield from dji_speeds()
-    yield from _allan_cost(work)
     if graph:
         yield from graph_figures(folder, work)
 
@@ -68,31 +52,6 @@ def _process_speed(folder: Path, work: Path, *, images: bool) -> Figure:
         speeds.append(duration_s / (time.perf_counter() - begun))
     name = "process with images" if images else "process without images"
     return Figure(name, max(speeds), "x real time", ">= 6" if images else ">= 30")
-
-
-def _allan_cost(work: Path) -> list[Figure]:
-    """Calibrate from five hours at 100 Hz in a process of its own, and only read the same bag."""
-    bag = work / "still.mcap"
-    write_static(bag, _ALLAN_HOURS, Scenario(), seed=1)
-    begun = time.perf_counter()
-    run = subprocess.run(  # noqa: S603 this very Python
-        python_command(_ALLAN_SCRIPT, str(bag), str(work / "imu.yaml")),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    duration_s = time.perf_counter() - begun
-    peak_mib = json.loads(run.stdout)["peak"] / 1024
-    begun = time.perf_counter()
-    for _ in BagReader(bag).messages():
-        pass
-    reading_s = time.perf_counter() - begun
-    return [
-        Figure("calibrate allan, 5 h at 100 Hz", duration_s, "s", "<= 90"),
-        Figure("calibrate allan: reading alone", reading_s, "s"),
-        Figure("calibrate allan: whole over reading", duration_s / reading_s, "ratio"),
-        Figure("calibrate allan: memory", peak_mib, "MiB", "<= 1000"),
-    ]
 
 
 def _run(folder: Path, *, graph: bool, wanted: bool) -> int:

@@ -9,7 +9,11 @@ from functools import partial
 
 from dev.judging import Figure
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.broadcast import Layout, broadcast_length, decode_broadcast
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import (
+    Layout,
+    broadcast_length,
+    decode_broadcast,
+)
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable, decode_push
 
 #: The fastest line, 1 Mbaud: ten bits a byte.
@@ -71,12 +75,12 @@ def decode(whole: bytes, read: int) -> int:
     table, decoded, reader = PackageTable(), 0, FrameReader()
     for at in range(0, len(whole), read):
         for frame in reader.feed(whole[at : at + read]):
-            found = (
+            values = (
                 decode_push(frame.value, table)
                 if frame.cmd_id == 5
                 else decode_broadcast(frame.value)
             )
-            decoded += found is not None
+            decoded += values is not None
     return decoded
 
 

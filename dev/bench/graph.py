@@ -14,7 +14,6 @@ import yaml
 from dev.bench.overlay import ABOVE_M, PITCH_DEG, PLANE, beds
 from dev.graphs import await_end, busy, read_json, started_graph
 from dev.judging import Figure
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
@@ -29,40 +28,11 @@ _OVERLAY, _JPEG = "tirgeo/overlay/image", "tirgeo/overlay/image/compressed"
 
 def graph_figures(folder: Path, work: Path) -> Iterator[Figure]:
     """Yield all figures of the graph on the flight in ``folder``; ``work`` takes files."""
-    yield from _cores(folder, work / "graph")
-    yield from _serial(folder, work / "serial")
-    yield from _dds_latency(work)
-
-
-def _cores(folder: Path, work: Path) -> Iterator[Figure]:
-    """Yield the CPU cores of each process while the bag plays at rate 1, and their sum."""
-    cores = _cores_of(folder, work, folder / "params.yaml")
+    cores = _cores_of(folder, work / "graph", folder / "params.yaml")
     for name, used in cores.items():
         yield Figure(f"graph: {name}", used, "cores")
     yield Figure("graph: whole, rate 1", sum(cores.values()), "cores", "<= 1.2")
-
-
-def _serial(folder: Path, work: Path) -> Iterator[Figure]:
-    """Yield the CPU cores of dji_node with hard sync at 400 Hz and all broadcasts at 100 Hz."""
-    work.mkdir()
-    params = work / "serial.yaml"
-    values = load_yaml(folder / "params.yaml")
-    player = values.setdefault("/**/bag_player", {"ros__parameters": {}})["ros__parameters"]
-    player.setdefault("simulated_aircraft", {})["pushes"] = True
-    params.write_text(yaml.safe_dump(values))
-    used = _cores_of(folder, work, params, serial=True)["dji_node"]
-    yield Figure("graph: dji_node, 400 Hz hard sync and 100 Hz", used, "cores", "<= 0.25")
-
-
-def _cores_of(folder: Path, work: Path, params: Path, *, serial: bool = False) -> dict[str, float]:
-    bag, map_file = folder / "flight.mcap", folder / "map.geojson"
-    first_ns, last_ns = BagReader(bag).span_ns
-    setup = GraphSetup(bag, work, params=params, map=map_file, serial=serial)
-    return run_graph(setup, (last_ns - first_ns) * 1e-9).cores
-
-
-def _dds_latency(work: Path) -> Iterator[Figure]:
-    """Yield the times from image in to overlay out at 30 Hz, also beside two busy processes."""
+    yield _serial(folder, work / "serial")
     for name, jpeg, times, spinning, wanted in (
         ("overlay over DDS", False, 1, 0, "<= 12"),
         ("overlay over DDS as JPEG", True, 1, 0, "<= 15"),
@@ -72,6 +42,26 @@ def _dds_latency(work: Path) -> Iterator[Figure]:
     ):
         measured = dds_times(work / name, jpeg=jpeg, spinning=spinning, times=times)
         yield from measured.figures(name, wanted)
+
+
+def _serial(folder: Path, work: Path) -> Figure:
+    """Return the CPU cores of dji_node with hard sync at 400 Hz and all broadcasts at 100 Hz."""
+    work.mkdir()
+    params = work / "serial.yaml"
+    values = load_yaml(folder / "params.yaml")
+    player = values.setdefault("/**/bag_player", {"ros__parameters": {}})["ros__parameters"]
+    player.setdefault("simulated_aircraft", {})["pushes"] = True
+    params.write_text(yaml.safe_dump(values))
+    used = _cores_of(folder, work, params, serial=True)["dji_node"]
+    return Figure("graph: dji_node, 400 Hz hard sync and 100 Hz", used, "cores", "<= 0.25")
+
+
+def _cores_of(folder: Path, work: Path, params: Path, *, serial: bool = False) -> dict[str, float]:
+    """Return the CPU cores of each process while the bag plays at rate 1."""
+    bag, map_file = folder / "flight.mcap", folder / "map.geojson"
+    first_ns, last_ns = BagReader(bag).span_ns
+    setup = GraphSetup(bag, work, params=params, map=map_file, serial=serial)
+    return run_graph(setup, (last_ns - first_ns) * 1e-9).cores
 
 
 @dataclass(frozen=True)
@@ -100,7 +90,15 @@ def dds_times(work: Path, *, jpeg: bool = False, spinning: int = 0, times: int =
     Raises GraphError where a node ends early or no pictures with lines come out.
     """
     work.mkdir(parents=True, exist_ok=True)
-    _write_map(work / "map.geojson")
+    features = []
+    for bed in beds().features:
+        ring = np.degrees(np.concatenate([bed.points, bed.points[:1]])[:, 1::-1]).tolist()
+        geometry = {"type": "Polygon", "coordinates": [ring]}
+        features.append(
+            {"type": "Feature", "properties": {"name": bed.label}, "geometry": geometry}
+        )
+    collection = {"type": "FeatureCollection", "features": features}
+    (work / "map.geojson").write_text(json.dumps(collection))
     overlay = {"map": work / "map.geojson", "ground_height_m": PLANE.height_m}
     topic = _JPEG if jpeg else _OVERLAY
     listener = {"topics": topic, "duration_s": _VIDEO_S + 2.0, "output": work / "shown.json"}
@@ -120,18 +118,6 @@ def dds_times(work: Path, *, jpeg: bool = False, spinning: int = 0, times: int =
         spent_s = measured.cpu_s() - before_s
         await_end(viewing, _END_S)
     return times_of(read_json(work / "sent.json"), read_json(work / "shown.json"), spent_s)
-
-
-def _write_map(path: Path) -> None:
-    features = [_outline(feature.label, feature.points) for feature in beds().features]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-
-
-def _outline(label: str, points: Array) -> dict[str, object]:
-    """Return a GeoJSON feature of points (N, 3) latitude, longitude (rad), height."""
-    ring = np.degrees(np.concatenate([points, points[:1]])[:, 1::-1]).tolist()
-    geometry = {"type": "Polygon", "coordinates": [ring]}
-    return {"type": "Feature", "properties": {"name": label}, "geometry": geometry}
 
 
 def times_of(sent: Mapping[str, Any], shown: Mapping[str, Any], spent_s: float) -> DdsTimes:

@@ -1,41 +1,29 @@
-"""Measure overlay frames, beside the bare calls in them, and clicks.
-
-A frame is measured beside the bare array and drawing calls in it. A click is all of it: pixel and
-stamp in, place, covariance and ellipse out.
-"""
+"""Measure overlay frames beside the bare array and drawing calls in them."""
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from statistics import median
 
 import cv2
 import numpy as np
-import pyproj
 
 from dev.judging import Figure
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL, Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
-    quat_from_euler,
     quat_from_matrix,
-    quat_multiply,
     rotation_y,
+    rotation_z,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, locate
-from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.map.visibility import View
-from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, Pixels
@@ -76,10 +64,7 @@ def _times(what: str, layers: list[MapLayer], pose: CameraPose, wanted: str) -> 
     cv2.setNumThreads(1)
     try:
         picture = np.random.default_rng(1).integers(60, 180, (XT2.height, XT2.width), np.uint8)
-        begun = time.perf_counter()
-        vector_map = VectorMap.from_layers(layers, PLANE)
-        load_s = time.perf_counter() - begun
-        lines, vertices = _in_view(vector_map.lines, pose)
+        lines, vertices = _in_view(VectorMap.from_layers(layers, PLANE).lines, pose)
         whole_s = _median_s(_whole_frame(layers, pose, picture))
         bare_s = _median_s(lambda: _bare_frame(lines, pose, picture))
     finally:
@@ -89,7 +74,6 @@ def _times(what: str, layers: list[MapLayer], pose: CameraPose, wanted: str) -> 
         Figure(f"{name}, {vertices} vertices in view", whole_s * 1e3, "ms"),
         Figure(f"{name}: bare NumPy and OpenCV calls", bare_s * 1e3, "ms"),
         Figure(f"{name}: frame over bare calls", whole_s / bare_s, "ratio", wanted),
-        Figure(f"{name}: laying the map", load_s, "s"),
     ]
 
 
@@ -115,29 +99,22 @@ def town(vertices: int, plane: TangentPlane) -> list[MapLayer]:
     """Return a town of about ``vertices`` around the plane's origin, without labels."""
     rng = np.random.default_rng(1)
     side_m = _SPACING_M * vertices**0.5
-    buildings = [_building(rng, side_m) for _ in range(int(vertices * _BUILDINGS / 4))]
-    count = max(int(vertices * (1 - _BUILDINGS) / _ROAD_VERTICES), 1)
-    roads = [_road(rng, side_m, across=bool(i % 2)) for i in range(count)]
+    square = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]])
+    buildings, roads = list[Array](), list[Array]()
+    for _ in range(int(vertices * _BUILDINGS / 4)):
+        turn, size_m = rng.uniform(0, 2 * np.pi), rng.uniform(8, 20, 2)
+        turned = square * size_m @ rotation_z(turn)[:2, :2].T
+        buildings.append(turned + rng.uniform(-side_m / 2, side_m / 2, 2))
+    along = np.linspace(-side_m / 2, side_m / 2, _ROAD_VERTICES)
+    for number in range(max(int(vertices * (1 - _BUILDINGS) / _ROAD_VERTICES), 1)):
+        aside = np.cumsum(rng.normal(0, 0.3, _ROAD_VERTICES))
+        road = np.column_stack([along, aside + rng.uniform(-side_m / 2, side_m / 2)])
+        roads.append(road[:, ::-1] if number % 2 else road)
     style = LayerStyle((255, 255, 255))
     return [
         MapLayer("roads", _features(roads, plane, closed=False)),
         MapLayer("buildings", _features(buildings, plane, closed=True), style),
     ]
-
-
-def _building(rng: np.random.Generator, side_m: float) -> Array:
-    corners = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]])
-    turn = rng.uniform(0, 2 * np.pi)
-    ahead, aside = np.cos(turn), np.sin(turn)
-    turned = corners * rng.uniform(8, 20, 2) @ np.array([[ahead, aside], [-aside, ahead]])
-    return np.asarray(turned + rng.uniform(-side_m / 2, side_m / 2, 2))
-
-
-def _road(rng: np.random.Generator, side_m: float, *, across: bool) -> Array:
-    along = np.linspace(-side_m / 2, side_m / 2, _ROAD_VERTICES)
-    aside = np.cumsum(rng.normal(0, 0.3, _ROAD_VERTICES))
-    road = np.column_stack([along, aside + rng.uniform(-side_m / 2, side_m / 2)])
-    return np.asarray(road[:, ::-1] if across else road)
 
 
 def _features(parts: list[Array], plane: TangentPlane, *, closed: bool) -> list[GeoFeature]:
@@ -204,65 +181,3 @@ def _median_s(work: Callable[[], object]) -> float:
         work()
         times.append(time.perf_counter() - begun)
     return median(times)
-
-
-CLICK_PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
-GROUND_M = 25.0
-_CLICKS, _ROUNDS = 100, 15
-_STAMP_NS = 1_700_000_000_000_000_000
-_NODES = 801  # a side of the model, 1 m apart
-_SIGMAS = np.array([0.03, 0.02, 0.05, 0.004, 0.003, 0.006])  # m and rad, of the pose
-_RATES = CameraRates(np.array([4.0, 3.0, -0.5]), np.array([0.05, -0.02, 0.2]))
-
-
-def click_speeds() -> Iterator[Figure]:
-    """Yield figures on level ground, then on rolling hills with 1 m cells in UTM."""
-    yield _speed("level ground", GROUND_M)
-    yield _speed("a DEM of 1 m", hills())
-
-
-def hills() -> Terrain:
-    """Return hills 8 m high as a GeoTIFF in UTM gives them: PROJ converts each place."""
-    to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32650", always_xy=True)
-    x, y = to_utm.transform(
-        math.degrees(CLICK_PLANE.longitude_rad), math.degrees(CLICK_PLANE.latitude_rad)
-    )
-    west, north = x - _NODES / 2, y + _NODES / 2
-    column, row = np.meshgrid(np.arange(_NODES), np.arange(_NODES))
-    heights_m = GROUND_M + 8.0 * np.sin(row / 70.0) * np.cos(column / 90.0)
-
-    def grid_of(latitude_rad: Array, longitude_rad: Array) -> tuple[Array, Array]:
-        x, y = to_utm.transform(np.degrees(longitude_rad), np.degrees(latitude_rad))
-        return x - west, north - y
-
-    return Terrain(heights_m.astype(np.float32), grid_of)
-
-
-def _speed(what: str, ground: Ground) -> Figure:
-    pose = _click_pose()
-    pixels = np.random.default_rng(5).uniform([0, 0], [639, 511], (_CLICKS, 2))
-    clicks = Clicks(ConfidenceConfig())
-    clicks.set_plane(CLICK_PLANE)
-    clicks.set_ground(ground)
-    clicks.show(_STAMP_NS, XT2, pose, _RATES)
-
-    def click(uv: Array) -> None:
-        answer = clicks.locate((float(uv[0]), float(uv[1])), _STAMP_NS)
-        assert isinstance(answer, Located)  # a refusal takes less time
-
-    clicks_s = min(_time_s(click, pixels) for _ in range(_ROUNDS))
-    return Figure(f"clicks on {what}", 1 / clicks_s, "a second", ">= 1000")
-
-
-def _click_pose() -> CameraPose:
-    """Return a pose 40 m above the plane's origin, looking 30 deg down."""
-    q_nc = quat_multiply(quat_from_euler(*np.radians([3.0, -30.0, 120.0])), Q_BODY_OPTICAL)
-    return CameraPose(_STAMP_NS, np.array([0.0, 0.0, -40.0]), q_nc, np.diag(_SIGMAS**2))
-
-
-def _time_s(work: Callable[[Array], None], pixels: Array) -> float:
-    """Return the CPU time for one pixel, s; other processes don't count."""
-    begun = time.process_time()
-    for uv in pixels:
-        work(uv)
-    return (time.process_time() - begun) / len(pixels)

@@ -1,4 +1,4 @@
-"""Note when messages of some topics arrive, for ``make bench`` and ``dev.bench.imu_load``.
+"""Note when messages of some topics arrive, for ``make bench``.
 
 After ``duration_s``, or when it is stopped, it writes as JSON stamp and time of arrival (ns) of
 each message by topic, and whether the overlay's last picture has lines.
@@ -20,10 +20,7 @@ from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 _LARGE = "tirgeo/overlay/image"
-_PIXELS = {
-    _LARGE: image_pixels,
-    "tirgeo/overlay/image/compressed": compressed_pixels,
-}
+_PIXELS = {_LARGE: image_pixels, "tirgeo/overlay/image/compressed": compressed_pixels}
 _LEAST_INK = 1000  # coloured pixels of a picture with lines
 
 

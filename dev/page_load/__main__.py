@@ -29,8 +29,7 @@ import numpy as np
 
 from dev.judging import Figure, in_processes, percentile, print_figures
 from dev.page_load.floods import flood_figures
-from dev.page_load.served import ServedPage, draw_pictures, pictures_in
-from dev.page_load.viewers import Job, watch
+from dev.page_load.served import Job, ServedPage, draw_pictures, pictures_in, watch
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import MOST_TARGETS
 from tirgeo_ros.io.targets.store import MOST_NOTE, TargetStore

@@ -22,8 +22,7 @@ import cv2
 import numpy as np
 
 from dev.judging import Figure, percentile
-from dev.page_load.served import ServedPage
-from dev.page_load.viewers import click_text, oversleep
+from dev.page_load.served import ServedPage, click_text, oversleep
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 
 _OPERATOR, _VIEWER = "operator-of-a-flood", "viewer-of-a-flood"

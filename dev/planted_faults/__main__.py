@@ -10,14 +10,14 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from dev.planted_faults.ellipses import flight_times
 from dev.planted_faults.faults import FAULTS, Fault, FlightFiles
-from dev.planted_faults.live import CLEAN, Live, flight_times, live_table, outcomes
+from dev.planted_faults.live import CLEAN, live_table, outcomes
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.process import process
 
-_JOBS = 2  # graphs at a time: each takes most of a core
 _ROW = "| {:<31} | {:<5} | {:<7} | {:>14} | {}\n"
 _HEAD = ("fault", "named", "process", "ellipses", "by, and what else is said")
 #: A fault may be missed, as the next ones to find are: a small boresight, a map some metres off.
@@ -26,7 +26,7 @@ _MOST_TIMES = 3.0  # no silent fault moves the map by more ellipses
 
 
 def found_in(fault: Fault, good: FlightFiles, folder: Path) -> list[dict[str, Any]]:
-    """Return what is worse than a note in a flight with a fault; a refusal counts as one."""
+    """Return what is worse than a note in a flight with a fault; a refusal counts too."""
     return _found(lambda: check(**fault.plant(good, folder).arguments))
 
 
@@ -35,16 +35,16 @@ def _found(run: Callable[[], Any]) -> list[dict[str, Any]]:
         items: Any = run()["findings"]
     except TirgeoError as error:
         return [{"severity": "stop", "evidence": str(error), "parameter": str(error), "mend": ""}]
-    return [one for one in items if one["severity"] != "note"]
+    return [item for item in items if item["severity"] != "note"]
 
 
 def naming(fault: Fault, items: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return those that name what is wrong."""
     return [
-        one
-        for one in items
-        if any(name in one["parameter"] for name in fault.names)
-        and fault.word in one["evidence"] + one["mend"]
+        item
+        for item in items
+        if any(name in item["parameter"] for name in fault.names)
+        and fault.word in item["evidence"] + item["mend"]
     ]
 
 
@@ -58,9 +58,9 @@ def _judged(fault: Fault, good: FlightFiles, folder: Path) -> tuple[bool, bool, 
     processed = naming(fault, _found(lambda: process(planted.bag, poses, **options)))
     times = flight_times(good, planted, poses, fault.flipped) if poses.exists() else []
     first = "; ".join(
-        f"{one['severity']} {one['parameter']}: {one['evidence']}" for one in right[:1]
+        f"{item['severity']} {item['parameter']}: {item['evidence']}" for item in right[:1]
     )
-    more = [f"{one['severity']} {one['parameter']}" for one in items if one not in right]
+    more = [f"{item['severity']} {item['parameter']}" for item in items if item not in right]
     ahead = "after " if items and right and items[0] is not right[0] else "also "
     also = f" ({ahead}{', '.join(more)})" if more else ""
     size = f"{median(times):.1f}, {max(times):.1f}" if times else ""
@@ -74,17 +74,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m dev.planted_faults")
     parser.add_argument("folder", type=Path, help="of a flight that tirgeo simulate wrote")
     parser.add_argument("--only", default="", metavar="WORDS", help="faults with these words")
-    parser.add_argument("--live", nargs="*", metavar="NAME", help="through the node graph: these")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="recordings and logs, live")
+    parser.add_argument("--live", action="store_true", help="play them through the node graph")
     args = parser.parse_args(argv)
     good = FlightFiles.in_folder(args.folder)
     faults = [fault for fault in FAULTS if args.only in fault.name]
-    if args.live is not None:
-        return _live(
-            good,
-            [fault for fault in (CLEAN, *faults) if fault.name in args.live or not args.live],
-            args.keep,
-        )
+    if args.live:
+        with tempfile.TemporaryDirectory() as folder, Progress("playing", unit="s") as bar:
+            results = outcomes(good, [CLEAN, *faults], Path(folder), bar)
+        sys.stdout.write(live_table(results))
+        return 0 if all(outcome.is_good for outcome in results) else 1
     sys.stdout.write(_ROW.format(*_HEAD))
     named = 0
     lying: list[str] = []
@@ -97,14 +95,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     silent = ", ".join(lying) or "none"
     sys.stdout.write(f"{named} of {len(faults)} named; silent beyond 3 ellipses: {silent}\n")
     return 0 if len(faults) - named <= _MISSED and not lying else 1
-
-
-def _live(good: FlightFiles, faults: Sequence[Fault], keep: Path | None) -> int:
-    """Print the table of the graph; 0 where it is as it must be."""
-    with tempfile.TemporaryDirectory() as folder, Progress("playing", unit="s") as bar:
-        results = outcomes(Live(good, keep or Path(folder)), faults, _JOBS, bar)
-    sys.stdout.write(live_table(results))
-    return 0 if all(one.is_good for one in results) else 1
 
 
 if __name__ == "__main__":

@@ -62,11 +62,11 @@ Planter = Callable[[FlightFiles, Path], FlightFiles]
 def altered(change: Callable[[Any], object], *topics: str) -> Planter:
     """Return a planter that changes the messages of topics in place."""
 
-    def one(item: Item) -> Iterator[Item]:
+    def changed(item: Item) -> Iterator[Item]:
         change(item.message)
         yield item
 
-    return rewritten(one, *topics)
+    return rewritten(changed, *topics)
 
 
 def rewritten(change: Change, *topics: str) -> Planter:
@@ -83,7 +83,7 @@ def rewritten(change: Change, *topics: str) -> Planter:
             items += made
         path = folder / "flight.mcap"
         with BagWriter(path) as writer:
-            for item in sorted(items, key=lambda one: one.log_time_ns):
+            for item in sorted(items, key=lambda item: item.log_time_ns):
                 writer.write(item.topic, item.typename, item.message, item.log_time_ns)
         return dataclasses.replace(good, bag=path)
 
@@ -146,7 +146,10 @@ def scaled(field: str, factor: float) -> MessageChange:
     return change
 
 
-def joints(change: Callable[[dict[str, float]], dict[str, float]]) -> MessageChange:
+JointsChange = Callable[[dict[str, float]], dict[str, float]]
+
+
+def joints(change: JointsChange) -> MessageChange:
     """Return a change of joint angles (rad) by the axis that they turn."""
 
     def changed(message: Any) -> None:
@@ -281,17 +284,17 @@ def level_dem(height_m: float) -> Planter:
         import rasterio  # noqa: PLC0415 an extra
 
         path = folder / "dem.tif"
-        west, north, step = 116.69, 39.86, 1e-4
-        profile = {
-            "driver": "GTiff",
-            "count": 1,
-            "dtype": "float32",
-            "crs": "EPSG:4326",
-            "height": 200,
-            "width": 200,
-            "transform": rasterio.Affine(step, 0, west, 0, -step, north),
-        }
-        with rasterio.open(path, "w", **profile) as out:
+        with rasterio.open(
+            path,
+            "w",
+            driver="GTiff",
+            count=1,
+            dtype="float32",
+            crs="EPSG:4326",
+            height=200,
+            width=200,
+            transform=rasterio.Affine(1e-4, 0, 116.69, 0, -1e-4, 39.86),
+        ) as out:
             out.write(np.full((1, 200, 200), height_m, np.float32))
         return dataclasses.replace(good, options={"dem": path})
 
@@ -301,7 +304,6 @@ def level_dem(height_m: float) -> Planter:
 #: Height of the geoid above the ellipsoid in central Europe: heights above sea level are less.
 GEOID_M = 47.0
 _GROUND_M = 11.5  # of the sample's site, ellipsoidal
-_G = 9.80665
 _JOINTS, _CAMERA_INFO = "gimbal/joint_states", "thermal/camera_info"
 _GIMBAL = (_JOINTS,)
 _PICTURES = "thermal/image_raw/compressed"
@@ -329,6 +331,7 @@ class Fault:
 
 
 _DEG = math.degrees(1.0)
+_MOVES, _TURNS = ShownFrom.MOVING_PICTURES, ShownFrom.TURNS
 
 
 def _antennas(*place_m: float) -> Planter:
@@ -337,81 +340,83 @@ def _antennas(*place_m: float) -> Planter:
     return parameters("", **places)
 
 
+_IMU, _AHEAD = ("imu_rpy_deg", "imu/data"), ("rtk/heading", "second_antenna_m")
+_LATE = ("video_latency_s", "thermal/image_raw")
+
+
+def _tilted(name: str, *rpy_deg: float, word: str = "") -> Fault:
+    return Fault(f"IMU {name}", _IMU, altered(mounted(*rpy_deg), "imu/data"), word=word)
+
+
+def _heading_off(by_deg: float) -> Fault:
+    by_rad = math.radians(by_deg)
+    plant = altered(lambda m: turned_yaw(m.orientation, lambda yaw: yaw - by_rad), "rtk/heading")
+    return Fault(f"headings {by_deg:g} deg off", _AHEAD, plant, _TURNS)
+
+
+def _boresight(by_deg: float) -> Fault:
+    plant = parameters("gimbal_node", boresight_rpy_deg=[0.0, by_deg, 0.0])
+    return Fault(f"boresight {by_deg:g} deg", ("boresight_rpy_deg",), plant, _MOVES)
+
+
+def _latency(name: str, latency_s: float) -> Fault:
+    plant = parameters("overlay_node", video_latency_s=latency_s)
+    return Fault(name, ("video_latency_s",), plant, _MOVES)
+
+
+def _joint_fault(name: str, change: JointsChange) -> Fault:
+    return Fault(name, _GIMBAL, altered(joints(change), _JOINTS))
+
+
+def _flipped(name: str, *axes: int) -> Fault:
+    plant = altered(pictures(*axes), _PICTURES)
+    return Fault(name, ("thermal/image_raw",), plant, _MOVES, name, axes)
+
+
 FAULTS: tuple[Fault, ...] = (
-    Fault(
-        "boresight",
-        ("boresight_rpy_deg",),
-        parameters("gimbal_node", boresight_rpy_deg=[0.0, 5.0, 0.0]),
-        ShownFrom.MOVING_PICTURES,
-    ),
-    Fault(
-        "latency",
-        ("video_latency_s",),
-        parameters("overlay_node", video_latency_s=0.35),
-        ShownFrom.MOVING_PICTURES,
-    ),
+    _latency("latency", 0.35),
     Fault(
         "ground above sea level",
         ("ground_height_m",),
         parameters("overlay_node", ground_height_m=_GROUND_M - GEOID_M),
-        ShownFrom.MOVING_PICTURES,
+        _MOVES,
     ),
-    Fault(
-        "DEM above sea level", ("dem",), level_dem(_GROUND_M - GEOID_M), ShownFrom.MOVING_PICTURES
-    ),
+    Fault("DEM above sea level", ("dem",), level_dem(_GROUND_M - GEOID_M), _MOVES),
     Fault(
         "fixes above sea level",
         ("rtk/fix", "geoid_undulation_m"),
         altered(setting(altitude=lambda m: m.altitude - GEOID_M), "rtk/fix"),
     ),
-    Fault(
-        "wrong K",
-        (_CAMERA_INFO,),
-        altered(setting(k=scaled_k(1.5)), _CAMERA_INFO),
-        ShownFrom.MOVING_PICTURES,
-    ),
+    Fault("wrong K", (_CAMERA_INFO,), altered(setting(k=scaled_k(1.5)), _CAMERA_INFO), _MOVES),
     Fault(
         "wrong size",
         (_CAMERA_INFO,),
         altered(
             setting(
-                k=scaled_k(0.5, 0.5),
-                width=lambda m: m.width // 2,
-                height=lambda m: m.height // 2,
+                k=scaled_k(0.5, 0.5), width=lambda m: m.width // 2, height=lambda m: m.height // 2
             ),
             _CAMERA_INFO,
         ),
     ),
-    Fault(
+    _joint_fault(
         "roll and pitch swapped",
-        _GIMBAL,
-        altered(
-            joints(lambda all_: all_ | {"roll": all_["pitch"], "pitch": all_["roll"]}), _JOINTS
-        ),
+        lambda all_: all_ | {"roll": all_["pitch"], "pitch": all_["roll"]},
     ),
-    Fault(
-        "joints in degrees",
-        _GIMBAL,
-        altered(joints(lambda all_: {k: _DEG * v for k, v in all_.items()}), _JOINTS),
-    ),
-    Fault(
-        "pitch sign",
-        _GIMBAL,
-        altered(joints(lambda all_: all_ | {"pitch": -all_["pitch"]}), _JOINTS),
-    ),
+    _joint_fault("joints in degrees", lambda all_: {k: _DEG * v for k, v in all_.items()}),
+    _joint_fault("pitch sign", lambda all_: all_ | {"pitch": -all_["pitch"]}),
     Fault(
         "heading 90 deg",
         ("rtk/heading", "second_antenna_m"),
         altered(lambda m: turned_yaw(m.orientation, lambda yaw: yaw + math.pi / 2), "rtk/heading"),
     ),
-    Fault("lever arm sign", ("rtk_antenna_m",), _antennas(0.1, -0.32, -0.38), ShownFrom.TURNS),
+    Fault("lever arm sign", ("rtk_antenna_m",), _antennas(0.1, -0.32, -0.38), _TURNS),
     Fault(
         "gyroscopes in deg/s", ("imu/data",), altered(scaled("angular_velocity", _DEG), "imu/data")
     ),
     Fault(
         "acceleration in g",
         ("imu/data",),
-        altered(scaled("linear_acceleration", 1 / _G), "imu/data"),
+        altered(scaled("linear_acceleration", 1 / 9.80665), "imu/data"),
     ),
     Fault("UTM zone", ("map",), with_map(next_zone)),
     Fault("no params", ("--params",), lambda good, _: dataclasses.replace(good, params=[])),
@@ -424,7 +429,7 @@ FAULTS: tuple[Fault, ...] = (
         "heading sign",
         ("rtk/heading",),
         altered(lambda m: turned_yaw(m.orientation, lambda yaw: -yaw), "rtk/heading"),
-        ShownFrom.TURNS,
+        _TURNS,
     ),
     Fault("NED velocity", ("rtk/vel",), altered(ned_velocity, "rtk/vel")),
     Fault(
@@ -437,71 +442,31 @@ FAULTS: tuple[Fault, ...] = (
         ("thermal/image_raw",),
         altered(lambda m: restamped(m.header, None), _PICTURES),
     ),
-    Fault("RTK 0.6 s late", ("rtk", "delay_s"), late(0.6, *_RTK), ShownFrom.TURNS),
+    Fault("RTK 0.6 s late", ("rtk", "delay_s"), late(0.6, *_RTK), _TURNS),
     Fault("no camera_info", (_CAMERA_INFO,), left_out(_CAMERA_INFO)),
     Fault(
         "gimbal of another type",
         ("gimbal/joint_states",),
         rewritten(points, _JOINTS, "gimbal/attitude"),
     ),
-)
-
-_IMU, _AHEAD = ("imu_rpy_deg", "imu/data"), ("rtk/heading", "second_antenna_m")
-_SEEN, _LATE = ("thermal/image_raw",), ("video_latency_s", "thermal/image_raw")
-
-
-def _tilted(name: str, *rpy_deg: float, word: str = "") -> Fault:
-    return Fault(f"IMU {name}", _IMU, altered(mounted(*rpy_deg), "imu/data"), word=word)
-
-
-def _pictures_late(by_s: float) -> Fault:
-    plant = late(by_s, _PICTURES)
-    return Fault(f"pictures {by_s} s late", _LATE, plant, ShownFrom.MOVING_PICTURES)
-
-
-def _heading_off(by_deg: float) -> Fault:
-    by_rad = math.radians(by_deg)
-    plant = altered(lambda m: turned_yaw(m.orientation, lambda yaw: yaw - by_rad), "rtk/heading")
-    return Fault(f"headings {by_deg:g} deg off", _AHEAD, plant, ShownFrom.TURNS)
-
-
-def _boresight(by_deg: float) -> Fault:
-    plant = parameters("gimbal_node", boresight_rpy_deg=[0.0, by_deg, 0.0])
-    name = f"boresight {by_deg:g} deg"
-    return Fault(name, ("boresight_rpy_deg",), plant, ShownFrom.MOVING_PICTURES)
-
-
-def _flipped(name: str, *axes: int) -> Fault:
-    plant = altered(pictures(*axes), _PICTURES)
-    return Fault(name, _SEEN, plant, ShownFrom.MOVING_PICTURES, name, axes)
-
-
-#: Smaller ones, and what is seldom wrong. A boresight below 2.5 deg and a map that lies metres
-#: off cannot be told yet.
-FAULTS += (
+    # Smaller ones, and what is seldom wrong. A boresight below 2.5 deg and a map that lies metres
+    # off cannot be told yet.
     _tilted("tilted by 5 deg", 0.0, 5.0, 0.0),
     _tilted("tilted by 10 deg", 10.0, 0.0, 0.0),
     _tilted("tilted by 20 deg", 0.0, 20.0, 0.0),
     _tilted("turned by 90 deg", 0.0, 0.0, 90.0, word="90"),
-    *map(_pictures_late, (0.2, 0.3, 0.4, 0.5)),
+    *(
+        Fault(f"pictures {by_s} s late", _LATE, late(by_s, _PICTURES), _MOVES)
+        for by_s in (0.2, 0.3, 0.4, 0.5)
+    ),
     *map(_heading_off, (4.0, 7.0)),
-    *map(_boresight, (2.0, 3.0)),
+    *map(_boresight, (2.0, 3.0, 5.0)),
     _flipped("mirrored", 1),
     _flipped("upside down", 0, 1),
     Fault("yaw from north", _GIMBAL, yaw_from_north),
     Fault("gimbal 0.3 s late", ("gimbal",), late(0.3, _JOINTS, "gimbal/attitude"), word="0.3"),
-    Fault(
-        "latency 0.25 for 0.05",
-        ("video_latency_s",),
-        parameters("overlay_node", video_latency_s=0.25),
-        ShownFrom.MOVING_PICTURES,
-    ),
-    Fault(
-        "RTK antenna 1 m off",
-        ("rtk_antenna_m",),
-        _antennas(-1.1, 0.32, 0.38),
-        ShownFrom.TURNS,
-    ),
+    _latency("latency 0.25 for 0.05", 0.25),
+    Fault("RTK antenna 1 m off", ("rtk_antenna_m",), _antennas(-1.1, 0.32, 0.38), _TURNS),
     Fault(
         "RTK velocities of zero",
         ("rtk/vel",),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -43,16 +42,6 @@ def fixed(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-def plus_minus(value: float, sigma: float) -> str:
-    """Return a value and its sigma."""
-    return f"{value:.3e} ± {sigma:.1e}"
-
-
-def p_value(value: float | None) -> str:
-    """Return a p-value as the paper prints them."""
-    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)
-
-
 def ground_factors(results: Results) -> dict[str, object]:
     """Return Table 2."""
     names = ("Position", "Height", "Position3D", "Yaw")
@@ -63,15 +52,14 @@ def ground_factors(results: Results) -> dict[str, object]:
         ("budget", "general"),
     ):
         means = {r["factor"]: r["mean_m"] for r in results[run]["rows"] if r["form"] == form}
-        columns.append([means[one] for one in ("position", "height", "position 3d", "heading")])
+        columns.append(
+            [means[factor] for factor in ("position", "height", "position 3d", "heading")]
+        )
     ratios = [columns[1][k] / columns[0][k] for k in range(4)]
     rows = [
         [f"E_Cam{name}", *(fixed(column[k], 4) for column in columns), f"{ratios[k]:.2f}"]
         for k, name in enumerate(names)
     ]
-    both = [math.hypot(*column[:2]) for column in columns]
-    last = f"{both[1] / columns[0][2]:.2f}"
-    rows.append(["hypotenuse of the first two", *(fixed(one, 4) for one in both), last])
     forms = ("paper", "Eq. 15-21", "same, centred", "covariance")
     head = ["mean over the field of view, m", *forms, "Eq. 15-21 / paper"]
     return {
@@ -104,31 +92,18 @@ def imu_noise(allan: Mapping[str, Any]) -> dict[str, object]:
     for name, key, sensor, ours in _IMU_ROWS:
         for axis, paper in zip(_AXES, TABLE_5[key], strict=True):
             here = axes[f"{sensor} {axis}"]
-            given = f"{paper:g}" if ours == "correlation_time_s" else f"{paper:.4e}"
-            rows.append([name, axis, given, *_imu_cells(here, ours, paper)])
+            printed = f"{paper:g}" if ours == "correlation_time_s" else f"{paper:.4e}"
+            rows.append([name, axis, printed, *_imu_cells(here, ours, paper)])
             walks += [abs(here[ours] / paper - 1)] if ours == "random_walk" else []
-    terms = []
-    for name, axis in axes.items():
-        below, beyond = ("", "") if axis["minimum_reached"] else ("< ", "> ")
-        cells = [f"{below}{axis['minimum']:.3e}", f"{beyond}{axis['minimum_at_s']:.0f}"]
-        cells.append(f"{below}{axis['minimum_over_0.664']:.3e}")
-        for key in ("bias_instability", "rate_random_walk"):
-            known = axis[key] is not None and math.isfinite(axis[key])
-            upper = f"< {axis[f'{key}_upper']:.3e}"
-            cells.append(plus_minus(axis[key], axis[f"{key}_sigma"]) if known else upper)
-        terms.append([name, *cells])
-    seen = [name for name, axis in axes.items() if axis["bias_seen"]]
+    shown = [name for name, axis in axes.items() if axis["bias_seen"]]
     return {
         "imu_noise": table(
             ["parameter", "axis", "paper, and put in", "here", "here / paper"], rows
         ),
-        "allan_terms": table(
-            ["axis", "floor of the curve", "at, s", "floor / 0.664", "B", "K"], terms
-        ),
         "hours": f"{allan['span_s'] / 3600:.2g}",
         "imu_hz": f"{allan['rate_hz']:.0f}",
         "walk_off": f"{100 * max(walks):.1f}",
-        "axes_seen": f"{len(seen)} of {len(axes)} axes ({', '.join(seen) or 'none'})",
+        "axes_seen": f"{len(shown)} of {len(axes)} axes ({', '.join(shown) or 'none'})",
     }
 
 
@@ -138,7 +113,7 @@ def _imu_cells(here: Mapping[str, Any], key: str, paper: float) -> list[str]:
         return ["not seen" if key != "bias_sigma" else f"< {here[key]:.3e}", ""]
     ratio = f"{here[key] / paper:.2f}"
     if key != "correlation_time_s":
-        return [plus_minus(here[key], here[f"{key}_sigma"]), ratio]
+        return [f"{here[key]:.3e} ± {here[f'{key}_sigma']:.1e}", ratio]
     factor = here["correlation_time_factor"]
     return [f"{here[key]:.0f}{f' (to a factor of {factor:.1f})' if factor else ''}", ratio]
 
@@ -150,7 +125,7 @@ def boards(results: Results) -> dict[str, object]:
     for axis in ("pitch", "yaw", "roll"):
         here = wall["std_deg"][axis]
         numbers = (TABLE_8_DEG[axis], truth[axis], here, wall["noise_deg"][axis])
-        rows.append([axis, *(fixed(one, 4) for one in numbers), f"{here / truth[axis]:.2f}"])
+        rows.append([axis, *(fixed(number, 4) for number in numbers), f"{here / truth[axis]:.2f}"])
     head = ["axis, deg", "paper", "put in", "here", "of it noise of the picture", "here / put in"]
     lens = results["lens"]
     lengths = {"fx": XT2.fx, "fy": XT2.fy, "cx": XT2.cx, "cy": XT2.cy}
@@ -194,7 +169,7 @@ def _mean(result: Mapping[str, Any], method: str) -> float:
 
 
 def located(results: Results) -> dict[str, object]:
-    """Return Table 6: its averages by way, and the gains."""
+    """Return Table 6: its averages by way."""
     seeds = [
         name.split()[1] for name in results if name.startswith("flight ") and name[-1].isdigit()
     ]
@@ -223,33 +198,19 @@ def located(results: Results) -> dict[str, object]:
         flights = zip(*(means[way][method] for method in list(METHODS)[:4]), strict=True)
         ordered = sum(all(a > b for a, b in pairwise(flight)) for flight in flights)
         values[f"in_order_{way}"] = f"{ordered} of {len(seeds) + 1}"
-    rows = []
-    for method in list(METHODS)[1:]:
-        pairs = [(sum(means[way][method]), sum(means[way]["raw"])) for way in _WAYS]
-        paper = TABLE_6_AVERAGE_M.get(method)
-        less = "-" if paper is None else _share(paper, TABLE_6_AVERAGE_M["raw"])
-        rows.append([f"`{method}`", less, *(_share(*pair) for pair in pairs)])
-    ways = [f"here, `composition: {way}`" for way in _WAYS]
-    calibrated = ", ".join(
-        f"{name} {one['found']:.2f} ± {one['sigma']:.2f} {one['unit']}"
-        for name, one in results["boresight encoders"]["parameters"].items()
+    values["calibrated"] = ", ".join(
+        f"{name} {fit['found']:.2f} ± {fit['sigma']:.2f} {fit['unit']}"
+        for name, fit in results["boresight encoders"]["parameters"].items()
     )
-    return values | {
-        "gains": table(["less than `raw` by", "paper", *ways], rows),
-        "calibrated": calibrated,
-    }
-
-
-def _share(value: float, raw: float) -> str:
-    return f"{100 * (1 - value / raw):.0f} %"
+    return values
 
 
 def askew(results: Results) -> dict[str, object]:
     """Return Table 6 with the camera askew."""
     rows = [
-        [f"{name}, {one['unit']}", fixed(_PLANTED.get(name, 0.0), 2)]
-        + [fixed(one[key], 2) for key in ("found", "sigma")]
-        for name, one in results["askew boresight"]["parameters"].items()
+        [f"{name}, {fit['unit']}", fixed(_PLANTED.get(name, 0.0), 2)]
+        + [fixed(fit[key], 2) for key in ("found", "sigma")]
+        for name, fit in results["askew boresight"]["parameters"].items()
     ]
     errors = [
         [f"`{name}`", fixed(TABLE_6_AVERAGE_M.get(name), 2)]
@@ -270,15 +231,20 @@ def askew(results: Results) -> dict[str, object]:
 
 def p_values(results: Results) -> str:
     """Return Table 7."""
-    columns = [{(one.first, one.second): one.p_value for one in paired_tests(TABLE_6_M)}]
+    columns = [{(test.first, test.second): test.p_value for test in paired_tests(TABLE_6_M)}]
     columns += [
-        {(one["first"], one["second"]): one["p_value"] for one in results[way]["t_tests"]}
+        {(test["first"], test["second"]): test["p_value"] for test in results[way]["t_tests"]}
         for way in _WAYS
     ]
     rows = [
         [f"`{pair[0]}`, `{pair[1]}`", fixed(TABLE_7.get(pair), 4)]
-        + [p_value(column[pair]) for column in columns]
+        + [_p_value(column[pair]) for column in columns]
         for pair in columns[0]
     ]
     head = ["methods", "paper", "from the paper's Table 6", *(f"here, `{way}`" for way in _WAYS)]
     return table(head, rows)
+
+
+def _p_value(value: float | None) -> str:
+    """Return a p-value as the paper prints them."""
+    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)

@@ -15,12 +15,12 @@ from dev.consistency import (
     Case,
     cases,
     chi_square_bounds,
-    fly_all,
     fly_case,
     groups,
     pooled_nis,
     report,
 )
+from dev.judging import in_processes
 from tirgeo_ros.core.types.measurements import Source
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]
@@ -30,7 +30,7 @@ SEEDS, DURATION_S = 10, 107.0
 
 @pytest.fixture(scope="module")
 def found():
-    return fly_all(cases(SEEDS, [100.0], DURATION_S), workers=2)
+    return in_processes(fly_case, cases(SEEDS, [100.0], DURATION_S), workers=2)
 
 
 @pytest.fixture(scope="module")

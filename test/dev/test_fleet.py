@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from dev.fleet import FleetRun, Outputs, judge, report, run_fleet
+from dev.fleet import FleetRun, Outputs, figures, judge, run_fleet
 from dev.flights import make_fleet
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import geodetic_from_ecef
@@ -39,12 +39,16 @@ def perfect(flight) -> Outputs:
     return Outputs(stamps, places, plane)
 
 
+def missed(cores, *judged):
+    return [one.what.strip() for one in figures(FleetRun(cores, 1.0, judged)) if one.missed]
+
+
 def test_nothing_is_lost_or_crossed_where_all_came(flights):
     one = judge(flights[0], SHIFT_NS, perfect(flights[0]))
-    assert (one["odometry lost"], one["poses lost"], one["crossed"]) == (0, 0, 0)
-    assert one["odometry"] == one["IMU sent"] == 501
-    assert one["off m"] < 1e-6
-    assert report(FleetRun(0.2, 1.0, {"uav1": one}))[1] == 0
+    assert (one.odometry_lost, one.poses_lost, one.crossed) == (0, 0, 0)
+    assert one.odometry == one.imu == 501
+    assert one.off_m < 1e-6
+    assert missed(0.2, one) == []
 
 
 def test_what_is_lost_is_counted(flights):
@@ -53,10 +57,9 @@ def test_what_is_lost_is_counted(flights):
         del stamps[10]
     del heard.place_n[10]
     one = judge(flights[0], SHIFT_NS, heard)
-    assert (one["odometry lost"], one["poses lost"], one["crossed"]) == (1, 1, 0)
-    lines, missed = report(FleetRun(2.1, 1.0, {"uav1": one}))
-    assert missed == 3
-    assert [line.count("!") for line in lines] == [0, 2, 1]  # of uav1, and of all nodes
+    assert (one.odometry_lost, one.poses_lost, one.crossed) == (1, 1, 0)
+    lost = ["without odometry, from the first one on", "without a camera's pose"]
+    assert missed(2.1, one) == [*lost, "nodes"]
 
 
 def test_another_aircrafts_samples_and_places_are_crossed(flights):
@@ -64,10 +67,11 @@ def test_another_aircrafts_samples_and_places_are_crossed(flights):
     heard.stamps_ns["tirgeo/camera_pose"][20] += 1  # the next aircraft's stamps end so
     heard.place_n[7] = heard.place_n[7] + np.array([200.0, 0.0, 0.0])
     one = judge(flights[0], SHIFT_NS, heard)
-    assert one["crossed"] == 2
-    assert one["off m"] == pytest.approx(200.0, abs=0.01)
+    assert one.crossed == 2
+    assert one.off_m == pytest.approx(200.0, abs=0.01)
     swapped = dataclasses.replace(other, stamps_ns=heard.stamps_ns)
-    assert judge(flights[0], SHIFT_NS, swapped)["crossed"] > 500
+    assert judge(flights[0], SHIFT_NS, swapped).crossed > 500
+    assert missed(0.2, one) == ["without a camera's pose", "messages crossed"]
 
 
 @pytest.mark.graph
@@ -80,11 +84,8 @@ def test_three_aircraft_lose_and_cross_nothing(tmp_path):
         patient = "/*/gimbal_node: {ros__parameters: {max_wait_s: 5.0}}\n"
         flight.params.write_text(flight.params.read_text() + patient)
     run = run_fleet(tmp_path, flights, rate=0.5)
-    lines, missed = report(run)
-    assert not missed, lines
-    for one in run.judged.values():
-        assert one["IMU sent"] == 1001
-        assert one["odometry"] > 700
-        assert one["poses"] > 300
-    assert lines[3].startswith("uav3")
-    assert run.cores > 0
+    assert not [figure for figure in figures(run) if figure.missed and figure.what != "nodes"]
+    for one in run.judged:
+        assert one.imu == 1001
+        assert one.odometry > 700
+        assert one.joints > 300

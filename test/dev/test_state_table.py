@@ -30,22 +30,13 @@ def with_cell(text, row, name, value):
     return "\n".join(",".join(line) for line in lines) + "\n"
 
 
-def cell(text, row, name):
-    return text.splitlines()[row + 1].split(",")[HEADER.index(name)]
-
-
 @pytest.mark.parametrize(("name", "decimals"), COLUMNS.items(), ids=COLUMNS)
 def test_every_column_is_compared(fresh, name, decimals):
-    value = float(cell(fresh, 40, name))
-    step = 10.0**-decimals
-
-    def moved_by(digits):
-        text = f"{value + digits * step:.{decimals}f}"
-        return changes(fresh, with_cell(fresh, 40, name, text))
-
-    assert moved_by(1) == moved_by(-1) == []
-    (line,) = moved_by(-3)
-    stamp = fresh.splitlines()[41].partition(",")[0]
+    stamp, *_ = cells = fresh.splitlines()[41].split(",")
+    value, step = float(cells[HEADER.index(name)]), 10.0**-decimals
+    near, far = (f"{value + digits * step:.{decimals}f}" for digits in (1, -3))
+    assert changes(fresh, with_cell(fresh, 40, name, near)) == []
+    (line,) = changes(fresh, with_cell(fresh, 40, name, far))
     assert line.startswith(f"{name}: 1 of ")
     assert f"most by -{3 * step:.{decimals}f} at {stamp}, where it was" in line
 
@@ -60,7 +51,7 @@ def test_states_and_rows_are_compared(fresh):
 
 
 def test_main_writes_and_tells_what_moved(fresh, sample, tmp_path, capsys):
-    table = tmp_path / "new" / "states.csv"
+    table = tmp_path / "states.csv"
     assert main([str(sample), str(table)]) == 0
     assert table.read_text() == fresh
     table.write_text(with_cell(fresh, 10, "height_m", "99.0000"))

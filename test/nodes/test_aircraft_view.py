@@ -11,14 +11,27 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 import numpy as np
-from message_samples import BODY, CAMERA_POSE, FINDING, PLANE, SOLUTION, STATE, STATUS
+from message_samples import (
+    BODY,
+    CAMERA_POSE,
+    FINDING,
+    LOCATED,
+    PLANE,
+    SOLUTION,
+    STATE,
+    STATUS,
+    TARGET,
+)
 from overlays import PLANE as FIELD
 from overlays import SQUARE_N, pose_at
+from visualization_msgs.msg import Marker
 
 from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.projection_covariance import ellipse_95
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
+from tirgeo_ros.core.ground.ground_point import enu_of
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
@@ -33,7 +46,7 @@ from tirgeo_ros.io.messages import (
 )
 from tirgeo_ros.nodes import aircraft_view as view
 from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of
-from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge
+from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge, target_markers
 
 CDR = Cdr()
 MESSAGES = Messages(CDR.types)
@@ -312,3 +325,28 @@ def test_the_gravest_alone_is_shown(flight, status, worst, no_map, word, text):
     verdict = [*flight.runs(3)][-1][1]
     assert (verdict.word, verdict.text[: len(text)]) == (word, text)
     assert verdict.more == flight.status.reason or verdict.kind != "position"
+
+
+def test_the_first_marker_deletes_all_others():
+    assert [one.action for one in target_markers("map", PLANE, []).markers] == [Marker.DELETEALL]
+    delete, shape, label = target_markers("uav1/map", PLANE, [TARGET]).markers
+    assert (delete.action, shape.action, label.text) == (3, Marker.ADD, "1 fire: barn")
+    assert {one.header.frame_id for one in (delete, shape, label)} == {"uav1/map"}
+    place = TARGET.place
+    north, east, down = PLANE.ned_from_geodetic(
+        place.latitude_rad, place.longitude_rad, place.height_m
+    )
+    point = shape.pose.position
+    np.testing.assert_allclose([point.x, point.y, point.z], [east, north, -down], rtol=1e-12)
+    assert label.pose.position.z == pytest.approx(point.z + 1.0)
+
+
+def test_the_marker_is_the_95_percent_ellipsoid():
+    """A viewer in ``map`` sees its greatest breadth where the covariance has its own."""
+    level = dataclasses.replace(LOCATED, covariance_enu=enu_of(np.diag([4.0, 1.0, 0.01])))
+    target = dataclasses.replace(TARGET, clicks=(level,), name="x" * 1000)
+    _, shape, label = target_markers("map", PLANE, [target]).markers
+    semi_axes, _ = ellipse_95(np.diag([4.0, 1.0]))
+    breadths = sorted([shape.scale.x, shape.scale.y, shape.scale.z])
+    np.testing.assert_allclose(breadths[:0:-1], 2 * semi_axes[0], rtol=1e-12)
+    assert len(label.text) == 60

@@ -113,18 +113,8 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     late.spin_until(lambda: state_of(late) in {"waiting", "aligning"})
 
 
-def states_of(stranger) -> list[str]:
-    told = [status for array in stranger.received["/diagnostics"] for status in array.status]
-    filters = [status for status in told if status.name.endswith("ekf_node: navigation")]
-    return [state_in(status) for status in filters]
-
-
-def state_in(status) -> str:
-    return next(pair.value for pair in status.values if pair.key == "state")
-
-
 def state_of(stranger) -> str:
-    return (states_of(stranger) or [""])[-1]
+    return stranger.diagnostic("/ekf_node: navigation").get("state", "")
 
 
 STEP_NS = 100_000_000

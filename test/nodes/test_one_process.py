@@ -17,11 +17,10 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from commands import Command
 from diagnostic_msgs.msg import DiagnosticArray
-from free_addresses import free_address
 from graph_helpers import deep_queues, stamps_of
 from nav_msgs.msg import Odometry
 from page_clients import Page
-from project import child_of, reader_of
+from project import child_of, free_port, reader_of
 from sensor_msgs.msg import CompressedImage
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
@@ -93,7 +92,7 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
 
 @pytest.mark.slow
 def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, meet):
-    address = free_address("0.0.0.0")
+    address = f"0.0.0.0:{free_port()}"
     stranger = meet(**{"/diagnostics": DiagnosticArray})
     run = start("--no-dji", "--page", address)
     run.await_ready()

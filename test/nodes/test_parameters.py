@@ -55,11 +55,11 @@ def make_node():
     rclpy.init(context=context, args=[], domain_id=99)
     nodes = []
 
-    def make(called="ekf_node", files=(), **overrides) -> Node:
+    def make(called="ekf_node", files=(), kind=Node, **overrides) -> Node:
         given = [Parameter(name.replace("__", "."), value=v) for name, v in overrides.items()]
         line = ["--ros-args", *(word for path in files for word in ("--params-file", str(path)))]
         nodes.append(
-            Node(
+            kind(
                 called,
                 context=context,
                 cli_args=line if files else None,
@@ -317,16 +317,8 @@ SECRETS = {
 
 
 @pytest.fixture
-def node():
-    context = Context()
-    rclpy.init(context=context, args=[], domain_id=99)
-    given = [Parameter(name, value=value) for name, value in SECRETS.items()]
-    made = GraphNode(
-        "viewer_node", context=context, parameter_overrides=given, enable_rosout=False
-    )
-    yield made
-    made.destroy_node()
-    context.try_shutdown()
+def node(make_node):
+    return make_node("viewer_node", kind=GraphNode, **SECRETS)
 
 
 def test_a_secret_is_used_and_read_back_as_stars(node):

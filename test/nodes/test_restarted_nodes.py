@@ -17,10 +17,9 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from commands import Command
 from diagnostic_msgs.msg import DiagnosticArray
-from free_addresses import free_address
 from graph_helpers import Stranger
 from page_clients import Page
-from project import child_of
+from project import child_of, free_port
 
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.graph.node_graph import free_domain
@@ -43,7 +42,7 @@ STOPPED = {
 
 @pytest.fixture
 def demo(tmp_path):
-    words = ("demo", "--page", free_address(), "-o", tmp_path / "demo")
+    words = ("demo", "--page", f"127.0.0.1:{free_port()}", "-o", tmp_path / "demo")
     page = Command(tmp_path, *words, ROS_DOMAIN_ID=str(free_domain()))
     yield page
     page.close()

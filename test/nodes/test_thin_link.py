@@ -9,10 +9,10 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from free_addresses import free_port
 from graph_helpers import await_words
 from overlay_flight import Flight, write_map
 from overlays import SQUARE_N
+from project import free_port
 from sensor_msgs.msg import CompressedImage, Image
 
 from tirgeo_ros.io.files.child_process import python_command

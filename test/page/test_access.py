@@ -13,6 +13,7 @@ import pytest
 from page_clients import (
     OPERATOR_TOKEN,
     TOKENS,
+    UPGRADE,
     VIEWER_TOKEN,
     Page,
     Served,
@@ -22,11 +23,6 @@ from page_clients import (
     status,
 )
 from signed_certificates import certificate
-
-UPGRADE = (
-    *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
-    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
-)
 
 
 @pytest.mark.parametrize(
@@ -148,8 +144,7 @@ def test_a_session_outlives_a_restart_but_not_another_token(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "body",
-    [b"", b"{", b"[" * 512, b"[]", b'"x"', b'{"token": 1}', b'{"token": ""}', b"\xff"],
+    "body", [b"", b"{", b"[" * 512, b"[]", b'"x"', b'{"token": 1}', b'{"token": ""}', b"\xff"]
 )
 def test_what_is_no_token_is_refused(tmp_path, body):
     async def enter():

@@ -13,6 +13,7 @@ import pytest
 from page_clients import (
     OPERATOR_TOKEN,
     TOKENS,
+    UPGRADE,
     VIEWER_TOKEN,
     Page,
     Served,
@@ -25,8 +26,8 @@ from page_clients import (
 from signed_certificates import certificate
 
 from tirgeo_ros.page import actions, connections
-from tirgeo_ros.page.access import OPERATOR, VIEWER, Shares, WrongTokens
-from tirgeo_ros.page.connections import MOST
+from tirgeo_ros.page.access import Shares, WrongTokens
+from tirgeo_ros.page.connections import MOST, OPERATOR, VIEWER
 
 WIDE = 10_000_000
 #: What a server may take more under an attack: buffers of 100 connections, and what Python keeps.
@@ -70,13 +71,7 @@ def opened(one):
 
 
 def upgrade(one, path):
-    return http(
-        path,
-        f"Host: 127.0.0.1:{one.port}",
-        f"Origin: {one.url}",
-        *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
-        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
-    )
+    return http(path, f"Host: 127.0.0.1:{one.port}", f"Origin: {one.url}", *UPGRADE)
 
 
 def upgraded(one, path):
@@ -171,7 +166,7 @@ def test_tls_handshakes_that_never_come_make_room(tmp_path, monkeypatch):
 
 
 def test_a_body_that_never_comes_is_not_waited_for(served, monkeypatch):
-    monkeypatch.setattr("tirgeo_ros.page.guard._BODY_S", 0.2)
+    monkeypatch.setattr("tirgeo_ros.page.access._BODY_S", 0.2)
     head = (f"Host: 127.0.0.1:{served.port}", f"Origin: {served.url}", "Content-Length: 30")
     assert status(served.port, http("/enter", *head, method="POST") + b'{"token"') == 408
 
@@ -351,8 +346,8 @@ def test_idle_connections_do_not_end_those_of_a_session(fresh):
 @pytest.fixture
 def asked_out(tmp_path, monkeypatch):
     """A page of small shares; a stranger at this address has used up his."""
-    monkeypatch.setattr("tirgeo_ros.page.guard._REQUESTS_A_S", 0.1)
-    monkeypatch.setattr("tirgeo_ros.page.guard._REQUESTS_AT_ONCE", 15)
+    monkeypatch.setattr("tirgeo_ros.page.access._REQUESTS_A_S", 0.1)
+    monkeypatch.setattr("tirgeo_ros.page.access._REQUESTS_AT_ONCE", 15)
     with Served(tmp_path, **TOKENS) as one:
         request = http("/enter", f"Host: 127.0.0.1:{one.port}", "Connection: close")
         assert {status(one.port, request) for _ in range(15)} == {401}

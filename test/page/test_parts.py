@@ -19,11 +19,10 @@ from project import PROJECT
 
 from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import PageError
-from tirgeo_ros.page import connections, content
-from tirgeo_ros.page.access import OPERATOR, Allowance, Shares, WrongTokens
-from tirgeo_ros.page.connections import Listener
-from tirgeo_ros.page.content import Tiles
-from tirgeo_ros.page.routes import invitation
+from tirgeo_ros.page import connections, routes
+from tirgeo_ros.page.access import Shares, WrongTokens
+from tirgeo_ros.page.connections import OPERATOR, Allowance, Listener
+from tirgeo_ros.page.routes import Tiles, invitation
 from tirgeo_ros.page.video import LEVELS, Pace, VideoFeed
 
 URL = "https://192.168.1.20:8080/?token=abcdefghijklmnopqrstuvwx"
@@ -149,7 +148,7 @@ def with_views(path, **views):
     ],
 )
 def test_tables_without_an_end_are_refused_in_time(tmp_path, monkeypatch, views):
-    monkeypatch.setattr(content, "_OPENED_S", 0.2)
+    monkeypatch.setattr(routes, "_OPENED_S", 0.2)
     path = with_views(tmp_path / "a.mbtiles", **views)
     with pytest.raises(PageError, match=r"a\.mbtiles: its tables take too long to read: give an"):
         Tiles(path)

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 from flights import navigation_samples
+from motions import difference
 
-from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
 
 WAIT_S = 5.0  # alignment.wait_s
 
@@ -42,20 +42,10 @@ def error(flown, found):
     """(15,) truth minus estimate."""
     truth = flown.truth
     i = truth.stamp_ns.index(found.stamp_ns)
-    state = found.state
-    here = TangentPlane(state.latitude_rad, state.longitude_rad, state.height_m)
-    attitude = quat_multiply(truth.q_nb[i], quat_conjugate(np.array(state.q_nb)))
-    return np.concatenate(
-        [
-            rotvec_from_quat(attitude),
-            truth.velocity_n[i] - state.velocity_n,
-            here.ned_from_geodetic(
-                truth.latitude_rad[i], truth.longitude_rad[i], truth.height_m[i]
-            ),
-            truth.gyro_bias_b[i] - state.gyro_bias_b,
-            truth.accel_bias_b[i] - state.accel_bias_b,
-        ]
-    )
+    place = truth.latitude_rad[i], truth.longitude_rad[i], truth.height_m[i]
+    biases = truth.gyro_bias_b[i], truth.accel_bias_b[i]
+    true = NavState(truth.q_nb[i], truth.velocity_n[i], *place, *biases, (0.0, 0.0, 0.0))
+    return difference(true, found.state)
 
 
 def assert_right(flown, found, limit=4.5):

@@ -26,6 +26,10 @@ from tirgeo_ros.page.server import PageServer
 
 OPERATOR_TOKEN, VIEWER_TOKEN = "operator-of-a-test", "viewer-of-a-test"
 LIMIT_S = 90.0  # a node starts slowly on a busy machine
+UPGRADE = (
+    *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
+    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+)
 TOKENS = {"token": OPERATOR_TOKEN, "viewer_token": VIEWER_TOKEN}
 
 

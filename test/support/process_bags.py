@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from flights import navigation_samples
 
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
@@ -64,3 +65,16 @@ def write_hover(path, flown, *told):
     samples = [s for s in navigation_samples(flown) if s.source is not Source.RTK_HEADING]
     samples = [replace(s, autopilot_q_nb=None) if isinstance(s, ImuSample) else s for s in samples]
     return write_samples(path, [*samples, *told])
+
+
+def picture_bag(path, stamps_ns, images, *, info=True, namespace=""):
+    """A bag of raw pictures, with the calibration of XT2 beside each unless ``info`` is false."""
+    messages = Messages(CDR.types)
+    with BagWriter(path) as writer:
+        for stamp_ns, image in zip(stamps_ns, images, strict=True):
+            made = messages.image(stamp_ns, image)
+            writer.write(f"{namespace}/thermal/image_raw", "sensor_msgs/msg/Image", made, stamp_ns)
+            if info:
+                made = messages.camera_info(XT2, stamp_ns)
+                writer.write("/thermal/camera_info", "sensor_msgs/msg/CameraInfo", made, stamp_ns)
+    return path

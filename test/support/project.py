@@ -1,4 +1,4 @@
-"""Where the project's files are, its nodes and verbs, its processes, and how long a test waits."""
+"""Where the project's files are, its nodes, verbs and processes, free ports, and waiting."""
 
 from __future__ import annotations
 
@@ -91,3 +91,10 @@ def wait_until(
         assert time.monotonic() < end_s, tell()
         time.sleep(0.005)
     return found
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """Return a port of 127.0.0.1 that is free, of TCP or with ``SOCK_DGRAM`` of UDP."""
+    with socket.socket(socket.AF_INET, kind) as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])

@@ -14,8 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from free_addresses import free_port
-from project import wait_until
+from project import free_port, wait_until
 
 PASSWORD = "atakatak"
 #: Ends early; enough for the repeats of each minute on a machine that stands still.

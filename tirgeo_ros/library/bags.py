@@ -15,10 +15,10 @@ from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError, near
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
-from tirgeo_ros.library.sensor_tables import OUTPUTS, SENSORS, arrived
-from tirgeo_ros.library.tables import ARRIVAL, ORDER, STAMP, Table
+from tirgeo_ros.library.tables import ARRIVAL, ORDER, OUTPUTS, SENSORS, STAMP, Table, arrived
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, resolved
 
 T = TypeVar("T")
@@ -48,15 +48,22 @@ def read_bag(
     """
     reader = BagReader(path)
     several = topics if np.iterable(topics) and not isinstance(topics, str) else [topics]
-    chosen = None if topics is None else [str(one) for one in several]
+    chosen = None if topics is None else [str(topic) for topic in several]
     if not {CAMERA_INFO, *PICTURES}.isdisjoint(chosen or ()):
         raise BagError(f"{path}: pictures are no table: read_pictures and read_camera read them")
     names = _chosen(reader, chosen, namespace)
     rows: dict[str, list[Any]] = {topic: [] for topic in names.values()}
-    for number, message, (stamp_ns, values) in _read(reader, names, _row_of):
+
+    def row_of(topic: str, message: Any) -> tuple[int, Sequence[float]]:
+        if topic in OUTPUTS:
+            return OUTPUTS[topic].values(message)
+        sample = SENSED_SAMPLES[topic](message)
+        return sample.stamp_ns, SENSORS[topic].values(sample)
+
+    for number, message, (stamp_ns, values) in _read(reader, names, row_of):
         row = (stamp_ns, message.log_time_ns, number, *values)
         rows[names[message.topic]].append(row)
-    return {topic: _table(topic, found) for topic, found in rows.items()}
+    return {topic: _table(topic, read) for topic, read in rows.items()}
 
 
 def read_camera(path: PathLike, *, namespace: str = "") -> Camera:
@@ -66,7 +73,7 @@ def read_camera(path: PathLike, *, namespace: str = "") -> Camera:
     """
     reader = BagReader(path)
     names = _chosen(reader, [CAMERA_INFO], namespace)
-    for _, _, camera in _read(reader, names, lambda topic, one: convert.camera(one, topic)):
+    for _, _, camera in _read(reader, names, lambda topic, info: convert.camera(info, topic)):
         return camera
     raise BagError(f"{path}: no {CAMERA_INFO} could be used")
 
@@ -79,8 +86,8 @@ def read_pictures(path: PathLike, *, namespace: str = "") -> Iterator[Picture]:
     reader = BagReader(path)
     present = [topic for topic in PICTURES if resolved(topic, namespace) in reader.topics()]
     names = _chosen(reader, present[:1] or [PICTURES[-1]], namespace)
-    for _, _, picture in _read(reader, names, _picture_of):
-        yield picture
+    for _, message, pixels in _read(reader, names, convert.pixels):
+        yield Picture(header_stamp_ns(message.data), pixels)
 
 
 def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "") -> None:
@@ -108,19 +115,21 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
 def _chosen(reader: BagReader, topics: Collection[str] | None, namespace: str) -> dict[str, str]:
     """Return the topics to read, resolved name -> contract topic."""
     present = reader.topics()
-    known = [*SENSORS, *OUTPUTS]
+    tables = [*SENSORS, *OUTPUTS]
     if topics is None:
-        names = {resolved(topic, namespace): topic for topic in known}
-        found = {name: one for name, one in names.items() if present.get(name) == TOPIC_TYPES[one]}
-        if not found:
+        names = {resolved(topic, namespace): topic for topic in tables}
+        chosen = {
+            name: topic for name, topic in names.items() if present.get(name) == TOPIC_TYPES[topic]
+        }
+        if not chosen:
             has = ", ".join(present) or "nothing"
             here = f"in namespace {namespace}" if namespace else "without a namespace"
             raise BagError(f"{reader.path}: no sensor and no pose {here}; it has: {has}")
-        return found
+        return chosen
     for topic in topics:
         name = resolved(topic, namespace)
-        if topic not in {*known, CAMERA_INFO, *PICTURES}:
-            raise BagError(f"{reader.path}: {topic} has no table{nearest(topic, known)}")
+        if topic not in {*tables, CAMERA_INFO, *PICTURES}:
+            raise BagError(f"{reader.path}: {topic} has no table{nearest(topic, tables)}")
         if name not in present:
             raise BagError(f"{reader.path}: no topic {name}; it has: {', '.join(present)}")
         if present[name] != TOPIC_TYPES[topic]:
@@ -140,27 +149,16 @@ def _read(
     for number, message in enumerate(reader.messages(names)):
         name = message.topic
         try:
-            found = made(names[name], cdr.deserialize(message.data, message.typename, name))
+            content = made(names[name], cdr.deserialize(message.data, message.typename, name))
         except TirgeoError as error:
             lost[name] += 1
             why[name] = str(error)
         else:
-            yield number, message, found
+            yield number, message, content
     losses = [f"{lost[topic]} messages of {topic} left out: {text}" for topic, text in why.items()]
     for loss in [*losses, reader.damage]:
         if loss:
             warnings.warn(f"{reader.path}: {loss}", stacklevel=3)
-
-
-def _row_of(topic: str, message: Any) -> tuple[int, Sequence[float]]:
-    if topic in OUTPUTS:
-        return OUTPUTS[topic].values(message)
-    sample = SENSED_SAMPLES[topic](message)
-    return sample.stamp_ns, SENSORS[topic].values(sample)
-
-
-def _picture_of(topic: str, message: Any) -> Picture:
-    return Picture(convert.stamp_ns(message), convert.pixels(topic, message))
 
 
 def _table(topic: str, rows: Sequence[Sequence[Any]]) -> dict[str, Array | IntArray]:

@@ -22,8 +22,7 @@ from tirgeo_ros.core.types.errors import PoseError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.library.projecting import PicturePose
-from tirgeo_ros.library.sensor_tables import arrived
-from tirgeo_ros.library.tables import Table, is_frame
+from tirgeo_ros.library.tables import Table, arrived, is_frame
 from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
 from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
@@ -122,12 +121,12 @@ class FilteredFlight:
             exposed_ns = exposure_ns(int(stamp_ns), self.video_latency_s)
         except (TypeError, ValueError, OverflowError):
             raise PoseError(f"stamp_ns: must be a number of ns, is {stamp_ns!r}") from None
-        found = pose_at(self._cameras, exposed_ns)
-        if found is None or self.plane is None:
+        motion = pose_at(self._cameras, exposed_ns)
+        if motion is None or self.plane is None:
             late = f"that is after the last, at {self._cameras.newest_ns} ns"
             why = _WHY_NOT.get(self._cameras.at(exposed_ns), late)
             raise PoseError(f"no camera pose at {exposed_ns} ns: {why}")
-        return PicturePose(int(stamp_ns), found[0], self.plane, found[1])
+        return PicturePose(int(stamp_ns), motion[0], self.plane, motion[1])
 
 
 _WHY_NOT: Mapping[object, str] = {
@@ -268,7 +267,7 @@ def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfi
     if not {"rtk/fix", "gps/fix"} & tables.keys():
         return "there is no position: give rtk_fix or gps_fix"
     own = arrived({"imu/data": tables["imu/data"]}, _ARGUMENTS)
-    for finding in imu_findings((one.sample for one in own), configs.ekf.aircraft.rotation_bi):
+    for finding in imu_findings((item.sample for item in own), configs.ekf.aircraft.rotation_bi):
         return finding.line
     bad = [
         f"{number} {source} {outcome}"

@@ -124,19 +124,19 @@ def project(
     _check_kinds(pose, camera)
     points = _rows("points_n", points_n, 3)
     rays = rays_to(camera, pose.pose, points)
-    known = np.isfinite(rays[0])
+    valid = np.isfinite(rays[0])
     confidence = load_config(config).overlay.confidence
-    found = FrameConfidence(confidence, camera, pose.pose, pose.rates)
+    confidence_of = FrameConfidence(confidence, camera, pose.pose, pose.rates)
     sigma = _sigmas(sigma_m, len(points))
-    spread, first_order = found.spread(rays[:, known], sigma[known], int(known.sum()))
+    spread, first_order = confidence_of.spread(rays[:, valid], sigma[valid], int(valid.sum()))
     pixels, covariance = np.full((len(points), 2), np.nan), np.full((len(points), 2, 2), np.nan)
-    pixels[known] = camera.pixels(*rays[:2, known]).T
-    covariance[known] = matrices(spread)
+    pixels[valid] = camera.pixels(*rays[:2, valid]).T
+    covariance[valid] = matrices(spread)
     linear = np.zeros(len(points), bool)
-    linear[known] = first_order
+    linear[valid] = first_order
     with np.errstate(invalid="ignore"):
         beyond = (pixels < -0.5) | (pixels > [camera.width - 0.5, camera.height - 0.5])
-    return Projected(pixels, known & ~beyond.any(axis=1), covariance, linear)
+    return Projected(pixels, valid & ~beyond.any(axis=1), covariance, linear)
 
 
 def locate(
@@ -180,7 +180,7 @@ def save_located(
     names = [str(number) for number in range(1, len(answers) + 1)] if ids is None else list(ids)
     if len(names) != len(answers):
         raise TableError(f"ids: {len(names)} for {len(answers)} answers")
-    answered = [Answered(str(name), one) for name, one in zip(names, answers, strict=True)]
+    answered = [Answered(str(name), answer) for name, answer in zip(names, answers, strict=True)]
     file = path_of(path, SurveyError)
     write_files({file: exported_answers(answered, form_of(file))}, SurveyError)
 

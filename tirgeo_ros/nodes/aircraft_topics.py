@@ -171,7 +171,8 @@ class AircraftTopics:
             self.listen(topic, partial(self._keep, topic), 1, decoded=False)
         self.listen(VIDEO, self._take_picture, IMAGE_DEPTH)
         self.listen("tirgeo/origin", self._take_origin, latch=1)
-        self.listen(STATE_TOPIC, self._take_state, latch=_MOST_NODES)
+        now_s, take = time.monotonic, self.reports.take_state
+        self.listen(STATE_TOPIC, lambda message: take(now_s(), message), latch=_MOST_NODES)
 
     def listen(
         self,
@@ -213,9 +214,6 @@ class AircraftTopics:
         self.newest_ns = stamp
         self._keep(VIDEO, b"")
         self._show(stamp, bytes(message.data))
-
-    def _take_state(self, message: Any) -> None:
-        self.reports.take_state(time.monotonic(), message)
 
     def _take_origin(self, message: Any) -> None:
         self.plane, self.map_frame = tangent_plane(message), message.header.frame_id

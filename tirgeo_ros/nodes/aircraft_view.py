@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
-from tirgeo_ros.core.camera.projection_covariance import ellipse_95
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95, ellipse_95
 from tirgeo_ros.core.checks.navigation_checks import nearest_causes
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
@@ -24,12 +25,7 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.io.messages import (
-    TOPIC_TYPES,
-    answer_of,
-    body_pose,
-    finding_row,
-)
+from tirgeo_ros.io.messages import TOPIC_TYPES, answer_of, body_pose, finding_row
 from tirgeo_ros.nodes.aircraft_topics import (
     ODOMETRY,
     POSE,
@@ -39,7 +35,6 @@ from tirgeo_ros.nodes.aircraft_topics import (
     places_n,
 )
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
-from tirgeo_ros.nodes.target_markers import target_markers
 
 #: Silence (s) of what is needed, or time without a map, that ends GO; good time that restores it.
 _SILENT_S, _GOOD_S = 1.0, 2.0
@@ -51,8 +46,6 @@ _ANSWER_S = 1.6
 _STEP_S = 0.4
 Place = list[float]  # latitude, longitude (deg)
 
-_RATE_S = 2.0  # over which the video's rate is taken
-_PICTURES = 200
 #: A picture that was drawn with a predicted pose has none on its other side.
 _LAST_POSE_S = 0.2
 _SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))
@@ -62,6 +55,10 @@ _DIGITS = 8  # of degrees: a millimetre
 _NO_POSITION: Mapping[str, None] = dict.fromkeys(
     ("stamp_ns", "position", "heading_deg", "position_sigma_m", "speed_m_s", "above_ground_m")
 )
+_COLOUR = ColorRGBA(r=1.0, g=0.3, b=1.0, a=0.6)
+_TEXT_HEIGHT_M = 1.0
+_LEAST_AXIS_M = 2e-3  # RViz warns of a scale of zero
+_RADIUS = math.sqrt(CHI2_95)
 
 
 class Verdict(NamedTuple):
@@ -223,9 +220,7 @@ class AircraftView(AircraftTopics):
         show: Callable[[int, bytes], None],
         answered: Callable[[Answer], None],
     ) -> None:
-        self._pictures: deque[tuple[float, float]] = deque(maxlen=_PICTURES)  # time, latency; s
-        self._pass_on = show
-        super().__init__(node, aircraft, terrain, self._count)
+        super().__init__(node, aircraft, terrain, show)
         self._track, self._sent = list[Place](), list[Place]()
         self.listen("tirgeo/path", self._take_path, 1)
         now_s, take = time.monotonic, self.reports.take_findings
@@ -250,10 +245,6 @@ class AircraftView(AircraftTopics):
         if self._markers.get_subscription_count():
             self._markers.publish(target_markers(self.map_frame, self.plane, targets))
             self._marked, self._marked_s = marked, now_s
-
-    def _count(self, stamp: int, jpeg: bytes) -> None:
-        self._pictures.append((time.monotonic(), 1e-9 * (self._node.now_ns - stamp)))
-        self._pass_on(stamp, jpeg)
 
     def _take_path(self, message: Any) -> None:
         if self.plane is not None:
@@ -280,10 +271,8 @@ class AircraftView(AircraftTopics):
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
         state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
-        recent = [latency for then_s, latency in [*self._pictures] if now_s - then_s < _RATE_S]
-        state["video_hz"] = len(recent) / _RATE_S
-        state["latency_ms"] = round(1e3 * median(recent), 1) if recent else None
-        return state
+        video = self._node.monitor.topics().get(f"{self._prefix}{VIDEO}")
+        return state | {"video_hz": video.rate_hz if video else 0.0}
 
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
         heard, picture = self.reports.findings(now_s), self.reports.picture(now_s)
@@ -382,3 +371,37 @@ def pixel_of(sight: Sight, point_n: Array) -> tuple[float, float] | None:
     u, v = uv[0].tolist()
     inside = visible[0] and -0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5
     return (u, v) if inside else None
+
+
+def target_markers(map_frame: str, plane: TangentPlane, targets: Sequence[Target]) -> MarkerArray:
+    """Return the markers of all targets, placed in the map's plane.
+
+    The first one deletes all others. For each target there is an ellipsoid, whose shadow on the
+    ground is the ellipse of 95 %, and its label as text. Their stamp is zero: RViz takes the
+    newest transform for it.
+    """
+    header = Header(frame_id=map_frame)
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for number, target in enumerate(targets, 1):
+        own = {"header": header, "id": number, "text": target.label, "color": _COLOUR}
+        place = target.place
+        geodetic = place.latitude_rad, place.longitude_rad, place.height_m
+        north, east, down = plane.ned_from_geodetic(*geodetic).tolist()
+        lengths, turn = _ellipsoid(np.reshape(place.covariance_enu, (3, 3)))
+        pose = Pose(position=Point(x=east, y=north, z=-down), orientation=turn)
+        markers.append(Marker(ns="targets", type=Marker.SPHERE, pose=pose, scale=lengths, **own))
+        above = Pose(position=Point(x=east, y=north, z=_TEXT_HEIGHT_M - down))
+        size = Vector3(z=_TEXT_HEIGHT_M)
+        kind = Marker.TEXT_VIEW_FACING
+        markers.append(Marker(ns="labels", type=kind, pose=above, scale=size, **own))
+    return MarkerArray(markers=markers)
+
+
+def _ellipsoid(covariance: Array) -> tuple[Vector3, Quaternion]:
+    """Return the lengths of the axes, m, and the attitude, of a covariance's ellipsoid of 95 %."""
+    variances, axes = np.linalg.eigh(covariance)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))  # right-handed
+    lengths_m = 2 * _RADIUS * np.sqrt(np.maximum(variances, 0.0))
+    x, y, z = np.maximum(lengths_m, _LEAST_AXIS_M).tolist()
+    turn = dict(zip("wxyz", quat_from_matrix(axes).tolist(), strict=True))
+    return Vector3(x=x, y=y, z=z), Quaternion(**turn)

@@ -31,13 +31,7 @@ from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES, SensedSample, stamp_ns
 from tirgeo_ros.io.messages.sensor_messages import offered_qos
-from tirgeo_ros.nodes.graph_node import (
-    GraphNode,
-    latched,
-    message_class,
-    output,
-    topic_names,
-)
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output, topic_names
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.runner import run
 
@@ -53,13 +47,9 @@ _LEAD_S = 0.5
 #: Log text before the number of nanoseconds.
 SHIFTED = "live: stamps are later than the bag's by"
 Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
-#: Topics that the running graph publishes itself; the recorded ones would conflict with them.
-_OUTPUTS = (
-    *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose"),
-    *("tirgeo/footprint", "tirgeo/path", "tirgeo/state", "tirgeo/findings", "tf", "tf_static"),
-)
-_OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
-_INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
+#: What of tirgeo/ others publish: the graph publishes the rest itself, and would conflict.
+_OF_OTHERS = ("locate/pixel", "targets")
+_INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics", "tf", "tf_static")
 
 
 def publishers_for(
@@ -111,8 +101,8 @@ def _chosen(topics: Mapping[str, str], listed: str) -> list[str]:
 
 def _made_by_graph(name: str) -> bool:
     # A bag recorded in a namespace has the namespace as a prefix of each name.
-    own = name[name.find("tirgeo/") :] if "tirgeo/" in name else name
-    return own in _OUTPUTS or own.startswith(_OUTPUT_FOLDERS) or name in _INFRASTRUCTURE
+    _, ours, own = name.rpartition("tirgeo/")
+    return (bool(ours) and not own.startswith(_OF_OTHERS)) or name in _INFRASTRUCTURE
 
 
 def await_readers(

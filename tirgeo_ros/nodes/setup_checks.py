@@ -145,14 +145,14 @@ class SetupChecks:
 
     def _ask(self) -> None:
         at_start = self._at_start if self._node.monitor.heard() else ()
-        given = [*at_start, *(each for check in self._checks for each in check.findings())]
-        newest = {each.check: (each, 0) for each in given}
+        newest = [*at_start, *(each for check in self._checks for each in check.findings())]
+        recent = {each.check: (each, 0) for each in newest}
         absent = {
             name: (each, reports + 1)
             for name, (each, reports) in self._recent.items()
-            if name not in newest and reports < _HELD
+            if name not in recent and reports < _HELD
         }
-        self._recent = absent | newest
+        self._recent = absent | recent
 
 
 class InputChecks:

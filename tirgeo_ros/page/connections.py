@@ -14,8 +14,7 @@ from typing import Any
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
-from tirgeo_ros.page.access import OPERATOR, VIEWER, Allowance
-
+OPERATOR, VIEWER = "operator", "viewer"
 #: Most connections by role, None: strangers'; and most of one owner: a session, or a stranger's
 #: address, which tablets behind one router share.
 MOST_OF_ADDRESS = 100
@@ -29,6 +28,23 @@ _ACCEPTED_AT_ONCE = 1  # many that come at once must not hold up the video
 #: A frame's header with a mask, up to the mask.
 _MASKED = re.compile(rb".(?:[\x80-\xfd]|\xfe..|\xff.{8})", re.DOTALL)
 _LOG = logging.getLogger("tirgeo.page.http")
+
+
+class Allowance:
+    """Allow ``rate`` units a second, and ``burst`` at once."""
+
+    def __init__(self, rate: float, burst: float) -> None:
+        self._rate, self._burst = rate, burst
+        self._left, self._then_s = burst, 0.0
+
+    def take(self, now_s: float, amount: float = 1.0) -> bool:
+        """Return whether ``amount`` is allowed; if so it is taken."""
+        grown = self._left + (now_s - self._then_s) * self._rate
+        self._left, self._then_s = min(self._burst, grown), now_s
+        if self._left < amount:
+            return False
+        self._left -= amount
+        return True
 
 
 def http_runner(app: web.Application) -> web.AppRunner:

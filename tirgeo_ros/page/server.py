@@ -17,12 +17,10 @@ from aiohttp import web
 
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
-from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
+from tirgeo_ros.page.access import Access, Guard, mark
 from tirgeo_ros.page.actions import Actions, Backend, Sent, changed_targets
-from tirgeo_ros.page.connections import Listener, http_runner, listening_socket
-from tirgeo_ros.page.content import Tiles, read_static
-from tirgeo_ros.page.guard import Guard, mark
-from tirgeo_ros.page.routes import Routes
+from tirgeo_ros.page.connections import OPERATOR, VIEWER, Listener, http_runner, listening_socket
+from tirgeo_ros.page.routes import Routes, Tiles, read_static
 from tirgeo_ros.page.state_hub import plain
 from tirgeo_ros.page.video import VideoFeed
 

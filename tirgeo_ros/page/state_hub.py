@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from aiohttp import WSMsgType, web
 
-from tirgeo_ros.page.access import OPERATOR, Allowance
 from tirgeo_ros.page.actions import FOR_VIEWERS, Actions, RequestError, read_request
+from tirgeo_ros.page.connections import OPERATOR, Allowance
 
 _REQUESTS_A_S, _REQUESTS_AT_ONCE = 50.0, 100.0  # a page that was offline sends what it kept
 _PAUSE_S = 0.1  # after a refusal nothing is read: a flood stays in its own network

@@ -20,7 +20,7 @@ import numpy as np
 from aiohttp import WSMsgType, web
 
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, size_of
-from tirgeo_ros.page.access import Allowance
+from tirgeo_ros.page.connections import Allowance
 
 
 class Level(NamedTuple):

@@ -32,92 +32,62 @@ from tirgeo_ros.core.types.errors import CalibrationError
 SEED = 90
 
 
-def bad_boards(camera, board, look=None, seed=SEED):
-    """Name to picture."""
-    look = look or BoardLook()
-    return dict(_drawn(camera, board, look, seed)) | dict(_spoilt(camera, board, look, seed))
-
-
-def _place(camera, board, u, v, depth, turn=None):
-    """A pose with the board's middle at a pixel."""
-    turn = np.eye(3) if turn is None else turn
-    middle = camera.rays(np.array([[u, v]]))[0] * depth
-    return turn, middle - turn @ board.points_m.mean(0)
-
-
-def _usual(camera, board):
-    """Depth at which the board fills six tenths of the picture."""
-    return max(board.columns, board.rows) * board.square_m * camera.fx / (0.6 * camera.width)
-
-
-def _drawn(camera, board, look, seed):
-    """Pictures of boards that are wrong as they stand there."""
-    draw = BoardRenderer(camera, board)
-    rng = np.random.default_rng(seed)
-    far = _usual(camera, board)
-    w, h = camera.width, camera.height
-
-    def view(pose, look=look, renderer=draw):
-        return renderer.view(*pose, look, rng).image
-
-    yield "half out to the left", view(_place(camera, board, 40, h / 2, far))
-    yield "half out at the bottom", view(_place(camera, board, w / 2, h - 30, far))
-    yield "a quarter in", view(_place(camera, board, w - 60, 60, far))
-    for name, extra in (("smaller board", -1), ("larger board", 1)):
-        other = Checkerboard(board.columns + extra, board.rows + extra, board.square_m)
-        pose = _place(camera, other, w / 2, h / 2, far)
-        yield name, view(pose, renderer=BoardRenderer(camera, other))
-    middle = _place(camera, board, w / 2, h / 2, far, rotation_x(0.3))
-    yield "moved sideways", view(middle, replace(look, motion_px=(22.0, 0.0)))
-    yield "moved askew", view(middle, replace(look, motion_px=(15.0, 15.0)))
-    yield "out of focus", view(middle, replace(look, blur_px=7.0))
-    yield "no contrast", view(middle, replace(look, foil=look.board, unevenness=0.0))
-    yield "drowned in noise", view(middle, replace(look, noise=60.0))
-    yield "far away", view(_place(camera, board, w / 2, h / 2, 8 * far))
-    steep = rotation_y(math.radians(77)) @ rotation_z(0.1)
-    yield "from the side", view(_place(camera, board, w / 2, h / 2, 0.8 * far, steep))
-    yield "overexposed", view(middle, replace(look, board=420.0, foil=395.0, wall=400.0))
-
-
-def _spoilt(camera, board, look, seed):
-    """Good pictures with something over them, and pictures of other things."""
-    draw = BoardRenderer(camera, board)
-    rng = np.random.default_rng(seed + 1)
-    far = _usual(camera, board)
-    w, h = camera.width, camera.height
-    turn = rotation_y(0.3) @ rotation_z(0.1)
-    good = draw.view(*_place(camera, board, w / 2, h / 2, far, turn), look, rng)
-    other = draw.view(*_place(camera, board, w / 2 + 14, h / 2 + 9, far, turn), look, rng)
-    level = float(good.image.mean()) * 1.4
-    hand = good.image.copy()
-    at = good.corners_px[board.count // 2 + 1]
-    cv2.ellipse(hand, (at.astype(int).tolist(), (90, 60), 30), level, -1)
-    yield "behind a hand", hand
-    finger = good.image.copy()
-    at = good.corners_px[0].astype(int)
-    cv2.circle(finger, at.tolist(), 14, level, -1)
-    yield "a finger on one corner", finger
-    yield "two pictures in one", cv2.addWeighted(good.image, 0.5, other.image, 0.5, 0)
-    torn = good.image.copy()
-    row = int(good.corners_px[:, 1].mean())
-    torn[row:] = np.roll(torn[row:], 6, axis=1)
-    yield "torn", torn
-    wall = np.clip(rng.normal(105, 2, (h, w)), 0, 255).astype(np.uint8)
-    text = wall.copy()
-    for line in range(12):
-        place = 20, 40 + 40 * line
-        cv2.putText(text, "TEMPERATURE 21.5 GAIN HIGH", place, 0, 1.2, 140, 3)
-    yield "text", text
-    facade = wall.copy()
-    for x in range(20, w - 30, 45):
-        for y in range(20, h - 30, 45):
-            facade[y : y + 22, x : x + 22] = 135
-    yield "windows of a house", facade
-    yield "empty wall", wall
-
-
 BOARD = Checkerboard(9, 6, 0.1)
 LOOK = BoardLook()
+W, H = XT2.width, XT2.height
+FAR = BOARD.columns * BOARD.square_m * XT2.fx / (0.6 * W)  # the board fills six tenths
+
+
+def placed(u, v, depth, turn=None, board=BOARD):
+    """A pose with the board's middle at a pixel."""
+    turn = np.eye(3) if turn is None else turn
+    return turn, XT2.rays(np.array([[u, v]]))[0] * depth - turn @ board.points_m.mean(0)
+
+
+def drawn():
+    """Pictures of boards that are wrong as they stand there, by name."""
+    rng = np.random.default_rng(SEED)
+    middle = placed(W / 2, H / 2, FAR, rotation_x(0.3))
+    steep = rotation_y(math.radians(77)) @ rotation_z(0.1)
+    larger = Checkerboard(10, 7, 0.1)
+    scenes = {
+        "half out to the left": (placed(40, H / 2, FAR), LOOK),
+        "a quarter in": (placed(W - 60, 60, FAR), LOOK),
+        "moved askew": (middle, replace(LOOK, motion_px=(15.0, 15.0))),
+        "out of focus": (middle, replace(LOOK, blur_px=7.0)),
+        "no contrast": (middle, replace(LOOK, foil=LOOK.board, unevenness=0.0)),
+        "drowned in noise": (middle, replace(LOOK, noise=60.0)),
+        "far away": (placed(W / 2, H / 2, 8 * FAR), LOOK),
+        "from the side": (placed(W / 2, H / 2, 0.8 * FAR, steep), LOOK),
+        "overexposed": (middle, replace(LOOK, board=420.0, foil=395.0, wall=400.0)),
+    }
+    images = {
+        name: renderer().view(*pose, look, rng).image for name, (pose, look) in scenes.items()
+    }
+    pose = placed(W / 2, H / 2, FAR, board=larger)
+    return images | {"larger board": BoardRenderer(XT2, larger).view(*pose, LOOK, rng).image}
+
+
+def spoilt():
+    """Good pictures with something over them, and pictures of other things, by name."""
+    rng = np.random.default_rng(SEED + 1)
+    turn = rotation_y(0.3) @ rotation_z(0.1)
+    good = renderer().view(*placed(W / 2, H / 2, FAR, turn), LOOK, rng)
+    other = renderer().view(*placed(W / 2 + 14, H / 2 + 9, FAR, turn), LOOK, rng)
+    finger, torn = good.image.copy(), good.image.copy()
+    cv2.circle(finger, good.corners_px[0].astype(int).tolist(), 14, good.image.mean() * 1.4, -1)
+    row = int(good.corners_px[:, 1].mean())
+    torn[row:] = np.roll(torn[row:], 6, axis=1)
+    facade = np.clip(rng.normal(105, 2, (H, W)), 0, 255).astype(np.uint8)
+    for x in range(20, W - 30, 45):
+        for y in range(20, H - 30, 45):
+            facade[y : y + 22, x : x + 22] = 135
+    return {
+        "a finger on one corner": finger,
+        "two pictures in one": cv2.addWeighted(good.image, 0.5, other.image, 0.5, 0),
+        "torn": torn,
+        "windows of a house": facade,
+    }
 
 
 def off_px(found, truth):
@@ -192,9 +162,8 @@ EXPECTED = {
 
 
 @pytest.mark.slow
-def test_none_of_twenty_bad_pictures_is_taken_and_reasons_are_right():
-    found = {name: find_board(image, BOARD) for name, image in bad_boards(XT2, BOARD).items()}
-    assert len(found) == 20
+def test_no_bad_picture_is_taken_and_reasons_are_right():
+    found = {name: find_board(image, BOARD) for name, image in (drawn() | spoilt()).items()}
     assert [name for name, one in found.items() if not isinstance(one, Refused)] == []
     assert {name: found[name].reason for name in EXPECTED} == EXPECTED
 
@@ -248,17 +217,7 @@ def fitted(seen, off_px=0.7, seed=2):
     return fit_corners(seen.image.astype(np.float32), begun, steps_of(begun, BOARD))
 
 
-SHARPNESS = {
-    "plain": LOOK,
-    "inverted": replace(LOOK, board=LOOK.foil, foil=LOOK.board),
-    "blurred": replace(LOOK, blur_px=1.8),
-    "uneven foil": replace(LOOK, unevenness=6.0),
-    "noisy": replace(LOOK, noise=4.0),
-    "16 bit": replace(LOOK, bits=16),
-}
-
-
-@pytest.mark.parametrize("look", SHARPNESS.values(), ids=SHARPNESS)
+@pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
 def test_errors_are_those_that_the_fit_tells(look):
     seen = view(look)
     fit = fitted(seen)
@@ -288,12 +247,3 @@ def test_the_blur_is_found(blur_px):
     fit = fitted(view(replace(LOOK, blur_px=blur_px, noise=0.5)))
     expected = np.hypot(blur_px, 1 / np.sqrt(12))  # the optics' and the pixel's own width
     assert np.median(fit.blur_px) == pytest.approx(expected, rel=0.1)
-
-
-def test_what_is_beside_the_picture_is_nan():
-    image = np.zeros((40, 40), np.float32)
-    uv = np.array([[1.0, 20.0], [20.0, 20.0], [39.0, 38.0]])
-    steps = np.tile(np.array([[[20.0, 0.0], [0.0, 20.0]]]), (3, 1, 1))
-    fit = fit_corners(image, uv, steps)
-    assert np.isnan(fit.uv[[0, 2]]).all()
-    assert np.isnan(fit.contrast[[0, 2]]).all()

@@ -147,19 +147,6 @@ def test_a_flight_without_turns_or_tilts_says_nothing():
     assert (found.lever_sigma_b > 5).all()  # what is believed before: 10 m
 
 
-def test_the_imus_own_axes_are_taken_off(flown, arrived):
-    """An IMU turned by 90 deg to the right, and a parameter that says so."""
-    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    move = changed(
-        "imu/data", specific_force_b=lambda f: turn @ f, angular_rate_b=lambda w: turn @ w
-    )
-    config = fitting_config(flown)
-    aircraft = replace(config.aircraft, imu_rpy_deg=(0.0, 0.0, -90.0))
-    assert checked(arrived, replace(config, aircraft=aircraft), move) == []
-    wrong = [one.check for one in checked(arrived, config, move)]
-    assert "gyro_axes" in wrong
-
-
 IMU_RPY = "ekf_node aircraft.imu_rpy_deg"
 #: The autopilot's own tilt error, 0.3 deg rms on each axis over a flight, and its noise.
 OFF_DEG = 0.8

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from checked_flights import Arrived, changed, checked, lost, recorded, simulated
+from checked_flights import Arrived, changed, checked, lost, recorded
 
-from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
@@ -19,8 +18,6 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat, wrapped
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.simulate.flight import fly
-from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 NOTE, CAUTION, STOP = Severity
 RTK = "rtk/fix rtk/vel rtk/heading"
@@ -337,23 +334,6 @@ def test_numbers_that_are_none_do_no_harm(flight, config):
         return arrived
 
     assert checked(flight[:2000], config, change) == []
-
-
-FAST = {"speed_m_s": 10.0, "acceleration_m_s2": 4.0, "leg_length_m": 120.0, "turn_radius_m": 12.0}
-CLEAN = {
-    "fast": ({f"route.{name}": value for name, value in FAST.items()}, 5),
-    "windy": ({"wind.mean_m_s": (6.0, -5.0), "wind.gust_m_s": 3.0}, 6),
-    "400 Hz": ({"imu.rate_hz": 400.0}, 7),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.long  # the planted faults' judge flies four others
-@pytest.mark.parametrize("name", CLEAN)
-def test_simulated_flights_are_clean(name):
-    values, seed = CLEAN[name]
-    flown = fly(scenario_from(values), seed)
-    assert checked(simulated(flown), fitting_config(flown), given=()) == []
 
 
 @pytest.mark.parametrize(("counts_s", "severity"), [(math.inf, CAUTION), (60.0, NOTE)])

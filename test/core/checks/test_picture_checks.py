@@ -74,22 +74,13 @@ def told_latency(findings):
     return float(told_s), float(sigma_s.rstrip("),"))
 
 
-@pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25, 0.45, 0.55])
+@pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25, 0.45, 0.55, -0.35, -0.9])
 def test_a_wrong_latency_is_told_with_the_right_one(flight, latency_s):
     overlay = replace(flight.configs.overlay, video_latency_s=latency_s)
     findings = picture_findings(flight, overlay=overlay)
     assert len(findings) == 1
     told_s, _ = told_latency(findings)
     assert abs(told_s - 0.05) < 0.012  # four of the 3 ms that the fit has at random
-
-
-@pytest.mark.parametrize("late_s", [0.4, 0.5, 0.95])
-def test_pictures_that_are_late_by_up_to_a_second_are_told(flight, late_s):
-    """In turns such a map is wrong by tens of its ellipses."""
-    findings = picture_findings(later(flight, late_s))
-    told_s, _ = told_latency(findings)
-    assert abs(told_s - 0.05 - late_s) < 0.012
-    assert max(findings, key=lambda one: one.severity).severity is Severity.STOP
 
 
 @pytest.mark.parametrize("late_s", [1.3, 2.0, -0.8])
@@ -265,16 +256,6 @@ def test_a_latency_that_nobody_gave_is_a_note(flight):
     assert finding.severity is Severity.NOTE
 
 
-@pytest.mark.slow
-def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
-    nowhere = replace(flight.configs.overlay, ground_height_m=math.nan)
-    assert picture_findings(flight, overlay=nowhere) == []
-    [finding] = picture_findings(flight, overlay=replace(nowhere, video_latency_s=0.25))
-    assert finding.check == "video_latency"
-    [finding] = picture_findings(flight, overlay=nowhere, lens=longer(1.3))
-    assert finding.check == "focal_length"
-
-
 STEP_NS = 111_000_000
 
 
@@ -337,13 +318,12 @@ def checked(stamp=lambda k: START_NS + k * PERIOD_NS):
     return [(finding.check, finding.severity) for finding in stamps.findings()]
 
 
-def test_good_stamps_say_nothing():
-    assert checked() == []
-
-
 @pytest.mark.parametrize(
     ("stamp", "checks"),
     [
+        (lambda k: START_NS + k * PERIOD_NS, []),
+        # Of a busy computer, a few come late.
+        (lambda k: START_NS + (k - 15 * (k < 30)) * PERIOD_NS, []),
         (lambda k: 0 * k, ["picture_stamps_zero"]),
         (lambda k: START_NS + (k + 5) * PERIOD_NS, ["picture_stamps_ahead"]),
         (lambda k: START_NS + (k - 15) * PERIOD_NS, ["picture_stamps_late"]),
@@ -355,14 +335,6 @@ def test_bad_stamps_are_told(stamp, checks):
     assert [check for check, _ in checked(stamp)] == checks
 
 
-def test_poses_that_end_are_no_matter_of_the_pictures():
-    stamps = FrameStamps()
-    stamps.pose(START_NS)
-    for k in range(100):
-        stamps.frame(START_NS + k * PERIOD_NS, START_NS + k * PERIOD_NS)
-    assert stamps.findings() == []
-
-
 def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():
     """As where a bag is played and the first /clock is late: 3 of 10 would."""
     stamps = FrameStamps()
@@ -370,7 +342,3 @@ def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():
         stamp_ns = START_NS + k * PERIOD_NS
         stamps.frame(stamp_ns, stamp_ns if k >= 30 else 0)
     assert stamps.findings() == []
-
-
-def test_pictures_that_wait_for_a_busy_computer_are_no_fault_of_the_clock():
-    assert checked(lambda k: START_NS + (k - 15 * (k < 30)) * PERIOD_NS) == []

@@ -10,17 +10,20 @@ import numpy as np
 import pytest
 
 from dev.flights import SoakFlight
-from dev.soak.__main__ import frame_figures, growth, memory_figures, pose_figures
-from dev.soak.account import (
+from dev.soak.__main__ import (
     FATES,
     Balance,
+    FrameReport,
     Ledger,
     Picture,
     Record,
-    Report,
     balance,
     deviations,
+    frame_figures,
+    growth,
     lines_without_pose,
+    memory_figures,
+    pose_figures,
     poses_of,
     read_ledger,
     read_record,
@@ -88,7 +91,7 @@ def test_what_was_written_is_read_again(tmp_path):
     assert read.poses.stamps_ns == [1000000003]
     assert read.poses.q_nc.tolist() == [[3, 4, 5, 6]]
     assert read.pictures[0].line_pixels == 88
-    assert read.reports == [Report(2.0, 1000000003, 2, {"drawn": 1})]
+    assert read.reports == [FrameReport(2.0, 1000000003, 2, {"drawn": 1})]
 
 
 def test_a_pose_beyond_four_sigma_and_a_long_silence_are_missed():
@@ -189,7 +192,7 @@ def ledger(player_from=100):
 
 def report(came_s, place, sent, waiting=0, refused=0, player_from=100, **fates):
     counts = dict.fromkeys(FATES, 0) | {"frames_sent": sent, "waiting": waiting} | fates
-    return Report(came_s, ledger(player_from).stamps_ns[place], refused, counts)
+    return FrameReport(came_s, ledger(player_from).stamps_ns[place], refused, counts)
 
 
 @pytest.mark.parametrize(

@@ -291,26 +291,13 @@ quaternions = st.tuples(numbers, numbers, numbers, numbers) | st.just((1.0, 0.0,
 stamps = st.integers(0, 2**31 * 10**9 - 1) | st.integers(10**18, 10**18 + 10**9)
 small = st.none() | st.integers(-(2**31), 2**31)
 places = st.none() | st.builds(GeodeticPlace, numbers, numbers, numbers)
+maybe_number, maybe_vector = st.none() | numbers, st.none() | vectors
+origins, units = st.sampled_from(ImuOrigin), st.sampled_from(AccelerationUnit)
 readings = st.one_of(
-    st.builds(
-        ImuReading,
-        stamps,
-        st.sampled_from(ImuOrigin),
-        vectors,
-        st.sampled_from(AccelerationUnit),
-        vectors,
-        st.none() | quaternions,
-    ),
+    st.builds(ImuReading, stamps, origins, vectors, units, vectors, st.none() | quaternions),
     st.builds(AttitudeReading, stamps, quaternions),
-    st.builds(
-        GpsReading,
-        stamps,
-        places,
-        st.none() | vectors,
-        small,
-        *[st.none() | numbers] * 3,
-    ),
-    st.builds(RtkReading, stamps, places, small, st.none() | vectors, small, small),
+    st.builds(GpsReading, stamps, places, maybe_vector, small, *[maybe_number] * 3),
+    st.builds(RtkReading, stamps, places, small, maybe_vector, small, small),
     st.builds(GimbalReading, stamps, numbers, numbers, numbers),
 )
 

@@ -10,20 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.protocol.broadcast import (
-    Layout,
-    broadcast_length,
-    decode_broadcast,
-    encode_broadcast,
-)
-from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import (
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import (
     Battery,
     GimbalAngles,
     GpsFused,
+    Layout,
     Position,
     Status,
     Time,
     Velocity,
+    broadcast_length,
+    decode_broadcast,
+    encode_broadcast,
 )
 from tirgeo_ros.dji.protocol.subscription import (
     TOPICS,

@@ -10,9 +10,8 @@ import pytest
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch
-from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
-from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, encode_broadcast
-from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Time
+from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Layout, Time, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,
@@ -90,16 +89,9 @@ def test_broadcast_of_an_imu_sample(telemetry):
         acceleration_as_packed=ACCELERATION,
         angular_rate_radps=RATE,
     )
-    assert read(telemetry, said) == [
-        ImuReading(
-            1_234_000_000,
-            ImuOrigin.BROADCAST,
-            ACCELERATION,
-            AccelerationUnit.UNKNOWN,
-            RATE,
-            Q,
-        )
-    ]
+    origin, unit = ImuOrigin.BROADCAST, AccelerationUnit.UNKNOWN
+    expected = ImuReading(1_234_000_000, origin, ACCELERATION, unit, RATE, Q)
+    assert read(telemetry, said) == [expected]
 
 
 def test_a_broadcast_without_time_is_stamped_at_arrival_and_counted(telemetry):
@@ -134,16 +126,9 @@ def test_broadcast_of_satellites_and_gimbal(telemetry, layout):
 
 def test_hard_sync_is_timed_by_its_ticks(telemetry, clocks):
     tick = parts.HardSync(400, 12_345, 0, 0, 0, Q, ACCELERATION, RATE)
-    assert push(telemetry, 3, HARD_SYNC=tick) == [
-        ImuReading(
-            400 * 2_500_000 + 12_345,
-            ImuOrigin.HARD_SYNC,
-            ACCELERATION,
-            AccelerationUnit.G,
-            RATE,
-            Q,
-        )
-    ]
+    stamp_ns, origin = 400 * 2_500_000 + 12_345, ImuOrigin.HARD_SYNC
+    expected = ImuReading(stamp_ns, origin, ACCELERATION, AccelerationUnit.G, RATE, Q)
+    assert push(telemetry, 3, HARD_SYNC=tick) == [expected]
     assert clocks.hard_sync.arrivals == [ARRIVAL_NS]
     assert clocks.subscription.arrivals == [ARRIVAL_NS]
 

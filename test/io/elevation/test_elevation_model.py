@@ -256,22 +256,6 @@ def test_tiles_that_do_not_fit_are_named(rasterio, write, tiles_of):
         load_terrain(" , ")
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_tiles_that_meet_at_the_antimeridian(rasterio, write, turned):
-    step = 1e-3
-    paths = []
-    for west, low in ((180 - 20 * step, 0.0), (-180.0, 20.0)):
-        transform = rasterio.transform.from_origin(west, 40.0, step, step)
-        values = np.add.outer(np.zeros(9), low + np.arange(20.0)).astype(np.float32)
-        paths.append(write(f"{low}.tif", values, transform, "EPSG:4326"))
-    terrain = load_terrain(",".join(map(str, paths[::-1] if turned else paths)))
-    assert terrain.heights_m.shape == (9, 40)
-    latitude = math.radians(40 - 4 * step)
-    for longitude in (180.0, -180.0):
-        height_m = terrain.height_m(latitude, math.radians(longitude))
-        assert height_m == pytest.approx(19.5, abs=1e-4)
-
-
 MANY_PIXELS = """<VRTDataset rasterXSize="30000" rasterYSize="30000"><SRS>EPSG:32650</SRS>
 <GeoTransform>500000,1,0,3300000,0,-1</GeoTransform><VRTRasterBand dataType="Float32" band="1">
 <SimpleSource><SourceFilename relativeToVRT="1">one.tif</SourceFilename><SourceBand>1</SourceBand>

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from datetime import date, datetime, timezone
 
 import numpy as np
 import pandas as pd
@@ -83,6 +84,10 @@ def test_vectornav_receiver_whose_heading_is_not_of_its_antennas(shared):
 
 
 def test_a_week_that_counts_to_1023_is_refused(shared, tmp_path):
+    imu = by_topic(read_real(shared, "ins/vn310_imu_16s.csv", "vectornav_imu")[1])["imu/data"]
+    assert [datetime.fromtimestamp(s // 10**9, timezone.utc).date() for s in stamps(imu)[:1]] == [
+        date(2024, 2, 29)
+    ]
     text = (COLUMNS / "vectornav_imu.yaml").read_text().replace("Time::GpsWeek", "GpsWeek")
     (tmp_path / "columns.yaml").write_text(text)
     path = shared / "foreign_logs" / "ins" / "vn310_imu_16s.csv"

@@ -26,7 +26,6 @@ from tirgeo_ros.io.logs.log_contents import (
     LogContents,
     say_receiver,
     utc_ns,
-    utc_ns_of_week,
     written_time,
     zone_offset_s,
 )
@@ -84,11 +83,6 @@ def test_the_change_is_at_the_leap_second_itself():
     assert utc_ns(midnight + 18 * SECOND_NS) == midnight
     assert utc_ns(midnight + 18 * SECOND_NS - 1) == midnight + SECOND_NS - 1
     assert utc_ns(midnight + 17 * SECOND_NS - 1) == midnight - 1
-
-
-def test_weeks_count_on_and_have_the_leap_seconds():
-    """Of a DataFlash log: week 1973, 6448 s of it, is 2017-10-29 01:47:10 UTC."""
-    assert utc_ns_of_week(1973, 6448 * SECOND_NS) == unix_ns(2017, 10, 29, 1, 47, 10)
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 
 import cv2
 import numpy as np
 import pytest
-from free_addresses import free_udp_address
 from klv_reader import Demuxed, demuxed, values_in
-from project import wait_until
+from project import free_port, wait_until
 
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import VideoError
@@ -74,7 +74,7 @@ def sent(stream, count):
 
 @pytest.mark.parametrize("form", ["pixels", "jpeg"])
 def test_another_program_receives_each_packet_with_its_frame(opened, form):
-    address = free_udp_address()
+    address = f"udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
     got: list[Demuxed] = []
     reader = threading.Thread(target=lambda: got.append(demuxed(address, most=20)), daemon=True)
     reader.start()

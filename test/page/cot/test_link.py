@@ -7,8 +7,7 @@ import math
 import time
 
 from cot_objects import flying, sharing, target
-from free_addresses import free_port
-from project import wait_until
+from project import free_port, wait_until
 from tak_server import Member
 
 from tirgeo_ros.core.types.texts import utc

@@ -191,19 +191,17 @@ def test_the_verbs_know_the_names():
     assert tuple(HOLDS) == aircraft._NAMES
 
 
-def test_the_verb_prints_a_table_or_json_and_draws(flown, capsys):
+def test_the_verb_prints_a_table_or_json(flown, capsys):
     folder, source = flown.folder, flown.source
     args = ["calibrate", "boresight", source / "flight.mcap"]
     args += ["--survey", source / "survey.geojson"]
     args += ["--observations", source / "observations.csv", "-o", folder / "v.yaml"]
     args += ["--params", source / "params.yaml", "--params", folder / "now.yaml"]
     args += ["--hold", "gimbal_north"]
-    pytest.importorskip("matplotlib")
-    assert main([*map(str, args), "--plot", str(folder / "v.png")]) == 0
+    assert main([*map(str, args)]) == 0
     out = capsys.readouterr().out
     assert "parameter" in out
     assert "each point by the others alone" in out
-    assert (folder / "v.png").read_bytes().startswith(b"\x89PNG")
     assert main([*map(str, args), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["parameters"]["yaw"]["unit"] == "deg"
@@ -243,19 +241,6 @@ def test_by_the_reported_attitude(tmp_path):
         assert name == "latency" or sigma < 0.3
     assert result["parameters"]["pitch"]["sigma"] > 0.1
     assert result["ground_rmse_m"]["after"] < 0.5 * result["ground_rmse_m"]["before"]
-
-
-@pytest.mark.long
-def test_two_tilts_tell_an_encoders_zero(tmp_path):
-    tilts = {"gimbal.pitch_step_deg": -25.0, "gimbal.pitch_step_s": 60.0}
-    flown = planted(tmp_path, 3, "{composition: encoders, yaw_zero_deg: 2.0}\n", **tilts)
-    found = flown.errors(flown.calibrate(click_sigma_px=0.5))
-    error, sigma = found.pop("gimbal_north")  # the simulated encoder has no error: 0 is the truth
-    assert abs(error) <= 4 * sigma
-    assert sigma < 0.3
-    assert all(abs(e) <= 4 * s for e, s in found.values())
-    tree = yaml.safe_load((flown.folder / "found.yaml").read_text())
-    assert "yaw_zero_deg" in tree["/**/gimbal_node"]["ros__parameters"]
 
 
 @pytest.mark.long

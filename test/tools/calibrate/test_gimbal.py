@@ -8,7 +8,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from picture_bags import picture_bag
+from process_bags import picture_bag
 from recorded_bags import segments_of
 
 from dev.checkerboards import BoardLook, BoardRenderer, gimbal_pose

@@ -12,7 +12,7 @@ from imu_noise import FLIGHT_DENSITY as DENSITY
 from imu_noise import FLIGHT_HZ as RATE_HZ
 from imu_noise import START_NS, flown, imu_bag, white
 
-from dev.real_flights import FlightRun, hidden_fixes, samples_of
+from dev.real_flights import fly_bag, hidden_fixes, samples_of
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, ConfigError
@@ -165,14 +165,6 @@ def test_stamps_beyond_use_are_refused(tmp_path):
         calibrate_imu(tmp_path / "a.mcap", namespace="uav1")
 
 
-def test_the_sample_flight_is_as_configured(sample):
-    """A simulated flight without vibration: nothing is written but what was configured."""
-    result = calibrate_imu(sample / "flight.mcap")
-    np.testing.assert_allclose(column(result, "density"), DEFAULTS, rtol=0.1)
-    assert column(result, "written") == DEFAULTS.tolist()
-    assert column(result, "lines") == [[]] * 6
-
-
 P4 = [f"p4rtk_horizontal_{n}.mcap" for n in ("03", "06", "09", "15", "18", "24")]
 
 
@@ -205,7 +197,7 @@ def test_what_is_written_makes_no_flight_worse(name, shared, tmp_path):
     method = config_from(EkfConfig, {"method": "ekf"})
     written = ParameterFile(tmp_path / "imu.yaml").config("ekf_node", EkfConfig).imu
     configs = (method, replace(method, imu=written))
-    before, after = (FlightRun(config, samples).flown() for config in configs)
+    before, after = (fly_bag(config, samples) for config in configs)
     # The share of fixes used may change by two fixes, the error after 5 s without them by a tenth.
     assert after.used >= before.used - 2
     cuts = [[misses[-1] for misses in hidden_fixes(one, samples)] for one in configs]

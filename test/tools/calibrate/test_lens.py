@@ -7,7 +7,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from picture_bags import picture_bag
+from process_bags import picture_bag
 
 from dev.checkerboards import BoardLook, board_views
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard

@@ -11,8 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.dji.link.framing import encode_frame
-from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
-from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Rtk, Velocity
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import (
+    Broadcast,
+    Rtk,
+    Velocity,
+    encode_broadcast,
+)
 from tirgeo_ros.dji.protocol.subscription import Package, Push, encode_push
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.convert.dump import CaptureDump

@@ -1,4 +1,4 @@
-"""Logs of autopilots to poses: the sample flight as PX4 and ArduPilot would have logged it."""
+"""Logs of autopilots to poses: the sample flight as PX4 would have logged it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from autopilot_logs import MAGIC, DataflashFile, UlogFile
+from autopilot_logs import MAGIC, UlogFile
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.core.types.measurements import FixStatus, Source
@@ -18,9 +18,7 @@ from tirgeo_ros.tools.cli.main import main
 CDR = Cdr()
 SECONDS = 8.0
 UNDULATION_M = 9.0
-#: Microseconds since boot at the flight's beginning, and GPS time less UTC.
-BOOT_US, LEAP_US = 30_000_000, 18_000_000
-GPS_EPOCH_US, WEEK_US = 315_964_800_000_000, 604_800_000_000
+BOOT_US = 30_000_000  # since boot at the flight's beginning
 #: MAVLink's fix types.
 FIXES = {FixStatus.FIXED: 6, FixStatus.FLOAT: 5, FixStatus.SINGLE: 3}
 RECEIVER = (
@@ -29,7 +27,7 @@ RECEIVER = (
     "float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;float heading;float heading_offset;"
     "float heading_accuracy;uint8_t fix_type;bool vel_ned_valid"
 )
-#: Largest rounding of DataFlash's positions: half of 1e-7 deg is 0.56 cm, half of 1 cm in height.
+#: Half of 1e-7 deg.
 ROUNDING_M = 0.0056
 
 
@@ -91,34 +89,6 @@ def ulog(flown, path):
     return log.write(path)
 
 
-def dataflash(flown, path):
-    log = DataflashFile()
-    log.message("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    log.message("ATT", "QfffB", "TimeUS,Roll,Pitch,Yaw,AEKF")
-    log.message("GPS", "QBBIHLLeffffB", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U")
-    log.message("GPA", "QBffff", "TimeUS,I,HAcc,VAcc,SAcc,YAcc")
-    for stamp_ns, imu in flown[Source.IMU].items():
-        at_us = boot_us(flown, stamp_ns)
-        log.add("IMU", at_us, 0, *imu.angular_rate_b, *imu.specific_force_b)
-        log.add("ATT", at_us, *np.degrees(euler_from_quat(imu.autopilot_q_nb)), 0)
-    for stamp_ns, position, velocity, heading in epochs(flown):
-        at_us, gps_us = boot_us(flown, stamp_ns), stamp_ns // 1000 + LEAP_US - GPS_EPOCH_US
-        north, east, down = velocity.velocity_n
-        log.add(
-            "GPS",
-            *(at_us, 0, FIXES[position.status], gps_us % WEEK_US // 1000, gps_us // WEEK_US),
-            *(math.degrees(position.latitude_rad), math.degrees(position.longitude_rad)),
-            *(position.height_m - UNDULATION_M, math.hypot(north, east)),
-            *(math.degrees(math.atan2(east, north)), down),
-            *(0.0 if heading is None else math.degrees(heading.heading_rad), 1),
-        )
-        sigma_m = np.sqrt(position.covariance_n.diagonal())
-        yaw = 0.0 if heading is None else math.degrees(math.sqrt(heading.variance_rad2))
-        speed = math.sqrt(velocity.covariance_n[0, 0])
-        log.add("GPA", at_us, 0, sigma_m[0], sigma_m[2], speed, yaw)
-    return log.write(path)
-
-
 @pytest.fixture(scope="module")
 def recorded(flown, sample, tmp_path_factory):
     """The poses of the same samples without a log between, by their stamps."""
@@ -139,12 +109,10 @@ def processed(bag, sample, folder):
     return {pose.stamp_ns: pose for pose in found}
 
 
-@pytest.mark.parametrize("write", [ulog, pytest.param(dataflash, marks=pytest.mark.slow)])
-def test_a_flight_in_an_autopilots_log_gives_its_poses(flown, recorded, sample, tmp_path, write):
-    pytest.importorskip("pyulog" if write is ulog else "pymavlink")
-    log, bag = write(flown, tmp_path / "log"), tmp_path / "a.mcap"
-    words = ["-o", str(bag), "--geoid-undulation", str(UNDULATION_M)]
-    assert main(["import", str(log), *words]) == 0
+def test_a_flight_in_an_autopilots_log_gives_its_poses(flown, recorded, sample, tmp_path):
+    pytest.importorskip("pyulog")
+    log, bag = ulog(flown, tmp_path / "log"), tmp_path / "a.mcap"
+    assert main(["import", str(log), "-o", str(bag)]) == 0
     found = processed(bag, sample, tmp_path)
     stamps = [one for one in recorded if one in found]
     assert len(stamps) > 0.9 * len(recorded)

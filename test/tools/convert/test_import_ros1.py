@@ -309,33 +309,29 @@ def test_a_bag_that_was_cut_off_is_read_up_to_the_cut(empty_folder, capsys):
     assert not (empty_folder / "none.mcap").exists()
 
 
-def head_of_sqlite(path):
-    path.write_bytes(b"SQLite format 3\0" + bytes(100))
-
-
 @pytest.mark.parametrize(
-    ("write", "message"),
+    ("content", "message"),
     [
-        (lambda p: p.write_bytes(b""), "the file is empty"),
-        (lambda p: p.write_text("stamp,latitude\n1,2\n"), "text in columns: say what they mean"),
-        (lambda p: p.write_text("Dear diary\n"), "text of no known log: docs/import.md lists"),
-        (lambda p: p.write_bytes(b"#ROSBAG V1.2\nxyz"), "a ROS 1 bag of an older version"),
-        (lambda p: p.write_bytes(b"#ROSBAG V2.0\n"), "cannot be read: Header could not be read"),
-        (
-            lambda p: p.write_bytes(b"\x89MCAP0\r\n" + bytes(99)),
-            "no message can be read; 99 bytes",
-        ),
-        (head_of_sqlite, "the database is cut off or damaged"),
-        (lambda p: p.write_bytes(b"\x1f\x8b\x08" + bytes(99)), "packed with gzip"),
-        (lambda p: p.mkdir(), "a directory; give a ROS 1 bag"),
-        (lambda _: None, "cannot be read: No such file"),
-        (lambda p: Bag().write(p), "the bag has no message"),
+        (b"", "the file is empty"),
+        (b"stamp,latitude\n1,2\n", "text in columns: say what they mean"),
+        (b"Dear diary\n", "text of no known log: docs/import.md lists"),
+        (b"#ROSBAG V1.2\nxyz", "a ROS 1 bag of an older version"),
+        (b"#ROSBAG V2.0\n", "cannot be read: Header could not be read"),
+        (b"\x89MCAP0\r\n" + bytes(99), "no message can be read; 99 bytes"),
+        (b"SQLite format 3\0" + bytes(100), "the database is cut off or damaged"),
+        (b"\x1f\x8b\x08" + bytes(99), "packed with gzip"),
+        ("folder", "a directory; give a ROS 1 bag"),
+        ("nothing", "cannot be read: No such file"),
+        ("bag", "the bag has no message"),
     ],
 )
-def test_what_cannot_be_imported(tmp_path, write, message, capsys):
+def test_what_cannot_be_imported(tmp_path, content, message, capsys):
     """By its content, whatever its name says; one line, and nothing is left behind."""
     path = tmp_path / "flight.bag"
-    write(path)
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content != "nothing":
+        path.mkdir() if content == "folder" else Bag().write(path)
     assert main(["import", str(path), "-o", str(tmp_path / "out.mcap")]) == 1
     out, err = capsys.readouterr()
     assert out == ""

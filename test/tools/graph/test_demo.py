@@ -11,21 +11,17 @@ import numpy as np
 import pytest
 from project import taken_port
 
-from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located, enu_of
 from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, NodeState, TopicState
-from tirgeo_ros.io.surveys.survey import SurveyPoint, save_survey
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.demo import (
-    against_targets,
     against_truth,
     demo_setup,
     demonstrate,
@@ -104,29 +100,6 @@ def test_poses_are_judged_against_the_truth_after_settling(tmp_path):
     # Latitude and longitude go through degrees in the origin: 1e-9 m.
     assert judged["position_rms_m"] == pytest.approx(0.03, abs=1e-6)
     assert judged["heading_rms_deg"] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_click_is_held_against_the_nearest_target(tmp_path):
-    there = [[30.0, 40.0, 0.0], [60.0, 40.0, 0.5]]
-    lat, lon, height = PLANE.geodetic_from_ned(np.array(there))
-    names = ("person 1", "fire 1")
-    points = [SurveyPoint(*item) for item in zip(names, lat, lon, height, strict=True)]
-    targets = tmp_path / "targets.geojson"
-    save_survey(targets, points)
-    clicked_n = np.array([30.3, 39.6, 0.0])  # 0.5 m from the person
-    covariance_n = np.diag([0.04, 0.01, 0.01])
-    located = Located(5 * MS, 0.0, 0.0, 0.0, enu_of(covariance_n), point_n=clicked_n)
-    origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
-    point = Messages(Cdr().types).located_point(located)
-    path = write(tmp_path / "run.mcap", [origin, ("tirgeo/locate/point", point, 9 * MS)])
-    (result,) = against_targets(read_outputs(path), targets)
-    where = [np.degrees(x) for x in PLANE.geodetic_from_ned(clicked_n)[:2]]
-    # The origin's latitude and longitude go through degrees: 1e-9 m.
-    assert [result["latitude_deg"], result["longitude_deg"]] == pytest.approx(where, abs=1e-9)
-    assert result["off_m"] == pytest.approx(0.5, abs=1e-5)  # survey files have ten decimals
-    assert result["ellipse_95_m"] == pytest.approx(0.2 * np.sqrt(CHI2_95))
-    assert result["target"] == "person 1"
-    assert against_targets(read_outputs(path), tmp_path / "none.geojson") == []
 
 
 def test_the_nodes_are_for_this_machine_alone_in_a_domain_of_their_own(tmp_path, monkeypatch):

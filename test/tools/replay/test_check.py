@@ -65,7 +65,6 @@ def test_a_good_flight_goes(sample, capsys):
     imu = checked["topics"]["imu/data"]
     assert (round(imu["rate_hz"]), round(imu["longest_gap_s"], 3)) == (100, 0.01)
     assert checked["picture_size"] == [640, 512]
-    assert 0 < checked["height_above_ground_m"][0] < checked["height_above_ground_m"][1] < 60
 
 
 def test_findings_are_three_lines_each_and_the_worst_is_first(short, sample, stand_ins, capsys):

@@ -118,7 +118,6 @@ FORMS = {
     "mcap": {},
     "mcap of Humble": {"version": 8},
     "sqlite": {"storage": StoragePlugin.SQLITE3},
-    "sqlite of Humble": {"version": 8, "storage": StoragePlugin.SQLITE3},
     "messages packed": {"mode": CompressionMode.MESSAGE},
     "file packed": {"mode": CompressionMode.FILE},
 }
@@ -224,20 +223,6 @@ def test_what_cannot_be_cut(bag, tmp_path):
     with pytest.raises(BagError, match="would overwrite"):
         cut(bag, next(bag.glob("*.mcap")), begin=1.0)
     assert [*tmp_path.iterdir()] == []
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        ("--from noon", "noon: neither seconds nor a time as 2024-06-11T07:44:39"),
-        ("--from nan", "nan: neither seconds"),
-    ],
-)
-def test_wrong_use(bag, capsys, words, why):
-    with pytest.raises(SystemExit) as left:
-        main(["cut", str(bag), "-o", "out.mcap", *words.split()])
-    assert left.value.code == 2
-    assert why in capsys.readouterr().err
 
 
 def test_the_command(bag, tmp_path, capsys):

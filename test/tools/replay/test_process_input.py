@@ -26,9 +26,7 @@ ALL_RTK = ("/rtk/fix", "/rtk/vel", "/rtk/heading")
     [
         ("ekf_heading", ["/imu/data"], "/imu/data"),
         ("ekf_heading", ["/imu/data", "/gps/fix", "/rtk/fix"], f"/imu/data, {FIXES}"),
-        ("ekf", ["/rtk/fix", "/gps/fix"], FIXES),
         ("rtk", ["/rtk/fix"], "/rtk/fix"),
-        ("raw", ["/gps/fix"], "/gps/fix"),
         (
             "ekf",
             ["/gimbal/joint_states", "/gimbal/attitude"],

@@ -24,6 +24,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
     LIMITS,
     PARAMETERS,
     PRIOR_SIGMA,
+    TABLE,
     Floors,
     reported_direction_rad,
     values_of_config,
@@ -52,19 +53,6 @@ _TRIED_DELAYS_S = np.arange(-0.5, 0.501, 0.02)
 #: Called after each run of the filter with the number of runs so far.
 Report = Callable[[int], None]
 
-_TURNS = "turns of the nose through 180 deg or more, right and left"
-_SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"
-_LEANS = "starts and stops that tilt the aircraft by 10 deg or more, in several directions"
-#: What to fly for each of PARAMETERS.
-ADVICE = {
-    "antenna_forward": _TURNS,
-    "antenna_left": _TURNS,
-    "antenna_up": _LEANS,
-    "baseline_azimuth": _SPEED,
-    "position_delay": _SPEED,
-    "velocity_delay": _SPEED,
-    "heading_delay": "turns at 20 deg/s or more, right and left, with rests between",
-}
 _BY_SPEED = ("antenna_up", "baseline_azimuth", "position_delay", "velocity_delay")
 _LEAST_TURNED_RAD = math.radians(90)
 _LEAST_TILT_RAD = math.radians(1.5)  # rms about the mean
@@ -176,7 +164,7 @@ def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None
     sigma = _sigma(search, run, free)
     why_not = _unobserved(run, free, sigma)
     determined = [k for k in free if k not in why_not]
-    undetermined |= {k: f"{why}; fly {ADVICE[PARAMETERS[k]]}" for k, why in why_not.items()}
+    undetermined |= {k: f"{why}; fly {TABLE[PARAMETERS[k]].advice}" for k, why in why_not.items()}
     return AircraftFit(
         values=np.where(np.isin(np.arange(len(first)), determined), run.values, first),
         sigma=sigma,

@@ -21,22 +21,39 @@ from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
-PARAMETERS = (
-    "antenna_forward",
-    "antenna_left",
-    "antenna_up",
-    "baseline_azimuth",
-    "position_delay",
-    "velocity_delay",
-    "heading_delay",
-)
+
+class Parameter(NamedTuple):
+    """Describe a parameter that a flight may determine."""
+
+    unit: str  # in which it is shown
+    key: str  # node and name of the parameter that holds it
+    limit: float  # largest standard deviation at which a flight has determined it; m, rad, s
+    prior_sigma: float  # just tight enough to keep it where it is if it is not observed
+    advice: str  # what to fly for it
+
+
+_ANTENNA, _RTK = "aircraft.rtk_antenna_m", "ekf_node rtk."
+_TURNS = "turns of the nose through 180 deg or more, right and left"
+_SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"
+_LEANS = "starts and stops that tilt the aircraft by 10 deg or more, in several directions"
+_SWINGS = "turns at 20 deg/s or more, right and left, with rests between"
+_QUARTER_RAD = math.radians(90)
+TABLE = {
+    "antenna_forward": Parameter("m", _ANTENNA, 0.05, 2.0, _TURNS),
+    "antenna_left": Parameter("m", _ANTENNA, 0.05, 2.0, _TURNS),
+    "antenna_up": Parameter("m", _ANTENNA, 0.05, 2.0, _LEANS),
+    "baseline_azimuth": Parameter(
+        "deg", "aircraft.second_antenna_m", math.radians(0.5), _QUARTER_RAD, _SPEED
+    ),
+    "position_delay": Parameter("ms", f"{_RTK}delay_s", 0.01, 0.5, _SPEED),
+    "velocity_delay": Parameter("ms", f"{_RTK}velocity_delay_s", 0.01, 0.5, _SPEED),
+    "heading_delay": Parameter("ms", "ekf_node heading.delay_s", 0.01, 0.5, _SWINGS),
+}
+PARAMETERS = tuple(TABLE)
 ANTENNA, AZIMUTH = slice(0, 3), 3
 #: Index of the delay of each source.
 DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
-#: Largest standard deviation at which a flight has determined a parameter.
-LIMITS = np.array([0.05, 0.05, 0.05, math.radians(0.5), 0.01, 0.01, 0.01])
-#: Prior sigmas: just tight enough to keep unobserved parameters where they are.
-PRIOR_SIGMA = np.array([2.0, 2.0, 2.0, math.radians(90), 0.5, 0.5, 0.5])
+LIMITS, PRIOR_SIGMA = np.array([(row.limit, row.prior_sigma) for row in TABLE.values()]).T
 
 
 class Floors(NamedTuple):

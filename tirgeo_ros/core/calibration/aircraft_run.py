@@ -82,8 +82,7 @@ class White(NamedTuple):
     number: int
     source: Source
     stamp_ns: int
-    innovation: Array  # (m,) m, m/s or rad
-    error: Array  # (m,) the same whitened: unit variance if the filter is right
+    error: Array  # (m,) whitened: unit variance if the filter is right
     slope: Array  # (m, 7) partials of ``error`` by PARAMETERS
 
 
@@ -153,7 +152,6 @@ class WhiteningFusion(Fusion):
                 number=reading.number,
                 source=aid.source,
                 stamp_ns=aid.stamp_ns,
-                innovation=innovation,
                 error=whitened[:, 0],
                 slope=whitened[:, 1:],
             )

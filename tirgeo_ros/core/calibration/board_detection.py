@@ -47,8 +47,12 @@ class CornerFit(NamedTuple):
     covariance: Array  # (N, 2, 2) px^2, from the residuals
     contrast: Array  # (N,) grey values: d, half the step; its sign alternates over a board
     steps: Array  # (N, 2) grey values: b and c, half of each edge's own step
-    rms: Array  # (N,) grey values, of the residuals
     blur_px: Array  # (N, 2) sigma of the blur across each edge
+
+    @property
+    def sigma_px(self) -> float:
+        """Return the standard deviation of a coordinate of the median corner, px."""
+        return float(np.sqrt(np.median(np.trace(self.covariance, axis1=1, axis2=2)) / 2))
 
 
 def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> CornerFit:
@@ -64,7 +68,7 @@ def _fit_corner(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> t
     """Return the fields of CornerFit of one corner, by the Levenberg-Marquardt method."""
     from scipy.optimize import leastsq  # noqa: PLC0415  slow to import
 
-    failed = tuple(np.full(shape, np.nan) for shape in (2, (2, 2), (), 2, (), 2))
+    failed = tuple(np.full(shape, np.nan) for shape in (2, (2, 2), (), 2, 2))
     reach = np.clip(_REACH * np.linalg.norm(steps_px, axis=1).min(), _LEAST_PX, _MOST_PX)
     middle = np.rint(uv).astype(int)
     if (middle < reach).any() or (middle + reach > np.subtract(image.shape[::-1], 1)).any():
@@ -92,7 +96,7 @@ def _fit_corner(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> t
         return failed
     variance = (details["fvec"] ** 2).sum() / max(len(grey) - _PARAMETERS, 1)
     blur_px = _SIGMA_OF_WIDTH * widths(p)
-    return middle + p[:2], inverse[:2, :2] * variance, p[9], p[7:9], np.sqrt(variance), blur_px
+    return middle + p[:2], inverse[:2, :2] * variance, p[9], p[7:9], blur_px
 
 
 _MOST_BLUR = 0.22  # of a square's side
@@ -122,7 +126,7 @@ def _doubt(
     if missing:
         detail = f"{missing} of {board.count} corners are not those of squares"
         return Refused(RefusalReason.COVERED, detail)
-    sigma = sigma_px(fit)
+    sigma = fit.sigma_px
     if sigma > _MOST_SIGMA_PX:
         detail = f"corners known to {sigma:.2f} px; more contrast is needed"
         return Refused(RefusalReason.FAINT, detail)
@@ -135,11 +139,6 @@ def _doubt(
         detail = f"it has more corners than {board.columns}x{board.rows}"
         return Refused(RefusalReason.OTHER_BOARD, detail)
     return None
-
-
-def sigma_px(fit: CornerFit) -> float:
-    """Return the standard deviation of a coordinate of the median corner, px."""
-    return float(np.sqrt(np.median(np.trace(fit.covariance, axis1=1, axis2=2)) / 2))
 
 
 def _off_plane_px(uv: Array, board: Checkerboard) -> float:
@@ -264,7 +263,7 @@ def _judged(
         return Refused(RefusalReason.SMALL, f"squares of {side:.1f} px; come nearer")
     fit = fit_corners(sharp, corners, steps)
     blur_px = np.median(fit.blur_px, 0)
-    return _doubt(sharp, fit, side, board) or BoardSighting(fit.uv, sigma_px(fit), blur_px)
+    return _doubt(sharp, fit, side, board) or BoardSighting(fit.uv, fit.sigma_px, blur_px)
 
 
 def _not_detected(grey: RawPixels, board: Checkerboard) -> Refused:

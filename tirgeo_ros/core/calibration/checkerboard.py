@@ -176,12 +176,12 @@ def _solutions(
     sighting: BoardSighting, board: Checkerboard, lens: tuple[Array, Array]
 ) -> Iterator[tuple[Array, Array]]:
     """Yield least-squares rotations (3, 3) and positions (3,), each from another start."""
-    given = board.points_m, np.ascontiguousarray(sighting.corners_px), *lens
+    inputs = board.points_m, np.ascontiguousarray(sighting.corners_px), *lens
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_ITERATIVE):
         try:
-            _, turns, places, _ = cv2.solvePnPGeneric(*given, flags=method)
+            _, turns, places, _ = cv2.solvePnPGeneric(*inputs, flags=method)
             refined = [
-                cv2.solvePnPRefineLM(*given, turn, place)
+                cv2.solvePnPRefineLM(*inputs, turn, place)
                 for turn, place in zip(turns, places, strict=True)
                 if np.isfinite([turn, place]).all()
             ]

@@ -71,15 +71,15 @@ class PolynomialTransform:
         along, to = end - begin, pixels[:, None] - begin
         cross = along[:, 0] * to[..., 1] - along[:, 1] * to[..., 0]
         slack = 1e-6 * self.pixels.size * np.hypot(*along.T)
-        found: BoolArray = (cross >= -slack).all(axis=1) | (cross <= slack).all(axis=1)
-        return found
+        inside: BoolArray = (cross >= -slack).all(axis=1) | (cross <= slack).all(axis=1)
+        return inside
 
     def folded(self, pixels: Array) -> BoolArray:
         """Return (n,) where the polynomial mirrors the picture, so that it cannot be right."""
         signs = np.linalg.det(self.jacobian(pixels))
         middle = np.linalg.det(self.jacobian(self.pixels.middle[None]))
-        found: BoolArray = signs * np.sign(middle) <= 0
-        return found
+        folded: BoolArray = signs * np.sign(middle) <= 0
+        return folded
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,20 +126,16 @@ def fit_polynomial(
     coefficients = vt.T @ ((u.T @ to_scale.of(plane)) / singular[:, None])
     inverse = (vt.T / singular**2) @ vt
     hull_px = cv2.convexHull(pixels.astype(np.float32))[:, 0].astype(float)
-    found = PolynomialTransform(order, from_scale, to_scale, coefficients, inverse, hull_px)
-    return found, _residuals(found, pixels, plane)
-
-
-def _residuals(transform: PolynomialTransform, pixels: Array, plane: Array) -> Residuals:
+    transform = PolynomialTransform(order, from_scale, to_scale, coefficients, inverse, hull_px)
     metres = plane - transform(pixels)
     in_pixels = np.linalg.solve(transform.jacobian(pixels), metres[..., None])[..., 0]
     spare = 1 - transform.leverage(pixels)
-    free = len(pixels) - TERMS[transform.order]
+    free = len(pixels) - needed
     lengths = np.hypot(*metres.T)
     left_out = np.full(len(pixels), math.inf)
     np.divide(lengths, spare, out=left_out, where=spare > 1e-9)
     sigma_m = math.sqrt(float((metres**2).sum()) / (2 * free)) if free else math.nan
-    return Residuals(metres, np.asarray(in_pixels, float), left_out, sigma_m)
+    return transform, Residuals(metres, np.asarray(in_pixels, float), left_out, sigma_m)
 
 
 def _powers(order: int) -> list[tuple[int, int]]:

@@ -69,21 +69,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         """Check the calibration and compute the radius up to which it is valid."""
-        self._check()
-        k = (*map(float, self.distortion), *[0.0] * (8 - len(self.distortion)))
-        object.__setattr__(self, "_k", k)
-        reach = min(_FOLD_MARGIN * _fold_radius(k), _WIDEST_RADIUS)
-        self._limit(reach)
-        corner = self._corner_radius()
-        self._limit(min(reach, _CORNER_MARGIN * corner))
-        reach_px = self._radii[0][-1] * min(self.fx, self.fy)
-        if reach_px < min(self.width, self.height) / 2:
-            raise CameraError(
-                f"camera: the lens model {self.distortion} folds {reach_px:.0f} px from the "
-                "principal point; calibrate the lens again"
-            )
-
-    def _check(self) -> None:
+        size = f"{self.width}x{self.height}"
         numbers = (self.width, self.height, self.fx, self.fy, self.cx, self.cy, *self.distortion)
         if len(self.distortion) not in _SIZES:
             raise CameraError(
@@ -98,11 +84,23 @@ class Camera:
                 "camera: the calibration has impossible values; calibrate the lens again"
             )
         if self.width * self.height > _MOST_PIXELS:
-            raise CameraError(f"camera: no camera has {self.width}x{self.height} pixels")
+            raise CameraError(f"camera: no camera has {size} pixels")
         if min(self.width, self.height) < 1 or min(self.fx, self.fy) <= 0:
             raise CameraError(
-                f"camera: size {self.width}x{self.height} and focal lengths {self.fx:g}, "
-                f"{self.fy:g} must be positive; is the camera calibrated?"
+                f"camera: size {size} and focal lengths {self.fx:g}, {self.fy:g} must be "
+                "positive; is the camera calibrated?"
+            )
+        k = (*map(float, self.distortion), *[0.0] * (8 - len(self.distortion)))
+        object.__setattr__(self, "_k", k)
+        reach = min(_FOLD_MARGIN * _fold_radius(k), _WIDEST_RADIUS)
+        self._limit(reach)
+        corner = self._corner_radius()
+        self._limit(min(reach, _CORNER_MARGIN * corner))
+        reach_px = self._radii[0][-1] * min(self.fx, self.fy)
+        if reach_px < min(self.width, self.height) / 2:
+            raise CameraError(
+                f"camera: the lens model {self.distortion} folds {reach_px:.0f} px from the "
+                "principal point; calibrate the lens again"
             )
 
     def _limit(self, max_radius: float) -> None:
@@ -176,9 +174,20 @@ class Camera:
         uv = np.asarray(uv, float).reshape(-1, 2)
         if len(uv) == 1:
             return self._ray(*uv[0].tolist())
-        distorted = (uv - [self.cx, self.cy]) / [self.fx, self.fy]
-        x, y = self._undistort(distorted[:, 0], distorted[:, 1])
-        return np.stack([x, y, np.where(np.isnan(x), np.nan, 1.0)], axis=1)
+        xd, yd = ((uv - [self.cx, self.cy]) / [self.fx, self.fy]).T
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            distorted = np.hypot(xd, yd)
+            shrink = np.interp(distorted, *self._radii) / np.maximum(distorted, 1e-300)
+            x, y = xd * shrink, yd * shrink
+            for _ in range(_NEWTON_STEPS):
+                dx, dy = _newton_step(self._k, x, y, xd, yd)
+                x, y = x - dx, y - dy
+                if np.abs(dx).max(initial=0.0) + np.abs(dy).max(initial=0.0) < _SETTLED:
+                    break
+            got = _distort(self._k, x, y)
+            converged = np.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+            converged &= x * x + y * y <= self.max_radius**2
+        return np.where(converged[:, None], np.stack([x, y, np.ones_like(x)], axis=1), np.nan)
 
     def _ray(self, u: float, v: float) -> Array:
         """Return ``rays`` (1, 3) of one pixel, computed in floats: a fifth of the time."""
@@ -198,21 +207,6 @@ class Camera:
         converged = math.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
         converged &= x * x + y * y <= self.max_radius**2
         return np.array([[x, y, 1.0]]) if converged else np.full((1, 3), np.nan)
-
-    def _undistort(self, xd: Array, yd: Array) -> tuple[Array, Array]:
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            distorted = np.hypot(xd, yd)
-            shrink = np.interp(distorted, *self._radii) / np.maximum(distorted, 1e-300)
-            x, y = xd * shrink, yd * shrink
-            for _ in range(_NEWTON_STEPS):
-                dx, dy = _newton_step(self._k, x, y, xd, yd)
-                x, y = x - dx, y - dy
-                if np.abs(dx).max(initial=0.0) + np.abs(dy).max(initial=0.0) < _SETTLED:
-                    break
-            got = _distort(self._k, x, y)
-            converged = np.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
-            converged &= x * x + y * y <= self.max_radius**2
-        return np.where(converged, x, np.nan), np.where(converged, y, np.nan)
 
 
 def _fold_radius(k: tuple[float, ...]) -> float:

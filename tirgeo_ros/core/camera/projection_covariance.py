@@ -37,6 +37,8 @@ _MOVES = np.zeros((4, 3, 6))
 _MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
 _MOVES[3, :, :3] = -np.eye(3)
 _ROWS, _COLUMNS = np.triu_indices(3)  # the upper triangle of the displacement's covariance
+_FIRST, _SECOND = np.triu_indices(4)  # which two factors make each product
+_TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)  # squares are counted twice
 
 #: 95 % quantile of chi-square with two degrees of freedom, 5.991: the squared radius, in standard
 #: deviations, that holds 95 % of a two-dimensional normal distribution.
@@ -83,7 +85,9 @@ def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[A
 
 def _turn_both(rotation: Array) -> Array:
     """Return the block-diagonal (6, 6) matrix that rotates position and phi alike."""
-    return np.asarray(np.kron(np.eye(2), rotation), float)
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = rotation
+    return turn
 
 
 def _factors(rays: Array) -> Array:
@@ -150,9 +154,11 @@ class FrameConfidence:
         turn = _turn_both(rotation_cn)
         covariance_c = turn @ covariance_n @ turn.T
         self._axis_variance = covariance_c[5, 5]
-        by_factors = np.einsum("kie,ef,ljf->ijkl", _MOVES, covariance_c, _MOVES)
-        #: (6, 16): the displacement's covariance by the products of two factors.
-        self._weights = by_factors[_ROWS, _COLUMNS].reshape(6, 16)
+        flat = _MOVES.reshape(12, 6)
+        by_factors = (flat @ covariance_c @ flat.T).reshape(4, 3, 4, 3).transpose(1, 3, 0, 2)
+        triangle = by_factors[_ROWS, _COLUMNS]
+        #: (6, 10): the displacement's covariance by the products of two factors.
+        self._weights = (triangle + triangle.transpose(0, 2, 1))[:, _FIRST, _SECOND] * _TIMES
         self._level = (rotation_cn[:, :2] @ rotation_cn[:, :2].T)[_ROWS, _COLUMNS]
 
     def spread(
@@ -176,7 +182,7 @@ class FrameConfidence:
     def _spread(self, rays: Array, more: Array, closely: int) -> tuple[Array, BoolArray]:
         """Return as ``spread``; ``more`` (N,) is the map's variance beyond ``map_sigma_m``, m2."""
         factors = _factors(rays)
-        products = (factors[:, None] * factors).reshape(16, -1)
+        products = factors.take(_FIRST, axis=0) * factors.take(_SECOND, axis=0)
         moves = self._weights @ products
         if more.any():
             moves += self._level[:, None] * (more * products[-1])
@@ -189,9 +195,11 @@ class FrameConfidence:
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         spread = np.array([u_x * ux + u_y * uy, u_x * vx + u_y * vy, v_x * vx + v_y * vy])
         spread[::2] += self._lens_variance
-        on_plane, slopes_px = np.array([xx, xy, yy]), np.array(slopes)
-        few = (each[..., :closely] for each in (rays, depth, on_plane, slopes_px))
-        return spread, self._linear(*few)
+        if not closely:
+            return spread, np.empty(0, bool)
+        few = rays[:, :closely], depth[:closely]
+        near = (np.array([each[:closely] for each in all_]) for all_ in ((xx, xy, yy), slopes))
+        return spread, self._linear(*few, *near)
 
     def _linear(self, rays: Array, depth: Array, plane: Array, slopes: Array) -> BoolArray:
         """Return (N,) whether first order is enough; ``depth`` is var(depth) / depth^2, (N,).

@@ -182,10 +182,10 @@ class GimbalChecks:
             return [finding("joint_order", self._case, **texts, other=other, order=self._order)]
         limit = _SHARE * _cost(joints, reported)
         possible = _READINGS if limit > 3 * _FLOOR_RAD2 else ()  # no reading costs less
-        costs = [(_cost(each.angles(joints, headings_rad), reported), each) for each in possible]
-        least = min((cost for cost, _ in costs), default=math.inf)
+        costs = [_cost(each.angles(joints, headings_rad), reported) for each in possible]
+        least = min(costs, default=math.inf)
         if least < limit:
-            best = next(reading for cost, reading in costs if cost <= _ALIKE * least)
+            best = possible[[cost <= _ALIKE * least for cost in costs].index(True)]
             texts = {
                 "words": best.words,
                 "before": _sizes(joints, reported),
@@ -193,14 +193,15 @@ class GimbalChecks:
             }
             return [finding("joint_angles", self._case, **texts)]
         mean, spread = _differences(joints, reported)
-        if not ((np.abs(mean) > _OFF_RAD) | (spread > _UNLIKE_RAD)).any():
+        size = np.abs(mean)
+        if not ((size > _OFF_RAD) | (spread > _UNLIKE_RAD)).any():
             return []
+        far = ((size > _FAR_OFF_RAD) | (spread > _FAR_UNLIKE_RAD)).any()
         off, within = (
             ", ".join(f"{angle:+.1f}" for angle in np.degrees(each).tolist())
             for each in (mean, spread)
         )
-        far = (np.abs(mean) > _FAR_OFF_RAD) | (spread > _FAR_UNLIKE_RAD)
-        case = f"{self._case} {'far' if far.any() else ''}"
+        case = f"{self._case} {'far' if far else ''}"
         return [finding("joints_unlike", case, mean=off, spread=within)]
 
 
@@ -220,12 +221,6 @@ class _Reading(NamedTuple):
     degrees: bool
     north: bool  # whether yaw counts from north
 
-    @property
-    def mistakes(self) -> int:
-        """Return how many of axes, signs, unit and yaw's zero are wrong."""
-        moved = sum(number != axis for axis, number in enumerate(self.axes))
-        return moved + self.signs.count(-1.0) + self.degrees + self.north
-
     def angles(self, joints: Array, headings_rad: Array) -> Array:
         """Return (N, 3) yaw, roll, pitch, rad, of the numbers (N, 3) as received."""
         unit = math.pi / 180 if self.degrees else 1.0
@@ -242,6 +237,7 @@ class _Reading(NamedTuple):
         return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}{north}"
 
 
+#: All readings, those with fewer mistakes first.
 _READINGS = sorted(
     itertools.starmap(
         _Reading,
@@ -252,7 +248,7 @@ _READINGS = sorted(
             (False, True),
         ),
     ),
-    key=lambda reading: reading.mistakes,
+    key=lambda r: np.sum(np.not_equal(r.axes, range(3))) + r.signs.count(-1) + r.degrees + r.north,
 )
 
 

@@ -106,10 +106,7 @@ class GpsConfig:
 
 @dataclass(frozen=True, slots=True)
 class BarometerConfig:
-    """The barometer, which holds the height while satellites are missing.
-
-    It is used where baro/pressure is published.
-    """
+    """The barometer (baro/pressure), which holds the height while satellites are missing."""
 
     delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     noise_m: float = param(

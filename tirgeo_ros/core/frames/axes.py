@@ -31,8 +31,5 @@ def flu_from_frd(v: Array) -> Array:
 
 
 def quat_turned_both(w: float, x: float, y: float, z: float) -> Quaternion:
-    """Convert an attitude quaternion (w, x, y, z) from FRD-to-NED to FLU-to-ENU, or back.
-
-    The conversion is linear and keeps the quaternion's norm, which is not checked.
-    """
+    """Convert an attitude quaternion (w, x, y, z) from FRD-to-NED to FLU-to-ENU, or back."""
     return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.frames.rotations import quat_multiply
 from tirgeo_ros.core.frames.wgs84 import (
-    _ecef,
+    FLOAT_FUNCTIONS,
+    ecef,
     ecef_from_geodetic,
     geodetic_from_ecef,
     quat_ecef_from_ned,
@@ -62,16 +63,12 @@ class TangentPlane:
         return np.asarray(np.dot(self._rotation_en.T, local_en))
 
     def body_pose(self, solution: NavSolution) -> BodyPose:
-        """Convert a navigation solution to a pose in the plane.
-
-        The solution's NED axes are those at the aircraft: attitude and covariance are rotated to
-        the plane's axes, which includes the meridian convergence.
-        """
+        """Convert a solution, whose axes are those at the aircraft, to a pose in the plane."""
         latitude, longitude = solution.latitude_rad, solution.longitude_rad
         both = np.zeros((6, 6))
         both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)
         q_ln = quat_multiply(self._q_ne, quat_ecef_from_ned(latitude, longitude))
-        place_e = _ecef(latitude, longitude, solution.height_m)
+        place_e = ecef(latitude, longitude, solution.height_m, FLOAT_FUNCTIONS)
         from_origin_e = [a - b for a, b in zip(place_e, self._origin_e.tolist(), strict=True)]
         return BodyPose(
             solution.stamp_ns,

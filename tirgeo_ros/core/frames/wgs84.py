@@ -22,8 +22,9 @@ SEMI_MINOR_AXIS_M = SEMI_MAJOR_AXIS_M * (1 - FLATTENING)
 _POLAR_BEND = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED) * SEMI_MINOR_AXIS_M
 _AXIAL_BEND = ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS_M
 _FEW = 9  # numbers in three positions: up to this, floats are faster than arrays
-_OF_FLOATS = (math.hypot, math.atan2, math.sin, math.cos, math.sqrt)
-_OF_ARRAYS = (np.hypot, np.arctan2, np.sin, np.cos, np.sqrt)
+Functions = tuple[Any, ...]  # hypot, atan2, sin, cos, sqrt
+FLOAT_FUNCTIONS: Functions = (math.hypot, math.atan2, math.sin, math.cos, math.sqrt)
+ARRAY_FUNCTIONS: Functions = (np.hypot, np.arctan2, np.sin, np.cos, np.sqrt)
 EARTH_RATE_RAD_S = 7.292115e-5
 GRAVITATIONAL_CONSTANT_M3_S2 = 3.986004418e14
 GRAVITY_EQUATOR_M_S2 = 9.7803253359
@@ -74,23 +75,17 @@ def ecef_from_geodetic(
 ) -> Array:
     """Convert geodetic positions (...) to earth-fixed ones (..., 3) in m; Groves 2.112."""
     lat, lon, h = (np.asarray(x, float) for x in (latitude_rad, longitude_rad, height_m))
-    transverse = SEMI_MAJOR_AXIS_M / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
-    out = np.empty((*np.broadcast(lat, lon, h).shape, 3))
-    out[..., 0] = (transverse + h) * np.cos(lat) * np.cos(lon)
-    out[..., 1] = (transverse + h) * np.cos(lat) * np.sin(lon)
-    out[..., 2] = (transverse * (1 - ECCENTRICITY_SQUARED) + h) * np.sin(lat)
-    return out
+    return np.stack(np.broadcast_arrays(*ecef(lat, lon, h, ARRAY_FUNCTIONS)), -1)
 
 
-def _ecef(
-    latitude_rad: float, longitude_rad: float, height_m: float
-) -> tuple[float, float, float]:
-    """Return ``ecef_from_geodetic`` of one position, in a tenth of the time (each IMU sample)."""
-    transverse = radii_of_curvature(latitude_rad)[1]
-    axial = (transverse + height_m) * math.cos(latitude_rad)
-    polar = transverse * (1 - ECCENTRICITY_SQUARED) + height_m
-    x, y = axial * math.cos(longitude_rad), axial * math.sin(longitude_rad)
-    return x, y, polar * math.sin(latitude_rad)
+def ecef(latitude: Any, longitude: Any, height: Any, functions: Functions) -> tuple[Any, Any, Any]:
+    """Return ``ecef_from_geodetic`` as x, y, z; of floats in a tenth of the time."""
+    _, _, sin, cos, sqrt = functions
+    sine = sin(latitude)
+    transverse = SEMI_MAJOR_AXIS_M / sqrt(1 - ECCENTRICITY_SQUARED * (sine * sine))
+    axial = (transverse + height) * cos(latitude)
+    polar = transverse * (1 - ECCENTRICITY_SQUARED) + height
+    return axial * cos(longitude), axial * sin(longitude), polar * sine
 
 
 def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
@@ -103,13 +98,13 @@ def geodetic_from_ecef(position_e: Array) -> tuple[Array, Array, Array]:
     position_e = np.asarray(position_e, float)
     if 0 < position_e.size <= _FEW and math.isfinite(position_e.sum()):
         rows = position_e.reshape(-1, 3).tolist()
-        columns = np.array([_geodetic(x, y, z, _OF_FLOATS) for x, y, z in rows]).T
+        columns = np.array([_geodetic(x, y, z, FLOAT_FUNCTIONS) for x, y, z in rows]).T
         lat, lon, height = columns.reshape(3, *position_e.shape[:-1])
         return lat, lon, height
-    return _geodetic(position_e[..., 0], position_e[..., 1], position_e[..., 2], _OF_ARRAYS)
+    return _geodetic(position_e[..., 0], position_e[..., 1], position_e[..., 2], ARRAY_FUNCTIONS)
 
 
-def _geodetic(x: Any, y: Any, z: Any, functions: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+def _geodetic(x: Any, y: Any, z: Any, functions: Functions) -> tuple[Any, Any, Any]:
     hypot, atan2, sin, cos, sqrt = functions
     p = hypot(x, y)
     reduced = atan2(z, (1 - FLATTENING) * p)

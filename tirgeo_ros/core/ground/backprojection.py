@@ -147,7 +147,14 @@ def _within(terrain: Terrain, piece: _Piece) -> float | Reason | None:
     blind = ~inside | np.isnan(above[1])
     if piece.start_m == 0.0 and not blind[0] and not above[0, 0] > 0:
         return Reason.UNDERGROUND
-    share = _first_zero(above)
+    # s, 0 to 1, where parabolas first fall to zero; nan where they do not. This form gives the
+    # smaller positive root for either sign of the square term. A start at or below zero (by
+    # rounding, on a grid line) is itself the intersection.
+    constant, linear, square = _PARABOLA @ above
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(linear**2 - 4 * square * constant)
+        share = np.where(constant <= 0, 0.0, 2 * constant / (root - linear))
+        share = np.where((share >= 0) & (share <= 1), share, np.nan)
     stops = np.flatnonzero(blind | ~np.isnan(share))
     if not stops.size:
         return None
@@ -179,20 +186,6 @@ def _crossings(parabola: Array) -> Array:
         q = -0.5 * (linear + math.copysign(1, linear) * np.sqrt(linear**2 - 4 * square * rest))
         roots = np.concatenate([rest / q, q / square]) if square else rest / q
         return roots[(roots > 0) & (roots < 1)]
-
-
-def _first_zero(above: Array) -> Array:
-    """Return s (K,), 0 to 1, where parabolas first fall to zero; nan where they do not.
-
-    The parabolas are given by their values (3, K) at the knots.
-    """
-    constant, linear, square = _PARABOLA @ above
-    with np.errstate(invalid="ignore", divide="ignore"):
-        root = np.sqrt(linear**2 - 4 * square * constant)
-        # This form gives the smaller positive root for either sign of the square term. A start at
-        # or below zero (by rounding, on a grid line) is itself the intersection.
-        share = np.where(constant <= 0, 0.0, 2 * constant / (root - linear))
-        return np.where((share >= 0) & (share <= 1), share, np.nan)
 
 
 def hidden(terrain: Terrain, plane: TangentPlane, eye_n: Array, points_n: Array) -> BoolArray:

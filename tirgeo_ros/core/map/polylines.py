@@ -223,8 +223,7 @@ class Details:
 
     ``points`` (3, M) holds all levels; piece ``i`` at level ``k`` is the run of ``count[k, i]``
     points from ``first[k, i]`` on. ``owner`` has the feature of each piece. ``boxes`` enclose the
-    pieces, ``blocks`` each run of 64 pieces. Line ``j`` consists of the pieces
-    ``place[piece_starts[j]:piece_starts[j + 1]]``, in this order.
+    pieces, ``blocks`` each run of 64 pieces.
     """
 
     points: Array
@@ -233,8 +232,6 @@ class Details:
     owner: IntArray
     boxes: Boxes
     blocks: Boxes
-    place: IntArray
-    piece_starts: IntArray
 
     @classmethod
     def of(cls, lines: Polylines, layer: IntArray) -> Details:
@@ -255,13 +252,13 @@ class Details:
         low, high = boxes.centres - boxes.halves, boxes.centres + boxes.halves
         starts = np.append(np.arange(0, len(pieces), _BLOCK_PIECES), len(pieces))
         blocks = Boxes.around(low, high, starts if len(pieces) else starts[:1])
-        piece_starts = np.searchsorted(line, np.arange(len(lines) + 1))
-        place = np.argsort(order)
-        return cls(points, first, count, pieces.owner, boxes, blocks, place, piece_starts)
+        return cls(points, first, count, pieces.owner, boxes, blocks)
 
     def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
         """Return rising indices of the pieces that may be inside planes, and which wholly are."""
-        block, _ = self.blocks.in_view(normals, offsets)
+        # Half of what ``Boxes.in_view`` computes: which blocks are not wholly outside.
+        nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.blocks.bounds
+        block = np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
         near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
         near = near[: np.searchsorted(near, len(self.owner))]
         number, whole = self.boxes.take(near).in_view(normals, offsets)

@@ -15,7 +15,7 @@ import numpy as np
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.polylines import Boxes, Details, Polylines, joined, runs
+from tirgeo_ros.core.map.polylines import Boxes, Details, Polylines, joined
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError
 
@@ -122,24 +122,6 @@ def _placed(
     return Polylines(np.ascontiguousarray(points_n.T), lines.starts, lines.owner)
 
 
-@dataclass(frozen=True, slots=True)
-class Rings:
-    """Hold the outlines that are filled, as indices of the pieces of the map's lines.
-
-    Ring ``i`` consists of ``pieces[starts[i]:starts[i + 1]]``, in this order, and belongs to
-    feature ``owner[i]``. ``boxes`` enclose the rings.
-    """
-
-    pieces: IntArray
-    starts: IntArray
-    owner: IntArray
-    boxes: Boxes
-
-    def __len__(self) -> int:
-        """Return the number of rings."""
-        return len(self.owner)
-
-
 @dataclass(frozen=True)
 class VectorMap:
     """Hold a map in the tangent plane: north, east, down from its origin, metres.
@@ -149,8 +131,8 @@ class VectorMap:
     end where they begin. ``layers`` are in the order of drawing, without their features; ``layer``
     (features,) is the index of each feature's layer, in ascending order.
     ``details`` are the lines at their levels of detail, ``rings`` the outlines of layers with a
-    fill. ``without_ground`` is the number of features with parts where the ground's height is
-    unknown; these parts are left out. ``notes`` are messages for the user.
+    fill, which ``ring_boxes`` enclose. ``without_ground`` is the number of features with parts
+    where the ground's height is unknown; these parts are left out. ``notes`` are for the user.
     """
 
     labels: tuple[str, ...]
@@ -160,7 +142,8 @@ class VectorMap:
     lines: Polylines
     marks: Polylines
     details: Details
-    rings: Rings
+    rings: Polylines
+    ring_boxes: Boxes
     without_ground: int
     notes: tuple[str, ...]
 
@@ -199,7 +182,8 @@ class VectorMap:
                 f"map: its lines follow the elevation model in steps of {cells:.1f} cells, since "
                 "they are too long for a vertex in each; cut the map to where you fly"
             )
-        details = Details.of(lines, layer[lines.owner])
+        filled_rings = lines.select(np.flatnonzero(rings))
+        places = filled_rings.points
         return cls(
             labels=labels,
             labelled=np.array([bool(label) for label in labels], bool),
@@ -207,8 +191,9 @@ class VectorMap:
             layer=layer,
             lines=lines,
             marks=marks,
-            details=details,
-            rings=_rings(lines, np.flatnonzero(rings), details),
+            details=Details.of(lines, layer[lines.owner]),
+            rings=filled_rings,
+            ring_boxes=Boxes.around(places, places, filled_rings.starts),
             without_ground=without_ground,
             notes=tuple(notes),
         )
@@ -256,13 +241,3 @@ def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray
     lines = joined(lines.select(np.flatnonzero(whole)), left)
     rings = np.append(rings[whole], np.zeros(len(left), bool))
     return lines, rings, np.unique(broken.owner)
-
-
-def _rings(lines: Polylines, which: IntArray, details: Details) -> Rings:
-    """Return the lines with these indices as rings, each from its pieces in order."""
-    first = details.piece_starts[which]
-    number, starts = runs(first, details.piece_starts[which + 1] - first)
-    pieces = details.place[number]
-    centres, halves = details.boxes.centres[:, pieces], details.boxes.halves[:, pieces]
-    boxes = Boxes.around(centres - halves, centres + halves, starts)
-    return Rings(pieces, starts, lines.owner[which], boxes)

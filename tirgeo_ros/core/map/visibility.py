@@ -13,7 +13,6 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import (
@@ -38,11 +37,10 @@ from tirgeo_ros.core.map.polylines import (
     runs,
 )
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.poses import CameraPose
 
 _BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
-_DISC_SIDES = 64
 
 
 def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polylines:
@@ -100,24 +98,6 @@ def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Pol
     return rings
 
 
-def cone(radius: float) -> Array:
-    """Return the normals (64, 3) of planes through the camera that hold an inscribed polygon.
-
-    The polygon of 64 sides lies in the disc of a radius on the plane z = 1. Between its corners
-    0.1 % of the radius is lost.
-    """
-    turn = np.arange(_DISC_SIDES) * (2 * math.pi / _DISC_SIDES)
-    inner = np.full(_DISC_SIDES, radius * math.cos(math.pi / _DISC_SIDES))
-    return np.stack([-np.cos(turn), -np.sin(turn), inner], axis=1)
-
-
-def disc(radius: float) -> Polylines:
-    """Return the polygon, one ring (2, V), in which the planes of ``cone`` meet z = 1."""
-    turn = (np.arange(_DISC_SIDES) + 0.5) * (2 * math.pi / _DISC_SIDES)
-    points = radius * np.stack([np.cos(turn), np.sin(turn)])
-    return Polylines(points, np.array([0, _DISC_SIDES]), np.zeros(1, np.int64))
-
-
 def closed(rings: Polylines) -> Polylines:
     """Return the rings with their first point repeated at the end."""
     last = rings.starts[1:] - 1
@@ -163,8 +143,6 @@ _FEW_VERTICES = 4096
 #: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
 _DETAILS_PX = (0.5, 1.0, 2.0)
 _MANY_VERTICES = 40_000
-#: Erosion by two pixels: OpenCV draws an area's edge one pixel wide and may round it either way.
-_RIM = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,18 +191,6 @@ class View:
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
         self._pieces_per_length = math.sqrt(largest_bend(camera, radius) / (8 * CHORD_PX))
         self._px_per_rad = largest_scale(camera, radius)
-        #: Mask (h, w), 255 where areas may be filled; None for the whole image.
-        self.reached = self._lens_mask() if self._reaches_past_lens else None
-
-    def _lens_mask(self) -> Pixels:
-        """Return the mask of a lens model that ends within the image, without its rim."""
-        # Rings may run back and forth along the rim, and OpenCV draws the edges of areas.
-        rim = self._bent(closed(disc(self.camera.max_radius)))
-        uv = self.camera.pixels(*rim.points).T
-        mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
-        cv2.fillPoly(mask, [np.rint(uv * 16).astype(np.int32)], (255,), cv2.LINE_8, 4)
-        # The image's border is not eroded: OpenCV treats pixels outside the image as set.
-        return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
     def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's lines as they are drawn, (2, V) pixels, up to ``far_m`` ahead.
@@ -243,11 +209,7 @@ class View:
         row = self._in_a_row(boxes, whole, rotation_cn, offset_c, detail_px)
 
         def seen(which: BoolArray) -> Polylines:
-            """Return pieces in the optical frame."""
-            lines = details.lines(piece[which], level[which])
-            points_c = rotation_cn @ lines.points
-            points_c -= offset_c[:, None]
-            return Polylines(points_c, lines.starts, lines.owner)
+            return _in_camera(details.lines(piece[which], level[which]), rotation_cn, offset_c)
 
         # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
         # long as all other steps together.
@@ -292,38 +254,23 @@ class View:
         """Return the filled areas of layers with a fill, as closed rings (2, V) in pixels.
 
         The caller fills all rings of one owner together by the even-odd rule. The rings reach a
-        little beyond the image. They are not cut at the distance at which lines end.
+        little beyond the image. They are not cut at the distance at which lines end. There are
+        none where the field of view reaches beyond the lens model.
         """
-        rings, details = vector_map.rings, vector_map.details
-        if not len(rings):
+        rings, rotation_cn = vector_map.rings, matrix_from_quat(pose.q_nc).T
+        if not len(rings) or self._reaches_past_lens:
             return _NOTHING
-        rotation_cn = matrix_from_quat(pose.q_nc).T
         normals = self._normals_c @ rotation_cn
         offsets_c = np.array([NEAR_M, 0.0, 0.0, 0.0, 0.0, -FAR_M])
-        offsets = offsets_c + normals @ pose.position_n
-        ring, whole = rings.boxes.in_view(normals, offsets)
+        ring, whole = vector_map.ring_boxes.in_view(normals, offsets_c + normals @ pose.position_n)
         if not len(ring):
             return _NOTHING
-        whole &= not self._reaches_past_lens
-        ring = np.concatenate([ring[whole], ring[~whole]])
-        number, starts = runs(rings.starts[ring], np.diff(rings.starts)[ring])
-        piece = rings.pieces[number]
-        boxes = details.boxes.take(piece)
-        level, _ = self._levels(details, piece, boxes.distance(pose.position_n))
-        # Pieces wholly out of view do not change the visible fill: use the coarsest level.
-        out = np.ones(len(piece), bool)
-        out[boxes.in_view(normals, offsets)[0]] = False
-        level[out] = len(details.count) - 1
-        lines = details.lines(piece, level)
-        points_c = rotation_cn @ (lines.points - pose.position_n[:, None])
-        lines = Polylines(points_c, lines.starts[starts], rings.owner[ring])
         # Rings wholly in view are not clipped, and already end where they begin.
-        order = np.arange(len(lines))
-        inner, outer = (lines.select(part) for part in np.split(order, [whole.sum()]))
+        inner, outer = (
+            _in_camera(rings.select(part), rotation_cn, rotation_cn @ pose.position_n)
+            for part in (ring[whole], ring[~whole])
+        )
         outer = cut_rings_to_planes(outer, self._normals_c[:-1], offsets_c[:-1])
-        if self._reaches_past_lens:
-            planes = cone(self.camera.max_radius)
-            outer = cut_rings_to_planes(outer, planes, np.zeros(len(planes)))
         return self._seen(joined(_flat(inner), closed(_flat(outer))))
 
     def _levels(
@@ -370,6 +317,13 @@ class View:
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return flat.subdivided(pieces)
+
+
+def _in_camera(lines: Polylines, rotation_cn: Array, offset_c: Array) -> Polylines:
+    """Return lines in the optical frame; ``offset_c`` (3,) is the camera's position, turned."""
+    points_c = rotation_cn @ lines.points
+    points_c -= offset_c[:, None]
+    return Polylines(points_c, lines.starts, lines.owner)
 
 
 def _flat(lines: Polylines) -> Polylines:
@@ -447,8 +401,8 @@ def way_words(distance_m: float, azimuth_rad: float) -> str:
 def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
     """Return a question about why a map's point (3,) is far from the plane's origin, or "".
 
-    The usual mistakes are undone in turn. The question names the first one whose correction brings
-    the point within 50 km. A point within 50 km of latitude and longitude 0 suggests local metres.
+    It names the first of the usual mistakes whose correction brings the point within 50 km. A
+    point within 50 km of latitude and longitude 0 suggests local metres.
     """
     latitude, longitude, _ = (float(each) for each in plane.geodetic_from_ned(place_n))
     origin = plane.latitude_rad, plane.longitude_rad
@@ -473,10 +427,7 @@ def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
 
 
 def _apart_m(first: tuple[float, float], second: tuple[float, float]) -> float:
-    """Return the chord (m) between two places, latitude and longitude (rad).
-
-    Infinite if the latitude of ``second`` is impossible.
-    """
+    """Return the chord (m) between two places (rad); infinite for an impossible latitude."""
     if abs(second[0]) > math.pi / 2:
         return math.inf
     apart = ecef_from_geodetic(*first, 0.0) - ecef_from_geodetic(*second, 0.0)
@@ -493,7 +444,7 @@ def why_absent(
 ) -> str:
     """Return why no part of a map is in view at a pose in its plane; drawn up to ``far_m``.
 
-    ``first_n`` (3,) is a point of it, used if nothing lies on the ground.
+    ``first_n`` is as in ``nearest_feature``.
     """
     nearest = nearest_feature(vector_map, pose.position_n, first_n)
     if nearest is None:

@@ -8,9 +8,9 @@ drawing each line twice, and a tenth of drawing it wide.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -80,14 +80,12 @@ class LineRenderer:
         areas: Polylines,
         layer: IntArray,
         styles: Sequence[LayerStyle],
-        within: Pixels | None = None,
     ) -> None:
         """Fill areas with the colours of their layers, in place; skip layers without a fill.
 
         ``areas`` (2, V) are rings in pixels. Rings of one owner form one area, where a ring inside
         another is a hole (even-odd rule). ``layer`` (rings,) is the index of each ring's style.
         Overlapping areas of the same layer are drawn as one; areas of different layers blend.
-        Nothing is filled where ``within`` (h, w) is 0.
         """
         if not len(areas):
             return
@@ -97,11 +95,16 @@ class LineRenderer:
             if style.fill_bgr is None or style.fill_opacity <= 0:
                 continue
             mask = self._clean_mask(image)
-            for of_owner in _by_owner(areas.owner, np.flatnonzero(layer == number)):
-                cv2.fillPoly(mask, [rings[i] for i in of_owner], (_FULL,), cv2.LINE_8, _SHIFT)
-            if within is not None:
-                cv2.bitwise_and(mask, within, dst=mask)
-            self._tint(image, style.fill_bgr, style.fill_opacity)
+            of_owner: dict[int, list[npt.NDArray[np.int32]]] = defaultdict(list)
+            for ring in np.flatnonzero(layer == number).tolist():
+                of_owner[int(areas.owner[ring])].append(rings[ring])
+            for own in of_owner.values():
+                cv2.fillPoly(mask, own, (_FULL,), cv2.LINE_8, _SHIFT)
+            # Blend the colour over the picture where the mask is full.
+            cv2.convertScaleAbs(image, alpha=1 - style.fill_opacity, dst=self._layer)
+            cv2.copyTo(self._layer, mask, image)
+            light = np.array([*style.fill_bgr, 0.0]) * style.fill_opacity
+            cv2.add(image, light, dst=image, mask=mask)
 
     def strokes(
         self,
@@ -153,13 +156,6 @@ class LineRenderer:
         self._planes = [np.empty(shape, np.uint8) for _ in range(3)]
         return self._mask
 
-    def _tint(self, image: Pixels, colour: Colour, opacity: float) -> None:
-        """Blend a colour over the picture where the mask is full."""
-        cv2.convertScaleAbs(image, alpha=1 - opacity, dst=self._layer)
-        cv2.copyTo(self._layer, self._mask, image)
-        light = np.array([*colour, 0.0]) * opacity
-        cv2.add(image, light, dst=image, mask=self._mask)
-
     def _ink(self, image: Pixels, inked: _Part, colour: Colour, width: int, halo_px: int) -> None:
         """Draw the mask's lines on the picture: subtract the halo, then add the colour.
 
@@ -201,14 +197,6 @@ def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:
     # Whole rows lie in one piece of memory: OpenCV takes half the time for them.
     wide = columns.stop - columns.start > _WIDE_PART * image.shape[1]
     return rows, slice(0, image.shape[1]) if wide else columns
-
-
-def _by_owner(owner: IntArray, numbers: IntArray) -> list[list[int]]:
-    """Return the indices of rings, grouped by owner."""
-    numbers = numbers[np.argsort(owner[numbers], kind="stable")]
-    cuts = np.flatnonzero(np.diff(owner[numbers])) + 1
-    ends, ordered = [0, *cuts.tolist(), len(numbers)], numbers.tolist()
-    return [ordered[a:b] for a, b in pairwise(ends)]
 
 
 def _by_pen(

@@ -134,7 +134,7 @@ class MapRenderer:
         areas, lines, marks, _ = visible
         of = self._map.layer
         frame = FrameConfidence(self.confidence, view.camera, pose, rates)
-        self.lines.areas(image, areas, of[areas.owner], self._styles, view.reached)
+        self.lines.areas(image, areas, of[areas.owner], self._styles)
         labels, points = self._labels.place(image, lines, marks, taken)
         anchors, radius_px = with_marks(points, marks), mark_radius_px(image)
         lines_px, opacity, outlines, unknown = marked(

@@ -89,10 +89,7 @@ class StreamPresence:
         return became
 
     def gone(self, now_ns: int) -> bool:
-        """Take a stamp (ns) of another stream; return True if this one has just fallen silent.
-
-        A clock that was set back does not count as silence.
-        """
+        """Take a stamp (ns) of another stream; return True if this one has just fallen silent."""
         if not self.steady or now_ns - self._newest_ns < _SILENT_NS:
             return False
         self.steady = False

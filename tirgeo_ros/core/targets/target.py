@@ -18,7 +18,7 @@ from tirgeo_ros.core.types.errors import TargetError, cut
 #: down, the default sigmas of ground and lens give 0.11 m along the ray, the filter gives 0.1 m.
 COMMON = 0.5
 #: The filter's part: over simulated flights its error on the ground is correlated by 0.7 after
-#: 8 s, 0.4 after 30 s and 0.2 after 60 s (``test/core/targets/test_filter_memory.py``).
+#: 8 s, 0.4 after 30 s and 0.2 after 60 s (``test/core/targets/test_target.py``).
 MEMORY_S = 30.0
 #: Clicks disagree where independent errors would differ so much once in a thousand times
 #: (standard deviations of one tail).

@@ -57,10 +57,7 @@ class BagError(TirgeoError):
 
 
 class MessageError(TirgeoError):
-    """Report a message that cannot be decoded or lacks required data.
-
-    The receiver counts the message and goes on.
-    """
+    """Report a message that cannot be decoded or lacks required data."""
 
 
 class MapError(TirgeoError):

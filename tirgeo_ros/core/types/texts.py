@@ -10,10 +10,7 @@ _BEGIN = datetime(1970, 1, 1)  # noqa: DTZ001  UTC, without its words
 
 
 def legible(text: str) -> str:
-    """Return a text without control characters; each tab or other space is a plain one.
-
-    Line ends stay, and the joiners within emoji, Persian and Indian words.
-    """
+    """Return a text without control characters; each tab or other space is a plain one."""
     spaced = (" " if c.isspace() and c != "\n" else c for c in text)
     return "".join(c for c in spaced if c.isprintable() or c in _KEPT)
 

@@ -87,8 +87,9 @@ class SteadyStamps:
             self._newest_ns = arrival_ns - 1
             self._begin()
         elif arrival_ns - last_ns > _PAUSE_NS:
-            usual_ns = self.period_ns or self._mean_step_ns()
-            if arrival_ns - last_ns > _PAUSE_PERIODS * usual_ns:
+            steps = len(self._arrivals_ns) - 1
+            mean_ns = (last_ns - self._arrivals_ns[0]) / steps if steps > 0 else math.inf
+            if arrival_ns - last_ns > _PAUSE_PERIODS * (self.period_ns or mean_ns):
                 self._begin()
         else:
             self._arrival_ns = max(arrival_ns, last_ns)
@@ -104,11 +105,6 @@ class SteadyStamps:
         self._first_late_ns = self._least_late_ns = 0.0  # lateness in that run
         self._judged = self._wrong = self._missing = 0
         self._arrivals_ns.clear()
-
-    def _mean_step_ns(self) -> float:
-        """Return what stands for the period while it is not known."""
-        steps = len(self._arrivals_ns) - 1
-        return (self._arrivals_ns[-1] - self._arrivals_ns[0]) / steps if steps > 0 else math.inf
 
     def _learn(self, arrival_ns: int) -> None:
         """Estimate the period by the lower hull of arrivals over their count."""

@@ -88,7 +88,9 @@ class StreamUnit:
         """Decide by the readings since the last mean, if they are enough."""
         if len(self._readings) < _LEAST_NUMBER:
             return
-        x, y, z = map(_trimmed_mean, zip(*self._readings, strict=True))
+        out = int(_TRIMMED * len(self._readings))
+        kept = [sorted(axis)[out : len(axis) - out] for axis in zip(*self._readings, strict=True)]
+        x, y, z = (sum(values) / len(values) for values in kept)
         self._mean = (x, y, z)
         self._begun_ns, self._span_ns = None, _LATER_NS
         if self._how != "by its size":
@@ -124,13 +126,6 @@ class StreamUnit:
         if how == "by its size" and self._mean is not None:
             how = f"{how}, {math.hypot(*self._mean):.3f}"
         return _NAMES[self.factor] if self.factor is None else f"{_NAMES[self.factor]} ({how})"
-
-
-def _trimmed_mean(values: tuple[float, ...]) -> float:
-    """Return the mean without the smallest and the largest tenth."""
-    out = int(_TRIMMED * len(values))
-    kept = sorted(values)[out : len(values) - out]
-    return sum(kept) / len(kept)
 
 
 _SPAN_S = 2.0

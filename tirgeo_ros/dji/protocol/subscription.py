@@ -11,14 +11,14 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
-from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Make, PackedFields
+from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Make, PackedFields
 
 
 class Topic(NamedTuple):
     """Hold one topic.
 
-    ``make`` converts its numbers to a type of ``dji.protocol.rtk_gps_imu_parts``.
+    ``make`` converts its numbers to a type of ``dji.protocol.rtk_gps_imu_broadcast``.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Push(NamedTuple):
     package: Package
     time_ms: int | None  # None without a stamp
     time_ns: int | None
-    values: dict[str, Any]  # numbers, tuples and parts of ``rtk_gps_imu_parts``
+    values: dict[str, Any]  # numbers, tuples and parts of ``rtk_gps_imu_broadcast``
 
 
 _RECEIVERS = """GPS_DATE GPS_TIME GPS_POSITION GPS_VELOCITY GPS_DETAILS BATTERY_INFO

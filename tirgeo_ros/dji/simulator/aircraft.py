@@ -25,8 +25,7 @@ from tirgeo_ros.core.types.measurements import (
     SetHeading,
 )
 from tirgeo_ros.dji.link.framing import encode_frame
-from tirgeo_ros.dji.protocol.broadcast import Broadcast, encode_broadcast
-from tirgeo_ros.dji.protocol.rtk_gps_imu_parts import Gimbal
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Gimbal, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Push, encode_push
 from tirgeo_ros.dji.simulator.pushed_parts import PARTS, TOPICS, Instant, Receivers
 

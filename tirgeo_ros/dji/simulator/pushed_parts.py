@@ -21,7 +21,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS
 from tirgeo_ros.dji.interpret.gnss_samples import baseline_deg
 from tirgeo_ros.dji.interpret.imu_samples import G_M_S2
-from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
+from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 
 #: NovAtel's numbers, which DJI uses: narrow-lane integer, narrow-lane float, single point, none.
 _POSITION_FLAGS = {

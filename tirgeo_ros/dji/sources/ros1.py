@@ -210,20 +210,17 @@ def survey(messages: Iterable[tuple[str, Any, int]]) -> Ros1Setup:
     lag_ns = round(median(lags_ns)) if lags_ns else 0
     sizes = [size for size in forces_m_s2 if math.isfinite(size)]
     twice = bool(sizes) and median(sizes) > _TWICE_M_S2
+    steps_ns = [after - before for before, after in pairwise(imu_ns)]
+    bursts = False
+    if len(steps_ns) >= _BURST_NUMBER:
+        mean_ns = fmean(steps_ns)
+        far = sum(abs(step_ns - mean_ns) > _BURST_SHARE * mean_ns for step_ns in steps_ns)
+        bursts = far > _BURST_SHARE * len(steps_ns)
     return Ros1Setup(
         lag_ns if abs(lag_ns) > _OTHER_CLOCK_NS else 0,
         _WRAPPER_GRAVITY if twice else 1.0,
-        _has_bursts([after - before for before, after in pairwise(imu_ns)]),
+        bursts,
     )
-
-
-def _has_bursts(steps_ns: list[int]) -> bool:
-    """Return whether the IMU's steps are far from their mean; aligned stamps have whole ms."""
-    if len(steps_ns) < _BURST_NUMBER:
-        return False
-    mean_ns = fmean(steps_ns)
-    far = sum(abs(step_ns - mean_ns) > _BURST_SHARE * mean_ns for step_ns in steps_ns)
-    return far > _BURST_SHARE * len(steps_ns)
 
 
 class Ros1Decoder:

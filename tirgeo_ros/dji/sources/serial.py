@@ -10,8 +10,8 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, AircraftClock
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame, parse_key
-from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
-from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
+from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
@@ -259,7 +259,9 @@ class SerialDecoder:
     def _read(self, frames: list[ProtocolFrame], arrivals: list[int]) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
-            self.locked += _is_locked(frame)
+            # decrypted data makes sense if it is a push: that is what an aircraft sends
+            opened = frame.encryption != PLAIN and not frame.is_ack
+            self.locked += frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)
             readings += self._telemetry.read(frame, arrival_ns)
         return readings
 
@@ -276,12 +278,3 @@ class SerialDecoder:
         for name, clock in self._clocks.items():
             items |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
         return items
-
-
-def _is_locked(frame: ProtocolFrame) -> bool:
-    """Return whether a frame's data is encrypted, or makes no sense after decryption.
-
-    Decrypted data makes sense if it is a push: that is what an aircraft sends.
-    """
-    opened = frame.encryption != PLAIN and not frame.is_ack
-    return frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)

@@ -199,9 +199,6 @@ def _corner(tile: _Tile, first: _Tile) -> tuple[int, int]:
     to_grid = ~first.source.transform * source.transform
     places = [(0, 0), (source.width, 0), (0, source.height)]
     moves = np.array([to_grid * place for place in places]) - places
-    a, b = (float(x) for x in tuple(first.source.transform)[:2])
-    if source.crs.is_geographic and not b:  # whole turns of the Earth, for tiles at 180 deg
-        moves[:, 0] -= round(moves[0, 0] * a / 360) * 360 / a
     corner = moves[0].round()
     if np.abs(moves - corner).max() > _OFF_PIXELS:
         raise ElevationError(

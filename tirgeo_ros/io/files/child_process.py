@@ -70,7 +70,16 @@ def end_with(parent: int, number: signal.Signals) -> None:
 
 def parent_ended() -> bool:
     """Return whether this process ends with its parent (``end_with``), and that has ended."""
-    return any(parent != os.getppid() for parent in _parents)
+    return any(parent != os.getppid() or _exits(parent) for parent in _parents)
+
+
+def _exits(pid: int) -> bool:
+    """Return whether a process is on its way out, as one of many threads is for a moment."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return True
+    return fields[0] in "ZX" or bool(int(fields[6]) & 4)  # PF_EXITING: proc(5), sched.h
 
 
 def _path() -> list[str]:

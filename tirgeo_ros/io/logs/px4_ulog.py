@@ -8,7 +8,6 @@ antennas in the body, off the baseline's azimuth, as the contract of ``rtk/headi
 from __future__ import annotations
 
 import math
-import struct
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import redirect_stdout
@@ -43,11 +42,6 @@ _RECEIVERS = ("vehicle_gps_position", "sensor_gps")
 _AIR = "vehicle_air_data"
 _GIMBALS = ("gimbal_device_attitude_status", "mount_orientation")
 _WANTED = [*_IMUS, _ATTITUDE, *_RECEIVERS, _AIR, *_GIMBALS]
-#: Raised by pyulog for bytes that are no such log.
-_DAMAGED = (
-    *(struct.error, IndexError, KeyError, ValueError, OverflowError, TypeError),
-    *(AttributeError, MemoryError, RecursionError, EOFError),
-)
 
 
 def is_px4_ulog(head: bytes) -> bool:
@@ -107,7 +101,6 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
 def _opened(path: Path) -> tuple[Any, bool]:
     """Return the log, and whether it is cut off."""
     from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
-    from pyulog.exceptions import ULogException  # noqa: PLC0415  heavy
 
     try:
         with (
@@ -117,7 +110,9 @@ def _opened(path: Path) -> tuple[Any, bool]:
             redirect_stdout(StringIO()),
         ):
             return ULog(file, _WANTED), file.cut
-    except (*_DAMAGED, ULogException) as error:
+    except LogError:
+        raise
+    except Exception as error:  # noqa: BLE001  pyulog raises many kinds for bytes that are none
         why = str(error) or type(error).__name__
         raise LogError(f"{path}: damaged, or not a ULog: {why}") from None
 

@@ -11,7 +11,6 @@ import math
 import re
 from codecs import BOM_UTF8
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -67,15 +66,6 @@ _RTK = (1, 2)  # fixed and float
 _SAMPLE = "solution"
 
 
-@dataclass(frozen=True)
-class _Header:
-    """Hold the contents of the lines with %; empty where they have none."""
-
-    scale: str = ""  # GPST, UTC or JST
-    coordinates: str = ""
-    datum: str = ""
-
-
 def is_pos(head: bytes) -> bool:
     """Return whether a file's first bytes are those of a solution file."""
     text = head.removeprefix(BOM_UTF8).decode("ascii", "replace")
@@ -100,13 +90,13 @@ class _PosLog:
         self.contents = LogContents()
         self.is_rtk = False
         self._path, self._options = path, options
-        self._header = _Header()
+        self._scale = self._coordinates = self._datum = ""  # GPST, UTC or JST; empty: not told
         for line in lines:  # the first header is also that of lines before it
             self._take_header(line)
-            if self._header.scale:
+            if self._scale:
                 break
         else:
-            self._header = self._without_header(lines)
+            self._do_without_header(lines)
 
     def take(self, line: str) -> None:
         """Take a line: of the header, or a solution."""
@@ -122,25 +112,23 @@ class _PosLog:
     def _take_header(self, line: str) -> None:
         datum, titles = _DATUM.search(line), _TITLES.match(line)
         if datum:
-            name = ELLIPSOIDAL if datum[1] == "ellipsoidal" else MSL
-            self._header = replace(self._header, datum=name)
+            self._datum = ELLIPSOIDAL if datum[1] == "ellipsoidal" else MSL
         elif _LIKE_DATUM.match(line):
             raise LogError(
                 f"{self._path}: its header has not height=WGS84/ellipsoidal or /geodetic, but "
                 f"{line[1:40].strip()}: let RTKLIB write one of them, or mend the line"
             )
         if titles:
-            coordinates = _COORDINATES.get(titles[2])
-            if coordinates is None:
+            if titles[2] not in _COORDINATES:
                 raise LogError(
                     f"{self._path}: coordinates {titles[2]}, relative to a base: let RTKLIB write "
                     "latitude, longitude and height"
                 )
-            self._header = replace(self._header, scale=titles[1], coordinates=coordinates)
+            self._scale, self._coordinates = titles[1], _COORDINATES[titles[2]]
 
-    def _without_header(self, lines: list[str]) -> _Header:
-        scale = self._options.time_scale.upper()
-        if not scale:
+    def _do_without_header(self, lines: list[str]) -> None:
+        self._scale = self._options.time_scale.upper()
+        if not self._scale:
             raise LogError(
                 f"{self._path}: no header with the time scale: give --time-scale gpst or utc"
             )
@@ -149,13 +137,13 @@ class _PosLog:
         with suppress(ValueError, IndexError):
             coordinates = _ECEF if abs(float(cells[2])) > 360 else coordinates
         self.contents.notes.append(f"it has no header: coordinates taken as {coordinates}")
-        return replace(self._header, scale=scale, coordinates=coordinates)
+        self._coordinates = coordinates
 
     def _samples(self, cells: list[str]) -> list[SensedSample]:
         """Return the samples of a line; raise ValueError if it is none."""
         date, time, *cells = cells
         stamp_ns = self._stamp_ns(date, time)
-        width = _WIDTH[self._header.coordinates]
+        width = _WIDTH[self._coordinates]
         place, (quality, _satellites, *rest) = cells[:width], cells[width:]
         geodetic, r_nf = self._place(place)
         numbers = [float(cell) for cell in rest]
@@ -173,7 +161,6 @@ class _PosLog:
 
     def _stamp_ns(self, date: str, time: str) -> int:
         """Return the Unix time of the first two columns: date and time, or week and seconds."""
-        scale = self._header.scale
         if "/" in date:
             written = written_time(f"{date} {time}")
             if written is None:
@@ -181,18 +168,18 @@ class _PosLog:
             local_ns = written.local_ns
         else:
             local_ns = GPS_EPOCH_NS + int(date) * WEEK_NS + round(float(time) * 1e6) * 1000
-        return utc_ns(local_ns) if scale == "GPST" else local_ns - _AHEAD_NS[scale]
+        return utc_ns(local_ns) if self._scale == "GPST" else local_ns - _AHEAD_NS[self._scale]
 
     def _place(self, cells: list[str]) -> tuple[tuple[float, float, float], Array]:
         """Return latitude, longitude (rad) and height, and NED from the file's axes (3, 3)."""
-        if self._header.coordinates == _ECEF:
+        if self._coordinates == _ECEF:
             place = geodetic_from_ecef(np.array([float(cell) for cell in cells]))
             latitude_rad, longitude_rad, height_m = map(float, place)
             r_en = rotation_ecef_from_ned(latitude_rad, longitude_rad)
             return (latitude_rad, longitude_rad, height_m), r_en.T
         half = len(cells) // 2
         latitude_rad, longitude_rad = _angle_rad(cells[:half]), _angle_rad(cells[half:-1])
-        datum = self._header.datum or self._options.height
+        datum = self._datum or self._options.height
         if not datum:
             raise LogError(
                 f"{self._path}: its header does not tell what heights are above: give --height "

@@ -104,13 +104,12 @@ class _Comparison:
         if self.sign in _ORDER:
             number, bound = _number(value), _number(self.values[0])
             return number is not None and bound is not None and _ORDER[self.sign](number, bound)
-        is_one = False
-        for each in self.values:
-            number, other = _number(each), _number(value)
-            if number is None or other is None:
-                is_one |= _unquoted(each) == shown_value(value)
-            else:
-                is_one |= number == other
+        number, text = _number(value), shown_value(value)
+        # As numbers if both are.
+        is_one = any(
+            text == _unquoted(each) if None in (number, _number(each)) else number == _number(each)
+            for each in self.values
+        )
         return is_one != (self.sign == "!=")
 
 

@@ -24,6 +24,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
     ANTENNA,
     AZIMUTH,
     PARAMETERS,
+    TABLE,
     baseline_b,
 )
 from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longest_piece
@@ -176,19 +177,9 @@ def _check_determined(fitted: AircraftFit) -> None:
         raise CalibrationError(f"the flight shows no parameter: {named}")
 
 
-_UNITS = ("m", "m", "m", "deg", "ms", "ms", "ms")
 #: Node and name of the parameter that holds each value; positions' with ``hold`` rtk: imu.delay_s.
-KEYS = dict(
-    zip(
-        (*PARAMETERS, *LEVEL),
-        (
-            *["aircraft.rtk_antenna_m"] * 3,
-            "aircraft.second_antenna_m",
-            *("ekf_node rtk.delay_s", "ekf_node rtk.velocity_delay_s", "ekf_node heading.delay_s"),
-            *["aircraft.imu_rpy_deg"] * 2,
-        ),
-        strict=True,
-    )
+KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
+    LEVEL, "aircraft.imu_rpy_deg"
 )
 _LENGTH_M = 1.0  # of a baseline whose length is not configured
 
@@ -201,9 +192,12 @@ def _result(
     notes: list[str],
 ) -> Result:
     """Return the result of a fit; ``level`` is None if the bag has no attitude."""
-    columns = zip(_UNITS, fitted.first, fitted.values, fitted.sigma, strict=True)
-    rows = dict(zip(PARAMETERS, columns, strict=True))
-    estimates = {name: estimate(KEYS[name], *rows[name]) for name in fitted.determined}
+    rows = zip(TABLE.items(), fitted.first, fitted.values, fitted.sigma, strict=True)
+    estimates = {
+        name: estimate(row.key, row.unit, *numbers)
+        for (name, row), *numbers in rows
+        if name in fitted.determined
+    }
     reasons = dict(fitted.undetermined)
     turn = np.zeros(3)
     if not set(LEVEL) <= set(held):

@@ -32,22 +32,20 @@ from tirgeo_ros.core.calibration.boresight_model import (
     Stepped,
     corrected_pose,
 )
-from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.stamps import exposure_ns
-from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
-from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.parameters.parameter_file import Files, Value
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
-from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, open_flight
 
 #: Parameters estimated by default, and the one estimated only if the flight can determine it.
 USUAL = ("roll", "pitch", "yaw", "latency")
@@ -72,7 +70,6 @@ def calibrate_boresight(
     hold: Collection[str] = (),
     namespace: str = "",
     click_sigma_px: float = CLICK_SIGMA_PX,
-    plot: PathLike | None = None,
     camera: PathLike | None = None,
     smooth: bool = False,
     progress: Report = silent,
@@ -84,23 +81,21 @@ def calibrate_boresight(
     ``smooth``: camera poses from all measurements, also later ones. Raise
     CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.
     """
-    configs = node_configs(params, namespace, camera=camera)
-    given = (bag_in, survey, observations, *paths_of(params), *configs.files)
-    check_outputs(given, (output, plot), CalibrationError)
+    options, inputs = {"camera": camera}, (survey, observations)
+    opened = open_flight(
+        bag_in, (output,), params, namespace, options, inputs=inputs, error=CalibrationError
+    )
+    reader, configs = opened.reader, opened.configs
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
-    reader = BagReader(bag_in)
-    configs, chosen = configs.fitting(reader.topics(), namespace)
     wanted = _wanted(estimate, hold, configs)
     read = _read(reader, namespace, configs, wanted, *observed, smooth=smooth)
     try:
         fitted, notes = _fit(read, wanted, strict=estimate is not None)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
-    result = _result(read, configs, fitted, chosen + read.notes + notes)
-    files = (
-        (output, lambda: result.yaml("boresight", bag_in, boresight_lines(result.numbers))),
-        (plot, lambda: boresight_png(read.flight.camera, read.sightings, fitted)),
-    )
+    result = _result(read, configs, fitted, opened.notes + read.notes + notes)
+    lines = boresight_lines(result.numbers)
+    files = [(output, lambda: result.yaml("boresight", bag_in, lines))]
     numbers = {"unknown_ids": read.unknown, "without_pose": read.lost, "notes": result.notes}
     first = {"input": os.fspath(bag_in), "smoothed": smooth}
     return first | written(files, result.numbers | numbers, reader)
@@ -401,38 +396,3 @@ def boresight_lines(result: Mapping[str, Any]) -> list[str]:
             f"{result['pictures']} pictures, composition {result['composition']}"
         ),
     ]
-
-
-_LONGEST_PX = 60.0
-
-
-def boresight_png(
-    camera: Camera, sightings: Sequence[PointSighting], fitted: BoresightFit
-) -> bytes:
-    """Return a PNG: an arrow from each observation to its point's expected pixel, outliers too."""
-    uv = np.array([sighting.uv for sighting in sightings])
-    made, axes = figure(10.0, 5.2, 1, 2, sharex=True, sharey=True)
-    for panel, title, residuals in zip(
-        axes, ("before", "after"), (fitted.before, fitted.after), strict=True
-    ):
-        _boresight_panel(panel, uv, residuals, fitted.used)
-        rms = float(np.sqrt(np.nanmean((residuals[fitted.used] ** 2).sum(1))))
-        panel.set(title=f"{title}: {rms:.2f} px rms", xlabel="column, px", aspect="equal")
-    axes[0].set(xlim=(0, camera.width), ylim=(camera.height, 0), ylabel="row, px")
-    axes[1].legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)  # under the picture
-    return png(made)
-
-
-def _boresight_panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
-    longest = float(np.nanmax(np.hypot(*residuals[used].T), initial=1e-3))
-    visible = np.isfinite(residuals[:, 0])
-    for shown, colour, what in (
-        (used & visible, COLOURS[0], "used"),
-        (~used & visible, COLOURS[1], "left out"),
-    ):
-        # An outlier may be hundreds of pixels off: its arrow is cut.
-        cut = np.minimum(1.0, longest / np.maximum(np.hypot(*residuals[shown].T), 1e-9))
-        moves = -residuals[shown] * cut[:, None] * _LONGEST_PX / longest
-        panel.plot(*uv[shown].T, ".", color=colour, markersize=4, label=what)
-        arrows(panel, uv[shown], moves, colour, 0.003)
-    panel.text(0.01, 0.03, f"longest arrow {longest:.1f} px", transform=panel.transAxes)

@@ -73,8 +73,8 @@ def calibrate_imu(
     none. Raise BagError, ConfigError, CalibrationError.
     """
     picture = Path(output).with_suffix(".png") if output and plot is None else plot
-    given = [bag, *paths_of(params), *node_configs(params, namespace).files]
-    check_outputs(given, (output, picture), CalibrationError)
+    inputs = [bag, *paths_of(params), *node_configs(params, namespace).files]
+    check_outputs(inputs, (output, picture), CalibrationError)
     imu = ParameterFile(params).config("ekf_node", EkfConfig, namespace).imu
     reader = BagReader(bag)
     read = read_imu(reader, resolved("imu/data", namespace), from_s, to_s, progress)

@@ -133,23 +133,23 @@ def calibrate_map(
     summary. Raise SurveyError, MapError, CalibrationError.
     """
     check_outputs((vectors, points, survey), (output,), MapError)
-    control = load_control_points(points, survey)
-    plane = Plane(crs, control.degrees)
+    marks = load_control_points(points, survey)
+    plane = Plane(crs, marks.degrees)
     try:
-        transform, residuals = fit_polynomial(control.pixels, plane.metres(control.degrees), order)
+        transform, residuals = fit_polynomial(marks.pixels, plane.metres(marks.degrees), order)
     except CalibrationError as error:
         raise CalibrationError(f"{points}: {error}") from None
     features = _features(vectors, transform)
     degrees = plane.degrees(transform(features.pixels))
     outside = ~transform.inside(features.pixels)
     write_files({output: features.geojson(degrees)}, MapError)
-    jacobian = transform.jacobian(control.pixels.mean(axis=0)[None])[0]
-    warnings = _warnings(control, transform, residuals, features, outside)
+    jacobian = transform.jacobian(marks.pixels.mean(axis=0)[None])[0]
+    warnings = _warnings(marks, transform, residuals, features, outside)
     return {
         "output": [os.fspath(output)],
         "order": order,
         "crs": plane.name,
-        "points": len(control.names),
+        "points": len(marks.names),
         "mean_residual_px": float(residuals.lengths_px.mean()),
         "rms_residual_px": float(rms(residuals.lengths_px)),
         "mean_residual_m": float(residuals.lengths_m.mean()),
@@ -159,7 +159,7 @@ def calibrate_map(
         "pixel_m": math.sqrt(abs(float(np.linalg.det(jacobian)))),  # in the middle of the points
         "features": features.count,
         "features_outside": features.features_with(outside),
-        "residuals": _rows(control, residuals),
+        "residuals": _rows(marks, residuals),
         "warning": "; ".join(warnings) or None,
     }
 
@@ -178,7 +178,7 @@ def _features(path: PathLike, transform: PolynomialTransform) -> PixelFeatures:
 
 
 def _warnings(
-    control: ControlPoints,
+    marks: ControlPoints,
     transform: PolynomialTransform,
     residuals: Residuals,
     features: PixelFeatures,
@@ -194,7 +194,7 @@ def _warnings(
         )
     if math.isnan(residuals.sigma_m):
         yield (
-            f"{len(control.names)} points leave no redundancy at order {transform.order}: "
+            f"{len(marks.names)} points leave no redundancy at order {transform.order}: "
             "residuals of zero mean nothing; measure more"
         )
     else:
@@ -202,25 +202,25 @@ def _warnings(
         fair = np.sqrt(residuals.lengths_m * residuals.left_out_m)
         far = (fair > _GROSS * np.median(fair)) & (residuals.lengths_px > _LEAST_GROSS_PX)
         gross = [
-            f"{control.names[k]} ({residuals.left_out_m[k]:.2g} m)"
+            f"{marks.names[k]} ({residuals.left_out_m[k]:.2g} m)"
             for k in np.argsort(-fair).tolist()
             if far[k]
         ]
         if gross:
             named = ", ".join(gross[:_NAMED])
             yield f"points that do not fit the others: {named}; look for mistakes"
-    if control.unused:
-        some = ", ".join(control.unused[:_NAMED])
-        more = f" and {len(control.unused) - _NAMED} more" if len(control.unused) > _NAMED else ""
+    if marks.unused:
+        some = ", ".join(marks.unused[:_NAMED])
+        more = f" and {len(marks.unused) - _NAMED} more" if len(marks.unused) > _NAMED else ""
         yield f"in only one of the two files, and not used: {some}{more}"
 
 
-def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
+def _rows(marks: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
     """Return the residuals of each point by column."""
     names = ("column", "row", "x_m", "y_m", "column_px", "row_px", "length_m", "length_px")
     lengths = residuals.lengths_m, residuals.lengths_px, residuals.left_out_m
-    table = np.column_stack([control.pixels, residuals.metres, residuals.pixels, *lengths])
+    table = np.column_stack([marks.pixels, residuals.metres, residuals.pixels, *lengths])
     return [
         {"id": point} | dict(zip((*names, "left_out_m"), row, strict=True))
-        for point, row in zip(control.names, table.tolist(), strict=True)
+        for point, row in zip(marks.names, table.tolist(), strict=True)
     ]

@@ -55,7 +55,7 @@ def estimates_table(estimates: Estimates) -> list[str]:
 
 def described(lines: Sequence[str], result: Mapping[str, Any]) -> str:
     """Return the text for the screen: lines, notes and the files written."""
-    notes = [f"note: {note}" for note in result["notes"]]
+    notes = [f"note: {note}" for note in result.get("notes", ())]
     return "\n".join([*lines, *notes, *(f"wrote {path}" for path in result["output"])])
 
 

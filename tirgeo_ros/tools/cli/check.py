@@ -17,6 +17,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, PARAMETERS, call
 
+SAYS_FINDINGS = False  # ``describe`` prints them
 OPTIONS = (*FLIGHT, *PARAMETERS, *GROUND, ("--map", "MAP", "map that will be drawn"))
 
 
@@ -26,11 +27,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     names = "params map dem ground_height camera namespace"
     return call(check, args, "checking, s", "bag", names)
-
-
-def finding_lines(_result: Mapping[str, object]) -> list[str]:
-    """Return nothing: ``describe`` has printed the findings."""
-    return []
 
 
 def describe(result: Mapping[str, Any]) -> str:

@@ -69,15 +69,9 @@ def describe(result: dict[str, Any]) -> str:
     if truth:
         metres, degrees = map(_number, (truth["position_rms_m"], truth["attitude_rms_deg"]))
         heading += f"; the camera is {metres} m and {degrees} deg off (rms)"
-    clicks = [
-        "{target}: {latitude_deg:.6f}, {longitude_deg:.6f}, {off_m:.1f} m from where it is "
-        "(ellipse of 95 % {ellipse_95_m:.1f} m)".format(**one)
-        for one in result.get("found") or ()
-    ]
     lines = [
         f"{frames}, {latency} ms later; {cores} cores",
         f"{result['state']} by {result['method']}, {heading}",
-        *clicks,
         f"all numbers: {Path(result['video']).with_name('summary.json')}",
         "",
         f"look at  {result['video']}",

@@ -8,10 +8,11 @@ out. A ROS 1 bag that was cut off or never closed is read up to the cut, with ex
 input gives the same bytes. --namespace and the topics are for bags; --packages and --key for
 captures.
 
-Logs: CSV (with --columns), RTKLIB .pos, u-blox UBX (NAV-PVT, NAV-RELPOSNED), PX4 ULog, ArduPilot
-DataFlash, subtitles of DJI's cameras (SRT). Several of one flight are merged by their time stamps;
-a topic that two of them have for the same time comes from the first. What a log does not tell is
-asked for. docs/import.md and docs/import_autopilots.md tell what comes out of each.
+Logs: CSV (with --columns, of which config/columns has a template), RTKLIB .pos, u-blox UBX
+(NAV-PVT, NAV-RELPOSNED), PX4 ULog, ArduPilot DataFlash, subtitles of DJI's cameras (SRT). Several
+of one flight are merged by their time stamps; a topic that two of them have for the same time
+comes from the first. What a log does not tell is asked for. docs/import.md and
+docs/import_autopilots.md tell what comes out of each.
 
 example:
   tirgeo import flight.bag -o flight.mcap --params params.yaml

@@ -8,10 +8,10 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from types import FrameType, ModuleType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import tirgeo_ros
 from tirgeo_ros.core.types.errors import TirgeoError, shown
@@ -54,7 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UsageError as error:
         args.verb_parser.error(str(error))
     except BrokenPipeError:
-        return _closed_pipe()
+        # The reader (head, less) has gone: print no more, not even when Python flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
     except (TirgeoError, OSError) as error:
         return _say(args, error_line(error), FAILED)
     except ModuleNotFoundError as error:
@@ -70,8 +72,9 @@ def _run(args: argparse.Namespace) -> int:
     result = args.verb_module.run(args)
     if isinstance(result, int):
         return result
-    for line in getattr(args.verb_module, "finding_lines", _finding_lines)(result):
-        _say(args, line, DONE)
+    if getattr(args.verb_module, "SAYS_FINDINGS", True):
+        for line in finding_lines(result.get("findings") or []):
+            _say(args, line, DONE)
     if args.json:
         print(json.dumps(plain(result), allow_nan=False, ensure_ascii=False))
     else:
@@ -82,21 +85,10 @@ def _run(args: argparse.Namespace) -> int:
     return DONE if error is None else _say(args, str(error), FAILED)
 
 
-def _finding_lines(result: Mapping[str, Any]) -> list[str]:
-    """Return lines for the findings that are worse than a note."""
-    return finding_lines(result.get("findings") or [])
-
-
 def _say(args: argparse.Namespace, message: str, code: int) -> int:
     with suppress(OSError):  # the terminal may be gone
         print(f"{args.verb_parser.prog}: {shown(message)}", file=sys.stderr)
     return code
-
-
-def _closed_pipe() -> int:
-    # The reader (head, less) has gone: print nothing more, not even when Python flushes at exit.
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return BROKEN_PIPE
 
 
 def console() -> NoReturn:

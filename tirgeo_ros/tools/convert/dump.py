@@ -10,8 +10,8 @@ from typing import Any
 
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, parse_key
-from tirgeo_ros.dji.protocol import rtk_gps_imu_parts as parts
-from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, decode_broadcast
+from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Layout, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push, package_table
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import load_yaml

@@ -24,7 +24,7 @@ from tirgeo_ros.dji.clocks.capture_clock import (
     time_of_words,
 )
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, parse_key
-from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
+from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial import Clocks, Telemetry

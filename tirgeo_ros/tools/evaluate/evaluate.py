@@ -37,7 +37,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight, node_configs
 from tirgeo_ros.tools.replay.registration import Registered, Sample, can_smooth
 
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
@@ -115,8 +115,8 @@ def evaluate(
     overlay, reader = last.configs.overlay, BagReader(bag)
     style, lens = (overlay.style, overlay.label_field), given_camera(overlay)
     layers = load_layers(overlay.map, *style, network=overlay.network) if overlay.map else None
-    checked = last.configs, reader, files, namespace
-    checks = FlightChecks(*checked, ground=last.ground, layers=layers or None, camera=lens)
+    opened = OpenedFlight(reader, last.configs, files, namespace, [])
+    checks = FlightChecks(opened, ground=last.ground, layers=layers or None, camera=lens)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     true_poses = None if truth is None else load_truth(Path(truth))
     runs = [_Run(setup, true_poses) for setup in setups]

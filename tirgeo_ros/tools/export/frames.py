@@ -142,16 +142,16 @@ def register(
     opened: OpenedFlight, chosen: Sequence[Chosen], progress: Report, *, smooth: bool = False
 ) -> RegisteredFlight:
     """Read and check the flight. Raise BagError without a pose; CameraError, ElevationError."""
-    reader, configs, params, namespace, notes = opened
-    ekf, gimbal, overlay, _ = configs
+    reader, namespace, overlay = opened.reader, opened.namespace, opened.configs.overlay
     ground, lens = ground_of(overlay), given_camera(overlay)
-    of_flight = (configs, reader, params, namespace)
-    checks = FlightChecks(*of_flight, ground=ground, camera=lens, pictures=True)
+    checks = FlightChecks(opened, ground=ground, camera=lens, pictures=True)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in chosen]
     bodies = _Bodies(exposures_ns)
     watchers = bodies.watch, checks.watch
-    poses = flight.registered(ekf, gimbal, exposures_ns, *watchers, smooth=smooth)
+    poses = flight.registered(
+        opened.configs.ekf, opened.configs.gimbal, exposures_ns, *watchers, smooth=smooth
+    )
     bodies.flown = poses
     flight.read_all(progress)
     posed: dict[int, Posed] = {}
@@ -177,7 +177,7 @@ def register(
         "state": status.state.value,
         "smoothed": smooth,
         "findings": finding_items(findings),
-        "notes": [*notes, *(ground.notes if isinstance(ground, Terrain) else ())],
+        "notes": [*opened.notes, *(ground.notes if isinstance(ground, Terrain) else ())],
     }
     place = flight.camera, poses.plane, ground
     return RegisteredFlight(*place, posed, refused, bodies.states, summary, stop_line(findings))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from contextlib import suppress
@@ -17,7 +16,6 @@ from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, named_files, write_files
 from tirgeo_ros.io.maps import map_files
-from tirgeo_ros.io.surveys.survey import load_survey
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import (
@@ -34,7 +32,6 @@ from tirgeo_ros.tools.replay.graph_outputs import (
     OVERLAY,
     Outputs,
     differences,
-    found_targets,
     in_plane,
     read_outputs,
     read_pictures,
@@ -42,8 +39,6 @@ from tirgeo_ros.tools.replay.graph_outputs import (
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 SAMPLE = "bags/sample"
-#: File beside the bag with the true positions of the points that an operator clicks on.
-TARGETS = "targets.geojson"
 _NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")
 #: Fraction of the flight at which the still is taken: the filter has settled and sees the map.
 _STILL_AT = 2 / 3
@@ -72,7 +67,6 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     cores = run.cores | {"total": sum(run.cores.values())}
     result |= {"play_s": run.play_s, "cpu_s": run.cpu_s, "cores": cores}
     result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
-    result["found"] = against_targets(outputs, setup.bag.with_name(TARGETS))
     result["error"] = run.error
     text = json.dumps(result, indent=2) + "\n"
     write_files({setup.folder / "summary.json": text}, GraphError)
@@ -119,7 +113,7 @@ def demo_setup(
     bag = bag or find_resource(f"{SAMPLE}/flight.mcap")
     if bag is None:
         raise BagError(f"{SAMPLE}/flight.mcap is not installed: give a bag with --bag")
-    names = ("params.yaml", "map.geojson", "truth.mcap", TARGETS)
+    names = ("params.yaml", "map.geojson", "truth.mcap")
     beside = {name: path for name in names if (path := bag.with_name(name)).is_file()}
     params, map_file = params or beside.get("params.yaml"), map_file or beside.get("map.geojson")
     for name in named_files(str(map_file or "")):
@@ -194,10 +188,3 @@ def against_truth(outputs: Outputs, truth: Path) -> dict[str, object] | None:
         "attitude_rms_deg": math.degrees(float(rms(apart.angle_rad))),
         "heading_rms_deg": math.degrees(float(rms(apart.rotation_n[:, 2]))),
     }
-
-
-def against_targets(outputs: Outputs, targets: Path) -> list[dict[str, object]]:
-    """Return each click's located point with the nearest target; empty without a targets file."""
-    if not targets.is_file():
-        return []
-    return [dataclasses.asdict(target) for target in found_targets(outputs, load_survey(targets))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -46,52 +47,33 @@ def check(
     ground = tried(findings, "dem", lambda: ground_of(overlay))
     lens = tried(findings, "camera", lambda: given_camera(overlay))
     layers = tried_map(findings, overlay, overlay.map, used=True)
-    of_flight = (configs, reader, params, namespace)
-    checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens, pictures=True)
+    checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens, pictures=True)
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
     flight = Flight(reader, namespace, camera=lens, checks=checks, **wanted)
-    heights = _Heights()
-    watchers = [checks.watch, heights.watch]
-    poses = FlightPoses(configs.ekf, configs.gimbal, SAMPLES, (), watchers)
+    solutions: Counter[str] = Counter()
+
+    def count(_sample: Sample, registered: Registered) -> None:
+        solutions["made"] += registered.solution is not None
+
+    poses = FlightPoses(configs.ekf, configs.gimbal, SAMPLES, (), [checks.watch, count])
     flight.add_poses(poses)
     flight.read_all(progress)
     if reader.damage is not None:
         findings.append(finding("damaged_bag", damage=reader.damage))
     findings += checks.findings()
-    if not math.isfinite(heights.lowest_m) and stop_line(findings) is None:
+    if not solutions["made"] and stop_line(findings) is None:
         status = poses.registration.navigation.status()
         state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
         findings.append(finding("no_pose", state=state, method=status.method))
     findings = sorted_findings(findings)
-    checked = _numbers(reader, poses, checks)
-    if isinstance(ground, float) and math.isfinite(heights.lowest_m):
-        checked["height_above_ground_m"] = [
-            height_m - ground for height_m in (heights.lowest_m, heights.highest_m)
-        ]
-    if layers:
-        checked["map_layers"] = len(layers)
     return {
         "input": os.fspath(bag),
         "verdict": tally_line(findings),
         "findings": finding_items(findings),
-        "checked": checked,
+        "checked": _numbers(reader, poses, checks),
         "notes": opened.notes,
         "error": stop_line(findings),
     }
-
-
-class _Heights:
-    """Keep the lowest and the highest place of the body, ellipsoidal."""
-
-    def __init__(self) -> None:
-        self.lowest_m, self.highest_m = math.inf, -math.inf
-
-    def watch(self, _sample: Sample, registered: Registered) -> None:
-        """Take a pose."""
-        if registered.solution is not None:
-            height_m = registered.solution.height_m
-            self.lowest_m = min(self.lowest_m, height_m)
-            self.highest_m = max(self.highest_m, height_m)
 
 
 def _numbers(reader: BagReader, poses: FlightPoses, checks: FlightChecks) -> dict[str, object]:

@@ -62,8 +62,6 @@ _NEAR_NS = 1_000_000_000
 _MOTION_NS = 50_000_000
 #: Messages that are decoded together: work of one kind in a row uses the caches better.
 _BLOCK = 32
-#: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
-_LOOKED_AT = 10
 #: Share of the work, roughly, that the first pass of two is.
 _FIRST_SHARE = 0.4
 
@@ -130,7 +128,6 @@ class Flight:
         self._takers: defaultdict[str, list[Callable[[Sample], object]]] = defaultdict(list)
         self._to_smooth: list[FlightPoses] = []
         self._cdr = Cdr()
-        self._unwanted = 0
 
     @property
     def refused(self) -> int:
@@ -250,44 +247,33 @@ class Flight:
             poses.smooth()
 
     def _content(self, topic: str, message: BagMessage) -> object | None:
-        """Return the content, why there is none, or None where it is not needed.
-
-        Of what only the checks want, each tenth is decoded; of pictures without a sink, none.
-        """
-        if self._sink is None:
-            return None if topic in PICTURES else self._decoded(message)
-        if not self._sink.wants(topic):
-            self._unwanted += 1
-            if self._unwanted % _LOOKED_AT:
-                return None
-        content = self._decoded(message)
-        if topic in PICTURES and not isinstance(content, MessageError):
-            self._sink.expect(topic, content)
-        return content
-
-    def _decoded(self, message: BagMessage) -> object:
-        """Return the content of a message, or why it cannot be decoded."""
+        """Return the content, or why there is none; None for a picture without a sink."""
+        if self._sink is None and topic in PICTURES:
+            return None
         try:
             content: object = self._cdr.deserialize(message.data, message.typename, message.topic)
         except MessageError as error:
             return error
+        if self._sink is not None and topic in PICTURES:
+            self._sink.expect(topic, content)
         return content
 
     def _take(self, topic: str, message: BagMessage, content: object | None) -> None:
-        """Process a message; it is decoded here if it was not wanted when its block was."""
+        """Process a message; what no sink wants is shown to the checks alone."""
         self.now_ns = message.log_time_ns
         if self.begun_ns is None:
             self.begun_ns = self.now_ns
         if self._sink is not None and not self._sink.wants(topic):
-            self._look_at(topic, content)
+            if self._checks is not None and not isinstance(content, MessageError):
+                with suppress(TirgeoError):
+                    self._checks.sample(topic, SAMPLES[topic](content), self.now_ns)
             return
-        if self._sink is not None or topic not in PICTURES:
-            content = self._decoded(message) if content is None else content
-            if isinstance(content, MessageError):
-                self.undecoded[message.topic] += 1
-                if self._sink is None and self._checks is not None:
-                    self._checks.refused(topic, str(content))
-                return
+        if isinstance(content, MessageError):
+            self.undecoded[message.topic] += 1
+            if self._sink is None and self._checks is not None:
+                self._checks.refused(topic, str(content))
+            return
+        if content is not None:
             self.read[message.topic] += 1
         sample = self._sample(topic, message, content)
         if sample is not None:
@@ -295,13 +281,6 @@ class Flight:
                 take(sample)
         if self._sink is not None:
             self._sink.proceed(self.now_ns)
-
-    def _look_at(self, topic: str, content: object | None) -> None:
-        """Pass a sample that nobody but the checks wants to them, if it was decoded."""
-        if content is None or isinstance(content, MessageError) or self._checks is None:
-            return
-        with suppress(TirgeoError):
-            self._checks.sample(topic, SAMPLES[topic](content), self.now_ns)
 
     def _sample(self, topic: str, message: BagMessage, content: object | None) -> Sample | None:
         """Return a message's sample; what is none is taken here. Count what cannot be used."""
@@ -420,5 +399,5 @@ def pose_at(
     if not isinstance(pose, CameraPose):
         return None
     around = [poses.at(stamp_ns + step) for step in (-_MOTION_NS, 0, _MOTION_NS)]
-    present = [one for one in around if isinstance(one, CameraPose)]
+    present = [each for each in around if isinstance(each, CameraPose)]
     return pose, CameraRates.between(present[0], present[-1]) if len(present) > 1 else None

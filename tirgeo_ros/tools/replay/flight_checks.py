@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import traceback
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -37,13 +37,13 @@ from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.bag import BagMessage, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 F = TypeVar("F", bound=Callable[..., None])
@@ -102,17 +102,14 @@ class FlightChecks:
 
     def __init__(
         self,
-        configs: NodeConfigs,
-        reader: BagReader,
-        params: Files,
-        namespace: str,
+        opened: OpenedFlight,
         *,
         ground: Ground | None = None,
         layers: Sequence[MapLayer] | None = None,
         camera: Camera | None = None,
         pictures: bool = False,
     ) -> None:
-        ekf, gimbal, overlay, given = configs
+        (ekf, gimbal, overlay, given), namespace = opened.configs, opened.namespace
         self._navigation = NavigationChecks(ekf, given)
         self._gimbal = GimbalChecks(gimbal, given)
         self._pictures = PictureChecks(overlay, ground, given)
@@ -124,33 +121,30 @@ class FlightChecks:
         self._streams: dict[str, Stream] = {}  # of the gimbal
         self._plane: TangentPlane | None = None
         self.picture_size: tuple[int, int] | None = None  # of the newest: width, height
-        self.arrivals_ns: dict[str, list[int]] = {}  # of messages, by topic
+        self.arrivals_ns: defaultdict[str, list[int]] = defaultdict(list)  # by topic
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self.failed: Counter[str] = Counter()  # exceptions in the checks
         if camera is not None:
             self._pictures.camera(camera)
         recording = RecordedTopics(
-            reader.topics(),
+            opened.reader.topics(),
             {topic: TOPIC_TYPES[topic] for topic in (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)},
             namespace,
             has_camera=camera is not None,
             wants_pictures=pictures,
         )
         pictured = recording.there.intersection((*PICTURES, *GIMBAL))
-        unused = ParameterFile(params).elsewhere(namespace)
+        unused = ParameterFile(opened.params).elsewhere(namespace)
         self.at_start = [
             *recording_findings(recording),
             *parameter_findings(given, unused, namespace, pictures=bool(pictured)),
         ]
 
-    def _count(self, topic: str, arrival_ns: int) -> None:
-        self.arrivals_ns.setdefault(topic, []).append(arrival_ns)
-
     @_guarded
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
-        self._count(topic, arrival_ns)
+        self.arrivals_ns[topic].append(arrival_ns)
         if isinstance(sample, JointSample | CameraAttitudeSample):
             self._streams.setdefault(topic, Stream(_GIMBAL_GAP_S)).add(sample, arrival_ns)
         if isinstance(sample, JointSample):
@@ -194,7 +188,7 @@ class FlightChecks:
     @_guarded
     def camera(self, camera: Camera, arrival_ns: int) -> None:
         """Take a calibration of the bag."""
-        self._count(CAMERA_INFO, arrival_ns)
+        self.arrivals_ns[CAMERA_INFO].append(arrival_ns)
         self._pictures.camera(camera)
 
     def message(self, topic: str, message: BagMessage) -> None:
@@ -222,13 +216,13 @@ class FlightChecks:
 
     @_guarded
     def _passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
-        self._count(topic, arrival_ns)
+        self.arrivals_ns[topic].append(arrival_ns)
         self._pictures.passed(stamp_ns, arrival_ns)
 
     @_guarded
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         """Take a picture with the stamp of its message; check it before it is drawn on."""
-        self._count(topic, arrival_ns)
+        self.arrivals_ns[topic].append(arrival_ns)
         self.picture_size = (pixels.shape[1], pixels.shape[0])
         self._pictures.frame(stamp_ns, pixels, arrival_ns)
 

@@ -75,14 +75,14 @@ def inputs_of(
         if absent == [GIMBAL_TOPICS[composition]]:
             hint = "; without it, tirgeo process --no-images gives the body's poses"
         raise BagError(f"{reader.path}: needed topic absent: {', '.join(said)}{hint}")
-    found = {resolved(name, namespace): name for name in wanted if name in there}
-    for topic, name in found.items():
+    topics = {resolved(name, namespace): name for name in wanted if name in there}
+    for topic, name in topics.items():
         if present[topic] != TOPIC_TYPES[name]:
             raise BagError(
                 f"{reader.path}: {topic} is of type {present[topic] or 'nothing'}, "
                 f"not {TOPIC_TYPES[name]}"
             )
-    return found
+    return topics
 
 
 def checked_topics(reader: BagReader, namespace: str, used: Mapping[str, str]) -> dict[str, str]:
@@ -115,8 +115,8 @@ def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
     return "ekf", f"method ekf: the bag has no {names}{on_gps}"
 
 
-def done_without(found: Collection[str], method: str) -> list[str]:
-    """Return the topics (contract names) that a method uses but that are not found.
+def done_without(present: Collection[str], method: str) -> list[str]:
+    """Return the topics (contract names) that a method uses but that are not present.
 
     Ordinary GPS is a filter's fallback, and a barometer is extra: neither is reported, except for
     the method ``raw``.
@@ -124,5 +124,5 @@ def done_without(found: Collection[str], method: str) -> list[str]:
     return [
         name
         for name in METHOD_TOPICS[method]
-        if name not in found and (method == "raw" or name in _OF_HEADINGS)
+        if name not in present and (method == "raw" or name in _OF_HEADINGS)
     ]

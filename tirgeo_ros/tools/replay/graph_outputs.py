@@ -1,12 +1,8 @@
-"""Read the bag of a run of the node graph: poses, pictures, located points, states.
-
-The located points are compared with the targets of the flight.
-"""
+"""Read the bag of a run of the node graph: poses, pictures, states."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,13 +17,11 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
-from tirgeo_ros.core.ground.ground_point import ellipse_of
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.surveys.survey import SurveyPoint
 from tirgeo_ros.tools.replay.flight_topics import prefix
 
 _WHOLE_FLIGHT_S = 1e9
@@ -91,8 +85,6 @@ class Outputs:
     frame_stamps_ns: list[int] = field(default_factory=list)
     #: What each node reported of itself, in order, by its name in the namespace.
     states: dict[str, list[convert.NodeState]] = field(default_factory=dict)
-    #: For each located click: point (3,) m and covariance (3, 3) m2, in NED of the plane.
-    located_n: list[tuple[Array, Array]] = field(default_factory=list)
 
     @property
     def navigation(self) -> list[NavigationStatus]:
@@ -125,21 +117,19 @@ class Outputs:
 def read_outputs(path: Path, namespace: str = "") -> Outputs:
     """Read a bag that ``recorder`` or ``tirgeo process`` wrote. Raise BagError."""
     lead = prefix(namespace)
-    cdr, found = Cdr(), Outputs()
+    cdr, outputs = Cdr(), Outputs()
     for item in BagReader(path).messages():
         message = cdr.deserialize(item.data, item.typename)
         if item.topic == f"{lead}tirgeo/origin":
-            found.plane = convert.tangent_plane(message)
+            outputs.plane = convert.tangent_plane(message)
         elif item.topic == f"{lead}tirgeo/camera_pose":
-            found.cameras.append(convert.camera_pose(message))
-        elif item.topic == f"{lead}tirgeo/locate/point":
-            found.located_n.append(convert.ground_point(message)[1:])
+            outputs.cameras.append(convert.camera_pose(message))
         elif item.topic == lead + OVERLAY:
-            found.frame_stamps_ns.append(convert.stamp_ns(message))
+            outputs.frame_stamps_ns.append(convert.stamp_ns(message))
         elif item.topic == f"{lead}{convert.STATE_TOPIC}":
             state = convert.node_state(message)
-            found.states.setdefault(state.name, []).append(state)
-    return found
+            outputs.states.setdefault(state.name, []).append(state)
+    return outputs
 
 
 def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels]]:
@@ -149,33 +139,3 @@ def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels
     for item in BagReader(path).messages([lead + OVERLAY]):
         message = cdr.deserialize(item.data, item.typename)
         yield convert.stamp_ns(message), convert.compressed_pixels(message)
-
-
-@dataclass(frozen=True)
-class FoundTarget:
-    """Hold a located point and its nearest target."""
-
-    target: str
-    latitude_deg: float
-    longitude_deg: float
-    off_m: float  # horizontal distance from the target
-    ellipse_95_m: float  # major semi-axis
-
-
-def found_targets(outputs: Outputs, targets: Sequence[SurveyPoint]) -> list[FoundTarget]:
-    """Return one item for each located point, in order; none without a plane or targets."""
-    plane = outputs.plane
-    if plane is None or not targets:
-        return []
-    places_n = np.array(
-        [plane.ned_from_geodetic(t.latitude_rad, t.longitude_rad, t.height_m) for t in targets]
-    )
-    found = []
-    for point_n, covariance_n in outputs.located_n:
-        off_m = np.hypot(*(places_n - point_n).T[:2])
-        nearest = int(np.argmin(off_m))
-        latitude, longitude, _ = map(float, plane.geodetic_from_ned(point_n))
-        where = math.degrees(latitude), math.degrees(longitude)
-        major_m = ellipse_of(covariance_n).major_m
-        found.append(FoundTarget(targets[nearest].id, *where, float(off_m[nearest]), major_m))
-    return found

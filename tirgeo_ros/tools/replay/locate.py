@@ -63,8 +63,7 @@ def locate_pixels(
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     lens, unread = given_camera(overlay), list[Finding]()
     layers = tried_map(unread, overlay, overlay.map, used=False)
-    of_flight = (opened.configs, opened.reader, params, namespace)
-    checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
+    checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens)
     checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
@@ -130,7 +129,8 @@ def _summary(reader: BagReader, answers: Sequence[Answered], ground: Ground) -> 
         most = reasons.most_common(1)[0][0]
         error = f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}"
         if most is Reason.NO_POSE:
-            asked_ns, (first_ns, last_ns) = [one.stamp_ns for _, one in answers], reader.span_ns
+            asked_ns = [answer.stamp_ns for _, answer in answers]
+            first_ns, last_ns = reader.span_ns
             error += (
                 f"; their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was "
                 f"recorded from {first_ns} to {last_ns}"

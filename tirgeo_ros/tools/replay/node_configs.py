@@ -31,8 +31,8 @@ class NodeConfigs(NamedTuple):
     @property
     def files(self) -> list[PathLike]:
         """Return the files in the parameters: map, style sheet, elevation model, calibration."""
-        one = self.overlay
-        return [*map_files(one.map, one.style), *named_files(one.dem), one.camera]
+        overlay = self.overlay
+        return [*map_files(overlay.map, overlay.style), *named_files(overlay.dem), overlay.camera]
 
     def fitting(self, topics: Collection[str], namespace: str) -> tuple[NodeConfigs, list[str]]:
         """Return the parameters for a bag with these topics, and a note on another method.
@@ -144,7 +144,7 @@ def load_config(config: Config = None) -> NodeConfigs:
     for name in config.keys() - set().union(*names):
         config_from(EkfConfig, {name: config[name]}, "config")  # raises, with the nearest name
     ekf, gimbal, overlay = (
-        {name: value for name, value in config.items() if name in known} for known in names
+        {name: value for name, value in config.items() if name in own} for own in names
     )
     return NodeConfigs(
         config_from(EkfConfig, ekf, "config"),

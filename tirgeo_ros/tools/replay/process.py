@@ -124,8 +124,8 @@ def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
         layers = tried_map(unread, config, config.map, used=False)
         ground = tried(unread, "dem", lambda: ground_of(config), used=False)
     # Of what is drawn, the checks get the map as it is laid for the pictures.
-    to_lay, of_flight = None if draws else layers, (configs, reader, opened.params, namespace)
-    checks = FlightChecks(*of_flight, ground=ground, layers=to_lay, camera=camera)
+    to_lay = None if draws else layers
+    checks = FlightChecks(opened, ground=ground, layers=to_lay, camera=camera)
     checks.at_start += unread
     notes = [*opened.notes, *(ground.notes if isinstance(ground, Terrain) else ())]
     notes += [note for layer in layers or () for note in layer.left_out]

@@ -219,8 +219,9 @@ class OverlayFilm:
         sight, camera, pose, plane = None, picture.camera, picture.pose, self._overlay.plane
         if camera is not None and pose is not None and plane is not None:
             body = body_at(pose.stamp_ns)
-            known = None if isinstance(body, Miss) else body
-            sight = Sight(camera, pose, plane, self._overlay.painter.ground, known, picture.rates)
+            aircraft = None if isinstance(body, Miss) else body
+            ground = self._overlay.painter.ground
+            sight = Sight(camera, pose, plane, ground, aircraft, picture.rates)
         return self._metadata.packet(exposure_ns(picture.stamp_ns, self._latency_s), sight)
 
 

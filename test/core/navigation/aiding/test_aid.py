@@ -36,7 +36,6 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     states_of,
 )
 from tirgeo_ros.core.navigation.ins.strapdown import matrix
-from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source, VelocitySample
 from tirgeo_ros.core.types.verdicts import Outcome
 
@@ -175,15 +174,6 @@ def test_baseline_of_the_parameters():
     length = math.sqrt(1 + 0.25 + 0.0625)
     assert found.direction_b == pytest.approx((-1 / length, -0.5 / length, -0.25 / length))
     assert found.reported_less_azimuth_rad == pytest.approx(-math.atan2(-0.5, -1.0))
-
-
-@pytest.mark.parametrize("baseline_m", [(0.0, 0.0, 0.0), (0.1, 0.0, -1.0), (0.03, -0.03, 0.0)])
-def test_baseline_without_a_horizontal_part_is_refused(baseline_m):
-    """Upright ones, and antennas nearer than 5 cm."""
-    config = armed_config(aircraft__second_antenna_m=second(baseline_m))
-    names = r"aircraft\.rtk_antenna_m \[0.3, 0.4, 0.5\] and aircraft\.second_antenna_m .* only"
-    with pytest.raises(ConfigError, match=names):
-        HeadingAid(config)
 
 
 def test_upright_baseline_has_no_heading():

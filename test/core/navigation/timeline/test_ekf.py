@@ -25,16 +25,6 @@ def test_paper_flight_after_20_s():
 
 
 @pytest.mark.slow
-def test_direct_position_flies_too():
-    """The paper's own cycle, with its median filter: within the RTK's noise in position."""
-    flown = flight()
-    config = config_for(flown, position_update="rtk_direct", rtk__median_window=3)
-    late = errors(flown, solutions(flown, config)).after(20.0)
-    assert np.degrees(rms(late.rpy)).max() <= 0.12
-    assert (rms(late.state[:, :3]) <= 1.5 * np.array([0.01, 0.01, 0.02])).all()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [50.0, 400.0])
 def test_other_imu_rates(rate_hz):
     base = flight(duration_s=40.0).scenario

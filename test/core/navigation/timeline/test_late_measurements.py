@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -153,28 +152,6 @@ def test_late_measurements_give_the_timely_result(change):
         np.testing.assert_equal(found.aids, expected.aids)
         assert found.state == expected.state
         assert np.array_equal(found.covariance, expected.covariance)
-
-
-def test_the_changes_above_change_what_is_done():
-    """Each phase of the test above has the verdicts that it is there for."""
-    flown = with_barometer()
-
-    def counts(change):
-        filter_, rest = started(flown, changed_samples(flown, change), **VALUES)
-        rest = sorted(rest, key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
-        return Counter((v.source, v.outcome) for v in run(filter_, rest))
-
-    plain = counts(CHANGES["plain"])
-    assert plain[Source.GPS_VELOCITY, Outcome.USED] == 0
-    assert plain[Source.GPS_POSITION, Outcome.STANDBY] > 60
-    assert counts(outage)[Source.GPS_VELOCITY, Outcome.USED] > 20
-    floating = counts(CHANGES["float"])
-    assert floating[Source.RTK_HEADING, Outcome.NOT_FIXED] > 15
-    assert floating[Source.GPS_POSITION, Outcome.USED] > 30
-    assert counts(CHANGES["no_fix"])[Source.RTK_VELOCITY, Outcome.NOT_FIXED] > 15
-    assert counts(jump_of_position)[Source.RTK_POSITION, Outcome.GATED] > 5
-    assert counts(wrong_headings)[Source.RTK_HEADING, Outcome.GATED] > 15
-    assert counts(CHANGES["barometer"])[Source.BAROMETER, Outcome.USED] > 10
 
 
 def test_a_measurement_before_its_imu_sample_is_held_and_used():

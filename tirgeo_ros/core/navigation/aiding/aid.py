@@ -114,11 +114,7 @@ def added(a: Vector, b: Vector) -> Vector:
 
 
 def floored(covariance: Array, sigma: float) -> Array:
-    """Return a covariance (3, 3) with standard deviations of at least ``sigma`` on its axes.
-
-    Where a variance is absent (zero or negative) the floor replaces it, and the result is
-    diagonal.
-    """
+    """Return a covariance (3, 3) with sigmas of at least ``sigma``; diagonal if one is absent."""
     a, b, c = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     least = sigma * sigma
     if a >= least and b >= least and c >= least:
@@ -129,11 +125,7 @@ def floored(covariance: Array, sigma: float) -> Array:
 
 
 class Aid:
-    """Declare one aid: its source, its measurement with noise and gate, and what refusals do.
-
-    ``aids.AIDS`` lists the subclasses. Whatever changes from sample to sample is in the estimate,
-    so that late samples meet the same decisions as timely ones.
-    """
+    """Declare one aid: its measurement, noise, gate and resets. ``fusion.AIDS`` lists the aids."""
 
     source: ClassVar[Source]
     #: The parameter that holds its delay: stamp minus time of measurement.
@@ -154,10 +146,6 @@ class Aid:
 
     def __init__(self, config: EkfConfig) -> None:
         """Take the parameters. Raises ConfigError where they are of no use."""
-        self.configure(config)
-
-    def configure(self, config: EkfConfig) -> None:
-        """Take the parameters, also others in flight."""
         self._config = config
         self._states = states_of(config)
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
@@ -191,10 +179,7 @@ class Aid:
     def averaged(
         self, track: AidTrack, _measurement: Measurement, _predicted: Array, reason: str
     ) -> tuple[AidTrack, str]:
-        """Return the record with one more innovation in it, and why it is refused, or "".
-
-        ``_predicted`` (m, m) is the covariance of the prediction, ``reason`` the gate's.
-        """
+        """Return the record with one more innovation, and why it is refused, or ""."""
         return track, reason
 
     def correction(

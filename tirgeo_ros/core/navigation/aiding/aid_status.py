@@ -195,10 +195,7 @@ class AidStatus(NamedTuple):
         return self._replace(tracks=(*self.tracks[:place], track, *self.tracks[place + 1 :]))
 
     def with_status(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
-        """Return a copy after a status of the RTK receiver.
-
-        The change from float to fixed makes the next RTK positions correct the state in steps.
-        """
+        """Return a copy after a status of the RTK receiver; fixed again, it is eased in."""
         fixed = status is FixStatus.FIXED
         was_fixed = self.rtk.at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.rtk.fixed_since_ns if fixed and was_fixed else now_ns

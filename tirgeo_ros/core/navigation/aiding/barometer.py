@@ -15,12 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid import (
-    Aid,
-    AidMeasurement,
-    Modelled,
-    StateEstimate,
-)
+from tirgeo_ros.core.navigation.aiding.aid import Aid, AidMeasurement, Modelled, StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
@@ -90,10 +85,7 @@ class BarometerAid(Aid):
     def measured(
         self, sample: PressureSample, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement; STANDBY while the state's height is the better one.
-
-        Meanwhile the reference follows the state, as long as a satellite position is in use.
-        """
+        """Return the measurement; STANDBY while the state is better: it sets the reference."""
         aids, stamp_ns = estimate.aids, sample.stamp_ns
         held = any(aids.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
         height_m = standard_height_m(sample.pressure_pa)
@@ -139,11 +131,7 @@ class BarometerAid(Aid):
         return self._barometer.reset_after_s
 
     def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
-        """Take a new reference, since the pressure has stepped.
-
-        A door, a gust or the canopy has changed the pressure: the state stays, and from here the
-        height is continued as before.
-        """
+        """Take a new reference, since the pressure has stepped; the state stays."""
         off_m = float(aid.measurement.innovation[0])
         offset_m = estimate.aids.track(self.source).own.offset_m - off_m
         variance_m2 = float(estimate.covariance[_DOWN, _DOWN]) + self._barometer.noise_m**2
@@ -183,11 +171,7 @@ class BarometerAid(Aid):
         )
 
     def _offset_m2(self, reference: Reference, stamp_ns: int, height_m: float) -> float:
-        """Return the variance of the offset by now.
-
-        It grows by the weather's random walk, by the slow error's change (a Gauss-Markov process)
-        and with the change of height in air that is warmer or colder than the standard.
-        """
+        """Return the offset's variance by now: weather, slow error and warmer or colder air."""
         config, passed_s = self._barometer, abs(stamp_ns - reference.stamp_ns) * 1e-9
         walked_m2 = config.drift**2 * passed_s
         slow_m2 = 2 * config.sigma_m**2 * -math.expm1(-passed_s / config.time_s)

@@ -41,10 +41,7 @@ _WORTH = 1.01
 def vertical_turn(
     sample: AutopilotHeading | SetHeading, variance_rad2: float, estimate: StateEstimate
 ) -> AidMeasurement:
-    """Return the measurement of the nose's heading: a turn about the vertical alone.
-
-    Tilt is known better than from such a heading.
-    """
+    """Return the measurement of the nose's heading: a turn about the vertical alone."""
     off = wrapped(sample.heading_rad - azimuth(rotation_of(estimate.state.q_nb)[0::3]))
     design = np.zeros((1, len(estimate.covariance)))
     design[0, 2] = 1.0
@@ -63,10 +60,6 @@ class AutopilotHeadingAid(Aid):
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
         self._newest_ns = NEVER_NS
-
-    def configure(self, config: EkfConfig) -> None:
-        """Take the parameters, also others in flight."""
-        super().configure(config)
         self._variance_rad2 = math.radians(config.autopilot.attitude_sigma_deg[2]) ** 2
         self._worth_rad2 = _SIGMAS**2 * self._variance_rad2
 

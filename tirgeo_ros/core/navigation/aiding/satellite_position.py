@@ -140,11 +140,7 @@ class RtkPositionAid(Aid):
     def _median(
         self, offset: Vector, moved_n: Vector, aids: AidStatus
     ) -> tuple[Vector, AidStatus]:
-        """Return the innovation of the median, NED m, and the records with the offset stored.
-
-        A median of positions would lag behind an aircraft in motion. Offsets from the path that
-        the IMU alone has taken show a jump as positions do, but not the motion.
-        """
+        """Return the innovation of the median offset, NED m, and the records with it."""
         offsets = (*aids.rtk.offsets_n, offset)[-self._rtk.median_window :]
         north, east, down = np.median(offsets, axis=0).tolist()
         innovation = north - moved_n[0], east - moved_n[1], down - moved_n[2]

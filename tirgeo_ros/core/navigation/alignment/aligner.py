@@ -124,11 +124,7 @@ class AlignmentSamples:
         return before[-1] if before else None
 
     def headings(self, first_ns: int, last_ns: int, settled_s: float) -> list[HeadingSample]:
-        """Return the headings between two stamps that were measured while RTK was fixed, by stamp.
-
-        The RTK positions within ``settled_s`` before a heading and the first one not before it
-        must be fixed: the samples of one instant arrive in any order.
-        """
+        """Return the headings between two stamps around which RTK was fixed, by stamp."""
         fixes = self.reached(PositionSample, Source.RTK_POSITION)
 
         def fixed_around(stamp_ns: int) -> bool:
@@ -137,6 +133,7 @@ class AlignmentSamples:
             after = [s for s in fixes if s.stamp_ns >= stamp_ns][:1]
             return bool(after) and all(s.status is FixStatus.FIXED for s in (*before, *after))
 
+        # Before for ``settled_s``, and the first one after: those of an instant come in any order.
         headings = self.reached(HeadingSample, Source.RTK_HEADING)
         inside = [s for s in headings if first_ns <= s.stamp_ns <= last_ns]
         return [s for s in inside if fixed_around(s.stamp_ns)]
@@ -319,14 +316,11 @@ class Aligner:
         return doubt if passed_ns < self._config.alignment.wait_s * 1e9 else None
 
     def _outcome(self, plan: _Plan) -> Alignment | NotAlignedError:
-        """Return the result of one of the windows, or why none gives one.
-
-        It is the shortest window that has all it needs. Where the biases are far beyond their
-        prior it is the longest that fits: a shorter one shows less motion.
-        """
+        """Return the result of the shortest window that gives one, or why none does."""
         widened = self._turn_on.widened
         last_word = MOTION_STAGE if widened else CONTRADICTION
         errors: list[NotAlignedError] = []
+        # With a widened prior the longest that fits, for a shorter one shows less motion.
         for length_s in sorted(self._lengths_s, reverse=widened):
             try:
                 return self._align(plan, length_s)
@@ -369,10 +363,7 @@ class Aligner:
     def _headings(
         self, plan: _Plan, first: int, last: int, imu: Sequence[ImuSample]
     ) -> Sequence[HeadingSample | SetHeading]:
-        """Return the headings between two stamps, none for the autopilot's.
-
-        Raises NotAlignedError where those of the plan are missing.
-        """
+        """Return the headings between two stamps, none for the autopilot's; or NotAlignedError."""
         if plan.heading is Source.RTK_HEADING:
             settled_s = self._config.heading.start_after_s
             readings = self._samples.headings(first, last, settled_s)

@@ -182,7 +182,11 @@ class _Terms:
         The lengths of the steps (s) come second. A turn at time s turns all body vectors before s,
         and the part of an integral up to s.
         """
-        coarse = _coarse(window, at)
+        # Instants 20 ms or 1 % of the window apart, and all observations.
+        before_ns = window.stamps_ns - window.stamps_ns[-1]
+        step_ns = max(_NOISE_STEP_NS, -int(before_ns[0]) // _NOISE_STEPS)
+        first = np.unique(before_ns // step_ns, return_index=True)[1]
+        coarse = np.unique(np.concatenate([first, at]))
         steps = -np.diff(window.before_s[coarse])
         middle, velocity, position, left = (
             0.5 * (values[coarse][1:] + values[coarse][:-1])
@@ -196,14 +200,6 @@ class _Terms:
         kernels[..., :3] = -skew(self.body[:, None] - rest) @ middle
         kernels[..., 3:] = (is_velocity - is_position * since[:, :, None])[..., None] * middle
         return kernels * (since > 0)[:, :, None, None], steps
-
-
-def _coarse(window: PreintegratedImu, at: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return indices of instants 20 ms or 1 % of the window apart, and of all observations."""
-    before_ns = window.stamps_ns - window.stamps_ns[-1]
-    step_ns = max(_NOISE_STEP_NS, -int(before_ns[0]) // _NOISE_STEPS)
-    first = np.unique(before_ns // step_ns, return_index=True)[1]
-    return np.unique(np.concatenate([first, at]))
 
 
 def fit(

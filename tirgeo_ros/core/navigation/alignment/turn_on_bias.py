@@ -102,9 +102,16 @@ class TurnOnBiases:
             return self._fitted_widely(measured)
         fitted = fit_window(measured, self._config, self._prior, self._taken)
         beyond = _surprise_of(fitted, self._prior) > _SURPRISE_SIGMA
-        if self._turned(fitted) or not (beyond or self._lean_rad(fitted) > 0):
+        hint_nb, autopilot = fitted.hint_nb, self._config.autopilot
+        # Where the heading contradicts the autopilot's, no bias is the cause.
+        turned = hint_nb is not None and "heading" in differences(fitted.fit, hint_nb, autopilot)
+        if turned or not (beyond or self._lean_rad(fitted) > 0):
             checked(fitted.fit, fitted.observations)
-            self._look_longer(fitted, now_ns)
+            if _surprise_of(fitted, self._prior) > _SUSPECT_SIGMA:
+                self._suspected_ns = now_ns
+            lately = now_ns - self._suspected_ns < _SURE_S * 1e9
+            if lately and fitted.window.before_s[0] < _LONG_WINDOW_S:
+                raise NotAlignedError("imu/data: alignment takes longer, to find the biases", 4)
             return fitted
         any_imu = Biases.unknown(np.repeat([_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2], 3))
         try:
@@ -125,19 +132,6 @@ class TurnOnBiases:
         if _tilt_sigma_rad(fitted.fit) > _LARGEST_TILT_SIGMA_RAD:
             raise NotAlignedError(self._motion_reason, MOTION_STAGE)
         return fitted
-
-    def _turned(self, fitted: FittedWindow) -> bool:
-        """Return whether the heading contradicts the autopilot's; then no bias is the cause."""
-        hint_nb, autopilot = fitted.hint_nb, self._config.autopilot
-        return hint_nb is not None and "heading" in differences(fitted.fit, hint_nb, autopilot)
-
-    def _look_longer(self, fitted: FittedWindow, now_ns: int) -> None:
-        """Raise NotAlignedError on a short window, where one has lately raised a suspicion."""
-        if _surprise_of(fitted, self._prior) > _SUSPECT_SIGMA:
-            self._suspected_ns = now_ns
-        lately = now_ns - self._suspected_ns < _SURE_S * 1e9
-        if lately and fitted.window.before_s[0] < _LONG_WINDOW_S:
-            raise NotAlignedError("imu/data: alignment takes longer, to find the biases", 4)
 
     def _loosely(self, measured: Measured, prior: Biases) -> FittedWindow:
         """Fit a window, also to the autopilot's turn; raises where biases do not explain it."""

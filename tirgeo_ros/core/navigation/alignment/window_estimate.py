@@ -268,10 +268,7 @@ def rotations_of(samples: Sequence[ImuSample]) -> Array:
 
 
 def _autopilot_at_end(window: PreintegratedImu, imu: Sequence[ImuSample]) -> tuple[Array, Array]:
-    """Return some attitudes of the autopilot (n, 3, 3), carried to the window's end.
-
-    Beside them the times from each to the end (n,), s.
-    """
+    """Return attitudes (n, 3, 3) of the autopilot at the window's end, and their ages (n,), s."""
     picked = usable_samples(imu, *window.stamps_ns[[0, -1]].tolist())
     at = window.at([s.stamp_ns for s in picked])
     return rotations_of(picked) @ window.to_end[at].swapaxes(1, 2), window.before_s[at]

@@ -83,10 +83,7 @@ class Navigation:
         self._begin("", None, None)
 
     def _begin(self, why: str, cause: Outcome | None, prior: Biases | None) -> None:
-        """Discard the state and align; ``cause`` is RESTART of a lost one.
-
-        ``prior`` is of the IMU's biases.
-        """
+        """Discard the state and align, with a prior of the IMU's biases."""
         self._resets, self._last_reset = self._reset_counts()
         self._ekf = None
         self._why_again, self._began_again = why, cause if self._filtering else None
@@ -114,8 +111,7 @@ class Navigation:
         self._imu_clock.configure(config.max_imu_gap_s)
         for part in (self._health, self._clocks, self._passthrough):
             part.configure(config)
-        for aid in self._in_imu:
-            aid.configure(config)
+        self._in_imu = [aid(config) for aid in AIDS.values() if aid.in_imu]
         if self._ekf is not None:
             self._ekf.configure(config)
         else:
@@ -309,10 +305,7 @@ class Navigation:
 
 
 def configured_plane(config: EkfConfig) -> TangentPlane | None:
-    """Return the plane of ``map`` if its origin is a parameter.
-
-    Raises ConfigError for an origin that is not on earth.
-    """
+    """Return the plane of ``map`` if its origin is a parameter; ConfigError if not on earth."""
     if not config.origin_lat_lon_h:
         return None
     lat, lon, height_m = config.origin_lat_lon_h

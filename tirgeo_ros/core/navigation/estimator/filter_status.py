@@ -42,10 +42,7 @@ def covariance_fault(covariance: Array) -> str:
 
 
 class FilterHealth:
-    """Judge the filter by the records of its aids and by its covariance.
-
-    A receiver that reports a poor accuracy is no reason to call a state lost.
-    """
+    """Judge the filter by the records of its aids and by its covariance."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2

@@ -76,16 +76,11 @@ class StampOrder:
             self._given_up.append(Verdict(source, Outcome.TOO_MANY, reason))
         if source is Source.IMU:
             begins, self._imu_ns = self._imu_ns is None, sample.stamp_ns
-            if begins:
-                self._drop_unreachable()
+            for earlier, entries in self._held.items() if begins else ():
+                judged = [(entry, self.out_of_reach(earlier, entry[0])) for entry in entries]
+                entries[:] = [entry for entry, far in judged if far is None]
+                self._given_up += [far for _, far in judged if far is not None]
         return [] if self._imu_ns is None else self.pop_until(self._imu_ns - self._wait_ns)
-
-    def _drop_unreachable(self) -> None:
-        """Drop the samples from before the first IMU sample that are out of its reach."""
-        for source, held in self._held.items():
-            judged = [(entry, self.out_of_reach(source, entry[0])) for entry in held]
-            held[:] = [entry for entry, far in judged if far is None]
-            self._given_up += [far for _, far in judged if far is not None]
 
     def pop_until(self, end_ns: float = math.inf) -> list[NavigationInput]:
         """Remove and return the samples up to a stamp, oldest first."""

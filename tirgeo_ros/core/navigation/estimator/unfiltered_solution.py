@@ -15,12 +15,7 @@ from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import (
-    ImuSample,
-    PositionSample,
-    Source,
-    VelocitySample,
-)
+from tirgeo_ros.core.types.measurements import ImuSample, PositionSample, Source, VelocitySample
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

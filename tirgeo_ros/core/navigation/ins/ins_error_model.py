@@ -72,11 +72,7 @@ def flat_memory(square: Array) -> memoryview[float]:
 def _write_dynamics(
     f: memoryview[float], n: int, state: NavState, rates: Rates, force_n: Vector
 ) -> None:
-    """Write the part of ``F`` that changes into its flat memory, in rows of ``n`` entries.
-
-    ``a0`` to ``p2`` are the flat indices at which the rows of attitude, velocity and position
-    begin.
-    """
+    """Write the part of ``F`` that changes into its flat memory, in rows of ``n`` entries."""
     a0, a1, a2, v0, v1, v2 = 0, n, 2 * n, 3 * n, 4 * n, 5 * n
     p0, p1, p2 = 6 * n, 7 * n, 8 * n
     north, east, down = state.velocity_n

@@ -63,17 +63,12 @@ class BackwardPass:
                 vectors[number - begin] = self._vector
                 matrices[number - begin] = self._matrix
                 self._step_back(number)
-            errors[begin:end] = self._finished(begin, end, vectors, matrices)
+            covariance = self._covariances[begin:end][:, self._square]
+            errors[begin:end] = (covariance @ vectors[: end - begin, :, None])[:, :, 0]
+            removed = covariance @ matrices[: end - begin] @ covariance
+            covariance -= 0.5 * (removed + removed.swapaxes(1, 2))
+            self._covariances[begin:end] = covariance[:, rows, columns]
         return errors
-
-    def _finished(self, begin: int, end: int, vectors: Array, matrices: Array) -> Array:
-        """Replace the covariances of some changes; return their smoothed errors."""
-        covariance = self._covariances[begin:end][:, self._square]
-        removed = covariance @ matrices[: end - begin] @ covariance
-        covariance -= 0.5 * (removed + removed.swapaxes(1, 2))
-        errors = self._covariances[begin:end][:, self._square] @ vectors[: end - begin, :, None]
-        self._covariances[begin:end] = covariance[:, self._lower[0], self._lower[1]]
-        return np.asarray(errors[:, :, 0])
 
     def _step_back(self, number: int) -> None:
         """Go from after a change to before it; of an update ``A = I - (H P)^T H``."""

@@ -57,11 +57,7 @@ _ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
 
 class _Progress(NamedTuple):
-    """Hold the filter's state after the newest measurement of an interval.
-
-    A receiver's position, velocity and heading have one stamp. From here each is added to those
-    before it without computing them again.
-    """
+    """Hold the state after the newest measurement of an interval: the next goes on there."""
 
     end_ns: int  # stamp of the epoch that ends the interval
     order: tuple[int, int]  # sort key of the newest measurement in ``propagated``
@@ -89,7 +85,9 @@ class Ekf:
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
         self._form = SolutionMaker(config)
         estimate = initial_estimate(config, alignment)
-        first = FilterEpoch.of_start(alignment.stamp_ns, alignment.imu[0], estimate)
+        start = Propagated(estimate.state, estimate.covariance)
+        first = FilterEpoch.first(alignment.stamp_ns, alignment.imu[0], start)
+        first.aids = estimate.aids
         if record is not None:
             first.propagated = first.propagated._replace(trail=Mark(Change(estimate.covariance)))
         self._epochs, self._record = [first], record
@@ -386,11 +384,7 @@ def at_antenna(imu: NavSolution, covariance: Array, antenna_b: Vector) -> NavSol
 
 
 def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
-    """Return the filter's first estimate, in which the aids of the alignment count as used.
-
-    The receivers' errors begin at zero with their configured standard deviations. Where the
-    alignment used a receiver, its error is correlated with the state.
-    """
+    """Return the first estimate, in which the aids of the alignment count as used."""
     states = states_of(config)
     covariance = np.zeros((states, states))
     covariance[:STATES, :STATES] = alignment.covariance

@@ -14,9 +14,8 @@ import numpy.typing as npt
 from tirgeo_ros.core.navigation.aiding.aid import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus, Receivers
 from tirgeo_ros.core.navigation.ins.kalman import Change, Correction
-from tirgeo_ros.core.navigation.ins.propagation import Epoch, Propagated
+from tirgeo_ros.core.navigation.ins.propagation import Epoch
 from tirgeo_ros.core.types.arrays import Array, Vector
-from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: How a change's error follows from the one before it.
@@ -55,13 +54,6 @@ class FilterEpoch(Epoch):
     aids: AidStatus = AidStatus(Receivers(0))
     records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
 
-    @classmethod
-    def of_start(cls, stamp_ns: int, sample: ImuSample, start: StateEstimate) -> FilterEpoch:
-        """Return the filter's first epoch; ``sample`` is the newest one up to its stamp."""
-        epoch = cls.first(stamp_ns, sample, Propagated(start.state, start.covariance))
-        epoch.aids = start.aids
-        return epoch
-
     @property
     def estimate(self) -> StateEstimate:
         """Return state, covariance and aid records; the covariance may be 50 ms older."""
@@ -80,10 +72,7 @@ def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
 
 
 class FlightRecord:
-    """Hold the changes of the covariance, and the states at the IMU samples, of one run.
-
-    A symmetric matrix is stored as its lower triangle. An hour at 100 Hz takes about 0.6 GB.
-    """
+    """Hold the changes of the covariance and the states of one run: 0.6 GB an hour at 100 Hz."""
 
     def __init__(self, states: int) -> None:
         self.states = states
@@ -95,10 +84,7 @@ class FlightRecord:
         self._corrections, self._epochs = array("d"), array("d")
 
     def keep(self, epoch: FilterEpoch, white_b: Vector) -> None:
-        """Take an epoch that is final, in their order, and the changes that led to it.
-
-        ``white_b`` are the variances of the white noise of one angular rate, (rad/s)^2.
-        """
+        """Take the next final epoch; ``white_b`` are the variances of its rate, (rad/s)^2."""
         newest = epoch.propagated.trail
         assert newest is not None
         new, mark = [], newest

@@ -32,15 +32,6 @@ _ESTIMATE_HELP = (
 )
 
 
-def _pixels(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 100:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 100 px")
-    return value
-
-
-_SIGMA_HELP = "standard deviation of a click, per axis (%(default)s)"
-_SIGMA = {"type": _pixels, "default": 1.0, "dest": "click_sigma_px"}
 _LIST = {"type": names_of(_NAMES)}
 OPTIONS = (
     *FLIGHT,
@@ -50,8 +41,6 @@ OPTIONS = (
     *SMOOTH,
     ("--estimate", "LIST", _ESTIMATE_HELP, _LIST),
     ("--hold", "LIST", "of the same: as --params has them", _LIST | {"default": []}),
-    ("--click-sigma", "PX", _SIGMA_HELP, _SIGMA),
-    ("--plot", "PNG", "residuals before and after"),
 )
 
 
@@ -65,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
         raise UsageError("nothing to estimate")
     first = "bag survey observations output"
-    names = "params camera estimate hold namespace click_sigma_px plot smooth"
+    names = "params camera estimate hold namespace smooth"
     return call(calibrate_boresight, args, "calibrating, s", first, names)
 
 
