@@ -216,8 +216,6 @@ def test_a_ground_of_an_elevation_model_has_no_height_to_find(tmp_path, sample):
         calibrate_boresight(
             *inputs, tmp_path / "y.yaml", params=params, estimate=["yaw", "ground_height"]
         )
-    with pytest.raises(CalibrationError, match=r"survey.geojson: would overwrite"):
-        calibrate_boresight(*inputs, sample / "survey.geojson")
     params.write_text(f"{OVERLAY}{{video_latency: 0.1}}\n")
     with pytest.raises(ConfigError, match="unknown parameter video_latency"):
         calibrate_boresight(*inputs, tmp_path / "y.yaml", params=params)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from contextlib import suppress
 from dataclasses import replace
 
 import pytest
+from autopilot_logs import MAGIC
 from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -158,7 +160,6 @@ def test_units_that_gravity_contradicts(folder):
 @pytest.mark.parametrize(
     ("names", "columns", "message"),
     [
-        (("imu.csv",), (), r"imu\.csv: text in columns: say what they mean with --columns"),
         (("rover.pos",), ("imu.yaml",), r"imu\.yaml: --columns is for CSV files, and there is no"),
         (("imu.csv", "rover.pos"), ("imu.yaml",) * 2, "2 --columns for 1 CSV files"),
         (
@@ -211,6 +212,28 @@ def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s
     del expected[9]
     found = samples(folder / "out.mcap")["imu/data"]
     assert [s.stamp_ns for s in found] == [s.stamp_ns for s in expected]
+
+
+@pytest.mark.parametrize(
+    ("head", "package"), [(MAGIC + bytes(9), "pyulog"), (b"\xa3\x95\x80" + bytes(86), "pymavlink")]
+)
+def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, head, package):
+    for name in [one for one in sys.modules if one.partition(".")[0] == package] + [package]:
+        monkeypatch.setitem(sys.modules, name, None)
+    (tmp_path / "a.log").write_bytes(head)
+    assert main(["import", str(tmp_path / "a.log"), "-o", str(tmp_path / "a.mcap")]) == 1
+    assert f"{package} is missing: pip install {package}\n" in capsys.readouterr().err
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_cut_log_ends_as_a_cut_bag_does(shared, tmp_path, capsys):
+    """With exit code 1 and a line on stderr, and what could be read."""
+    pytest.importorskip("pyulog")
+    data = (shared / "foreign_logs" / "px4" / "fmu_v6c.ulg").read_bytes()
+    (tmp_path / "a.ulg").write_bytes(data[: len(data) * 9 // 10])
+    assert main(["import", str(tmp_path / "a.ulg"), "-o", str(tmp_path / "a.mcap")]) == 1
+    assert "a.ulg: the file is cut off or damaged: what could be" in capsys.readouterr().err
+    assert len(list(BagReader(tmp_path / "a.mcap").messages(["/imu/data"]))) > 500
 
 
 COLUMNS = PROJECT / "config" / "columns"
