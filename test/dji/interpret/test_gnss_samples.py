@@ -84,9 +84,6 @@ def test_broadcast_and_subscription_of_one_epoch_are_one():
     assert meant.counts["rtk_late"] == 49
 
 
-# A fix that is lost
-
-
 @pytest.mark.parametrize("flag", [34, 16, 0])
 def test_a_worse_fix_of_the_same_place_goes_out(flag):
     meant = interpreter()
@@ -151,8 +148,6 @@ def test_an_epoch_becomes_three_samples():
     assert meant.diagnostics["rtk_flag"] == "50"
 
 
-# Flags
-
 STATUS = {
     FixStatus.FIXED: [50],
     FixStatus.FLOAT: [48, 49, 32, 33, 34, 17, 18, 20],
@@ -181,9 +176,6 @@ def test_covariance_worsens_by_class(flags):
     assert (better < worse).all()
 
 
-# Places
-
-
 @pytest.mark.parametrize(
     "bad",
     [
@@ -204,9 +196,6 @@ def test_what_is_no_place_is_refused(bad):
     assert positions(samples) == []
     assert len(samples) == 2  # velocity and heading are judged by themselves
     assert meant.counts == {"rtk_position_refused": 1}
-
-
-# Heading
 
 
 @given(st.integers(-32768, 32767), st.floats(-360, 360))

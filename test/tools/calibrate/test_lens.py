@@ -53,28 +53,17 @@ def folder(views, tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def run(folder):
-    """The command's JSON and what it wrote."""
-    output, plot = folder.parent / "camera.yaml", folder.parent / "coverage.png"
-    result = calibrate_lens([folder], BOARD, output, plot=plot)
-    return result, output, plot
-
-
 @pytest.mark.slow
-def test_the_lens_is_found_within_its_sigmas(run):
-    result, output, plot = run
+def test_the_lens_is_found_within_its_sigmas(folder, tmp_path):
+    output, plot = tmp_path / "camera.yaml", tmp_path / "coverage.png"
+    result = calibrate_lens([folder], BOARD, output, plot=plot)
     assert np.abs(off_sigmas(result)).max() < 3
     assert result["reprojection_rms_px"] < 0.6  # and far below: the corners are good to 0.05 px
     camera = load_camera(output)
     assert camera.fx == pytest.approx(result["parameters"]["fx"])
     assert camera.distortion[4] == 0.0
     assert cv2.imread(str(plot)).shape[0] > 500
-
-
-@pytest.mark.slow
-def test_every_picture_that_is_not_used_has_its_reason(run):
-    result, *_ = run
+    # Every picture that is not used has its reason.
     refused = result["refused"]
     assert {"wall.png", "broken.png"} < set(refused)
     assert len({"again.png", "view_0.png"} & set(refused)) == 1

@@ -37,24 +37,29 @@ def imported(folder, *names, **more):
 
 
 def test_logs_of_one_flight_are_merged_by_their_stamps(folder):
-    result = imported(folder, "rover.pos", "imu.csv", "clip.srt", columns=[folder / "imu.yaml"])
+    options = replace(OPTIONS, set_heading_rad=1.0)
+    columns = [folder / "imu.yaml"]
+    names = ("rover.pos", "imu.csv", "clip.srt")
+    result = imported(folder, *names, columns=columns, logs=options)
     assert {topic: seen["messages"] for topic, seen in result["written"].items()} == {
         "/imu/data": 19,
         "/rtk/fix": 2,
         "/gps/fix": 2,
         "/gimbal/attitude": 2,
+        "/ekf_node/set_heading": 1,
     }
     logged = [m.log_time_ns for m in BagReader(folder / "out.mcap").messages()]
     assert logged == sorted(logged)
-    for found in samples(folder / "out.mcap").values():
-        assert {s.stamp_ns for s in found} <= set(logged)
+    found = samples(folder / "out.mcap")
+    assert found["ekf_node/set_heading"][0].heading_rad == pytest.approx(1.0)
+    for each in found.values():
+        assert {s.stamp_ns for s in each} <= set(logged)
     forms = [log["form"] for log in result["files"]]
     assert forms == ["RTKLIB .pos", "CSV", "DJI subtitles (SRT)"]
     assert "imu.csv: refused 1 imu: imu.gyro.columns.3 is not a number" in result["warning"]
     assert "geoid" not in result["warning"]  # of DJI's receivers
     again = folder / "again.mcap"
-    paths = [folder / "rover.pos", folder / "imu.csv", folder / "clip.srt"]
-    import_flight(paths, again, logs=OPTIONS, columns=[folder / "imu.yaml"])
+    import_flight([folder / name for name in names], again, logs=options, columns=columns)
     assert again.read_bytes() == (folder / "out.mcap").read_bytes()
 
 
@@ -111,14 +116,6 @@ def test_whose_antenna_a_position_is_of(folder):
     found = samples(folder / "out.mcap")
     assert math.degrees(found["rtk/fix"][0].latitude_rad) == pytest.approx(48.2)
     assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(200.0)
-
-
-def test_a_heading_that_a_person_knows(folder):
-    options = LogOptions(set_heading_rad=1.0)
-    result = imported(folder, "rover.pos", logs=options)
-    assert result["written"]["/ekf_node/set_heading"]["messages"] == 1
-    (heading,) = samples(folder / "out.mcap")["ekf_node/set_heading"]
-    assert heading.heading_rad == pytest.approx(1.0)
 
 
 def test_impossible_samples_are_refused(folder):

@@ -250,7 +250,6 @@ def test_no_bag_no_map_no_sense(cut, options, tmp_path):
         (ConfigError, r"method: 'magic' is not one of raw, rtk", cut, {"method": "magic"}),
         (ConfigError, r"video need images", cut, {"images": False, "raw_images": True}),
         (VideoError, r"no such folder", cut, {"video": tmp_path / "absent" / "a.mp4"}),
-        (BagError, r"flight\.mcap: would overwrite the input", cut, {"out": cut}),
         (BagError, r"cannot be written", cut, {"out": tmp_path / "absent" / "o.mcap"}),
     ]
     before = {entry: entry.read_bytes() for entry in tmp_path.iterdir()}
