@@ -90,9 +90,9 @@ def test_the_method_is_that_of_what_the_bag_holds(
         assert summary["written"][CAMERA_POSE] > 20
 
 
-def soon(path, more=""):
+def soon(path):
     """Parameters of a filter that waits for a better alignment for half a second."""
-    path.write_text(f"/**/ekf_node:\n  ros__parameters: {{alignment: {{wait_s: 0.5}}{more}}}\n")
+    path.write_text("/**/ekf_node:\n  ros__parameters: {alignment: {wait_s: 0.5}}\n")
     return path
 
 
