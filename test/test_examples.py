@@ -105,7 +105,8 @@ def test_the_notebook_runs_from_the_top(monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     plt.close("all")
     namespace = {}
-    for cell in cells("code"):
+    cells = json.loads(NOTEBOOK.read_text())["cells"]
+    for cell in (cell for cell in cells if cell["cell_type"] == "code"):
         exec(compile("".join(cell["source"]), cell["id"], "exec"), namespace)
     assert len(plt.get_fignums()) == 3
     assert all(plt.figure(number).axes[0].has_data() for number in plt.get_fignums())
@@ -113,11 +114,6 @@ def test_the_notebook_runs_from_the_top(monkeypatch):
     inside = [one.ellipse.major_m < 1.0 for one in namespace["located"]]
     assert len(inside) >= 3
     assert all(inside)
-
-
-def cells(kind):
-    document = json.loads(NOTEBOOK.read_text())
-    return [cell for cell in document["cells"] if cell["cell_type"] == kind]
 
 
 def test_the_readme_lists_every_example():

@@ -50,6 +50,11 @@ def test_launch_on_a_bag_runs_in_sim_time_and_in_its_namespace(launch_file, monk
     (played,) = nodes["bag_player"].parameters
     assert (played["bag"].positional, played["bag"].value_type) == ((str(tmp_path / "7"),), str)
     assert "use_sim_time" not in played
+    for node in launched(launch_file, params_file="", use_sim_time="true").values():
+        assert node.parameters == [{"use_sim_time": True}]
+        assert node.remappings == []  # a simulator's /clock is the whole domain's
+    live = launched(launch_file, params_file="", bag="7", use_sim_time="False")
+    assert live["ekf_node"].parameters == [{"use_sim_time": False}]
 
 
 def ended(node, code, *, shuts_down=False):
@@ -71,12 +76,24 @@ def test_launch_ends_with_the_bag_and_in_error_with_any_other_node(launch_file, 
 
 
 @pytest.mark.parametrize(
-    ("wrong", "meant"),
-    [("bagg", "bag"), ("param_file", "params_file"), ("sim_time", "use_sim_time")],
+    ("name", "value", "reason"),
+    [
+        ("bagg", "x", "did you mean bag:="),
+        ("param_file", "x", "did you mean params_file:="),
+        ("sim_time", "x", "did you mean use_sim_time:="),
+        ("page", "8080", ".*say true or false"),
+        ("page", "a:b", ".*HOST:PORT"),
+        ("dji", "maybe", "say true or false"),
+    ],
 )
-def test_launch_refuses_an_argument_that_resembles_one_of_its_own(launch_file, wrong, meant):
-    with pytest.raises(ValueError, match=f"^argument {wrong}:=x: did you mean {meant}:="):
-        launched(launch_file, {wrong: "x"})
+def test_launch_refuses_a_name_or_a_value_that_resembles_its_own(launch_file, name, value, reason):
+    with pytest.raises(ValueError, match=f"^argument {name}:={value}: {reason}"):
+        launched(launch_file, {name: value})
+    # The arguments of a file that includes it pass; it may pass its own on, under our name.
+    names = "image_topic use_rviz map_file bag_path camera_info_url use_namespace robot_namespace "
+    names += "use_respawn rviz_config frame_rate serial_port dem robot autostart ros_params slam"
+    assert launched(launch_file, dict.fromkeys(names.split(), "x"))
+    assert launched(launch_file, {"sim_time": "true"}, use_sim_time="true")
 
 
 @pytest.mark.parametrize("name", ["params_file", "map", "bag", "remap"])
@@ -89,14 +106,6 @@ def test_launch_refuses_a_file_that_is_not_there(launch_file, name, flight, tmp_
             launched(launch_file, **{name: str(tmp_path)})
     else:
         launched(launch_file, **{name: str(tmp_path)})  # a recorded folder, a File Geodatabase
-
-
-def test_launch_lets_the_arguments_of_a_file_that_includes_it_pass(launch_file):
-    names = "image_topic use_rviz map_file bag_path camera_info_url use_namespace robot_namespace "
-    names += "use_respawn rviz_config frame_rate serial_port dem robot autostart ros_params slam"
-    assert launched(launch_file, dict.fromkeys(names.split(), "x"))
-    # It may pass its own on, under our name.
-    assert launched(launch_file, {"sim_time": "true"}, use_sim_time="true")
 
 
 def test_launch_takes_params_for_params_file(launch_file, flight, tmp_path):
@@ -118,14 +127,6 @@ def test_every_argument_is_described_and_has_a_default(launch_file):
         assert one.choices is None or one.default_value in one.choices
     contract = "params_file map bag namespace dji use_sim_time log_level respawn rviz page"
     assert set(contract.split()) <= {one.positional[0] for one in declared}
-
-
-def test_launch_takes_sim_time_as_said(launch_file, flight):
-    for node in launched(launch_file, params_file="", use_sim_time="true").values():
-        assert node.parameters == [{"use_sim_time": True}]
-        assert node.remappings == []  # a simulator's /clock is the whole domain's
-    live = launched(launch_file, params_file="", bag=flight, use_sim_time="False")
-    assert live["ekf_node"].parameters == [{"use_sim_time": False}]
 
 
 def test_launch_takes_the_camera_by_its_own_name(launch_file):
@@ -212,19 +213,6 @@ def test_launch_serves_the_page_where_it_is_told_to(launch_file, page, tmp_path)
     assert values["map"].positional == (str(tmp_path / "park.geojson"),)
     listens = [values["listen"].positional] if "listen" in values else []
     assert listens == ([] if page == "true" else [("0.0.0.0:8081",)])
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "reason"),
-    [
-        ("page", "8080", ".*say true or false"),
-        ("page", "a:b", ".*HOST:PORT"),
-        ("dji", "maybe", "say true or false"),
-    ],
-)
-def test_launch_refuses_a_value_in_words(launch_file, name, value, reason):
-    with pytest.raises(ValueError, match=f"argument {name}:={value}: {reason}"):
-        launched(launch_file, **{name: value})
 
 
 @pytest.mark.parametrize("given", [{"page": "true"}, {"bag": str(PROJECT)}])

@@ -29,26 +29,17 @@ DURATION_S = 30.0
 
 
 @pytest.fixture(scope="module")
-def simulated():
-    return flight(5, DURATION_S)
+def samples():
+    return navigation_samples(flight(5, DURATION_S))
 
 
 @pytest.fixture(scope="module")
-def samples(simulated):
-    return navigation_samples(simulated)
+def config():
+    return fitting_config(flight(5, DURATION_S))
 
 
-@pytest.fixture(scope="module")
-def config(simulated):
-    return fitting_config(simulated)
-
-
-@pytest.fixture(scope="module")
-def flown(config, samples):
-    return fly_bag(config, samples)
-
-
-def test_a_simulated_flight_is_as_good_as_it_is(flown):
+def test_a_simulated_flight_is_as_good_as_it_is(config, samples):
+    flown = fly_bag(config, samples)
     # RTK at 5 Hz for 22 s, less what arrives (80 ms late) after the end of the judged time.
     assert flown.fixes == pytest.approx(5 * 22, abs=2)
     assert flown.fixes == flown.used

@@ -100,22 +100,19 @@ def test_the_table_says_what_the_arrays_say(flight):
     assert np.array_equal(table["velocity_down_m_s"], flight.velocity_n[:, 2])
 
 
-def test_degrees_and_sigmas_stand_for_radians_and_variances(tables, flight, params):
+def test_degrees_sigmas_and_datetimes_are_taken_too(tables, flight, params):
     fix, heading = dict(tables["rtk/fix"]), dict(tables["rtk/heading"])
     fix["latitude_deg"] = np.degrees(fix.pop("latitude_rad"))
     fix["sigma_down_m"] = np.sqrt(fix.pop("variance_down_m2"))
     heading["sigma_deg"] = np.degrees(np.sqrt(heading.pop("variance_rad2")))
     others = {"rtk/fix": fix, "rtk/heading": heading}
-    again = filtered(tables | others, config=params)
-    assert np.allclose(again.position_n, flight.position_n, atol=1e-6, rtol=0)
-
-
-def test_stamps_may_be_datetimes(tables, flight, params):
-    stamps = {
+    stamped = {
         topic: table | {"stamp_ns": table["stamp_ns"].astype("datetime64[ns]")}
-        for topic, table in tables.items()
+        for topic, table in (tables | others).items()
     }
-    assert np.array_equal(filtered(stamps, config=params).q_nb, flight.q_nb)
+    again = filtered(stamped, config=params)
+    assert np.array_equal(again.stamp_ns, flight.stamp_ns)
+    assert np.allclose(again.position_n, flight.position_n, atol=1e-6, rtol=0)
 
 
 def test_without_heading_the_method_is_the_one_without(tables, params):
@@ -189,12 +186,14 @@ def test_samples_that_are_no_numbers_are_refused_and_counted(tables, params):
 
 
 @pytest.mark.parametrize("column", ["stamp_ns", "force_down_m_s2"])
-def test_masked_values_are_refused(tables, column):
+def test_masked_values_and_another_table_are_refused_by_the_arguments_name(tables, column):
     """NumPy would take what is below the mask."""
     imu = dict(tables["imu/data"])
     imu[column] = np.ma.masked_array(imu[column], np.arange(len(imu[column])) < 7)
     with pytest.raises(TableError, match=rf"^imu: column {column} has 7 masked values"):
         tirgeo_ros.filter_flight(imu)
+    with pytest.raises(TableError, match=r"^heading: no column heading_rad or heading_deg"):
+        tirgeo_ros.filter_flight(tables["imu/data"], heading=tables["gps/vel"])
 
 
 @pytest.mark.parametrize("axes", ["down", "down right", "down right forward"])
@@ -218,8 +217,3 @@ def test_a_picture_without_a_pose_says_when_the_poses_are(flight):
     for stamp_ns, why in ((0, "before the first"), (int(2e18), "after the last, at 16347")):
         with pytest.raises(PoseError, match=why):
             flight.picture_pose(stamp_ns)
-
-
-def test_the_argument_names_the_table(tables):
-    with pytest.raises(TableError, match=r"^heading: no column heading_rad or heading_deg"):
-        tirgeo_ros.filter_flight(tables["imu/data"], heading=tables["gps/vel"])

@@ -134,15 +134,23 @@ def test_no_damage_raises_anything_else(tmp_path, name):
     assert {"refused", "a part"} <= told.keys() <= {"refused", "a part", "all"}
 
 
-def test_a_row_without_time_or_data(tmp_path):
+def test_rows_without_time_or_data_or_with_a_time_that_no_stamp_holds(tmp_path):
     path = tmp_path / "a.db3"
     write_sqlite(path, MESSAGES)
     with closing(sqlite3.connect(path)) as base, base:
         base.execute("UPDATE messages SET data = 5000000000 WHERE id = 8")
         base.execute("UPDATE messages SET timestamp = 'late' WHERE id = 300")
-    found, damage = read(path)
-    assert found == MESSAGES[:7] + MESSAGES[8:299]
+    read_messages, damage = read(path)
+    assert read_messages == MESSAGES[:7] + MESSAGES[8:299]
     assert damage == "a message has no time or no data; 298 messages were read"
+    late = [message._replace(log_time_ns=1 << 62) for message in MESSAGES[5:7]]
+    write_sqlite(tmp_path / "b.db3", [*MESSAGES[:5], *late])
+    reader = BagReader(tmp_path / "b.db3")
+    assert list(reader.messages()) == MESSAGES[:5]
+    assert reader.span_ns == (0, 4)
+    assert reader.damage == (
+        "2 messages with a log time after 2038 left out; 5 messages were read"
+    )
 
 
 # refused
@@ -227,16 +235,6 @@ def test_one_clear_line(tmp_path, make, said):
         read(path)
     assert str(told.value).startswith(said.format(tmp_path))
     assert "\n" not in str(told.value)
-
-
-def test_log_times_of_a_database_that_no_stamp_holds(tmp_path):
-    late = [one._replace(log_time_ns=1 << 62) for one in MESSAGES[5:7]]
-    write_sqlite(tmp_path / "a.db3", [*MESSAGES[:5], *late])
-    reader = BagReader(tmp_path / "a.db3")
-    assert list(reader.messages()) == MESSAGES[:5]
-    assert reader.span_ns == (0, 4)
-    said = "2 messages with a log time after 2038 left out; 5 messages were read"
-    assert reader.damage == said
 
 
 def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):

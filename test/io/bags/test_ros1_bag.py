@@ -152,9 +152,6 @@ def test_what_is_no_bag(tmp_path, data):
     path.write_bytes(data)
     with pytest.raises(BagError, match=r"x\.bag: not a ROS 1 bag of version 2.0"):
         Ros1Bag(path)
-
-
-def test_a_bag_without_messages(tmp_path):
     with pytest.raises(BagError, match=r"empty\.bag: the bag has no message"):
         Ros1Bag(Bag().write(tmp_path / "empty.bag"))
 

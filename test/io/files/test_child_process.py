@@ -63,19 +63,26 @@ def test_objects_come_back_and_printing_is_no_answer(child):
     assert child.said.splitlines() == 4 * ["said on stdout"]
 
 
-def test_one_that_dies_leaves_its_code_and_its_last_line(child):
-    child.send("die")
+def killed(child):
+    child.kill()
+    return child.receive()
+
+
+@pytest.mark.parametrize(
+    ("program", "work", "code", "last"),
+    [
+        (_ECHO, lambda child: (child.send("die"), child.receive()), 1, ": the last words"),
+        (_ECHO, killed, -signal.SIGKILL, ""),
+        ("raise SystemExit(3)", lambda child: child.send(LARGE), 3, ""),
+    ],
+)
+def test_one_that_dies_leaves_its_code_and_its_last_line(program, work, code, last):
+    child = ChildProcess(program)
     with pytest.raises(ChildEndedError) as ended:
-        child.receive()
-    assert (ended.value.code, ended.value.last) == (1, ": the last words")
+        work(child)
+    assert (ended.value.code, ended.value.last) == (code, last)
+    child.close()
     child.close()  # again
-
-
-def test_one_that_cannot_begin():
-    child = ChildProcess("raise SystemExit(3)")
-    with pytest.raises(ChildEndedError) as ended:
-        child.send(LARGE)
-    assert ended.value.code == 3
 
 
 def test_ctrl_c_is_the_parents(child):
@@ -84,13 +91,6 @@ def test_ctrl_c_is_the_parents(child):
     os.kill(child._process.pid, signal.SIGINT)
     child.send(2)
     assert child.receive() == 2
-
-
-def test_killed_from_elsewhere(child):
-    child.kill()
-    with pytest.raises(ChildEndedError) as ended:
-        child.receive()
-    assert ended.value.code == -signal.SIGKILL
 
 
 def test_an_answer_can_be_waited_for(child):

@@ -48,7 +48,10 @@ def parsed(event):
 
 
 def test_a_target_is_a_spot_with_place_errors_and_colour():
-    event = parsed(target_event(TARGET, NOW_NS))
+    data = encoded(target_event(TARGET, NOW_NS))
+    assert data.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<event ')
+    assert data.endswith(b"</event>")
+    event = ET.fromstring(data)
     assert event.attrib == {
         "version": "2.0",
         "uid": "tirgeo-" + TARGET.id,
@@ -76,14 +79,12 @@ def test_a_target_is_a_spot_with_place_errors_and_colour():
 
 def test_name_note_and_clicks_are_said():
     clicks = (CLICK, dataclasses.replace(CLICK, latitude_deg=48.21, stamp_ns=SEEN_NS + 10**9))
-    told = dataclasses.replace(
-        TARGET, name="roof", note="two floors", aircraft="uav1", clicks=clicks
-    )
-    event = parsed(target_event(told, NOW_NS))
+    words = {"name": "roof", "note": "two floors", "aircraft": "uav1"}
+    event = parsed(target_event(dataclasses.replace(TARGET, clicks=clicks, **words), NOW_NS))
     assert event.find("detail/contact").get("callsign") == "7 roof"
     remarks = event.find("detail/remarks").text
-    for words in ("two floors", "by uav1", "2 clicks", "the clicks disagree"):
-        assert words in remarks
+    for text in ("two floors", "by uav1", "2 clicks", "the clicks disagree"):
+        assert text in remarks
 
 
 def test_hostile_text_stays_text():
@@ -99,7 +100,7 @@ def test_hostile_text_stays_text():
     assert len(encoded(target_event(dataclasses.replace(TARGET, note='"' * 9000), 0))) < 65507
 
 
-def test_a_deletion_names_the_target_and_is_no_event_of_it():
+def test_a_deletion_names_the_target_and_a_withdrawn_one_is_soon_stale():
     event = parsed(deletion_event(TARGET, NOW_NS))
     assert event.get("type") == "t-x-d-d"
     assert event.get("uid") not in {"", "tirgeo-" + TARGET.id}
@@ -107,19 +108,9 @@ def test_a_deletion_names_the_target_and_is_no_event_of_it():
     assert link == {"uid": "tirgeo-" + TARGET.id, "relation": "none", "type": "none"}
     assert event.find("detail/__forcedelete") is not None
     assert set(event.find("point").attrib) == {"lat", "lon", "hae", "ce", "le"}
-
-
-def test_a_withdrawn_target_is_soon_stale():
-    event = withdrawn_event(TARGET, NOW_NS)
-    assert event.get("uid") == "tirgeo-" + TARGET.id
-    assert event.get("stale") == "2021-10-20T12:01:40.605Z"
-
-
-def test_bytes_are_one_header_one_event_and_nothing_after():
-    data = encoded(target_event(TARGET, NOW_NS))
-    assert data.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<event ')
-    assert data.endswith(b"</event>")
-    assert data.count(b"<?xml") == 1
+    withdrawn = withdrawn_event(TARGET, NOW_NS)
+    assert withdrawn.get("uid") == "tirgeo-" + TARGET.id
+    assert withdrawn.get("stale") == "2021-10-20T12:01:40.605Z"
 
 
 def looking(rotation_nb, camera=PLAIN, ground=200.0):

@@ -64,33 +64,29 @@ def test_files_of_other_programs_are_left_alone(path, tmp_path):
     refused(tmp_path / "gis.gpkg", "a database that tirgeo did not make")
 
 
-@pytest.mark.parametrize("share", [0.1, 0.9])
-def test_a_file_that_is_cut_off_is_damaged(path, share):
-    filled(path)
-    os.truncate(path, int(path.stat().st_size * share))
-    refused(path, DAMAGED)
-
-
-def test_a_file_with_overwritten_pages_is_damaged(path):
-    filled(path)
-    size = path.stat().st_size
+def overwritten(path):
     with path.open("r+b") as file:
-        file.seek(size // 3)
+        file.seek(path.stat().st_size // 3)
         file.write(os.urandom(8192))
-    refused(path, DAMAGED)
 
 
 @pytest.mark.parametrize(
-    "change",
+    "damage",
     [
+        lambda path: os.truncate(path, path.stat().st_size // 10),
+        lambda path: os.truncate(path, path.stat().st_size * 9 // 10),
+        overwritten,
         "UPDATE clicks SET latitude_deg = 200 WHERE fid = 2",
         "UPDATE clicks SET covariance_enu = x'00' WHERE fid = 2",
         "UPDATE targets SET created_ns = NULL WHERE fid = 2",
     ],
 )
-def test_rows_that_are_none_of_ours_are_named_as_damage(path, changed, change):
-    filled(path, 3)
-    changed(change)
+def test_a_file_with_damage_or_rows_that_are_none_of_ours_is_refused(path, changed, damage):
+    filled(path)
+    if isinstance(damage, str):
+        changed(damage)
+    else:
+        damage(path)
     refused(path, DAMAGED)
 
 

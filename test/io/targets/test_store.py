@@ -31,7 +31,7 @@ def reopened(store):
     return TargetStore(store.path)
 
 
-def test_a_target_and_its_changes_come_back(store):
+def test_a_target_its_changes_and_marks_come_back(store):
     one = store.add(click(), kind="fire", name="barn", aircraft="uav1", picture=JPEG, now_ns=5)
     two = store.add(click(3), now_ns=6)
     assert (one.number, two.number, two.kind, two.name) == (1, 2, "other", "")
@@ -40,12 +40,17 @@ def test_a_target_and_its_changes_come_back(store):
     edited = store.edit(two.id, 8, kind="person", note="waves\nboth arms")
     assert (edited.created_ns, edited.changed_ns) == (6, 8)
     assert store.all() == [refined, edited]
+    store.mark("smoke", 7)
+    store.mark("second pass", 9)
     again = reopened(store)
     assert again.all() == [refined, edited]
     assert again.picture(one.id) == JPEG
     assert again.picture(two.id) is None
     assert again.revision == 4
+    assert again.marks() == [(7, "smoke"), (9, "second pass")]
     again.close()
+    with pytest.raises(TargetError, match=r"targets\.gpkg: closed"):
+        again.add(click(), now_ns=1)
 
 
 def test_a_number_is_never_given_again(store):
@@ -123,14 +128,6 @@ def test_the_revision_grows_with_each_change_also_from_run_to_run(store):
     seen.append(store.revision)
     assert seen == sorted(set(seen))
     store.close()
-
-
-def test_marks_in_time(store):
-    store.mark("smoke", 7)
-    store.mark("second pass", 9)
-    again = reopened(store)
-    assert again.marks() == [(7, "smoke"), (9, "second pass")]
-    again.close()
 
 
 @pytest.mark.parametrize(
@@ -231,13 +228,6 @@ def test_threads_share_a_store(store):
     again = reopened(store)
     assert again.all() == found
     again.close()
-
-
-def test_a_closed_store_says_so(store):
-    store.close()
-    store.close()
-    with pytest.raises(TargetError, match=r"targets\.gpkg: closed"):
-        store.add(click(), now_ns=1)
 
 
 def test_what_two_wrote_at_once_is_kept_and_chosen_from(store, monkeypatch):

@@ -74,7 +74,7 @@ def lossy(share: float, *sources: Source) -> Fault:
 
 def late(extra_s: float, *sources: Source) -> Fault:
     """Samples come later, with the right stamps."""
-    return each(sources, lambda delivery: [_delayed(delivery, extra_s)])
+    return _delayed(sources, lambda: extra_s)
 
 
 def shuffled(largest_s: float, *sources: Source) -> Fault:
@@ -82,8 +82,7 @@ def shuffled(largest_s: float, *sources: Source) -> Fault:
 
     def fault(found: Deliveries, interval: Interval) -> Deliveries:
         rng = np.random.default_rng(_SEED)
-        some = each(sources, lambda delivery: [_delayed(delivery, rng.uniform(0, largest_s))])
-        return some(found, interval)
+        return _delayed(sources, lambda: rng.uniform(0, largest_s))(found, interval)
 
     return fault
 
@@ -117,7 +116,9 @@ def polled(rate_hz: float, *sources: Source) -> Fault:
             mine = [d for d in found if d.source is source and interval.holds(d)]
             for first, second in pairwise(mine):
                 ages_ns = range(step_ns, second.true_ns - first.true_ns, step_ns)
-                again += [_stamped_again(first, age_ns) for age_ns in ages_ns]
+                for age_ns in ages_ns:
+                    later = first.with_sample(stamp_ns=first.sample.stamp_ns + age_ns)
+                    again.append(replace(later, arrival_ns=first.arrival_ns + age_ns))
         return in_order([*found, *again])
 
     return fault
@@ -143,13 +144,8 @@ def misstamped(shift_s: float, *sources: Source) -> Fault:
     return each(sources, lambda d: [d.with_sample(stamp_ns=d.sample.stamp_ns + shift_ns)])
 
 
-def _delayed(delivery: Delivery, extra_s: float) -> Delivery:
-    return replace(delivery, arrival_ns=delivery.arrival_ns + round(extra_s * 1e9))
-
-
-def _stamped_again(delivery: Delivery, age_ns: int) -> Delivery:
-    later = delivery.with_sample(stamp_ns=delivery.sample.stamp_ns + age_ns)
-    return replace(later, arrival_ns=delivery.arrival_ns + age_ns)
+def _delayed(sources: tuple[Source, ...], extra_s: Callable[[], float]) -> Fault:
+    return each(sources, lambda d: [replace(d, arrival_ns=d.arrival_ns + round(extra_s() * 1e9))])
 
 
 _G = 9.80665

@@ -98,7 +98,7 @@ def test_camera_shift_is_the_ground_error():
     assert not any(one.is_inside for one in found)  # of centimetres
 
 
-def test_what_cannot_be_located_is_told_and_the_unsurveyed_left_out():
+def test_what_cannot_be_located_has_its_reason_and_the_unsurveyed_is_left_out(tmp_path):
     survey, seen = flown(*some_points(3))
     unknown = Observation("nobody", seen[0].stamp_ns, 320.0, 256.0)
     too_late = Observation("P0", 60_000_000_000, 320.0, 256.0)
@@ -109,18 +109,13 @@ def test_what_cannot_be_located_is_told_and_the_unsurveyed_left_out():
         ("P0", "no trusted pose at that picture"),
         ("P0", "the pixel is outside the picture"),
     ]
-
-
-def test_a_survey_of_other_points_is_told(tmp_path):
-    survey, seen = flown(*some_points(2))
     save_survey(tmp_path / "survey.csv", survey)
     save_observations(tmp_path / "none.csv", [])
     with pytest.raises(SurveyError, match=r"none\.csv: has no observations$"):
         load_experiment(tmp_path / "survey.csv", tmp_path / "none.csv")
-    renamed = [Observation(f"X{one.id}", one.stamp_ns, one.u, one.v) for one in seen]
-    save_observations(tmp_path / "seen.csv", renamed)
-    said = r"seen\.csv: none of its 2 observations is of a point in .*survey\.csv"
-    with pytest.raises(SurveyError, match=said):
+    save_observations(tmp_path / "seen.csv", [unknown, unknown])
+    reason = r"seen\.csv: none of its 2 observations is of a point in .*survey\.csv"
+    with pytest.raises(SurveyError, match=reason):
         load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv")
 
 

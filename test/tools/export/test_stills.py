@@ -66,6 +66,9 @@ def test_without_the_undulation_altitudes_are_ellipsoidal(flight, tmp_path):
     read = read_still(product.folder / f"{frame.number:06}.jpg")
     height_m = frame.plane.geodetic_from_ned(frame.pose.position_n)[2]
     assert place_of(read)[2] == pytest.approx(float(height_m), abs=1e-4)
+    (tmp_path / "file").touch()
+    with pytest.raises(ExportError, match="file: cannot be made: File exists"):
+        Stills(tmp_path / "file")
 
 
 def test_the_picture_is_the_recorded_one_without_marks(flight, stills):
@@ -73,9 +76,3 @@ def test_the_picture_is_the_recorded_one_without_marks(flight, stills):
     with Image.open(stills / f"{frame.number:06}.jpg") as image:
         apart = np.asarray(image).astype(int) - frame.pixels
     assert np.abs(apart).max() <= 2  # the best quality rounds coefficients to whole numbers
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
-    (tmp_path / "stills").write_text("")
-    with pytest.raises(ExportError, match="stills: cannot be made: File exists"):
-        Stills(tmp_path / "stills")

@@ -27,7 +27,7 @@ _FIELD = re.compile(r"(\w+) ?: ?([^\s\],]+)")
 
 
 class Cue(NamedTuple):
-    """Begin and end, s; the fields by name; the whole text."""
+    """Begin and end, s; the fields in brackets and in the lines before them; the whole text."""
 
     begin_s: float
     end_s: float
@@ -40,25 +40,19 @@ class Cue(NamedTuple):
 
 def cues_of(path: Path) -> list[Cue]:
     """The cues as FFmpeg's reader of SubRip finds them."""
-    found = []
+    cues = []
     with av.open(str(path)) as container:
         for packet in container.demux(subtitles=0):
             if packet.pts is None:
                 continue
             text = bytes(packet).decode()
-            begin, length = (x * packet.time_base for x in (packet.pts, packet.duration))
-            found.append(Cue(float(begin), float(begin + length), fields_of(text), text))
-    return found
-
-
-def fields_of(text: str) -> dict[str, str]:
-    """What stands in brackets, and in the two lines before them."""
-    fields = dict(_FIELD.findall(text.partition("[")[0].partition("\n")[0]))
-    for part in _BRACKET.findall(text):
-        fields |= dict(_FIELD.findall(part))
-    if date := _DATE.search(text):
-        fields["date"] = date.group()
-    return fields
+            parts = [text.partition("[")[0].partition("\n")[0], *_BRACKET.findall(text)]
+            fields = dict(_FIELD.findall(" ".join(parts)))
+            if date := _DATE.search(text):
+                fields["date"] = date.group()
+            begin, length = (float(x * packet.time_base) for x in (packet.pts, packet.duration))
+            cues.append(Cue(begin, begin + length, fields, text))
+    return cues
 
 
 ABOVE = "20 m above the ground, 40 m above sea level, camera to 200 deg, 30 deg down"
@@ -138,13 +132,10 @@ def test_no_cue_stands_where_the_pose_is_lost(written, flight):
     assert before.end_s == pytest.approx((last + 1) / 9, abs=1e-3)
 
 
-def test_without_a_picture_there_is_no_file(flight, tmp_path):
+def test_an_empty_file_is_not_written_and_one_that_cannot_be_is_named(flight, tmp_path):
     product = Subtitles(tmp_path / "flight.srt", stamps_ns=[])
     assert product.finish() == {"file": str(tmp_path / "flight.srt"), "cues": 0}
     assert not list(tmp_path.iterdir())
-
-
-def test_a_file_that_cannot_be_written_is_named(flight, tmp_path):
     product = Subtitles(tmp_path / "absent" / "flight.srt", stamps_ns=flight.stamps_ns)
     product.take(flight.frames[0])
     with pytest.raises(ExportError, match=r"absent/flight.srt: cannot be written: No such file"):

@@ -59,7 +59,7 @@ def words(page):
     return " ".join(" ".join(page.text).split())
 
 
-def test_the_page_is_whole_in_itself():
+def test_the_page_is_whole_in_itself(tmp_path):
     text = html(record("a"), failed("b"), pictures={"a": JPEG})
     page = Page(text)
     assert embedded(page, "image/jpeg") == [JPEG]
@@ -69,6 +69,8 @@ def test_the_page_is_whole_in_itself():
     # The head and a row's cells have the same columns.
     heads = re.findall(r"<button>(.*?)</button>", text)
     assert re.findall(r'data-title="(.*?)"', text) == 2 * heads
+    write_page(tmp_path)  # of an empty folder
+    assert "flights 0" in words(Page((tmp_path / "index.html").read_text()))
 
 
 def test_a_flight_is_told_as_its_record_has_it():
@@ -87,16 +89,14 @@ def test_a_flight_is_told_as_its_record_has_it():
         "done",
     ):
         assert told in found, told
-
-
-def test_a_smoothed_flight_says_so():
+    assert "smoothed" not in found
     assert "done, smoothed" in words(Page(html(record("a", smoothed=True))))
-    assert "smoothed" not in words(Page(html(record("a", smoothed=False))))
 
 
-def test_totals_are_those_of_all_flights():
+def test_totals_are_those_of_all_flights_in_the_order_of_their_begin():
     damaged = record("c", begin="2026-05-03T10:00:00Z", error="c.mcap: cut off")
-    text = html(record("a", findings=[finding("caution")]), failed("b"), damaged)
+    text = html(failed("b"), damaged, record("a", findings=[finding("caution")]))
+    assert re.findall(r'<tr id="flight-(\w)"', text) == ["a", "c", "b"]  # by time, failed last
     found = words(Page(text))
     for told in ("flights 3", "with an error 2", "flown 2:30", "distance 0.27 km"):
         assert told in found, told
@@ -104,12 +104,6 @@ def test_totals_are_those_of_all_flights():
         assert told in found, told
     assert "failed b.mcap: no bag" in found
     assert "in part c.mcap: cut off" in found
-
-
-def test_rows_are_in_the_order_of_their_begin_and_failed_ones_last():
-    late, early = record("a", "2026-05-02T10:00:00Z"), record("z", "2026-05-01T10:00:00Z")
-    text = html(failed("f"), late, early)
-    assert re.findall(r'<tr id="flight-(\w)"', text) == ["z", "a", "f"]
 
 
 def test_names_are_text_and_links_are_quoted():
@@ -120,11 +114,8 @@ def test_names_are_text_and_links_are_quoted():
     assert "<i>: imu/data" in words(page)
     assert "%3Cb%3E%26%27%22%201%23%3F%25.mcap" in page.sources
     assert not re.findall(r"<[bui]>&|<u>|<i>", text)
-
-
-def test_a_name_that_is_no_utf8_is_linked_by_its_bytes():
-    page = Page(html(record(os.fsdecode(b"S\xfcd"))))
-    assert {"S%FCd.mcap", "S%FCd.json"} <= set(page.sources)
+    no_utf8 = Page(html(record(os.fsdecode(b"S\xfcd"))))
+    assert {"S%FCd.mcap", "S%FCd.json"} <= set(no_utf8.sources)
 
 
 def test_a_flight_without_a_pose_and_one_of_hours():
@@ -145,11 +136,6 @@ def test_what_another_version_tells_differently_is_a_dash():
     found = words(Page(html(other)))
     assert "running 0:06, dreaming 0:04" in found
     assert found.partition("none - ")[2].startswith("done")  # checks, refused, result
-
-
-def test_an_empty_folder_has_a_page(tmp_path):
-    write_page(tmp_path)
-    assert "flights 0" in words(Page((tmp_path / "index.html").read_text()))
 
 
 @pytest.mark.slow

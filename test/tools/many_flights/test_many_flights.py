@@ -67,7 +67,7 @@ def test_links_in_a_loop_and_pipes_fail_alone(flights, run, tmp_path, capsys):
     ]
 
 
-def test_what_is_done_is_kept(season, flights, run, capsys):
+def test_what_is_done_is_kept_and_a_folder_is_one_runs(season, flights, run, capsys):
     folder, _, _ = season
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*.mcap")}
     assert run(flights, folder, "--json") == 0
@@ -76,23 +76,16 @@ def test_what_is_done_is_kept(season, flights, run, capsys):
     assert {path: path.stat().st_mtime_ns for path in folder.glob("*.mcap")} == before
     page = (folder / "index.html").read_text()
     assert all(name in page for name in [*NAMES, "broken"])  # of earlier runs too
-
-
-def test_a_folder_is_one_runs(season, flights, run, capsys):
-    folder, _, _ = season
     with only_run(folder):
         assert run(flights, folder) == 1
     assert "another tirgeo process works in this folder" in capsys.readouterr().err
     assert parts(folder) == []
 
 
-def test_an_output_in_the_place_of_an_input_is_refused(flights, run, capsys):
+def test_wrong_use_is_one_line(flights, run, tmp_path, capsys):
     assert run(flights[:1], flights[0].parent) == 1
     assert "would overwrite the input" in capsys.readouterr().err
     assert [path.name for path in flights[0].parent.iterdir()] == ["flight.mcap"]
-
-
-def test_wrong_parameters_are_said_once(flights, tmp_path, capsys):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("ekf_node: {ros__parameters: {metod: ekf}}")
     argv = ["process", *map(str, flights), "-o", str(tmp_path / "out"), "--params", str(wrong)]
@@ -183,24 +176,19 @@ def test_the_summary_counts_each_flight_once():
     counts = {name: found[name] for name in ("processed", "kept", "in_part", "failed")}
     assert counts == {"processed": 2, "kept": 1, "in_part": 1, "failed": 1}
     assert found["error"] == "2 of 5 flights have an error: d, e"
-    assert [one["attempts"] for one in found["flights"]] == [1, 2, 1, 1, 1]
-    told = "2 processed, 1 already done, 1 in part, 1 failed"
+    assert [flight["attempts"] for flight in found["flights"]] == [1, 2, 1, 1, 1]
+    amounts = "2 processed, 1 already done, 1 in part, 1 failed"
     lines = summary_lines(found | {"elapsed_s": 12.0, "page": "out/index.html"}).splitlines()
     assert lines == [
-        f"  flights  5: {told}; 180 s of flight in 12.0 s",
+        f"  flights  5: {amounts}; 180 s of flight in 12.0 s",
         "! d        d.mcap: cut off",
         "! e        e.mcap: no bag",
         "  page     out/index.html",
     ]
-
-
-def test_of_many_errors_the_first_are_named():
-    names = "abcdef"
-    records = {name: record(name, output=False, error="x") for name in names}
-    found = flights_summary([task(name) for name in names], [], records)
+    failed = {name: record(name, output=False, error="x") for name in "abcdef"}
+    found = flights_summary([task(name) for name in failed], [], failed)
     assert found["error"] == "6 of 6 flights have an error: a, b, c and 3 more"
-    good = flights_summary([task("a")], [], {"a": record("a")})
-    assert good["error"] is None
+    assert flights_summary([task("a")], [], {"a": record("a")})["error"] is None
 
 
 def test_progress_counts_flights_and_the_parts_of_those_in_work():

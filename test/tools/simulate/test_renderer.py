@@ -100,7 +100,7 @@ def test_a_person_is_seen_where_the_camera_projects_them(center, q_pc, relief):
     np.testing.assert_allclose(found, expected, atol=0.1)
 
 
-def test_a_person_is_as_warm_as_asked_and_a_fire_saturates():
+def test_a_person_is_as_warm_as_asked_and_a_fire_saturates_in_8_bits_and_not_in_16():
     person = Target("person 1", "person", np.array([30.0, 0.0]), 12.0, 0.5, 0.0)
     fire = Target("fire 1", "fire", np.array([34.0, 4.0]), 400.0, 2.0, 0.0)
     picture = picture_of([person, fire], looking())
@@ -110,6 +110,11 @@ def test_a_person_is_as_warm_as_asked_and_a_fire_saturates():
     distance_m = np.linalg.norm([34.0, 4.0, 20.0])
     pixels = np.pi * XT2.fx * XT2.fy * (20.0 / distance_m) / distance_m**2
     assert pixels < (picture == 255).sum() - 100 < 1.35 * pixels
+    sixteen = picture_of([], looking(), video=replace(STILL, bits=16))
+    eight = picture_of([], looking())
+    assert (eight.dtype, sixteen.dtype) == (np.uint8, np.uint16)
+    # Eight bits round to whole grey levels.
+    np.testing.assert_allclose(eight, (sixteen - COUNTS_OF_0) / COUNTS_PER_GREY, atol=0.51)
 
 
 def test_one_more_target_leaves_the_others_where_they_are():
@@ -180,7 +185,7 @@ def test_a_ray_meets_the_ground_that_the_elevation_model_has(flown):
     assert np.abs(level - lengths).max() > 3.0  # the slope matters
 
 
-def test_a_sloping_flight_is_whole(flown):
+def test_a_sloping_flight_is_whole_and_ground_as_high_as_the_flight_refused(flown, tmp_path):
     plane = SCENARIO.site.plane
     assert "ground_height_m" not in (flown / "params.yaml").read_text()
     for name in ("survey.geojson", "targets.geojson"):
@@ -191,9 +196,6 @@ def test_a_sloping_flight_is_whole(flown):
             # surveyed to 2 cm; a centimetre to the side is 1 mm
             np.testing.assert_allclose(place, HILLSIDE.places(place[None, :2])[0], atol=0.1)
     assert load_observations(flown / "observations.csv")
-
-
-def test_ground_as_high_as_the_flight_is_refused(tmp_path):
     (tmp_path / "steep.yaml").write_text(SLOPING.replace("slope_deg: 4.0", "slope_deg: 20.0"))
     with pytest.raises(ScenarioError, match=r"park: its ground rises to .* fly 3 m above it"):
         simulate(tmp_path / "steep.yaml", tmp_path / "out")
@@ -257,12 +259,3 @@ def test_the_bag_says_the_camera_of_its_pictures(tmp_path):
     low, high = np.percentile(pictures, [1, 99])
     assert 20_500 < low < high < 24_500
     assert np.max(pictures) < 26_000
-
-
-def test_sixteen_bits_hold_what_eight_do():
-    eight, sixteen = (
-        picture_of([], looking(), video=replace(STILL, bits=bits)) for bits in (8, 16)
-    )
-    assert (eight.dtype, sixteen.dtype) == (np.uint8, np.uint16)
-    # Eight bits round to whole grey levels.
-    np.testing.assert_allclose(eight, (sixteen - COUNTS_OF_0) / COUNTS_PER_GREY, atol=0.51)
