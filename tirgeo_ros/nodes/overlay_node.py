@@ -15,7 +15,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.ground_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult

@@ -26,8 +26,13 @@ from tirgeo_ros.io.surveys.survey import (
 )
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
-from tirgeo_ros.tools.evaluate.report import report_html, text_tables
-from tirgeo_ros.tools.evaluate.summary import summary, verdict, write_evaluation
+from tirgeo_ros.tools.evaluate.report import (
+    report_html,
+    summary,
+    text_tables,
+    verdict,
+    write_evaluation,
+)
 from tirgeo_ros.tools.simulate import simulate
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,8 @@ import pytest
 
 from dev.reproduction.paper import TABLE_6_AVERAGE_M, TABLE_6_M, TABLE_7
 from tirgeo_ros.core.ground.ground_point import Ellipse
+from tirgeo_ros.tools.evaluate.report import is_honest, verdict
 from tirgeo_ros.tools.evaluate.result import LocatedPoint, ground_errors, paired_tests
-from tirgeo_ros.tools.evaluate.summary import is_honest, verdict
 
 COUNT = 24
 

@@ -16,7 +16,7 @@ from target_samples import TARGETS
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, place
 from tirgeo_ros.io.targets.columns import of_target
 from tirgeo_ros.io.targets.formats import exported as targets_as

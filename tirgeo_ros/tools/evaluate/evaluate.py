@@ -24,6 +24,7 @@ from tirgeo_ros.tools.evaluate.experiment import (
     method_setups,
     setup_notes,
 )
+from tirgeo_ros.tools.evaluate.report import SETTLED_S, check_folder, place_note
 from tirgeo_ros.tools.evaluate.result import (
     Evaluation,
     MethodResult,
@@ -32,7 +33,6 @@ from tirgeo_ros.tools.evaluate.result import (
     load_truth,
     locate_observations,
 )
-from tirgeo_ros.tools.evaluate.summary import SETTLED_S, check_folder, place_note
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks

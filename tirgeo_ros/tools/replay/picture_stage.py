@@ -19,8 +19,7 @@ from typing import IO, Any, NamedTuple
 import cv2
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
