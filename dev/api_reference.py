@@ -55,7 +55,9 @@ def build(folder: Path, public: Mapping[str, Any]) -> list[str]:
         warnings.simplefilter("always", UserWarning)
         pdoc.render.configure(docformat="markdown", footer_text=f"tirgeo {tirgeo_ros.__version__}")
         pdoc.pdoc(tirgeo_ros.__name__, output_directory=folder)
-    warned = [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
+    warned = [
+        str(warning.message) for warning in caught if issubclass(warning.category, UserWarning)
+    ]
     return [f"pdoc: {text.strip().splitlines()[0]}" for text in warned]
 
 

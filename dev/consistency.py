@@ -158,8 +158,8 @@ def _filtered(
             solutions.append(solution)
         judged = verdict.outcome in _JUDGED and verdict.source in _SOURCES
         if judged and sample.stamp_ns > settled_ns:
-            one = _nis(config, sample, verdict, solutions[-1])
-            nis[verdict.source] = summed(nis[verdict.source], one)
+            sums = _nis(config, sample, verdict, solutions[-1])
+            nis[verdict.source] = summed(nis[verdict.source], sums)
     return solutions, dict(nis)
 
 

@@ -87,7 +87,7 @@ def read(log: Path, kind: Kind) -> Found:
             warning, error = summary["warning"], summary.get("error")
         reader = any_bag(bag)
         messages = reader.messages(reader.topics().keys())
-        rows = [(one.topic, one.log_time_ns, one.data) for one in messages]
+        rows = [(message.topic, message.log_time_ns, message.data) for message in messages]
         error = error or reader.damage
     except TirgeoError as refusal:
         error = refusal
@@ -102,11 +102,11 @@ def verdict(whole: Found, damaged: Found, kind: Kind) -> str:
     steps = Counter(at - at_ns.get((t, data[12:]), at) for t, at, data in damaged.rows)
     step = max(steps, key=steps.__getitem__, default=0)
     step *= abs(step) <= kind.step_ns
-    one, other = (
+    before, after = (
         Counter((topic, at - by, data[12:][-_VALUES:]) for topic, at, data in rows)
         for rows, by in ((whole.rows, 0), (damaged.rows, step))
     )
-    topics = (Counter(t for t, *_ in part.elements()) for part in (one - other, other - one))
+    topics = (Counter(t for t, *_ in part.elements()) for part in (before - after, after - before))
     lost = max(max(counts.values(), default=0) for counts in topics)
     fine = "as damaged" if lost else "same"
     return fine if lost <= kind.rows else f"SILENT: {lost} rows"
@@ -131,7 +131,7 @@ def _copy(log: Path, kind: Kind, folder: Path) -> Path:
 def place(root: Path, name: str, number: int, seed: int) -> tuple[str, str]:
     """Damage a byte, of a text every second time a digit; return where, and the verdict."""
     kind, rng = KINDS[name], random.Random(f"{seed} {name} {number}")  # noqa: S311  no secret
-    log = rng.choice(sorted(log for one in kind.logs.split() for log in root.glob(one)))
+    log = rng.choice(sorted(log for pattern in kind.logs.split() for log in root.glob(pattern)))
     with tempfile.TemporaryDirectory() as folder:
         copy = _copy(log, kind, Path(folder))
         file = rng.choice(sorted(copy.iterdir())) if copy.is_dir() else copy
@@ -161,8 +161,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     limit = resource.RLIMIT_AS, (_LIMIT_BYTES, _LIMIT_BYTES)
     with get_context("spawn").Pool(1, resource.setrlimit, limit) as worker:
         for name, number in product(args.kind or KINDS, range(args.places)):
-            one = worker.apply_async(place, (args.root, name, number, args.seed))
-            where, outcome = one.get(_LIMIT_S)
+            job = worker.apply_async(place, (args.root, name, number, args.seed))
+            where, outcome = job.get(_LIMIT_S)
             counts.setdefault(name, Counter())[outcome.partition(":")[0]] += 1
             if outcome.startswith("SILENT"):
                 sys.stdout.write(f"{name} {where}: {outcome}\n")

@@ -385,16 +385,19 @@ def _fixes(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
             table.cell(max(each.moved_m), high=ASKED_MOVED_M),
         ]
         yield table.row(each.name, cells)
-    together = [("all", judged, ASKED_USED, ASKED_BEYOND)]
     for name, bags in groups(judged).items():
-        together.insert(-1, (name, bags, ASKED.get(name, Asked()).used, math.inf))
-    for name, bags, least, most in together:
-        words = [f">={100 * least:g} %"] * (least > 0) + [f">5 sigma <={100 * most:g} %"] * (
-            most < 1
-        )
-        cells = [table.cell(100 * used_of(bags), 100 * least or -math.inf, digits=1), "", "", ""]
-        cells.append(table.cell(100 * beyond(bags), high=100 * most))
-        yield table.row(f"{name} ({', '.join(words)})" if words else name, cells)
+        least = ASKED.get(name, Asked()).used
+        words = f"{name} (>={100 * least:g} %)" if least else name
+        yield table.row(words, _together(table, bags, least or -math.inf, math.inf))
+    yield table.row(
+        f"all (>={100 * ASKED_USED:g} %, >5 sigma <={100 * ASKED_BEYOND:g} %)",
+        _together(table, judged, ASKED_USED, ASKED_BEYOND),
+    )
+
+
+def _together(table: MarkedTable, bags: Sequence[Judged], used: float, most: float) -> list[str]:
+    share = table.cell(100 * used_of(bags), 100 * used, digits=1)
+    return [share, "", "", "", table.cell(100 * beyond(bags), high=100 * most)]
 
 
 def _tilt_and_nis(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]:
@@ -407,8 +410,9 @@ def _tilt_and_nis(table: MarkedTable, judged: Sequence[Judged]) -> Iterator[str]
         if math.isfinite(high):
             most = [f"<={deg:g} " for deg in asked.roll_pitch_deg]
             yield table.row(f"asked, {name}", [*most, f"{low:g}..{high:g} "])
-        tilts = [each.flown.tilt for each in bags]
-        means = np.mean([np.degrees(rms(x)) if len(x) else [math.nan] * 2 for x in tilts], axis=0)
+        no_tilt = np.full(2, math.nan)
+        tilts = [rms(tilt) if len(tilt := each.flown.tilt) else no_tilt for each in bags]
+        means = np.degrees(np.mean(tilts, axis=0))
         nis = [
             [np.divide(*each.flown.nis.get(source, (math.nan, 1))) for each in bags]
             for source in _RTK

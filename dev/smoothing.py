@@ -78,7 +78,9 @@ def both(
         FILTER: errors(flight, published(Navigation(config), samples)),
         SMOOTHER: errors(flight, published(smoothed(config, samples), samples)),
     }
-    return [{kind: Squares.of(one, *span) for kind, one in by_kind.items()} for span in spans_s]
+    return [
+        {kind: Squares.of(every, *span) for kind, every in by_kind.items()} for span in spans_s
+    ]
 
 
 def outage_flight(seed: int) -> SimulatedFlight:
@@ -153,7 +155,7 @@ def outages(table: MarkedTable, flights: Sequence[dict[str, Squares]]) -> Iterat
     yield table.row("", ["m", "deg"])
     yield table.row("asked of the smoother", [f"{limit:.3f} " for limit in ASKED_OUTAGE])
     for kind, (most_m, most_deg) in ((FILTER, _NOTHING[:2]), (SMOOTHER, ASKED_OUTAGE)):
-        squares = [one[kind] for one in flights]
+        squares = [flight[kind] for flight in flights]
         distance_m = float(np.linalg.norm(rms_of(squares, "position")))
         heading_deg = math.degrees(float(rms_of(squares, "rpy")[2]))
         cells = [table.cell(distance_m, high=most_m, digits=3)]
@@ -169,12 +171,12 @@ def hidden(table: MarkedTable, flights: Sequence[dict[str, list[Miss]]]) -> Iter
     yield table.row("asked of the smoother", ["", *asked])
     limits = (-math.inf, math.inf), (100 * ASKED_WITHIN, ASKED_HIDDEN_M)
     for kind, (least, most_m) in zip(KINDS, limits, strict=True):
-        misses = [one for flight in flights for one in flight[kind]]
-        within = 100 * float(np.mean([one.within(3) for one in misses]))
+        misses = [miss for flight in flights for miss in flight[kind]]
+        within = 100 * float(np.mean([miss.within(3) for miss in misses]))
         cells = [
             f"{len(misses)} ",
-            table.cell(median([one.error_m for one in misses]), high=most_m),
-            table.cell(median([one.sigma_m for one in misses])),
+            table.cell(median([miss.error_m for miss in misses]), high=most_m),
+            table.cell(median([miss.sigma_m for miss in misses])),
             table.cell(within, least, digits=1),
         ]
         yield table.row(kind, cells)

@@ -58,27 +58,18 @@ def test_links_lead_somewhere(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=ids)
-def test_files_of_the_project_exist(page):
-    named = re.findall(r"(?<![/\w])((?:tirgeo_ros|dev|test|config|bags)/[\w./-]*\w)", code(page))
+def test_files_make_targets_and_verbs_exist(page):
+    text = code(page)
+    named = re.findall(r"(?<![/\w])((?:tirgeo_ros|dev|test|config|bags)/[\w./-]*\w)", text)
     assert [name for name in named if not (PROJECT / name).exists()] == []
-
-
-@pytest.mark.parametrize("page", PAGES, ids=ids)
-def test_make_targets_exist(page):
-    targets = set(
-        re.findall(r"^([a-z0-9-]+):.*##", (PROJECT / "Makefile").read_text(), re.MULTILINE)
-    )
-    assert set(re.findall(r"\bmake ([a-z][a-z0-9-]*)", code(page))) <= targets
-
-
-@pytest.mark.parametrize("page", PAGES, ids=ids)
-def test_verbs_exist(page):
-    known = {verb.__name__.rpartition(".")[2].rstrip("_") for verb in verbs()}
-    calibrations = {found.name for found in pkgutil.iter_modules(calibrate.__path__)}
-    text = code(page).replace("ros2 run tirgeo tirgeo", "tirgeo")
+    rules = (PROJECT / "Makefile").read_text()
+    targets = set(re.findall(r"^([a-z0-9-]+):.*##", rules, re.MULTILINE))
+    assert set(re.findall(r"\bmake ([a-z][a-z0-9-]*)", text)) <= targets
+    all_verbs = {verb.__name__.rpartition(".")[2].rstrip("_") for verb in verbs()}
+    calibrations = {module.name for module in pkgutil.iter_modules(calibrate.__path__)}
     command = re.compile(r"(?:^\s*|`|/)tirgeo ([a-z]+)(?: ([a-z]+)\b)?", re.MULTILINE)
-    named = command.findall(text)
-    assert {verb for verb, _ in named} <= known
+    named = command.findall(text.replace("ros2 run tirgeo tirgeo", "tirgeo"))
+    assert {verb for verb, _ in named} <= all_verbs
     assert {what for verb, what in named if verb == "calibrate" and what} <= calibrations
 
 
@@ -89,11 +80,11 @@ def test_every_input_is_there_with_its_type():
 
 
 def test_every_parameter_on_the_page_is_one():
-    known = {
+    parameters = {
         parameter.name
         for config in (EkfConfig, GimbalConfig, OverlayConfig)
         for parameter in parameters_of(config)
     }
     named = re.findall(r"`((?:[a-z]+\.)?[a-z_]+_(?:s|m|m_s|deg))`", INPUTS)
     assert named
-    assert set(named) <= known
+    assert set(named) <= parameters

@@ -65,14 +65,10 @@ for name in sys.argv[1:]:
 """
 
 
-def layer_of(package):
-    return package.partition(".")[0]
-
-
 @pytest.mark.parametrize("package", sorted(filter(None, GRAPH)))
 def test_a_package_imports_only_layers_below_its_own(package):
-    layers = {layer_of(other) for other in GRAPH[package]} - {""}
-    assert layers <= LAYERS[layer_of(package)]
+    layers = {other.partition(".")[0] for other in GRAPH[package]} - {""}
+    assert layers <= LAYERS[package.partition(".")[0]]
 
 
 @pytest.mark.parametrize("package", ORDER)

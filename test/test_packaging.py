@@ -51,11 +51,11 @@ def package_xml():
 
 def setup_arguments(monkeypatch, *argv):
     """What setup.py gives to setuptools when it is called with ``argv``."""
-    given = {}
-    monkeypatch.setattr(setuptools, "setup", lambda **arguments: given.update(arguments))
+    passed = {}
+    monkeypatch.setattr(setuptools, "setup", lambda **arguments: passed.update(arguments))
     monkeypatch.setattr(sys, "argv", ["setup.py", *argv])
     runpy.run_path(str(PROJECT / "setup.py"))
-    return given
+    return passed
 
 
 @pytest.fixture
@@ -86,14 +86,10 @@ def message_packages(folder):
     """Packages of the message types that are looked up by name: "sensor_msgs/msg/Imu"."""
     texts = (n.value for n in syntax_nodes(folder) if isinstance(n, ast.Constant))
     typenames = (re.fullmatch(r"(\w+)/(msg|srv)/\w+", text) for text in texts if type(text) is str)
-    return {found.group(1) for found in typenames if found}
+    return {result.group(1) for result in typenames if result}
 
 
-def dependencies(package_xml, *tags):
-    return {item.text for tag in tags for item in package_xml.findall(tag)}
-
-
-def test_names_agree(package_xml, arguments):
+def test_names_and_versions_agree(package_xml, arguments):
     config = configparser.ConfigParser()
     config.read(PROJECT / "setup.cfg")
     assert package_xml.findtext("name") == NAME
@@ -101,18 +97,10 @@ def test_names_agree(package_xml, arguments):
     assert config["develop"]["script_dir"] == f"$base/lib/{NAME}"
     assert config["install"]["install_scripts"] == f"$base/lib/{NAME}"
     assert (PROJECT / "resource" / NAME).is_file()
-
-
-def test_versions_agree(package_xml, arguments):
-    newest = re.search(r"^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)$", changelog(), re.MULTILINE)
-    assert newest
-    assert newest.group(1) == tirgeo_ros.__version__
-    assert package_xml.findtext("version") == tirgeo_ros.__version__
-    assert arguments["version"] == tirgeo_ros.__version__
-
-
-def changelog():
-    return (PROJECT / "CHANGELOG.rst").read_text()
+    changelog = (PROJECT / "CHANGELOG.rst").read_text()
+    newest = re.search(r"^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)$", changelog, re.MULTILINE)[1]
+    versions = newest, package_xml.findtext("version"), arguments["version"]
+    assert {*versions} == {tirgeo_ros.__version__}
 
 
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
@@ -121,7 +109,8 @@ def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
         KEYS.get(name, name)
         for name in code - BY_PIP_ALONE - FROM_SOURCE - IN_BAGS - OPTIONAL.keys()
     }
-    assert dependencies(package_xml, "depend", "exec_depend") == keys | LAUNCH
+    tags = ("depend", "exec_depend")
+    assert {item.text for tag in tags for item in package_xml.findall(tag)} == keys | LAUNCH
     assert imported_modules(PROJECT / "launch") <= LAUNCH
 
 
@@ -207,18 +196,15 @@ def test_only_a_wheel_has_forwarding_scripts(monkeypatch, tmp_path, arguments):
     monkeypatch.chdir(tmp_path)
     files = dict(setup_arguments(monkeypatch, "bdist_wheel")["data_files"])
     assert {Path(path).name for path in files[f"lib/{NAME}"]} == {NAME, *NODES}
-    lay_out(tmp_path / "prefix", files[f"lib/{NAME}"])
-    script = tmp_path / "prefix" / "lib" / NAME / "ekf_node"
-    run = subprocess.run([script, "a b", "c"], capture_output=True, text=True, check=True)
-    assert run.stdout == "in bin: a b,c,\n"
-
-
-def lay_out(prefix, scripts):
-    """The scripts as pip installs them, and beside them an ekf_node that tells its arguments."""
-    (prefix / "bin").mkdir(parents=True)
-    (prefix / "lib" / NAME).mkdir(parents=True)
-    for path in scripts:
-        Path(path).rename(prefix / "lib" / NAME / Path(path).name)
-    target = prefix / "bin" / "ekf_node"
+    # The scripts as pip installs them, and beside them an ekf_node that prints its arguments.
+    scripts, target = tmp_path / "lib" / NAME, tmp_path / "bin" / "ekf_node"
+    for folder in (scripts, target.parent):
+        folder.mkdir(parents=True)
+    for path in files[f"lib/{NAME}"]:
+        Path(path).rename(scripts / Path(path).name)
     target.write_text('#!/bin/sh\nprintf "in bin: "; printf "%s," "$@"; echo\n')
     target.chmod(0o755)
+    run = subprocess.run(
+        [scripts / "ekf_node", "a b", "c"], capture_output=True, text=True, check=True
+    )
+    assert run.stdout == "in bin: a b,c,\n"

@@ -75,12 +75,12 @@ def decode(whole: bytes, read: int) -> int:
     table, decoded, reader = PackageTable(), 0, FrameReader()
     for at in range(0, len(whole), read):
         for frame in reader.feed(whole[at : at + read]):
-            found = (
+            values = (
                 decode_push(frame.value, table)
                 if frame.cmd_id == 5
                 else decode_broadcast(frame.value)
             )
-            decoded += found is not None
+            decoded += values is not None
     return decoded
 
 

@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as folder, Progress("playing", unit="s") as bar:
             results = outcomes(good, [CLEAN, *faults], Path(folder), bar)
         sys.stdout.write(live_table(results))
-        return 0 if all(one.is_good for one in results) else 1
+        return 0 if all(outcome.is_good for outcome in results) else 1
     sys.stdout.write(_ROW.format(*_HEAD))
     named = 0
     lying: list[str] = []

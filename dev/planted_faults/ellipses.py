@@ -109,6 +109,7 @@ def flight_times(
         for bag in (planted.bag, good.bag)
     ]
     errors = [
-        times_of_ellipse(assumed, true, *both_ns, flipped) for both_ns in zip(*stamps, strict=True)
+        times_of_ellipse(assumed, true, planted_ns, good_ns, flipped)
+        for planted_ns, good_ns in zip(*stamps, strict=True)
     ]
     return [error for error in errors if not math.isnan(error)]

@@ -62,11 +62,11 @@ Planter = Callable[[FlightFiles, Path], FlightFiles]
 def altered(change: Callable[[Any], object], *topics: str) -> Planter:
     """Return a planter that changes the messages of topics in place."""
 
-    def one(item: Item) -> Iterator[Item]:
+    def changed(item: Item) -> Iterator[Item]:
         change(item.message)
         yield item
 
-    return rewritten(one, *topics)
+    return rewritten(changed, *topics)
 
 
 def rewritten(change: Change, *topics: str) -> Planter:
@@ -83,7 +83,7 @@ def rewritten(change: Change, *topics: str) -> Planter:
             items += made
         path = folder / "flight.mcap"
         with BagWriter(path) as writer:
-            for item in sorted(items, key=lambda one: one.log_time_ns):
+            for item in sorted(items, key=lambda item: item.log_time_ns):
                 writer.write(item.topic, item.typename, item.message, item.log_time_ns)
         return dataclasses.replace(good, bag=path)
 

@@ -52,7 +52,9 @@ def ground_factors(results: Results) -> dict[str, object]:
         ("budget", "general"),
     ):
         means = {r["factor"]: r["mean_m"] for r in results[run]["rows"] if r["form"] == form}
-        columns.append([means[one] for one in ("position", "height", "position 3d", "heading")])
+        columns.append(
+            [means[factor] for factor in ("position", "height", "position 3d", "heading")]
+        )
     ratios = [columns[1][k] / columns[0][k] for k in range(4)]
     rows = [
         [f"E_Cam{name}", *(fixed(column[k], 4) for column in columns), f"{ratios[k]:.2f}"]
@@ -90,10 +92,10 @@ def imu_noise(allan: Mapping[str, Any]) -> dict[str, object]:
     for name, key, sensor, ours in _IMU_ROWS:
         for axis, paper in zip(_AXES, TABLE_5[key], strict=True):
             here = axes[f"{sensor} {axis}"]
-            given = f"{paper:g}" if ours == "correlation_time_s" else f"{paper:.4e}"
-            rows.append([name, axis, given, *_imu_cells(here, ours, paper)])
+            printed = f"{paper:g}" if ours == "correlation_time_s" else f"{paper:.4e}"
+            rows.append([name, axis, printed, *_imu_cells(here, ours, paper)])
             walks += [abs(here[ours] / paper - 1)] if ours == "random_walk" else []
-    seen = [name for name, axis in axes.items() if axis["bias_seen"]]
+    shown = [name for name, axis in axes.items() if axis["bias_observed"]]
     return {
         "imu_noise": table(
             ["parameter", "axis", "paper, and put in", "here", "here / paper"], rows
@@ -101,19 +103,18 @@ def imu_noise(allan: Mapping[str, Any]) -> dict[str, object]:
         "hours": f"{allan['span_s'] / 3600:.2g}",
         "imu_hz": f"{allan['rate_hz']:.0f}",
         "walk_off": f"{100 * max(walks):.1f}",
-        "axes_seen": f"{len(seen)} of {len(axes)} axes ({', '.join(seen) or 'none'})",
+        "axes_seen": f"{len(shown)} of {len(axes)} axes ({', '.join(shown) or 'none'})",
     }
 
 
 def _imu_cells(here: Mapping[str, Any], key: str, paper: float) -> list[str]:
     """Return a parameter of one axis and its ratio, or that the record does not show it."""
-    if key != "random_walk" and not here["bias_seen"]:
+    if key != "random_walk" and not here["bias_observed"]:
         return ["not seen" if key != "bias_sigma" else f"< {here[key]:.3e}", ""]
-    ratio = f"{here[key] / paper:.2f}"
-    if key != "correlation_time_s":
-        return [f"{here[key]:.3e} ± {here[f'{key}_sigma']:.1e}", ratio]
-    factor = here["correlation_time_factor"]
-    return [f"{here[key]:.0f}{f' (to a factor of {factor:.1f})' if factor else ''}", ratio]
+    value = f"{here[key]:.0f}" if key == "correlation_time_s" else f"{here[key]:.3e}"
+    if key == "random_walk":
+        value += f" ± {here['random_walk_sigma']:.1e}"
+    return [value, f"{here[key] / paper:.2f}"]
 
 
 def boards(results: Results) -> dict[str, object]:
@@ -123,7 +124,7 @@ def boards(results: Results) -> dict[str, object]:
     for axis in ("pitch", "yaw", "roll"):
         here = wall["std_deg"][axis]
         numbers = (TABLE_8_DEG[axis], truth[axis], here, wall["noise_deg"][axis])
-        rows.append([axis, *(fixed(one, 4) for one in numbers), f"{here / truth[axis]:.2f}"])
+        rows.append([axis, *(fixed(number, 4) for number in numbers), f"{here / truth[axis]:.2f}"])
     head = ["axis, deg", "paper", "put in", "here", "of it noise of the picture", "here / put in"]
     lens = results["lens"]
     lengths = {"fx": XT2.fx, "fy": XT2.fy, "cx": XT2.cx, "cy": XT2.cy}
@@ -138,7 +139,6 @@ def boards(results: Results) -> dict[str, object]:
         "gimbal": table(head, rows),
         "wall_used": wall["used"],
         "wall_pictures": wall["pictures"],
-        "swing_deg": f"{wall['span_deg']['yaw']:.0f}",
         "lens": table(
             ["parameter", "paper, and put in", "here", "sigma", "off by, sigmas"], fitted
         ),
@@ -146,8 +146,8 @@ def boards(results: Results) -> dict[str, object]:
         "views": lens["pictures"],
         "views_refused": len(lens["refused"]),
         "covered": f"{100 * lens['covered_share']:.0f}",
-        "reprojection_px": fixed(lens["reprojection_mean_px"], 3),
-        "worst_view_px": fixed(lens["reprojection_worst_view_px"], 3),
+        "reprojection_px": fixed(lens["reprojection_rms_px"], 3),
+        "worst_view_px": fixed(max(lens["view_rms_px"].values()), 3),
     }
 
 
@@ -197,8 +197,8 @@ def located(results: Results) -> dict[str, object]:
         ordered = sum(all(a > b for a, b in pairwise(flight)) for flight in flights)
         values[f"in_order_{way}"] = f"{ordered} of {len(seeds) + 1}"
     values["calibrated"] = ", ".join(
-        f"{name} {one['found']:.2f} ± {one['sigma']:.2f} {one['unit']}"
-        for name, one in results["boresight encoders"]["parameters"].items()
+        f"{name} {fit['found']:.2f} ± {fit['sigma']:.2f} {fit['unit']}"
+        for name, fit in results["boresight encoders"]["parameters"].items()
     )
     return values
 
@@ -206,9 +206,9 @@ def located(results: Results) -> dict[str, object]:
 def askew(results: Results) -> dict[str, object]:
     """Return Table 6 with the camera askew."""
     rows = [
-        [f"{name}, {one['unit']}", fixed(_PLANTED.get(name, 0.0), 2)]
-        + [fixed(one[key], 2) for key in ("found", "sigma")]
-        for name, one in results["askew boresight"]["parameters"].items()
+        [f"{name}, {fit['unit']}", fixed(_PLANTED.get(name, 0.0), 2)]
+        + [fixed(fit[key], 2) for key in ("found", "sigma")]
+        for name, fit in results["askew boresight"]["parameters"].items()
     ]
     errors = [
         [f"`{name}`", fixed(TABLE_6_AVERAGE_M.get(name), 2)]
@@ -229,15 +229,20 @@ def askew(results: Results) -> dict[str, object]:
 
 def p_values(results: Results) -> str:
     """Return Table 7."""
-    columns = [{(one.first, one.second): one.p_value for one in paired_tests(TABLE_6_M)}]
+    columns = [{(test.first, test.second): test.p_value for test in paired_tests(TABLE_6_M)}]
     columns += [
-        {(one["first"], one["second"]): one["p_value"] for one in results[way]["t_tests"]}
+        {(test["first"], test["second"]): test["p_value"] for test in results[way]["t_tests"]}
         for way in _WAYS
     ]
     rows = [
         [f"`{pair[0]}`, `{pair[1]}`", fixed(TABLE_7.get(pair), 4)]
-        + ["< 0.0001" if column[pair] < 0.0001 else fixed(column[pair], 4) for column in columns]
+        + [_p_value(column[pair]) for column in columns]
         for pair in columns[0]
     ]
     head = ["methods", "paper", "from the paper's Table 6", *(f"here, `{way}`" for way in _WAYS)]
     return table(head, rows)
+
+
+def _p_value(value: float | None) -> str:
+    """Return a p-value as the paper prints them."""
+    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)

@@ -45,27 +45,15 @@ def test_what_is_missing_or_does_not_exist_is_a_line():
     ]
 
 
-@pytest.fixture
-def pdoc(monkeypatch):
-    """A pdoc that only says that it was called, with or without a warning."""
-    module = types.ModuleType("pdoc")
-    module.calls, module.warning = [], None
-
-    def document(*names, output_directory):
-        module.calls.append((names, output_directory))
-        if module.warning:
-            warnings.warn(module.warning, stacklevel=1)
-
-    module.pdoc = document
-    module.render = types.SimpleNamespace(configure=lambda **_: None)
-    monkeypatch.setitem(sys.modules, "pdoc", module)
-    return module
-
-
-def test_a_warning_of_pdoc_fails(pdoc, tmp_path, capsys):
+def test_a_warning_of_pdoc_fails(monkeypatch, tmp_path, capsys):
+    said = []
+    pdoc = types.SimpleNamespace(
+        pdoc=lambda *_, **__: [warnings.warn(text, stacklevel=1) for text in said],
+        render=types.SimpleNamespace(configure=lambda **_: None),
+    )
+    monkeypatch.setitem(sys.modules, "pdoc", pdoc)
     assert main([str(tmp_path)]) == 0
-    assert pdoc.calls == [(("tirgeo_ros",), tmp_path)]
-    pdoc.warning = "Error parsing type annotation Nowhere\nand a traceback"
+    said.append("Error parsing type annotation Nowhere\nand a traceback")
     assert main([str(tmp_path)]) == 1
     assert capsys.readouterr().err == "pdoc: Error parsing type annotation Nowhere\n"
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 import tirgeo_ros
-from tirgeo_ros import PicturePose, PoseError, Refusal, TableError
+from tirgeo_ros import PicturePose, PoseError, Refusal, TableError, locate, project
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.ground.backprojection import Reason
@@ -37,10 +38,10 @@ def looking_down(pitch_deg=-60.0):
 def test_a_point_on_the_axis_is_at_the_principal_point():
     pose = looking_down()
     ahead = np.array([math.cos(math.pi / 4), math.sin(math.pi / 4), math.tan(math.pi / 3)])
-    found = tirgeo_ros.project(10 * ahead, pose, XT2)
-    assert found.pixels == pytest.approx(np.array([[XT2.cx, XT2.cy]]))
+    result = project(10 * ahead, pose, XT2)
+    assert result.pixels == pytest.approx(np.array([[XT2.cx, XT2.cy]]))
     right_of_it = 10 * ahead + np.array([-0.5, 0.5, 0.0])  # to the south-east
-    ((u, v),) = tirgeo_ros.project(right_of_it, pose, XT2).pixels
+    ((u, v),) = project(right_of_it, pose, XT2).pixels
     assert u > XT2.cx + 10
     assert v == pytest.approx(XT2.cy, abs=3)
 
@@ -48,17 +49,17 @@ def test_a_point_on_the_axis_is_at_the_principal_point():
 def test_what_is_projected_is_located_again():
     pose = looking_down()
     pixels = np.array([[10.0, 20.0], [300.0, 256.0], [600.0, 500.0], [-0.5, 511.5]])
-    answers = tirgeo_ros.locate(pixels, pose, XT2, 0.0)
-    points_n = np.array([one.point_n for one in answers])
-    back = tirgeo_ros.project(points_n, pose, XT2)
+    answers = locate(pixels, pose, XT2, 0.0)
+    points_n = np.array([item.point_n for item in answers])
+    back = project(points_n, pose, XT2)
     assert back.pixels == pytest.approx(pixels, abs=1e-6)
     assert back.visible[:3].all()
     latitude, longitude, height = pose.plane.geodetic_from_ned(points_n)
     assert height == pytest.approx(0.0, abs=1e-6)  # where the iteration is accepted
-    assert {one.stamp_ns for one in answers} == {7}
+    assert {item.stamp_ns for item in answers} == {7}
     # the answers hold degrees: one rounding
-    assert latitude == pytest.approx([one.latitude_rad for one in answers], rel=1e-15)
-    assert longitude == pytest.approx([one.longitude_rad for one in answers], rel=1e-15)
+    assert latitude == pytest.approx([item.latitude_rad for item in answers], rel=1e-15)
+    assert longitude == pytest.approx([item.longitude_rad for item in answers], rel=1e-15)
 
 
 def crowd(pose, count=1500):
@@ -72,37 +73,35 @@ def crowd(pose, count=1500):
 def test_the_covariances_are_those_of_a_crowd():
     """1500 poses give a variance to 3.7 %, one sigma: sqrt(2 / 1500); 15 % is four of them."""
     pose, config = looking_down(), tirgeo_ros.load_config(EXACT)
-    (point,) = tirgeo_ros.locate([200.0, 300.0], pose, XT2, 0.0, config=config)
-    found = tirgeo_ros.project(point.point_n, pose, XT2, config=config)
-    assert found.linear.all()
+    (point,) = locate([200.0, 300.0], pose, XT2, 0.0, config=config)
+    result = project(point.point_n, pose, XT2, config=config)
+    assert result.linear.all()
     pixels, places = [], []
-    for one in crowd(pose):
-        offset_n = point.point_n - one.pose.position_n
-        pixels.append(XT2.project(offset_n @ matrix_from_quat(one.pose.q_nc))[0][0])
-        places.append(tirgeo_ros.locate([200.0, 300.0], one, XT2, 0.0, config=config)[0].point_n)
-    for crowded, said in ((pixels, found.covariance[0]), (places, point.covariance_n)):
+    for item in crowd(pose):
+        offset_n = point.point_n - item.pose.position_n
+        pixels.append(XT2.project(offset_n @ matrix_from_quat(item.pose.q_nc))[0][0])
+        places.append(locate([200.0, 300.0], item, XT2, 0.0, config=config)[0].point_n)
+    for crowded, computed in ((pixels, result.covariance[0]), (places, point.covariance_n)):
         spread = np.cov(np.transpose(crowded))[:2, :2]
-        assert spread == pytest.approx(said[:2, :2], rel=0.15, abs=0.15 * said.trace() / 2)
+        assert spread == pytest.approx(computed[:2, :2], rel=0.15, abs=0.15 * computed.trace() / 2)
 
 
 def test_a_point_s_own_sigma_counts():
     pose, config = looking_down(), tirgeo_ros.load_config(EXACT)
-    points_n = np.tile(tirgeo_ros.locate([320.0, 256.0], pose, XT2, 0.0)[0].point_n, (3, 1))
-    found = tirgeo_ros.project(points_n, pose, XT2, sigma_m=[0.0, np.nan, 1.0], config=config)
-    traces = np.trace(found.covariance, axis1=1, axis2=2)
+    points_n = np.tile(locate([320.0, 256.0], pose, XT2, 0.0)[0].point_n, (3, 1))
+    result = project(points_n, pose, XT2, sigma_m=[0.0, np.nan, 1.0], config=config)
+    traces = np.trace(result.covariance, axis1=1, axis2=2)
     assert traces[0] == traces[1] < traces[2]
 
 
 def test_what_is_behind_or_beside_the_camera_is_not_visible():
     pose = looking_down()
-    found = tirgeo_ros.project(
-        [[0.0, 0.0, -5.0], [30.0, -30.0, 20.0], [8.0, 8.0, 20.0]], pose, XT2
-    )
-    assert found.visible.tolist() == [False, False, True]
-    assert np.isnan(found.pixels[0]).all()
-    assert np.isnan(found.covariance[0]).all()
-    assert not found.linear[0]
-    empty = tirgeo_ros.project(np.zeros((0, 3)), pose, XT2)
+    result = project([[0.0, 0.0, -5.0], [30.0, -30.0, 20.0], [8.0, 8.0, 20.0]], pose, XT2)
+    assert result.visible.tolist() == [False, False, True]
+    assert np.isnan(result.pixels[0]).all()
+    assert np.isnan(result.covariance[0]).all()
+    assert not result.linear[0]
+    empty = project(np.zeros((0, 3)), pose, XT2)
     assert empty.pixels.shape == (0, 2)
     assert empty.covariance.shape == (0, 2, 2)
 
@@ -115,14 +114,14 @@ def test_an_elevation_model_is_a_ground():
         return 50 + (longitude_rad - 2.0) * 5e6 / 100, 50 + (0.7 - latitude_rad) * 6.4e6 / 100
 
     terrain = tirgeo_ros.Terrain(np.full((101, 101), 3.0), grid_of)
-    (on_model,) = tirgeo_ros.locate([320.0, 256.0], pose, XT2, terrain)
-    (level,) = tirgeo_ros.locate([320.0, 256.0], pose, XT2, 3.0)
+    (on_model,) = locate([320.0, 256.0], pose, XT2, terrain)
+    (level,) = locate([320.0, 256.0], pose, XT2, 3.0)
     assert on_model.point_n == pytest.approx(level.point_n, abs=1e-4)
     assert on_model.covariance_n == pytest.approx(level.covariance_n, rel=1e-3, abs=1e-6)
 
 
 def test_a_pixel_without_ground_is_refused_with_its_reason():
-    sky, outside = tirgeo_ros.locate([[320, 0], [999, 0]], looking_down(0.0), XT2, 0.0)
+    sky, outside = locate([[320, 0], [999, 0]], looking_down(0.0), XT2, 0.0)
     assert isinstance(sky, Refusal)
     assert sky.reason is Reason.ABOVE_HORIZON
     assert outside.reason is Reason.OUTSIDE_PICTURE
@@ -130,9 +129,9 @@ def test_a_pixel_without_ground_is_refused_with_its_reason():
 
 def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
     observed = [
-        one
-        for one in tirgeo_ros.load_observations(sample / "observations.csv")
-        if one.stamp_ns < flight.stamp_ns[-1]
+        item
+        for item in tirgeo_ros.load_observations(sample / "observations.csv")
+        if item.stamp_ns < flight.stamp_ns[-1]
     ]
     observed[0] = replace(observed[0], stamp_ns=int(flight.stamp_ns[-200]), u=9999.0)
     assert len(observed) >= 4
@@ -141,12 +140,12 @@ def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
     camera = tirgeo_ros.read_camera(short)
     answers = [
         answer
-        for one in observed
-        for answer in tirgeo_ros.locate(
-            (one.u, one.v), flight.picture_pose(one.stamp_ns), camera, 11.5, config=params
+        for item in observed
+        for answer in locate(
+            (item.u, item.v), flight.picture_pose(item.stamp_ns), camera, 11.5, config=params
         )
     ]
-    tirgeo_ros.save_located(tmp_path / "mine.geojson", answers, [one.id for one in observed])
+    tirgeo_ros.save_located(tmp_path / "mine.geojson", answers, [item.id for item in observed])
     assert (tmp_path / "mine.geojson").read_bytes() == (tmp_path / "tool.geojson").read_bytes()
     tirgeo_ros.save_located(tmp_path / "numbered.csv", answers)
     assert json.loads((tmp_path / "mine.geojson").read_text())["features"]
@@ -154,31 +153,27 @@ def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
         tirgeo_ros.save_located(tmp_path / "bad.geojson", answers, ["a"])
 
 
+POSE, POINTS = looking_down(), np.eye(3)
+
+
 @pytest.mark.parametrize(
-    ("call", "line"),
+    ("call", "arguments", "line"),
     [
-        (
-            lambda pose: tirgeo_ros.project([[1.0, 2.0]], pose, XT2),
-            r"points_n: .*\(N, 3\), is \(1, 2\)",
-        ),
-        (
-            lambda pose: tirgeo_ros.project(np.eye(3), pose, XT2, sigma_m=[1.0, 2.0]),
-            r"sigma_m: .*\(3,\)",
-        ),
-        (lambda pose: tirgeo_ros.project(np.eye(3), pose, XT2, sigma_m=-1), r"must not be negat"),
-        (lambda pose: tirgeo_ros.locate("here", pose, XT2, 0.0), r"pixels: must be numbers"),
-        (lambda _: tirgeo_ros.project(np.eye(3), "x", XT2), r"pose: must be a PicturePose; it"),
-        (lambda pose: tirgeo_ros.locate([1, 2], pose, None, 0.0), r"camera: must be a Camera; it"),
-        (
-            lambda pose: tirgeo_ros.locate(np.ma.masked_array([1, 2], [1, 0]), pose, XT2, 0.0),
-            r"pixels has 1 masked values",
-        ),
-        (lambda pose: tirgeo_ros.locate([1, 2], pose, XT2, math.nan), r"ground: .*; it is nan"),
+        (project, ([[1.0, 2.0]], POSE, XT2), r"points_n: .*\(N, 3\), is \(1, 2\)"),
+        (partial(project, sigma_m=[1.0, 2.0]), (POINTS, POSE, XT2), r"sigma_m: .*\(3,\)"),
+        (partial(project, sigma_m=-1), (POINTS, POSE, XT2), "must not be negat"),
+        (project, (POINTS, "x", XT2), "pose: must be a PicturePose; it"),
+        (locate, ("here", POSE, XT2, 0.0), "pixels: must be numbers"),
+        (locate, ([1, 2], POSE, XT2, "dem.tif"), "it is 'dem.tif'"),
+        (locate, ([1, 2], POSE, None, 0.0), "camera: must be a Camera; it"),
+        (locate, (np.ma.masked_array([1, 2], [1, 0]), POSE, XT2, 0.0), "pixels has 1 masked val"),
+        (locate, ([1, 2], POSE, XT2, math.nan), "ground: .*; it is nan"),
+        (locate, (np.zeros((2, 2, 2)), POSE, XT2, 0.0), r"is \(2, 2, 2\)"),
     ],
 )
-def test_arrays_of_another_shape_are_refused(call, line):
+def test_arrays_of_another_shape_are_refused(call, arguments, line):
     with pytest.raises(TableError, match=line):
-        call(looking_down())
+        call(*arguments)
 
 
 @pytest.mark.parametrize(
@@ -189,11 +184,11 @@ def test_arrays_of_another_shape_are_refused(call, line):
         ({"covariance": np.eye(3)}, r"of shape \(6, 6\), is \(3, 3\)"),
         ({"covariance": np.triu(np.full((6, 6), 0.1)) + np.eye(6)}, "covariance is not symmetric"),
         ({"pitch_rad": math.nan}, "attitude is not a unit quaternion"),
-        ({"pitch_rad": "x"}, "not the pose of a camera: could not convert"),
+        ({"covariance": "x"}, "not the pose of a camera: could not convert"),
     ],
 )
 def test_a_pose_that_is_none_is_refused(change, line):
-    given = {"latitude_rad": 0.7, "longitude_rad": 2.0, "height_m": 20.0}
-    given |= {"pitch_rad": -1.0, "heading_rad": 0.0, "covariance": np.eye(6)}
+    pose = {"latitude_rad": 0.7, "longitude_rad": 2.0, "height_m": 20.0}
+    pose |= {"pitch_rad": -1.0, "heading_rad": 0.0, "covariance": np.eye(6)}
     with pytest.raises(PoseError, match=line):
-        PicturePose.of_angles(**(given | change))
+        PicturePose.of_angles(**(pose | change))

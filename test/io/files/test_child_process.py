@@ -63,19 +63,26 @@ def test_objects_come_back_and_printing_is_no_answer(child):
     assert child.said.splitlines() == 4 * ["said on stdout"]
 
 
-def test_one_that_dies_leaves_its_code_and_its_last_line(child):
-    child.send("die")
+def killed(child):
+    child.kill()
+    return child.receive()
+
+
+@pytest.mark.parametrize(
+    ("program", "work", "code", "last"),
+    [
+        (_ECHO, lambda child: (child.send("die"), child.receive()), 1, ": the last words"),
+        (_ECHO, killed, -signal.SIGKILL, ""),
+        ("raise SystemExit(3)", lambda child: child.send(LARGE), 3, ""),
+    ],
+)
+def test_one_that_dies_leaves_its_code_and_its_last_line(program, work, code, last):
+    child = ChildProcess(program)
     with pytest.raises(ChildEndedError) as ended:
-        child.receive()
-    assert (ended.value.code, ended.value.last) == (1, ": the last words")
+        work(child)
+    assert (ended.value.code, ended.value.last) == (code, last)
+    child.close()
     child.close()  # again
-
-
-def test_one_that_cannot_begin():
-    child = ChildProcess("raise SystemExit(3)")
-    with pytest.raises(ChildEndedError) as ended:
-        child.send(LARGE)
-    assert ended.value.code == 3
 
 
 def test_ctrl_c_is_the_parents(child):
@@ -84,13 +91,6 @@ def test_ctrl_c_is_the_parents(child):
     os.kill(child._process.pid, signal.SIGINT)
     child.send(2)
     assert child.receive() == 2
-
-
-def test_killed_from_elsewhere(child):
-    child.kill()
-    with pytest.raises(ChildEndedError) as ended:
-        child.receive()
-    assert ended.value.code == -signal.SIGKILL
 
 
 def test_an_answer_can_be_waited_for(child):
@@ -102,14 +102,14 @@ def test_an_answer_can_be_waited_for(child):
     assert child.answers_within(60.0)  # its end is one, which ``receive`` tells
 
 
-@pytest.mark.parametrize(("patience_s", "said"), [(60.0, "cleaned up"), (0.0, "")])
-def test_one_that_is_told_to_end_may_clean_up(patience_s, said):
+@pytest.mark.parametrize(("patience_s", "text"), [(60.0, "cleaned up"), (0.0, "")])
+def test_one_that_is_told_to_end_may_clean_up(patience_s, text):
     """With no patience it is killed at once: it sleeps meanwhile."""
     child = ChildProcess(_TIDY)
     child.send(None)
     assert child.receive() == child.number
     child.end(patience_s)
-    assert child.said == said
+    assert child.said == text
     child.end(patience_s)  # again
 
 
@@ -191,6 +191,6 @@ def test_a_node_ends_with_the_process_that_started_it(tmp_path):
         "os.kill(os.getpid(), 9)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=False)
-    told = tmp_path / "told"
-    wait_until(lambda: told.exists() and told.read_text(), 30)
-    assert told.read_text() == "SIGTERM"
+    signalled = tmp_path / "told"
+    wait_until(lambda: signalled.exists() and signalled.read_text(), 30)
+    assert signalled.read_text() == "SIGTERM"

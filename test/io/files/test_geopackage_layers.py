@@ -39,22 +39,24 @@ def path(tmp_path_factory):
     return out
 
 
-def test_gdal_reads_every_row_as_it_was(path):
+def test_gdal_and_a_map_reader_read_every_row_as_it_was(path):
     shapes = {"points": "Point Z", "lines": "LineString Z", "areas": "Polygon"}
     assert layers_in(path) == shapes
-    found = rows_of(path, "points")
-    assert [one["n"] for one in found] == list(range(9))
-    assert found[3]["text"] == "'é;\n<b>"
-    assert found[4]["text"] is None
-    assert found[3]["when"] == "2021-10-20T12:00:35.605Z"  # rounded down
-    assert [bool(one["yes"]) for one in found[:4]] == [False, True, True, False]
-    assert [one["x"] for one in found[:7]] == [n / 2 for n in range(7)]
-    assert np.isnan([one["x"] for one in found[7:]]).all()
-    assert found[2]["positions"].tolist() == [[16.02, 48.0, 102.0]]
+    rows = rows_of(path, "points")
+    assert [row["n"] for row in rows] == list(range(9))
+    assert rows[3]["text"] == "'é;\n<b>"
+    assert rows[4]["text"] is None
+    assert rows[3]["when"] == "2021-10-20T12:00:35.605Z"  # rounded down
+    assert [bool(row["yes"]) for row in rows[:4]] == [False, True, True, False]
+    assert [row["x"] for row in rows[:7]] == [n / 2 for n in range(7)]
+    assert np.isnan([row["x"] for row in rows[7:]]).all()
+    assert rows[2]["positions"].tolist() == [[16.02, 48.0, 102.0]]
     assert rows_of(path, "lines")[0]["name"] == ""
     assert rows_of(path, "lines")[0]["positions"].tolist() == [[16, 48, 1], [16.1, 48.1, 2]]
     assert rows_of(path, "areas")[0]["positions"].tolist() == [*map(list, SQUARE), [16, 48]]
-    assert [one.name for one in path.parent.iterdir()] == ["out.gpkg"]
+    assert [each.name for each in path.parent.iterdir()] == ["out.gpkg"]
+    counts = {layer.name: len(layer.features) for layer in load_layers(str(path))}
+    assert counts == {"points": 9, "lines": 1, "areas": 1}
 
 
 def test_it_is_what_the_standard_asks_for(path):
@@ -72,19 +74,11 @@ def test_it_is_what_the_standard_asks_for(path):
         assert systems == [(4326, 0, 0), (4326, 1, 0), (4326, 1, 0)]
 
 
-def test_a_map_reader_takes_it(path):
-    found = {layer.name: len(layer.features) for layer in load_layers(str(path))}
-    assert found == {"points": 9, "lines": 1, "areas": 1}
-
-
-def test_a_layer_without_rows_is_there(tmp_path):
-    write_layers(tmp_path / "out.gpkg", [(POINTS, [])])
-    assert rows_of(tmp_path / "out.gpkg", "points") == []
-
-
-def test_a_file_that_cannot_be_written_is_named(tmp_path):
+def test_a_layer_without_rows_is_there_and_a_file_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(ExportError, match=r"absent/out.gpkg: cannot be written: .*\S$"):
         write_layers(tmp_path / "absent" / "out.gpkg", [(POINTS, [])])
+    write_layers(tmp_path / "empty.gpkg", [(POINTS, [])])
+    assert rows_of(tmp_path / "empty.gpkg", "points") == []
     (tmp_path / "out.gpkg").mkdir()
     with pytest.raises(ExportError, match=r"out.gpkg: not a file; give the output another name"):
         write_layers(tmp_path / "out.gpkg", [(POINTS, [])])

@@ -160,12 +160,15 @@ def test_a_log_as_text_gives_the_same(tmp_path):
         assert list(map(repr, found[source])) == list(map(repr, samples))
 
 
-def test_a_receiver_without_vertical_velocity_gives_no_velocity(tmp_path):
+def test_heights_need_the_geoid_and_velocities_their_vertical_part(tmp_path):
     log = small_log()
     fix(log, 80_100_000, 3, 0.0, vertical=0)
-    found = by_source(read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS))
+    path = log.write(tmp_path / "a.BIN")
+    found = by_source(read_dataflash(path, OPTIONS))
     assert len(found[Source.GPS_POSITION]) == 1
     assert Source.GPS_VELOCITY not in found
+    with pytest.raises(TirgeoError, match=r"above mean sea level: .*--geoid-undulation$"):
+        read_dataflash(path, LogOptions())
 
 
 def test_the_attitude_is_roll_pitch_and_yaw(tmp_path):
@@ -177,13 +180,6 @@ def test_the_attitude_is_roll_pitch_and_yaw(tmp_path):
         assert math.degrees(math.asin(-nose_n[2])) == pytest.approx(-10.0, abs=0.01)
         right_down, down_down = 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
         assert math.degrees(math.atan2(right_down, down_down)) == pytest.approx(5.0, abs=0.01)
-
-
-def test_heights_need_the_geoid(tmp_path):
-    log = small_log()
-    fix(log, 80_100_000, 3, 0.0)
-    with pytest.raises(TirgeoError, match=r"above mean sea level: .*--geoid-undulation$"):
-        read_dataflash(log.write(tmp_path / "a.BIN"), LogOptions())
 
 
 def test_a_log_without_imu_is_refused(tmp_path):
@@ -203,14 +199,20 @@ def test_a_log_of_2014_is_named(tmp_path):
 
 
 def test_a_damaged_log_is_known_and_one_that_ends_within_a_record(tmp_path):
+    """What fills the last block, 0xff, is no damage."""
     path = small_log().write(tmp_path / "a.BIN")
     whole, cut = path.read_bytes(), {("record", "cut off at the end of the log"): 1}
-    middle, found = len(whole) // 2, []
-    for data in (whole, whole[:middle] + bytes(60) + whole[middle + 60 :], whole[:-20]):
+    middle = len(whole) // 2
+    for data, damaged, is_cut in (
+        (whole, False, False),
+        (whole + b"\xff" * 249, False, False),
+        (whole[:middle] + bytes(60) + whole[middle + 60 :], True, False),
+        (whole[:-20], False, True),
+    ):
         path.write_bytes(data)
         contents = read_dataflash(path, OPTIONS)
-        found.append((contents.damaged, cut.items() <= contents.refused.items()))
-    assert found == [(False, False), (True, False), (False, True)]
+        assert contents.damaged is damaged
+        assert (cut.items() <= contents.refused.items()) is is_cut
 
 
 def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):
@@ -237,9 +239,3 @@ def test_a_damaged_byte_costs_its_record_or_two(tmp_path):
             assert len(contents.samples) >= count - 2
             told = contents.damaged
             assert told == (at < begun + 3)
-
-
-def test_what_fills_the_last_block_is_no_damage(tmp_path):
-    path = small_log().write(tmp_path / "a.BIN")
-    path.write_bytes(path.read_bytes() + b"\xff" * 249)
-    assert not read_dataflash(path, OPTIONS).damaged

@@ -89,13 +89,6 @@ def test_headings_of_a_moving_base(shared):
         assert heading.variance_rad2 == pytest.approx(math.radians(m.accHeading) ** 2)
 
 
-def nearest(known, sample):
-    """The sample at the same stamp, to the millisecond."""
-    other = min(known, key=lambda one: abs(one.stamp_ns - sample.stamp_ns))
-    assert abs(other.stamp_ns - sample.stamp_ns) < 1_000_000
-    return other
-
-
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
@@ -114,19 +107,27 @@ def test_real_relposned_that_are_no_heading(shared, name, reason):
 
 
 @pytest.mark.parametrize(
-    ("changed", "reason"),
+    ("solution", "vector", "reason"),
     [
-        ({"isMoving": 0}, "not of a moving base"),
-        ({"carrSoln": 1}, "ambiguities are not fixed"),
-        ({"relPosHeadingValid": 0}, "the receiver calls it not valid"),
-        ({"relPosLength": 131}, "its length is more than 0.1 m from the baseline's"),
-        ({"relPosLength": 2496465}, "its length is more than 0.1 m from the baseline's"),
-        ({"iTOW": 5}, "no NAV-PVT with a date within a minute of it"),
+        ({}, {"isMoving": 0}, "not of a moving base"),
+        ({}, {"carrSoln": 1}, "ambiguities are not fixed"),
+        ({}, {"relPosHeadingValid": 0}, "the receiver calls it not valid"),
+        ({}, {"relPosLength": 131}, "its length is more than 0.1 m from the baseline's"),
+        ({}, {"relPosLength": 2496465}, "its length is more than 0.1 m from the baseline's"),
+        ({}, {"iTOW": 5}, "no NAV-PVT with a date within a minute of it"),
+        ({"validTime": 0}, None, "date or time is not valid"),
+        ({"fullyResolved": 0}, None, "UTC is not resolved"),
+        ({"month": 13}, None, "date or time is impossible"),
+        ({"fixType": 2}, None, "no 3D fix"),
+        ({"gnssFixOk": 0}, None, "no 3D fix"),
+        ({"invalidLlh": 1}, None, "latitude, longitude and height are not valid"),
     ],
 )
-def test_headings_that_are_refused(tmp_path, changed, reason):
-    contents = read(tmp_path, pvt(), relposned(**changed))
+def test_headings_and_solutions_that_are_refused(tmp_path, solution, vector, reason):
+    frames = [pvt(**solution)] + ([] if vector is None else [relposned(**vector)])
+    contents = read(tmp_path, *frames)
     assert not of(contents, HeadingSample)
+    assert bool(contents.samples) == (vector is not None)
     assert [why.startswith(reason) for _, why in contents.refused] == [True]
 
 
@@ -185,23 +186,6 @@ def test_the_nose_by_the_direction_of_the_baseline(tmp_path, options, expected_d
     contents = read(tmp_path, relposned(), pvt(), options=options)  # in any order
     (heading,) = of(contents, HeadingSample)
     assert math.degrees(heading.heading_rad) == pytest.approx(expected_deg)
-
-
-@pytest.mark.parametrize(
-    ("changed", "reason"),
-    [
-        ({"validTime": 0}, "date or time is not valid"),
-        ({"fullyResolved": 0}, "UTC is not resolved"),
-        ({"month": 13}, "date or time is impossible"),
-        ({"fixType": 2}, "no 3D fix"),
-        ({"gnssFixOk": 0}, "no 3D fix"),
-        ({"invalidLlh": 1}, "latitude, longitude and height are not valid"),
-    ],
-)
-def test_solutions_that_are_refused(tmp_path, changed, reason):
-    contents = read(tmp_path, pvt(**changed))
-    assert not contents.samples
-    assert [why.startswith(reason) for _, why in contents.refused] == [True]
 
 
 def test_the_fraction_of_a_second_has_a_sign(tmp_path):

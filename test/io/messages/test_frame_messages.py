@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import message_samples as given
+import message_samples as samples
 import numpy as np
 import pytest
 from message_samples import cdr, made, through_cdr
@@ -26,14 +26,14 @@ AIRCRAFT = AircraftConfig(
 
 
 def test_the_chain_of_transforms_is_the_camera_pose():
-    body = made.body_transform(given.BODY)
-    camera = made.camera_transform(given.BODY, given.CAMERA_POSE)
+    body = made.body_transform(samples.BODY)
+    camera = made.camera_transform(samples.BODY, samples.CAMERA_POSE)
     chains = Chains([through_cdr(made.tf([body])), through_cdr(made.tf([camera]))])
-    pose = made.camera_pose(given.CAMERA_POSE).pose.pose
+    pose = made.camera_pose(samples.CAMERA_POSE).pose.pose
     wanted = rigid(pose.position, pose.orientation)
-    found = chains.pose("tir_optical_frame", given.STAMP_NS)
-    assert_allclose(found, wanted, rtol=0, atol=ROUNDING)
-    odometry = made.odometry(given.SOLUTION, given.BODY).pose.pose
+    result = chains.pose("tir_optical_frame", samples.STAMP_NS)
+    assert_allclose(result, wanted, rtol=0, atol=ROUNDING)
+    odometry = made.odometry(samples.SOLUTION, samples.BODY).pose.pose
     assert_array_equal(
         rigid(odometry.position, odometry.orientation),
         rigid(body.transform.translation, body.transform.rotation),
@@ -41,8 +41,8 @@ def test_the_chain_of_transforms_is_the_camera_pose():
 
 
 def test_what_is_fixed_is_where_the_aircraft_block_has_it():
-    found = made.fixed_transforms(AIRCRAFT, given.STAMP_NS)
-    chains = Chains([through_cdr(made.tf(found))])
+    result = made.fixed_transforms(AIRCRAFT, samples.STAMP_NS)
+    chains = Chains([through_cdr(made.tf(result))])
     assert set(chains.parents.values()) == {"base_link"}
     places = {
         "rtk_antenna": (0.5, 1.75, 3.125),
@@ -53,12 +53,12 @@ def test_what_is_fixed_is_where_the_aircraft_block_has_it():
     }
     assert set(chains.parents) == set(places)
     for name, place in places.items():
-        pose = chains.pose(name, given.STAMP_NS)
+        pose = chains.pose(name, samples.STAMP_NS)
         assert_array_equal(pose[:3, 3], place)
         if name != "imu_link":
             assert_array_equal(pose[:3, :3], np.eye(3))
     # Turned by 90 deg about up, the IMU's forward axis points to the aircraft's left.
-    assert_allclose(chains.pose("imu_link", given.STAMP_NS)[:3, 0], [0, 1, 0], atol=1e-15)
+    assert_allclose(chains.pose("imu_link", samples.STAMP_NS)[:3, 0], [0, 1, 0], atol=1e-15)
     alone = Chains([made.tf(made.fixed_transforms(AircraftConfig(), 0))])
     assert "second_antenna" not in alone.parents
 
@@ -74,10 +74,10 @@ def test_the_imu_is_turned_as_the_block_says(rpy_deg):
 
 def test_outline_and_track_are_in_the_map():
     outline_n = np.array([[1.0, 2.0, -3.0], [4.0, 5.0, -6.0]])
-    footprint = through_cdr(made.footprint(given.STAMP_NS, outline_n))
+    footprint = through_cdr(made.footprint(samples.STAMP_NS, outline_n))
     points = [(p.x, p.y, p.z) for p in footprint.polygon.points]
     assert points == [(2.0, 1.0, 3.0), (5.0, 4.0, 6.0)]
-    path = through_cdr(made.path(7, [made.track_point(given.BODY)]))
+    path = through_cdr(made.path(7, [made.track_point(samples.BODY)]))
     place = path.poses[0].pose.position
     assert (place.x, place.y, place.z) == (-20.0, 10.0, 30.0)
     assert (footprint.header.frame_id, path.header.frame_id) == ("map", "map")
@@ -86,32 +86,34 @@ def test_outline_and_track_are_in_the_map():
 
 def ids_of(message) -> set[str]:
     """Every frame id in a message, but for that of a marker's texture."""
-    found = set()
+    result = set()
     for name in message.__dataclass_fields__:
         if name == "texture":
             continue
         value = getattr(message, name)
         if name in ("frame_id", "child_frame_id"):
-            found.add(value)
+            result.add(value)
         for each in value if isinstance(value, list) else [value]:
             if hasattr(each, "__dataclass_fields__"):
-                found |= ids_of(each)
-    return found
+                result |= ids_of(each)
+    return result
 
 
 def test_every_message_has_the_prefix():
     config = FramesConfig("field", "body", "eye", "uav1/")
     named = Messages(cdr.types, config.frame_ids)
-    samples = (given.IMU, given.POSITION, given.VELOCITY, given.HEADING, given.JOINTS)
-    messages = [sensed(named, one)[1] for one in (*samples, given.CAMERA_ATTITUDE)]
+    sent = (samples.IMU, samples.POSITION, samples.VELOCITY, samples.HEADING, samples.JOINTS)
+    messages = [sensed(named, sample)[1] for sample in (*sent, samples.CAMERA_ATTITUDE)]
     without = ("position", "velocity", "clock", "diagnostics", "answer")  # given there, or none
-    makers = {name: make for name, (_, make) in given.EVERY_MESSAGE.items() if name not in without}
+    makers = {
+        name: make for name, (_, make) in samples.EVERY_MESSAGE.items() if name not in without
+    }
     messages += [make(named) for make in makers.values()]
     messages += [named.tf(named.fixed_transforms(AIRCRAFT, 0))]
-    found = set().union(*map(ids_of, messages))
-    assert found == {
+    result = set().union(*map(ids_of, messages))
+    assert result == {
         *("uav1/field", "uav1/body", "uav1/eye", "uav1/imu_link", "uav1/gimbal_pivot"),
         *("uav1/rtk_antenna", "uav1/second_antenna", "uav1/gps_antenna"),
     }
-    assert named.odometry(given.SOLUTION, given.BODY).child_frame_id == "uav1/body"
+    assert named.odometry(samples.SOLUTION, samples.BODY).child_frame_id == "uav1/body"
     assert named.image(0, np.zeros((2, 2), np.uint8)).header.frame_id == "uav1/eye"

@@ -7,7 +7,7 @@ import json
 import math
 from types import SimpleNamespace
 
-import message_samples as given
+import message_samples as samples
 import numpy as np
 import pytest
 from message_samples import LOCATED, STAMP_NS, TARGET
@@ -37,8 +37,8 @@ def text_of(document):
 
 
 def test_a_located_click_comes_back_to_the_last_digit():
-    found = answer_of(MESSAGES.answer(LOCATED))
-    assert (found, found.uv) == (LOCATED, (12.25, 200.5))
+    result = answer_of(MESSAGES.answer(LOCATED))
+    assert (result, result.uv) == (LOCATED, (12.25, 200.5))
     assert (
         json.loads(MESSAGES.answer(LOCATED).data).items()
         >= {
@@ -58,11 +58,8 @@ def test_a_refused_click_comes_back_with_its_reason(reason):
     message = MESSAGES.answer(refusal)
     assert answer_of(message) == refusal
     assert json.loads(message.data)["words"] == reason.value
-
-
-def test_a_click_at_no_pixel_has_an_answer_too():
-    found = answer_of(MESSAGES.answer(Refusal(7, (math.nan, math.inf), Reason.OUTSIDE_PICTURE)))
-    assert np.isnan(found.uv).all()
+    nowhere = MESSAGES.answer(Refusal(7, (math.nan, math.inf), reason))
+    assert np.isnan(answer_of(nowhere).uv).all()
 
 
 @pytest.mark.parametrize(
@@ -105,12 +102,8 @@ def test_targets_come_back_without_notes_each_with_one_click():
     ]
     assert json.loads(message.data)["targets"][1]["clicks"] == 2
     assert targets_of(MESSAGES.targets([])) == []
-
-
-def test_a_target_that_has_changed_is_written_anew():
     moved = dataclasses.replace(TARGET, clicks=(dataclasses.replace(LOCATED, height_m=1.0),))
-    MESSAGES.targets([TARGET])
-    assert targets_of(MESSAGES.targets([moved])) == [moved]
+    assert targets_of(MESSAGES.targets([moved])) == [moved]  # of the same id, written anew
 
 
 @pytest.mark.parametrize(
@@ -122,8 +115,13 @@ def test_a_target_that_has_changed_is_written_anew():
         ({"name": None, "kind": "cow"}, ""),
     ],
 )
-def test_targets_that_cannot_be_are_refused(changed, reason):
+def test_targets_that_cannot_be_or_are_too_many_are_refused(changed, reason):
     document = json.loads(MESSAGES.targets([TARGET]).data)
+    many = document["targets"] * (MOST_TARGETS + 1)
+    with pytest.raises(MessageError, match=f"{MOST_TARGETS} can be drawn"):
+        targets_of(text_of(document | {"targets": many}))
+    with pytest.raises(MessageError, match="no list of targets"):
+        targets_of(text_of(document | {"targets": 7}))
     document["targets"][0] |= changed
     if not reason:  # of a later version: drawn all the same
         assert targets_of(text_of(document))[0].kind == "other"
@@ -132,49 +130,43 @@ def test_targets_that_cannot_be_are_refused(changed, reason):
         targets_of(text_of(document))
 
 
-def test_more_targets_than_can_be_drawn_are_refused():
-    document = json.loads(MESSAGES.targets([TARGET]).data)
-    with pytest.raises(MessageError, match=f"{MOST_TARGETS} can be drawn"):
-        targets_of(text_of(document | {"targets": document["targets"] * (MOST_TARGETS + 1)}))
-    with pytest.raises(MessageError, match="no list of targets"):
-        targets_of(text_of(document | {"targets": 7}))
-
-
 def state_document(**changed) -> SimpleNamespace:
-    return SimpleNamespace(data=json.dumps(json.loads(MESSAGES.state(given.STATE).data) | changed))
+    return SimpleNamespace(
+        data=json.dumps(json.loads(MESSAGES.state(samples.STATE).data) | changed)
+    )
 
 
 def test_a_state_comes_back_with_all_that_it_has():
-    read = node_state(MESSAGES.state(given.STATE))
+    read = node_state(MESSAGES.state(samples.STATE))
     sigma_rad = read.navigation.heading_sigma_rad
-    assert sigma_rad == pytest.approx(given.STATUS.heading_sigma_rad, rel=1e-15)
-    assert dataclasses.replace(read, navigation=given.STATUS) == given.STATE
-    assert dataclasses.replace(read.navigation, heading_sigma_rad=0.0123) == given.STATUS
+    assert sigma_rad == pytest.approx(samples.STATUS.heading_sigma_rad, rel=1e-15)
+    assert dataclasses.replace(read, navigation=samples.STATUS) == samples.STATE
+    assert dataclasses.replace(read.navigation, heading_sigma_rad=0.0123) == samples.STATUS
     assert read.name == "overlay_node"
     assert [*read.navigation.test_ratios] == ["rtk_heading", "rtk_position"]  # by name
-    bare = dataclasses.replace(given.STATE, navigation=None, composition="", picture=None)
+    bare = dataclasses.replace(samples.STATE, navigation=None, composition="", picture=None)
     assert node_state(MESSAGES.state(bare)) == bare
 
 
 @pytest.mark.parametrize("state", FilterState)
 def test_every_state_of_the_filter_comes_back(state):
-    status = dataclasses.replace(given.STATUS, state=state, began_again=None)
-    read = node_state(MESSAGES.state(dataclasses.replace(given.STATE, navigation=status)))
+    status = dataclasses.replace(samples.STATUS, state=state, began_again=None)
+    read = node_state(MESSAGES.state(dataclasses.replace(samples.STATE, navigation=status)))
     assert (read.navigation.state, read.navigation.began_again) == (state, None)
 
 
 def test_what_is_not_finite_is_null_and_comes_back_as_nan():
     """JSON has no nan, and a page's parser refuses it."""
-    status = dataclasses.replace(given.STATUS, heading_sigma_rad=math.nan, nis={"imu": math.inf})
-    message = MESSAGES.state(dataclasses.replace(given.STATE, navigation=status))
+    status = dataclasses.replace(samples.STATUS, heading_sigma_rad=math.nan, nis={"imu": math.inf})
+    message = MESSAGES.state(dataclasses.replace(samples.STATE, navigation=status))
     assert json.loads(message.data)["navigation"]["heading_sigma_deg"] is None
     read = node_state(message).navigation
     assert math.isnan(read.heading_sigma_rad)
     assert math.isnan(read.nis["imu"])
 
 
-NAVIGATION = json.loads(MESSAGES.state(given.STATE).data)["navigation"]
-PICTURE = json.loads(MESSAGES.state(given.STATE).data)["picture"]
+NAVIGATION = json.loads(MESSAGES.state(samples.STATE).data)["navigation"]
+PICTURE = json.loads(MESSAGES.state(samples.STATE).data)["picture"]
 
 
 @pytest.mark.parametrize(
@@ -217,9 +209,9 @@ def test_another_version_and_one_without_end_are_named():
 
 
 def test_findings_come_back_and_texts_from_outside_are_cut():
-    long = dataclasses.replace(given.FINDING, evidence="x" * 5000, severity=Severity.NOTE)
-    node, stamp_ns, found = findings_of(
-        MESSAGES.findings("/uav1/ekf_node", 5, [given.FINDING, long])
+    long = dataclasses.replace(samples.FINDING, evidence="x" * 5000, severity=Severity.NOTE)
+    node, stamp_ns, result = findings_of(
+        MESSAGES.findings("/uav1/ekf_node", 5, [samples.FINDING, long])
     )
-    assert (node, stamp_ns, found[0]) == ("/uav1/ekf_node", 5, given.FINDING)
-    assert len(found[1].evidence) == MOST
+    assert (node, stamp_ns, result[0]) == ("/uav1/ekf_node", 5, samples.FINDING)
+    assert len(result[1].evidence) == MOST

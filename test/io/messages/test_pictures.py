@@ -8,7 +8,7 @@ import struct
 import zlib
 
 import cv2
-import message_samples as given
+import message_samples as samples
 import numpy as np
 import pytest
 from measured import run_measured
@@ -50,7 +50,7 @@ def test_data_of_rclpy_and_padded_rows_are_read_too():
 @pytest.mark.parametrize(
     ("encoding", "order"), [("yuv422", (128, 0, 128, 1)), ("yuv422_yuy2", (0, 128, 1, 128))]
 )
-def test_yuv422_without_colour_is_grey(encoding, order):
+def test_yuv422_without_colour_is_grey_and_needs_pairs(encoding, order):
     # order: where luminance 0 and 1 of a pair of pixels stand among the neutral colour bytes.
     luminance = np.array([[60, 200]], np.uint8)
     packed = np.array([[{0: 60, 1: 200}.get(place, place) for place in order]], np.uint8)
@@ -61,13 +61,10 @@ def test_yuv422_without_colour_is_grey(encoding, order):
     wanted = 255 / 219 * (luminance.astype(float) - 16)
     assert pixels.shape == (1, 2, 3)
     assert np.abs(pixels.astype(float) - wanted[..., None]).max() <= 1
-
-
-def test_yuv422_needs_pairs():
-    message = image(np.zeros((2, 3), np.uint8), "yuv422")
-    message.step, message.data = 6, np.zeros(12, np.uint8)
-    with pytest.raises(MessageError, match="yuv422 needs an even width, has 3"):
-        image_pixels(message)
+    odd = image(np.zeros((2, 3), np.uint8), encoding)
+    odd.step, odd.data = 6, np.zeros(12, np.uint8)
+    with pytest.raises(MessageError, match=f"{encoding} needs an even width, has 3"):
+        image_pixels(odd)
 
 
 @pytest.mark.parametrize(("order", "big"), [("<u2", 0), (">u2", 1)])
@@ -109,10 +106,7 @@ def test_png_of_16_bits_keeps_its_values(channels):
     pixels = compressed_pixels(message)
     assert pixels.dtype == np.uint16
     assert_array_equal(pixels, values)
-
-
-def test_png_with_transparency_loses_it():
-    clear = np.dstack([COLOUR, np.full((6, 8), 9, np.uint8)])
+    clear = np.dstack([COLOUR, np.full((6, 8), 9, np.uint8)])  # it loses its transparency
     message = made.compressed(0, cv2.imencode(".png", clear)[1].tobytes())
     assert_array_equal(compressed_pixels(message), COLOUR)
 
@@ -129,12 +123,12 @@ def test_what_is_no_picture_is_refused(data):
 # camera_info
 
 
-@pytest.mark.parametrize("lens", [given.BROWN, given.RATIONAL])
+@pytest.mark.parametrize("lens", [samples.BROWN, samples.RATIONAL])
 def test_camera_round_trip(lens):
-    found = camera(made.camera_info(lens, 0))
+    result = camera(made.camera_info(lens, 0))
     padded = (*lens.distortion, 0.0) if len(lens.distortion) == 4 else lens.distortion
-    assert found.distortion == padded
-    assert (found.width, found.height, found.fx, found.cy) == (
+    assert result.distortion == padded
+    assert (result.width, result.height, result.fx, result.cy) == (
         lens.width,
         lens.height,
         lens.fx,
@@ -143,7 +137,7 @@ def test_camera_round_trip(lens):
 
 
 def test_camera_info_of_a_brown_lens():
-    message = made.camera_info(given.BROWN, 0)
+    message = made.camera_info(samples.BROWN, 0)
     assert message.distortion_model == "plumb_bob"
     assert_array_equal(message.d, [0.054, 0.3462, -0.0037, 0.0076, 0])
     assert_array_equal(message.p.reshape(3, 4)[:, :3], message.k.reshape(3, 3))
@@ -163,7 +157,7 @@ def test_camera_info_of_a_brown_lens():
     ],
 )
 def test_useless_calibrations_are_refused(field, value, reason):
-    message = made.camera_info(given.BROWN, 0)
+    message = made.camera_info(samples.BROWN, 0)
     setattr(message, field, value)
     with pytest.raises(CameraError, match=rf"^cam0/camera_info: .*{reason}"):
         camera(message, "cam0/camera_info")
@@ -207,6 +201,11 @@ def test_a_picture_that_would_fill_the_memory_is_refused(tmp_path):
     done = run_measured(COMPRESSED, str(path))
     assert re.search(r"more than 8.4 million pixels", done.said), done
     done.check_modest()
+    large = cv2.imencode(".png", np.zeros((2897, 2897), np.uint8))[1].tobytes()
+    with pytest.raises(MessageError, match=r"compressed image: more than 8\.4 million pixels"):
+        compressed_pixels(made.compressed(0, large))
+    ultra = cv2.imencode(".png", np.zeros((2160, 3840), np.uint8))[1].tobytes()  # 4k
+    assert compressed_pixels(made.compressed(0, ultra)).shape == (2160, 3840)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp", ".pgm", ".webp"])
@@ -215,11 +214,3 @@ def test_every_form_is_measured_before_it_is_unpacked(suffix):
     assert unpacked(data, cv2.IMREAD_GRAYSCALE, 48).shape == (6, 8)
     with pytest.raises(ValueError, match=r"more than 0\.0 million pixels"):
         unpacked(data, cv2.IMREAD_GRAYSCALE, 47)
-
-
-def test_a_message_of_more_than_4k_is_refused():
-    large = cv2.imencode(".png", np.zeros((2897, 2897), np.uint8))[1].tobytes()
-    with pytest.raises(MessageError, match=r"compressed image: more than 8\.4 million pixels"):
-        compressed_pixels(made.compressed(0, large))
-    ultra = cv2.imencode(".png", np.zeros((2160, 3840), np.uint8))[1].tobytes()
-    assert compressed_pixels(made.compressed(0, ultra)).shape == (2160, 3840)

@@ -63,8 +63,8 @@ def test_nested_and_dotted_names_are_the_same(write):
 )
 def test_sections_and_nodes(write, section, namespace, fits):
     body = "max_wait_s: 1.0" if section == "gimbal_node" else "publish_rate_hz: 50.0"
-    found = load_parameters(write(ekf(section, body)), "ekf_node", namespace)
-    assert found == ({"publish_rate_hz": 50.0} if fits else {})
+    result = load_parameters(write(ekf(section, body)), "ekf_node", namespace)
+    assert result == ({"publish_rate_hz": 50.0} if fits else {})
 
 
 def test_the_later_section_wins(write):
@@ -105,15 +105,10 @@ def test_numbers_as_rcl_reads_them(write, text, value):
     assert load_config(path, "ekf_node", EkfConfig).publish_rate_hz == value
 
 
-@pytest.mark.parametrize("text", [".nan", ".NaN"])
-def test_unset_numbers(write, text):
-    path = write(ekf("overlay_node", f"ground_height_m: {text}"))
-    assert math.isnan(load_config(path, "overlay_node", OverlayConfig).ground_height_m)
-
-
 def test_texts_that_look_like_something_else(write):
-    path = write(ekf("overlay_node", "label_field: 2020-01-01\n    map: 12:30:00"))
-    config = load_config(path, "overlay_node", OverlayConfig)
+    body = "label_field: 2020-01-01\n    map: 12:30:00\n    ground_height_m: .NaN"
+    config = load_config(write(ekf("overlay_node", body)), "overlay_node", OverlayConfig)
+    assert math.isnan(config.ground_height_m)
     assert (config.label_field, config.map) == ("2020-01-01", "12:30:00")
 
 
@@ -168,35 +163,31 @@ def test_sections_for_a_node_that_has_none_here(write):
     assert both.elsewhere("uav2") == []
 
 
-def test_round_trip(tmp_path):
+def test_round_trip_also_of_what_is_for_all_nodes(tmp_path):
     path = tmp_path / "found.yaml"
     values = {"imu.angle_random_walk": WALK, "method": "ekf", "rtk.delay_s": 1 / 3}
-    write_parameters(path, {"ekf_node": values}, "Found by a test.\n\nOn two lines.")
+    antenna_m = {"aircraft.rtk_antenna_m": (0.1, 0.2, 0.3)}
+    text = "Found by a test.\n\nOn two lines."
+    write_parameters(path, {"ekf_node": values, "": antenna_m}, text)
     config = ParameterFile(path).config("ekf_node", EkfConfig)
     assert config.imu.angle_random_walk == WALK
     assert config.method == "ekf"
     assert config.rtk.delay_s == pytest.approx(1 / 3, rel=1e-8)  # nine digits
     assert path.read_text().startswith("# Found by a test.\n#\n# On two lines.\n/**/ekf_node")
+    assert "\n/**:" in path.read_text()  # an empty name is all nodes
+    for node, kind in (("ekf_node", EkfConfig), ("gimbal_node", GimbalConfig)):
+        assert ParameterFile(path).config(node, kind).aircraft.rtk_antenna_m == (0.1, 0.2, 0.3)
 
 
 def test_the_later_file_stands_before_the_earlier(tmp_path):
     first, second = tmp_path / "aircraft.yaml", tmp_path / "boresight.yaml"
     arms = (0.1, 0.0, 0.2)
-    given = {"aircraft.gimbal_pivot_m": arms, "boresight_rpy_deg": (9.0, 9.0, 9.0)}
-    write_parameters(first, {"gimbal_node": given}, "")
+    values = {"aircraft.gimbal_pivot_m": arms, "boresight_rpy_deg": (9.0, 9.0, 9.0)}
+    write_parameters(first, {"gimbal_node": values}, "")
     write_parameters(second, {"gimbal_node": {"boresight_rpy_deg": (1.0, -0.8, 1.5)}}, "")
     config = ParameterFile([first, second]).config("gimbal_node", GimbalConfig)
     assert config.aircraft.gimbal_pivot_m == arms
     assert config.boresight_rpy_deg == (1.0, -0.8, 1.5)
-
-
-def test_an_empty_name_is_all_nodes(tmp_path):
-    path = tmp_path / "found.yaml"
-    write_parameters(path, {"": {"aircraft.rtk_antenna_m": (0.1, 0.2, 0.3)}}, "")
-    assert "\n/**:" in "\n" + path.read_text()
-    for node, kind in (("ekf_node", EkfConfig), ("gimbal_node", GimbalConfig)):
-        config = ParameterFile(path).config(node, kind)
-        assert config.aircraft.rtk_antenna_m == (0.1, 0.2, 0.3)
 
 
 def test_all_files_are_written_or_none(tmp_path):

@@ -40,9 +40,9 @@ points = st.builds(
 def test_survey_round_trip(tmp_path_factory, suffix, made):
     path = tmp_path_factory.mktemp("survey") / f"survey.{suffix}"
     save_survey(path, made)
-    found = load_survey(path)
-    assert [p.id for p in found] == [p.id for p in made]
-    for point, wanted in zip(found, made, strict=True):
+    result = load_survey(path)
+    assert [p.id for p in result] == [p.id for p in made]
+    for point, wanted in zip(result, made, strict=True):
         # Ten decimals of a degree and four of a metre are written.
         assert abs(point.latitude_rad - wanted.latitude_rad) <= math.radians(0.51e-10)
         assert abs(point.longitude_rad - wanted.longitude_rad) <= math.radians(0.51e-10)
@@ -89,39 +89,6 @@ def test_broken_features_are_numbered(tmp_path, broken):
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     with pytest.raises(SurveyError, match=f"^{path}: feature 2 is not a Point with longitude"):
         load_survey(path)
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("{", "line 1: not JSON"),
-        (f'{{"a": {"9" * 5000}}}', "not JSON: Exceeds the limit"),
-        (f'{{"a": {"[" * 100_000}', "not JSON: maximum recursion depth"),
-        ("[1]", "not a GeoJSON FeatureCollection"),
-        ("", "no column id, lat, lon, h; the first line must be id,lat,lon,h"),
-        ("id,lat,lon\n", "no column h;"),
-        ("id,lat,lon,h\na,1,2,3\nb,1,2\n", "line 3 does not match id,lat,lon,h"),
-        ("id,lat,lon,h\na,north,2,3\n", "line 2 does not match"),
-        ("id,lat,lon,h\na,1,2,inf\n", "line 2 does not match"),
-        ("id,lat,lon,h\na,1,2,3\na,4,5,6\n", "point a appears twice"),
-    ],
-)
-def test_broken_surveys(tmp_path, text, reason):
-    path = tmp_path / "s.csv"
-    path.write_text(text)
-    with pytest.raises(SurveyError, match=rf"^{path}: {reason}"):
-        load_survey(path)
-
-
-@pytest.mark.parametrize(
-    "row",
-    ["a,1.5,2,3", "a,1,x,3", "a,1,2", "a,1,nan,3", ",1,2,3", "a,1e400,2,3", f"a,{1 << 63},2,3"],
-)
-def test_broken_observations(tmp_path, row):
-    path = tmp_path / "o.csv"
-    path.write_text(f"id,stamp_ns,u,v\nb,1,2,3\n{row}\n")
-    with pytest.raises(SurveyError, match=rf"^{path}: line 3 does not match id,stamp_ns,u,v"):
-        load_observations(path)
 
 
 def test_files_that_cannot_be_read_or_written(tmp_path):
@@ -185,17 +152,17 @@ def write(folder, name, text):
 
 
 def test_marks_and_survey_are_matched_by_id(tmp_path):
-    found = load_control_points(write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY))
-    assert found.names == ["a", "c"]
-    assert found.pixels.tolist() == [[10.5, 20], [50, 5]]
-    np.testing.assert_allclose(found.degrees, [[116.7, 39.81], [116.71, 39.82]], rtol=1e-12)
-    assert found.unused == ("b", "z")
+    result = load_control_points(write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY))
+    assert result.names == ["a", "c"]
+    assert result.pixels.tolist() == [[10.5, 20], [50, 5]]
+    np.testing.assert_allclose(result.degrees, [[116.7, 39.81], [116.71, 39.82]], rtol=1e-12)
+    assert result.unused == ("b", "z")
 
 
 def test_a_points_file_of_qgis(tmp_path):
-    found = load_control_points(write(tmp_path, "o.points", POINTS), None)
-    assert found.pixels.tolist() == [[100.5, 200.25], [300, 400]]  # the third is switched off
-    np.testing.assert_allclose(found.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
+    result = load_control_points(write(tmp_path, "o.points", POINTS), None)
+    assert result.pixels.tolist() == [[100.5, 200.25], [300, 400]]  # the third is switched off
+    np.testing.assert_allclose(result.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
 
 
 def test_rows_that_grow_upwards_are_turned():
@@ -205,29 +172,42 @@ def test_rows_that_grow_upwards_are_turned():
     assert downward(np.zeros((0, 2))).shape == (0, 2)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (POINTS.partition("\n")[2], "names no coordinate system; save it with QGIS 3.26"),
-        (MARKS, "not a .points file of QGIS .*give --survey too"),
-        (POINTS.replace("300", "x"), "point 2 is not four numbers"),
-        (POINTS.replace("39.82", "99.82"), "a point is not a place in GEOG"),
-    ],
-)
-def test_points_files_that_are_refused(tmp_path, text, message):
-    with pytest.raises(SurveyError, match=rf"o\.points: {message}"):
-        load_control_points(write(tmp_path, "o.points", text), None)
+OF_SURVEYS = [
+    ("{", "line 1: not JSON"),
+    (f'{{"a": {"9" * 5000}}}', "not JSON: Exceeds the limit"),
+    (f'{{"a": {"[" * 100_000}', "not JSON: maximum recursion depth"),
+    ("[1]", "not a GeoJSON FeatureCollection"),
+    ("", "no column id, lat, lon, h; the first line must be id,lat,lon,h"),
+    ("id,lat,lon\n", "no column h;"),
+    ("id,lat,lon,h\na,1,2,3\nb,1,2\n", "line 3 does not match id,lat,lon,h"),
+    ("id,lat,lon,h\na,north,2,3\n", "line 2 does not match"),
+    ("id,lat,lon,h\na,1,2,inf\n", "line 2 does not match"),
+    ("id,lat,lon,h\na,1,2,3\na,4,5,6\n", "point a appears twice"),
+]
+ROWS = ["a,1.5,2,3", "a,1,x,3", "a,1,2", "a,1,nan,3", ",1,2,3", "a,1e400,2,3", f"a,{1 << 63},2,3"]
+OF_POINTS = [
+    (POINTS.partition("\n")[2], "names no coordinate system; save it with QGIS 3.26"),
+    (MARKS, "not a .points file of QGIS .*give --survey too"),
+    (POINTS.replace("300", "x"), "point 2 is not four numbers"),
+    (POINTS.replace("39.82", "99.82"), "a point is not a place in GEOG"),
+]
+OF_MARKS = [
+    ("id,column\na,1\n", "no column row; the first line must be id,column,row"),
+    ("id,column,row\na,1,nan\n", "line 2 does not match id,column,row"),
+    ("id,column,row\na,1,2\na,3,4\n", "point a appears twice"),
+    ("id,column,row\nq,1,2\n", r"none of its ids is in .*s\.csv"),
+]
+CASES = [
+    *((load_survey, *case) for case in OF_SURVEYS),
+    *((load_observations, f"id,stamp_ns,u,v\nb,1,2,3\n{row}\n", "line 3 does") for row in ROWS),
+    *((lambda path: load_control_points(path, None), *case) for case in OF_POINTS),
+    *((lambda path: load_control_points(path, path.with_name("s.csv")), *c) for c in OF_MARKS),
+]
 
 
-@pytest.mark.parametrize(
-    ("marks", "message"),
-    [
-        ("id,column\na,1\n", r"m\.csv: no column row; the first line must be id,column,row"),
-        ("id,column,row\na,1,nan\n", r"m\.csv: line 2 does not match id,column,row"),
-        ("id,column,row\na,1,2\na,3,4\n", r"m\.csv: point a appears twice"),
-        ("id,column,row\nq,1,2\n", r"m\.csv: none of its ids is in .*s\.csv"),
-    ],
-)
-def test_marks_that_are_refused(tmp_path, marks, message):
-    with pytest.raises(SurveyError, match=message):
-        load_control_points(write(tmp_path, "m.csv", marks), write(tmp_path, "s.csv", SURVEY))
+@pytest.mark.parametrize(("load", "text", "reason"), CASES)
+def test_what_is_refused_names_the_file_and_the_line(tmp_path, load, text, reason):
+    write(tmp_path, "s.csv", SURVEY)
+    path = write(tmp_path, "refused.csv", text)
+    with pytest.raises(SurveyError, match=f"^{path}: {reason}"):
+        load(path)

@@ -11,8 +11,12 @@ import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_euler, matrix_from_quat, quat_from_matrix
+from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    matrix_from_euler,
+    matrix_from_quat,
+    quat_from_matrix,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.ground.ground_point import Located
@@ -48,7 +52,10 @@ def parsed(event):
 
 
 def test_a_target_is_a_spot_with_place_errors_and_colour():
-    event = parsed(target_event(TARGET, NOW_NS))
+    data = encoded(target_event(TARGET, NOW_NS))
+    assert data.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<event ')
+    assert data.endswith(b"</event>")
+    event = ET.fromstring(data)
     assert event.attrib == {
         "version": "2.0",
         "uid": "tirgeo-" + TARGET.id,
@@ -76,14 +83,12 @@ def test_a_target_is_a_spot_with_place_errors_and_colour():
 
 def test_name_note_and_clicks_are_said():
     clicks = (CLICK, dataclasses.replace(CLICK, latitude_deg=48.21, stamp_ns=SEEN_NS + 10**9))
-    told = dataclasses.replace(
-        TARGET, name="roof", note="two floors", aircraft="uav1", clicks=clicks
-    )
-    event = parsed(target_event(told, NOW_NS))
+    words = {"name": "roof", "note": "two floors", "aircraft": "uav1"}
+    event = parsed(target_event(dataclasses.replace(TARGET, clicks=clicks, **words), NOW_NS))
     assert event.find("detail/contact").get("callsign") == "7 roof"
     remarks = event.find("detail/remarks").text
-    for words in ("two floors", "by uav1", "2 clicks", "the clicks disagree"):
-        assert words in remarks
+    for text in ("two floors", "by uav1", "2 clicks", "the clicks disagree"):
+        assert text in remarks
 
 
 def test_hostile_text_stays_text():
@@ -99,7 +104,7 @@ def test_hostile_text_stays_text():
     assert len(encoded(target_event(dataclasses.replace(TARGET, note='"' * 9000), 0))) < 65507
 
 
-def test_a_deletion_names_the_target_and_is_no_event_of_it():
+def test_a_deletion_names_the_target_and_a_withdrawn_one_is_soon_stale():
     event = parsed(deletion_event(TARGET, NOW_NS))
     assert event.get("type") == "t-x-d-d"
     assert event.get("uid") not in {"", "tirgeo-" + TARGET.id}
@@ -107,19 +112,9 @@ def test_a_deletion_names_the_target_and_is_no_event_of_it():
     assert link == {"uid": "tirgeo-" + TARGET.id, "relation": "none", "type": "none"}
     assert event.find("detail/__forcedelete") is not None
     assert set(event.find("point").attrib) == {"lat", "lon", "hae", "ce", "le"}
-
-
-def test_a_withdrawn_target_is_soon_stale():
-    event = withdrawn_event(TARGET, NOW_NS)
-    assert event.get("uid") == "tirgeo-" + TARGET.id
-    assert event.get("stale") == "2021-10-20T12:01:40.605Z"
-
-
-def test_bytes_are_one_header_one_event_and_nothing_after():
-    data = encoded(target_event(TARGET, NOW_NS))
-    assert data.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<event ')
-    assert data.endswith(b"</event>")
-    assert data.count(b"<?xml") == 1
+    withdrawn = withdrawn_event(TARGET, NOW_NS)
+    assert withdrawn.get("uid") == "tirgeo-" + TARGET.id
+    assert withdrawn.get("stale") == "2021-10-20T12:01:40.605Z"
 
 
 def looking(rotation_nb, camera=PLAIN, ground=200.0):
@@ -148,9 +143,9 @@ def numbers(element):
 def test_the_angles_lead_back_to_the_pixels(attitude):
     view, pose = looking(degrees(*attitude), XT2)
     aircraft, _ = events(view)
-    said = numbers(aircraft.find("detail/sensor"))
-    assert 0 <= said["azimuth"] < 360
-    turn = degrees(said["roll"], said["elevation"], said["azimuth"])
+    cells = numbers(aircraft.find("detail/sensor"))
+    assert 0 <= cells["azimuth"] < 360
+    turn = degrees(cells["roll"], cells["elevation"], cells["azimuth"])
     points_n = pose.position_n + 100 * turn.T[:2]  # forward; right of the camera
     middle, valid = XT2.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))
     assert valid[0]
@@ -159,8 +154,8 @@ def test_the_angles_lead_back_to_the_pixels(attitude):
     edges = XT2.rays(np.array([[-0.5, 255.5], [639.5, 255.5], [319.5, -0.5], [319.5, 511.5]]))
     edges = edges @ matrix_from_quat(pose.q_nc).T @ turn  # forward, right, down of the angles
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    assert said["fov"] == pytest.approx(math.degrees(math.acos(edges[0] @ edges[1])), abs=6e-4)
-    assert said["vfov"] == pytest.approx(math.degrees(math.acos(edges[2] @ edges[3])), abs=6e-4)
+    assert cells["fov"] == pytest.approx(math.degrees(math.acos(edges[0] @ edges[1])), abs=6e-4)
+    assert cells["vfov"] == pytest.approx(math.degrees(math.acos(edges[2] @ edges[3])), abs=6e-4)
     assert edges[1, 1] > 0 > edges[0, 1]
     assert edges[1, 2] == pytest.approx(edges[0, 2], abs=3e-5)  # the row is level in them
 

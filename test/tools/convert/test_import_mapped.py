@@ -13,6 +13,7 @@ from ros1_bags import BEGUN_NS, Bag, by_time
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.ros1_bag import Ros1Bag
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_flight import import_flight
@@ -151,16 +152,11 @@ def test_an_imu_on_its_side_is_told_and_turned(tmp_path, capsys):
     # Its own attitude was on its side; the body's is level, with the nose to the east.
     q_nb = sample.autopilot_q_nb
     assert abs(q_nb @ [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]) == pytest.approx(1.0)
-
-
-def test_parameters_that_turn_it_later_are_no_cause_for_doubt(tmp_path):
-    bag = mavros_bag(force=(0.0, 9.8, 0.0))
-    path = bag.write(tmp_path / "side.bag")
+    # Parameters that turn it later are no cause for doubt.
     params = tmp_path / "params.yaml"
     params.write_text("/**:\n  ros__parameters:\n    aircraft.imu_rpy_deg: [90.0, 0.0, 0.0]\n")
-    mapped = MappedTopics(MAVROS[:1])
-    result = import_flight(path, tmp_path / "out.mcap", params=params, mapped=mapped)
-    assert result["warning"] is None
+    assert main([*words, "--params", str(params)]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_heights_and_fixes_that_are_none_of_rtk(mapped, tmp_path):
@@ -240,7 +236,9 @@ def test_a_bag_without_pairs_is_answered_with_options(tmp_path, capsys):
     asked = "--map-topic /mavros/imu/data=imu/data --map-topic /mavros/fix=gps/fix --map-topic "
     assert f"{asked}/mavros/gps_vel=gps/vel\n" in capsys.readouterr().err
     ros2 = tmp_path / "b"
-    data = CDR.from_ros1(next(iter_ros1(ros1)), "sensor_msgs/msg/Imu")
+    data = CDR.from_ros1(
+        next(Ros1Bag(ros1).messages(["/mavros/imu/data"])).data, "sensor_msgs/msg/Imu"
+    )
     record(ros2, [[BagMessage("/xsens/imu", "sensor_msgs/msg/Imu", 1, data)]])
     assert main(["import", str(ros2), "-o", str(tmp_path / "out.mcap")]) == 1
     told = f"{ros2}: a ROS 2 bag; say what its topics are, as --map-topic /xsens/imu=imu/data\n"
@@ -254,42 +252,26 @@ def test_a_bag_without_pairs_is_answered_with_options(tmp_path, capsys):
     assert "it needs no import: give it to tirgeo process" in capsys.readouterr().err
 
 
-def iter_ros1(path):
-    from tirgeo_ros.io.bags.ros1_bag import Ros1Bag  # noqa: PLC0415
-
-    return (one.data for one in Ros1Bag(path).messages(["/mavros/imu/data"]))
-
-
-@pytest.mark.parametrize("word", ["/a", "/a=", "=imu/data", "/a=tirgeo/odometry", "/a=/imu"])
-def test_a_wrong_pair_is_wrong_use(tmp_path, word, capsys):
-    words = ["import", "a.bag", "-o", str(tmp_path / "out.mcap"), "--map-topic", word]
-    with pytest.raises(SystemExit, match="2"):
-        main(words)
-    assert (
-        f"--map-topic {word}: not FROM=TO, TO one of imu/data, rtk/fix" in capsys.readouterr().err
-    )
-
-
-def test_axes_without_topics_are_wrong_use(tmp_path, capsys):
-    words = ["import", "a.ulg", "-o", str(tmp_path / "out.mcap"), "--imu-rpy", "90", "0", "0"]
-    with pytest.raises(SystemExit, match="2"):
-        main(words)
-    assert "--imu-rpy is for --map-topic" in capsys.readouterr().err
+_PAIR = "not FROM=TO, TO one of imu/data, rtk/fix"
 
 
 @pytest.mark.parametrize(
-    ("option", "why"),
+    ("options", "why"),
     [
-        ("--set-heading 0", "--set-heading is for logs, not for --map-topic"),
-        ("--rover-first", "--rover-first is for logs"),
-        ("--height msl", "--height is for logs"),
-        ("--image-topic /a", "use --map-topic TOPIC=thermal/image_raw, thermal/image_raw/comp"),
+        *(
+            (f"--map-topic {word}", f"--map-topic {word}: {_PAIR}")
+            for word in ("/a", "/a=", "=imu/data", "/a=tirgeo/odometry", "/a=/imu")
+        ),
+        ("--imu-rpy 90 0 0", "--imu-rpy is for --map-topic"),
+        ("--map-topic /a=imu/data --set-heading 0", "--set-heading is for logs, not for --map-t"),
+        ("--map-topic /a=imu/data --rover-first", "--rover-first is for logs"),
+        ("--map-topic /a=imu/data --height msl", "--height is for logs"),
+        ("--map-topic /a=imu/data --image-topic /a", "use --map-topic TOPIC=thermal/image_raw, t"),
     ],
 )
-def test_options_that_a_bag_does_not_take_are_wrong_use(tmp_path, option, why, capsys):
-    words = f"import a.bag -o {tmp_path}/out.mcap --map-topic /a=imu/data {option}"
+def test_options_that_a_bag_does_not_take_are_wrong_use(tmp_path, options, why, capsys):
     with pytest.raises(SystemExit, match="2"):
-        main(words.split())
+        main(f"import a.bag -o {tmp_path}/out.mcap {options}".split())
     assert why in capsys.readouterr().err
 
 
@@ -313,6 +295,8 @@ def test_every_recording_is_answered(bags, tmp_path, capsys):
         assert told.startswith(f"tirgeo import: {path}: a ROS 2 bag; ")
         assert words in told
         assert told.count("\n") == 1
+    split = bags / "rosbag2" / "real_mcap_split_no_metadata"
+    assert sum(1 for _ in BagReader(split).messages()) == 3177
 
 
 def test_every_form_of_a_recording_gives_the_same_bag(bags, tmp_path):

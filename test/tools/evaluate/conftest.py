@@ -11,7 +11,7 @@ BORESIGHT = "/**/gimbal_node:\n  ros__parameters: {boresight_rpy_deg: [0.0, 0.0,
 
 
 @pytest.fixture(scope="session")
-def found(sample, tmp_path_factory):
+def result(sample, tmp_path_factory):
     """The sample flight, evaluated with a boresight file that turns the camera by 5 deg."""
     boresight = tmp_path_factory.mktemp("boresight") / "boresight.yaml"
     boresight.write_text(BORESIGHT)

@@ -34,77 +34,77 @@ pytestmark = pytest.mark.slow
 ALL = [*METHODS, "calibrated"]
 
 
-def test_the_methods_come_in_the_order_of_table_6(found):
-    assert [one.method for one in found.methods] == ALL
-    rmse = [one.errors.rmse_m for one in found.methods[:4]]
+def test_the_methods_come_in_the_order_of_table_6(result):
+    assert [item.method for item in result.methods] == ALL
+    rmse = [item.errors.rmse_m for item in result.methods[:4]]
     assert rmse == sorted(rmse, reverse=True)
     # what the filter reaches on this flight, to the project's figure for the paper's
-    assert found.method("ekf_heading").errors.rmse_m <= 0.8
-    assert (found.missing, len(found.tests)) == ({}, 10)
+    assert result.method("ekf_heading").errors.rmse_m <= 0.8
+    assert (result.missing, len(result.tests)) == ({}, 10)
     # of the last method, whose boresight is 5 deg off
-    assert found.error.startswith("NO GO: the camera looks 5.0 deg away from its poses")
-    heading = {one.method: one.against_truth.heading_rad for one in found.methods}
+    assert result.error.startswith("NO GO: the camera looks 5.0 deg away from its poses")
+    heading = {item.method: item.against_truth.heading_rad for item in result.methods}
     assert heading["raw"] > 3 * heading["ekf_heading"]
-    assert found.method("ekf_heading").against_truth.position_m < 0.05
-    assert found.method("raw").against_truth.position_m > 1
+    assert result.method("ekf_heading").against_truth.position_m < 0.05
+    assert result.method("raw").against_truth.position_m > 1
 
 
-def test_the_boresight_file_overrides_the_parameters(found):
-    plain, turned = (found.method(name).setup.configs for name in ("ekf_heading", "calibrated"))
+def test_the_boresight_file_overrides_the_parameters(result):
+    plain, turned = (result.method(name).setup.configs for name in ("ekf_heading", "calibrated"))
     assert turned.gimbal.boresight_rpy_deg == (0.0, 0.0, 5.0)
     assert plain.gimbal.boresight_rpy_deg == (0.0, 0.0, 0.0)
     assert turned.ekf.method == "ekf_heading"
-    told = verdict(found.methods)
-    assert told.startswith("0 of 24 lie in their ellipse of 95 %, ")
-    assert "in common: run calibrate boresight; are all heights ellipsoidal" in told
-    honest = verdict(found.methods[:-1])
+    text = verdict(result.methods)
+    assert text.startswith("0 of 24 lie in their ellipse of 95 %, ")
+    assert "in common: run calibrate boresight; are all heights ellipsoidal" in text
+    honest = verdict(result.methods[:-1])
     assert re.fullmatch(r"2\d of 24 lie in .* 95 %, 0[.]\d\d m off on average \(.*\)", honest)
 
 
-def test_the_files(found, tmp_path):
+def test_the_files(result, tmp_path):
     folder = tmp_path / "out" / "deeper"
-    written = write_evaluation(found, folder)
+    written = write_evaluation(result, folder)
     assert sorted(written) == sorted(str(path) for path in folder.iterdir())
     with (folder / "observations.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 5 * 25
     refused = [row for row in rows if row["reason"]]
-    assert len(refused) == sum(len(one.refused) for one in found.methods) > 0
+    assert len(refused) == sum(len(item.refused) for item in result.methods) > 0
     assert all(row["distance_m"] == "" for row in refused)
     numbers = json.loads((folder / "result.json").read_text())
-    assert numbers["methods"]["raw"]["ce90_m"] == found.method("raw").errors.ce90_m
+    assert numbers["methods"]["raw"]["ce90_m"] == result.method("raw").errors.ce90_m
 
 
-def test_the_tables(found):
-    lines = text_tables(summary(found)).splitlines()
+def test_the_tables(result):
+    lines = text_tables(summary(result)).splitlines()
     assert lines[3].split() == ["point", *ALL, "clicks"]
     rows = (re.split(r"\s{2,}", line.strip()) for line in lines)
     cells = {name: texts for name, *texts in rows}
     assert cells["located"] == ["25", "25", "24", "24", "24"]
     assert cells["in ellipse"] == ["25", "25", "24", "24", "0"]
-    assert cells["P02"][1] == f"{found.method('rtk').errors.point_rmse_m['P02']:.3f}"
+    assert cells["P02"][1] == f"{result.method('rtk').errors.point_rmse_m['P02']:.3f}"
     start = lines.index("paired t-test on these points, two-sided p-value")
     table = [re.split(r"\s{2,}", line.strip()) for line in lines[start + 1 : start + 7]]
     table[0].insert(0, "")
     assert table[0][1:] == [row[0] for row in table[1:]] == ALL
-    for one in found.tests:
-        first, second = ALL.index(one.first) + 1, ALL.index(one.second) + 1
-        told = "< 0.0001" if one.p_value < 1e-4 else f"{one.p_value:.4f}"
-        assert table[first][second] == table[second][first] == told
+    for item in result.tests:
+        first, second = ALL.index(item.first) + 1, ALL.index(item.second) + 1
+        p_value = "< 0.0001" if item.p_value < 1e-4 else f"{item.p_value:.4f}"
+        assert table[first][second] == table[second][first] == p_value
     assert "ekf: 1 x no trusted pose at that picture" in lines
 
 
 def test_the_command(sample, params, raw_flight, tmp_path, capsys):
     """The same input gives the same files."""
-    bag, survey, seen = raw_flight
-    words = ["evaluate", bag, "--survey", survey, "--observations", seen]
+    bag, survey, observations = raw_flight
+    words = ["evaluate", bag, "--survey", survey, "--observations", observations]
     words += ["--params", params, "--truth", sample / "truth.mcap"]
     assert main([str(word) for word in [*words, "-o", tmp_path / "one"]]) == 0
-    said, complaint = capsys.readouterr()
-    assert re.match(r"\d+ of \d+ lie in their ellipse of 95 %, .* [(]raw[)]\n", said)
-    assert said.splitlines()[3].split() == ["point", "raw", "clicks"]
+    text, complaint = capsys.readouterr()
+    assert re.match(r"\d+ of \d+ lie in their ellipse of 95 %, .* [(]raw[)]\n", text)
+    assert text.splitlines()[3].split() == ["point", "raw", "clicks"]
     # the filter would fall back on GPS, but that is no method of Table 6
-    assert "ekf is left out: needed topic absent: /rtk/fix" in said
+    assert "ekf is left out: needed topic absent: /rtk/fix" in text
     assert "missing" not in complaint
     assert main([str(word) for word in [*words, "-o", tmp_path / "two", "--json"]]) == 0
     numbers = json.loads(capsys.readouterr().out)
@@ -124,13 +124,13 @@ def test_methods_over_the_papers_flight(tmp_path):
         chosen = tmp_path / f"{composition}.yaml"
         chosen.write_text(f"/**/gimbal_node:\n  ros__parameters: {{composition: {composition}}}\n")
         params = [tmp_path / "params.yaml", chosen]
-        found = evaluate(*files(tmp_path), params=params, truth=tmp_path / "truth.mcap")
-        rmse = [found.method(name).errors.rmse_m for name in METHODS]
+        result = evaluate(*files(tmp_path), params=params, truth=tmp_path / "truth.mcap")
+        rmse = [result.method(name).errors.rmse_m for name in METHODS]
         assert rmse == sorted(rmse, reverse=True)
         assert 2.5 < rmse[0] < 8.0  # the paper measured 3.21 and computed 5.8 from these inputs
         assert rmse[3] < limit_m
-        assert all(len(one.located) == 60 for one in found.methods)
-    proposed, earlier = (found.method(name).against_truth for name in ("ekf_heading", "ekf"))
+        assert all(len(item.located) == 60 for item in result.methods)
+    proposed, earlier = (result.method(name).against_truth for name in ("ekf_heading", "ekf"))
     limit = math.radians(0.12)
     assert max(proposed.heading_rad, proposed.roll_rad, proposed.pitch_rad) < limit
     assert proposed.position_m < 0.02
@@ -155,38 +155,37 @@ def test_on_an_elevation_model(params, raw_flight, tmp_path):
 
 
 def test_an_aircraft_in_a_namespace_on_the_survey_s_ground(raw_flight, tmp_path):
-    bag, survey, seen = raw_flight
+    bag, survey, observations = raw_flight
     with BagWriter(tmp_path / "uav1.mcap") as writer:
         for item in BagReader(bag).messages():
             writer.write(f"/uav1{item.topic}", item.typename, item.data, item.log_time_ns)
-    plain = evaluate(bag, survey, seen)
+    plain = evaluate(bag, survey, observations)
     heights = {p.id: p.height_m for p in load_survey(survey)}
-    observed = {one.id for one in load_observations(seen)}
+    observed = {each.id for each in load_observations(observations)}
     assert plain.method("raw").setup.ground == np.median([heights[name] for name in observed])
     assert "the survey's median" in plain.notes[0]
-    named = evaluate(tmp_path / "uav1.mcap", survey, seen, namespace="uav1")
+    named = evaluate(tmp_path / "uav1.mcap", survey, observations, namespace="uav1")
     expected = plain.method("raw").errors.error_en
     np.testing.assert_array_equal(named.method("raw").errors.error_en, expected)
 
 
-def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, params, tmp_path):
+def test_a_method_without_its_topic_or_that_never_starts_is_missing_and_the_others_go_on(
+    sample, params, tmp_path
+):
     absent = {"/rtk/heading", "/gps/fix", "/thermal/image_raw/compressed"}
     bag = rewritten(sample / "flight.mcap", tmp_path / "cut.mcap", without=absent, seconds=14)
-    found = evaluate(bag, *files(sample)[1:], params=params)
-    assert [one.method for one in found.methods] == ["rtk", "ekf"]
-    assert found.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
-    assert "needed topic absent: /gps/fix" in found.missing["raw"]
-    assert "ekf_heading is left out: needed topic absent: /rtk/heading" in found.notes
-
-
-def test_a_method_that_never_starts_is_missing(sample, params, tmp_path):
-    """Half a second is too short for the filter to align."""
+    result = evaluate(bag, *files(sample)[1:], params=params)
+    assert [item.method for item in result.methods] == ["rtk", "ekf"]
+    assert result.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
+    assert "needed topic absent: /gps/fix" in result.missing["raw"]
+    assert "ekf_heading is left out: needed topic absent: /rtk/heading" in result.notes
+    # Half a second is too short for the filter to align.
     bag = rewritten(sample / "flight.mcap", tmp_path / "short.mcap", seconds=0.5)
-    found = evaluate(bag, *files(sample)[1:], params=params)
-    assert [one.method for one in found.methods] == ["raw", "rtk"]
-    assert found.missing["ekf"].startswith("no camera pose could be made: ")
-    assert "no observation could be located: no trusted pose" in found.error
-    numbers = summary(found)
+    result = evaluate(bag, *files(sample)[1:], params=params)
+    assert [each.method for each in result.methods] == ["raw", "rtk"]
+    assert result.missing["ekf"].startswith("no camera pose could be made: ")
+    assert "no observation could be located: no trusted pose" in result.error
+    numbers = summary(result)
     assert numbers["methods"]["raw"]["rmse_m"] is None
     assert numbers["t_tests"][0]["note"] == "fewer than 2 points"
     json.dumps(numbers, allow_nan=False)
@@ -207,26 +206,29 @@ def test_no_method_at_all_is_an_error(sample, params, tmp_path):
 
 def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
     bag = rewritten(sample / "flight.mcap", tmp_path / "raw.mcap", without=RTK)
-    seen = load_observations(sample / "observations.csv")
-    odd = Observation(seen[0].id, seen[0].stamp_ns + 4_000_000, seen[0].u, seen[0].v)
-    strange = Observation("Q7", seen[0].stamp_ns, 3.0, 4.0)
-    save_observations(tmp_path / "seen.csv", [*seen, odd, strange])
+    observed = load_observations(sample / "observations.csv")
+    odd = Observation(
+        observed[0].id, observed[0].stamp_ns + 4_000_000, observed[0].u, observed[0].v
+    )
+    strange = Observation("Q7", observed[0].stamp_ns, 3.0, 4.0)
+    save_observations(tmp_path / "seen.csv", [*observed, odd, strange])
     save_survey(tmp_path / "survey.csv", load_survey(sample / "survey.geojson"))
-    found = evaluate(bag, tmp_path / "survey.csv", tmp_path / "seen.csv")
-    notes = "\n".join(found.notes)
+    result = evaluate(bag, tmp_path / "survey.csv", tmp_path / "seen.csv")
+    notes = "\n".join(result.notes)
     assert (
         "1 of 27 observations are of points that are not in the survey, and left out: Q7" in notes
     )
     assert "1 of 27 observations have no picture's stamp: they are up to 0.004 s" in notes
     assert "7 surveyed points were never observed: P03, P04, P05, P17, P18 and 2 more" in notes
-    assert sum(point["observations"] for point in summary(found)["points"].values()) == 26
+    assert sum(point["observations"] for point in summary(result)["points"].values()) == 26
 
 
 def test_wrong_use(sample, tmp_path, capsys):
     """Two grounds are refused before any file is read."""
-    bag, survey, seen = files(sample)
-    words = ["evaluate", bag, "--survey", survey, "--observations", seen, "-o", tmp_path / "out"]
-    words += ["--dem", "d.tif", "--ground-height", "3", "--params", tmp_path / "none.yaml"]
+    bag, survey, observations = files(sample)
+    words = ["evaluate", bag, "--survey", survey, "--observations", observations]
+    words += ["-o", tmp_path / "out", "--dem", "d.tif", "--ground-height", "3"]
+    words += ["--params", tmp_path / "none.yaml"]
     with pytest.raises(SystemExit, match="2"):
         main([str(word) for word in words])
     assert "give either --dem or --ground-height" in capsys.readouterr().err
@@ -238,47 +240,36 @@ def test_wrong_use(sample, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def report(found):
-    return report_html(found, summary(found))
+def report(result):
+    return report_html(result, summary(result))
 
 
-@pytest.fixture(scope="module")
-def text(found):
-    return report(found)
-
-
-@pytest.fixture(scope="module")
-def page(text):
-    return Page(text)
-
-
-def test_the_page_is_whole_in_itself(found, text, page):
+def test_the_page_is_whole_in_itself_and_holds_the_numbers(result):
+    text = report(result)
+    page = Page(text)
     assert all(source.startswith("data:image/") for source in page.sources)
     assert not re.findall(r"url[(]|@import|<script|<link", text)
     figures = embedded(page, "image/svg+xml")
-    assert len(figures) == len(found.methods)
+    assert len(figures) == len(result.methods)
     for figure in figures:
         assert ET.fromstring(figure).tag == "{http://www.w3.org/2000/svg}svg"
-    assert report(found) == text
+    assert report(result) == text
+    for method in result.methods:
+        errors_m = [method.errors.mean_point_rmse_m, method.errors.ce90_m]
+        errors_m += method.errors.point_rmse_m.values()
+        assert {f"{error_m:.3f}" for error_m in errors_m} <= set(page.text)
+    assert {point.id for point in result.methods[0].located} <= set(page.text)
 
 
-def test_the_tables_hold_the_numbers(found, page):
-    for method in found.methods:
-        told = [method.errors.mean_point_rmse_m, method.errors.ce90_m]
-        told += method.errors.point_rmse_m.values()
-        assert {f"{error:.3f}" for error in told} <= set(page.text)
-    assert {one.id for one in found.methods[0].located} <= set(page.text)
-
-
-def test_names_are_text_and_no_tags(found):
-    first = found.methods[0]
+def test_names_are_text_and_no_tags(result):
+    first = result.methods[0]
     clicked = dataclasses.replace(first.located[0], id="<b>&'\"")
-    odd = dataclasses.replace(found.experiment.survey[first.located[0].id], id=clicked.id)
+    odd = dataclasses.replace(result.experiment.survey[first.located[0].id], id=clicked.id)
     click = Observation(odd.id, 0, 1.0, 2.0)
     changed = dataclasses.replace(
-        found,
+        result,
         experiment=dataclasses.replace(
-            found.experiment, survey={odd.id: odd}, observations=[click]
+            result.experiment, survey={odd.id: odd}, observations=[click]
         ),
         methods=[dataclasses.replace(first, located=[clicked], refused=[])],
         notes=["<i>"],

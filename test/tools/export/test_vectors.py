@@ -18,7 +18,6 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, place
-from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.columns import of_target
 from tirgeo_ros.io.targets.formats import exported as targets_as
 from tirgeo_ros.tools.evaluate.result import load_truth
@@ -54,7 +53,7 @@ def by_number(flight):
 
 
 def test_an_outline_is_the_pictures_rim(path, by_number):
-    """Each point of it, projected by OpenCV, is on the rim, and four are the corners."""
+    """Projected by OpenCV, its points are on the rim, anticlockwise; four are the corners."""
     for row in rows_of(path, "footprints"):
         frame = by_number[row["picture"]]
         camera, pose = frame.camera, frame.pose
@@ -69,10 +68,6 @@ def test_an_outline_is_the_pictures_rim(path, by_number):
         assert off_rim.max() < 1e-5
         for corner in np.ndindex(2, 2):
             assert np.linalg.norm(uv - np.multiply(corner, size), axis=1).min() < 1e-5
-
-
-def test_an_outline_runs_anticlockwise(path):
-    for row in rows_of(path, "footprints"):
         x, y = (row["positions"] - row["positions"].mean(axis=0)).T
         assert (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0
 
@@ -81,14 +76,14 @@ def test_a_pictures_row_says_how_it_was_taken(path, by_number, flight):
     for row in rows_of(path, "footprints"):
         frame = by_number[row["picture"]]
         where = frame.plane.geodetic_from_ned(frame.pose.position_n)
-        found = [row[name] for name in ("latitude_deg", "longitude_deg", "height_m")]
-        assert_allclose(found, [*np.degrees(where[:2]), where[2]], rtol=0, atol=1e-9)
+        result = [row[name] for name in ("latitude_deg", "longitude_deg", "height_m")]
+        assert_allclose(result, [*np.degrees(where[:2]), where[2]], rtol=0, atol=1e-9)
         assert row["stamp_ns"] == frame.pose.stamp_ns
         assert row["time"].startswith("2021-10-20T12:0")
         middle = (frame.camera.width - 1) / 2, (frame.camera.height - 1) / 2
-        seen = place(frame.camera, frame.pose, middle, frame.plane, GROUND_M, CONFIDENCE)
-        assert isinstance(seen, Located)
-        assert row["ce90_m"] == pytest.approx(circular_error_90(seen.covariance_n))
+        observed = place(frame.camera, frame.pose, middle, frame.plane, GROUND_M, CONFIDENCE)
+        assert isinstance(observed, Located)
+        assert row["ce90_m"] == pytest.approx(circular_error_90(observed.covariance_n))
         assert row["above_ground_m"] == pytest.approx(where[2] - GROUND_M, abs=1e-3)
         # A pixel is one part in 803.6 of the distance along the axis, at 30 deg: to some percent.
         assert row["gsd_m"] == pytest.approx(row["slant_range_m"] / frame.camera.fx, rel=0.05)
@@ -128,28 +123,21 @@ def test_targets_are_there_with_their_ellipses(path):
         assert_allclose(row["positions"][:, ::-1], target.place.outline())
 
 
-def test_the_track_is_broken_where_there_is_no_pose(flight, tmp_path):
+def test_the_track_needs_no_ground_and_is_broken_where_there_is_no_pose(flight, tmp_path):
     product = Vectors(tmp_path / "flight.gpkg", every_s=1.0)
     for frame in flight.frames[::9]:
         if not 100 <= frame.number < 150:
-            product.take(frame)
-    product.finish()
+            product.take(dataclasses.replace(frame, ground=None))
+    made = product.finish()
+    assert made["footprints"] == 0
+    assert made["pictures_without_ground"] == made["track_points"] > 3
+    assert "targets" not in layers_in(tmp_path / "flight.gpkg")
     first, second = rows_of(tmp_path / "flight.gpkg", "track")
     assert first["end"] < second["begin"]
     points = rows_of(tmp_path / "flight.gpkg", "track_points")
     assert first["points"] + second["points"] == len(points)
     assert np.isnan(points[int(first["points"])]["speed_m_s"])
     assert points[0]["state"] is None  # nobody told
-
-
-def test_without_a_ground_there_is_the_track_alone(flight, tmp_path):
-    product = Vectors(tmp_path / "flight.gpkg")
-    for frame in flight.frames[:3]:
-        product.take(dataclasses.replace(frame, ground=None))
-    made = product.finish()
-    assert made["footprints"] == 0
-    assert made["pictures_without_ground"] == made["track_points"] == 3
-    assert "targets" not in layers_in(tmp_path / "flight.gpkg")
 
 
 def test_an_elevation_model_is_a_ground_too(flight, tmp_path):
@@ -182,10 +170,3 @@ def test_an_outline_across_the_antimeridian_is_one_piece(flight, tmp_path):
     longitudes = np.abs(row["positions"][:, 0])
     assert longitudes.min() < 180 < longitudes.max()
     assert np.ptp(row["positions"][:, 0]) < 0.001
-
-
-def test_a_file_of_targets_that_is_none_is_named(tmp_path):
-    (tmp_path / "targets.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(TargetError, match=r"targets.csv: no GeoPackage; give one of targets"):
-        Vectors(tmp_path / "flight.gpkg", targets=tmp_path / "targets.csv")
-    assert [one.name for one in tmp_path.iterdir()] == ["targets.csv"]

@@ -57,7 +57,7 @@ def status_at(stamp_ns: int, sigma_rad: float) -> tuple[str, object, int]:
     return "tirgeo/state", MESSAGES.state(state), stamp_ns
 
 
-def test_the_summary_tells_what_the_nodes_said(tmp_path):
+def test_the_summary_has_what_the_nodes_published(tmp_path):
     grey = np.full((8, 8, 3), 90, np.uint8)
     jpeg = cv2.imencode(".jpg", grey)[1].tobytes()
     pictures = [
@@ -73,12 +73,12 @@ def test_the_summary_tells_what_the_nodes_said(tmp_path):
     overlay = NodeState("/overlay_node", 700 * MS, 1, topics, {"drawn": 7, "notices": 3})
     statuses.append(("tirgeo/state", MESSAGES.state(overlay), 700 * MS))
     path = write(tmp_path / "run.mcap", pictures + poses + statuses)
-    found = summary(read_outputs(path), begin_ns=0)
-    assert found["method"] == "ekf_heading"
-    assert found["overlay"] == {"drawn": 7, "notices": 3}
-    assert found["frame_latency_ms"] == 12.5
-    assert found["heading_sigma_deg"] == pytest.approx(0.15)
-    assert found["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
+    result = summary(read_outputs(path), begin_ns=0)
+    assert result["method"] == "ekf_heading"
+    assert result["overlay"] == {"drawn": 7, "notices": 3}
+    assert result["frame_latency_ms"] == 12.5
+    assert result["heading_sigma_deg"] == pytest.approx(0.15)
+    assert result["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
     made = make_pictures(path, tmp_path, 10)
     assert Path(str(made["video"])).stat().st_size > 0
     assert Path(str(made["still"])).stat().st_size > 0
@@ -102,38 +102,23 @@ def test_poses_are_judged_against_the_truth_after_settling(tmp_path):
     assert judged["heading_rms_deg"] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_no_picture_is_an_error(tmp_path):
-    with pytest.raises(GraphError, match=r"gave no tirgeo/overlay/image"):
-        make_pictures(tmp_path / "run.mcap", tmp_path, 0)
-
-
-def test_a_bag_without_a_needed_topic_is_refused(tmp_path):
-    path = write(tmp_path / "a.mcap", [("/clock", MESSAGES.clock(5), 5)])
-    with pytest.raises(BagError, match=r"needed topic absent: /imu/data, /thermal/camera_info"):
-        demonstrate(GraphSetup(path, tmp_path / "out"))
-
-
-def test_the_nodes_have_a_domain_of_their_own(tmp_path, monkeypatch):
+def test_the_nodes_are_for_this_machine_alone_in_a_domain_of_their_own(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    assert 1 <= int(graph_environment(GraphSetup(tmp_path, tmp_path))["ROS_DOMAIN_ID"]) <= 100
-    given = graph_environment(GraphSetup(tmp_path, tmp_path, environment={"ROS_DOMAIN_ID": "9"}))
-    assert given["ROS_DOMAIN_ID"] == "9"
-
-
-def test_the_nodes_are_for_this_machine_alone(tmp_path, monkeypatch):
+    first = free_domain()
+    with taken_port(first):
+        assert free_domain() != first
     wider = {"ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"}
     for name in wider:
         monkeypatch.setenv(name, "1")
     for name in PROFILES:
         monkeypatch.delenv(name, raising=False)
     environment = graph_environment(GraphSetup(tmp_path, tmp_path))
-    assert not {"ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"} & set(
-        environment
-    )
+    assert not wider & set(environment)
+    assert 1 <= int(environment["ROS_DOMAIN_ID"]) <= 100
     assert environment[PROFILES[0]].endswith("fastdds_localhost.xml")
     assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
-    given = GraphSetup(tmp_path, tmp_path, environment=environment)
-    assert graph_environment(given) == environment
+    again = GraphSetup(tmp_path, tmp_path, environment=environment)
+    assert graph_environment(again) == environment
 
 
 @pytest.mark.parametrize(
@@ -163,30 +148,22 @@ def test_the_profile_of_one_machine_is_the_other_with_less_reach():
                 reach[name] = "".join(child.itertext()).split()
                 parent.remove(child)
     assert reach == {"interfaceWhiteList": ["127.0.0.1"], "builtin": ["127.0.0.1"] * 2}
-    assert told(narrow) == told(wide)
+    for narrowed, item in zip(narrow.iter(), wide.iter(), strict=True):
+        texts = (narrowed.text or "", item.text or "")
+        assert (narrowed.tag, texts[0].strip()) == (item.tag, texts[1].strip())
 
 
-def told(element):
-    """Tags and texts below an element, without the layout."""
-    return [(item.tag, (item.text or "").strip()) for item in element.iter()]
-
-
-def test_a_domain_that_is_taken_is_passed_over(monkeypatch):
-    first = free_domain()
-    with taken_port(first):
-        assert free_domain() != first
-
-
-def test_the_serial_link_runs_in_real_time(tmp_path):
+def test_what_cannot_be_shown_is_refused(tmp_path):
+    with pytest.raises(GraphError, match=r"gave no tirgeo/overlay/image"):
+        make_pictures(tmp_path / "run.mcap", tmp_path, 0)
+    path = write(tmp_path / "a.mcap", [("/clock", MESSAGES.clock(5), 5)])
+    with pytest.raises(BagError, match=r"needed topic absent: /imu/data, /thermal/camera_info"):
+        demonstrate(GraphSetup(path, tmp_path / "out"))
     parser = argparse.ArgumentParser()
     add_verb(parser.add_subparsers(), demo)
-    given = ["demo", "--serial", "--rate", "2", "-o", str(tmp_path)]
+    words = ["demo", "--serial", "--rate", "2", "-o", str(tmp_path)]
     with pytest.raises(UsageError, match=r"--serial runs in real time: leave --rate out"):
-        demo.run(parser.parse_args(given))
-
-
-def test_a_map_that_is_not_there_is_refused_before_the_flight(tmp_path):
-    """The node would go on without it."""
-    nowhere = tmp_path / "nowhere.geojson"
+        demo.run(parser.parse_args(words))
+    nowhere = tmp_path / "nowhere.geojson"  # before the flight: the node would go on without it
     with pytest.raises(GraphError, match=rf"^{nowhere}: there is no such map"):
-        demo_setup(tmp_path / "a.mcap", tmp_path, None, nowhere, None, 1.0, serial=False)
+        demo_setup(path, tmp_path, None, nowhere, None, 1.0, serial=False)

@@ -69,7 +69,7 @@ def test_the_unit_of_systemd_calls_the_command_as_it_is():
         assert (done.returncode, done.stderr) == (0, "")
 
 
-def given(argv):
+def values_of(argv):
     """The parameters in the last file, which is in memory and names all nodes."""
     last = max(place for place, word in enumerate(argv) if word == "--params-file")
     (section,) = json.loads(Path(argv.pop(last + 1)).read_text()).items()
@@ -94,17 +94,12 @@ def test_a_bag_brings_its_own_time_and_stays_on_this_machine(become, tmp_path, m
     words = ["--map", "7", "--params", "a.yaml", "--params", "b.yaml", "--namespace", "/uav1/"]
     argv, environment = become("--bag", "flight.mcap", *words)
     # A map named 7 is no number.
-    assert given(argv) == {"bag": "flight.mcap", "use_sim_time": True, "map": "7"}
+    assert values_of(argv) == {"bag": "flight.mcap", "use_sim_time": True, "map": "7"}
     nodes = WholeGraph(Path("flight.mcap")).nodes
     files = ["--ros-args", "--params-file", "a.yaml", "--params-file", "b.yaml"]
     assert argv == [*files, *["-r", "__ns:=/uav1", "-r", "/clock:=clock", "--"], *nodes]
     assert set(nodes) == NODES - {"dji_node", "viewer_node"}
     assert environment[PROFILES[0]] == str(PROJECT / "config" / "fastdds_localhost.xml")
-
-
-def test_other_drivers_may_bring_the_topics(become):
-    argv, _ = become("--no-dji")
-    assert set(argv[argv.index("--") + 1 :]) == NODES - {"dji_node", "bag_player", "viewer_node"}
 
 
 def test_inputs_of_other_names(become, tmp_path):
@@ -113,11 +108,12 @@ def test_inputs_of_other_names(become, tmp_path):
     argv, _ = become("--no-dji", "--namespace", "uav1", "--remap", str(path))
     rules = ["-r", "imu/data:=mavros/imu/data", "-r", "gps/fix:=/gnss/fix", "--"]
     assert argv[argv.index("__ns:=/uav1") + 1 :][:5] == rules
+    assert set(argv[argv.index("--") + 1 :]) == NODES - {"dji_node", "bag_player", "viewer_node"}
 
 
 def test_the_page_comes_at_its_own_address_or_that_of_the_parameters(become, capsys):
     argv, _ = become("--page", "0.0.0.0:8081")
-    assert given(argv) == {"listen": "0.0.0.0:8081"}
+    assert values_of(argv) == {"listen": "0.0.0.0:8081"}
     assert set(argv[argv.index("--") + 1 :]) == NODES - {"bag_player"}
     argv, _ = become("--page")
     assert argv.count("--params-file") == 1
@@ -128,20 +124,23 @@ def test_the_page_comes_at_its_own_address_or_that_of_the_parameters(become, cap
 
 
 @pytest.mark.parametrize("verb", ["run", "demo"])
-def test_events_without_a_page_are_wrong_use(verb, capsys):
+def test_events_without_a_page_and_a_namespace_that_is_none_are_wrong_use(verb, become, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        become("--namespace", "uav 1")
+    assert "--namespace uav 1: use letters" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         command.main([verb, "--cot", "tcp://tak.example"])
     assert "--cot is for the operator's page: give --page too" in capsys.readouterr().err
 
 
-def test_what_runs_is_said_on_stdout_for_programs(become, capsys, monkeypatch):
+def test_what_runs_is_on_stdout_for_programs(become, capsys, monkeypatch):
     become("--json")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     become()
-    said = capsys.readouterr()
+    shown = capsys.readouterr()
     nodes = '["ekf_node", "gimbal_node", "overlay_node", "dji_node"]'
-    assert said.out == f'{{"nodes": {nodes}, "ros_domain_id": "0"}}\n'
-    assert "ROS_DOMAIN_ID=7" in said.err
+    assert shown.out == f'{{"nodes": {nodes}, "ros_domain_id": "0"}}\n'
+    assert "ROS_DOMAIN_ID=7" in shown.err
 
 
 @pytest.mark.parametrize("option", ["--bag", "--map", "--params", "--remap"])
@@ -152,13 +151,6 @@ def test_a_file_that_is_absent_is_named_before_anything_runs(option, capsys):
     )
 
 
-def test_a_wrong_namespace_is_wrong_use(become, capsys):
-    with pytest.raises(SystemExit) as raised:
-        become("--namespace", "uav 1")
-    assert raised.value.code == 2
-    assert "--namespace uav 1: use letters" in capsys.readouterr().err
-
-
 def test_the_file_of_other_names_for_mavros():
     pairs = read_remaps(PROJECT / "config" / "mavros.yaml")
     assert ("imu/data", "mavros/imu/data") in pairs
@@ -166,7 +158,7 @@ def test_the_file_of_other_names_for_mavros():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reason"),
     [
         ("", "no lines as imu/data: mavros/imu/data"),
         ("/imu/data: a", "/imu/data: no input of tirgeo: use imu/data, rtk/fix"),
@@ -175,10 +167,10 @@ def test_the_file_of_other_names_for_mavros():
         ("imu/data: a: b", "line 1"),
     ],
 )
-def test_what_is_no_remap_is_named(tmp_path, text, told):
+def test_what_is_no_remap_is_named(tmp_path, text, reason):
     path = tmp_path / "remap.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError) as raised:
         read_remaps(path)
     assert str(raised.value).startswith(f"{path}: ")
-    assert told in str(raised.value)
+    assert reason in str(raised.value)

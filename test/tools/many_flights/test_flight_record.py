@@ -47,9 +47,9 @@ def made(tmp_path):
         here = str(tmp_path)
         return FlightTask("flight", str(bag), str(out), here, options, "", source)
 
-    found = {"output": "out/flight.mcap", "error": None, "speed": float("nan")}
+    result = {"output": "out/flight.mcap", "error": None, "speed": float("nan")}
     season = {"outputs": {"flight.mcap": 6}, "facts": {"begin_utc": "2026-05-01T10:00:00Z"}}
-    written_record(task(), found | {"season": season}, 1)
+    written_record(task(), result | {"season": season}, 1)
     return task, read_records(out)["flight"]
 
 
@@ -59,6 +59,10 @@ def test_a_record_comes_back(made, tmp_path):
     assert record["speed"] is None
     assert record["season"]["bag"] == str(tmp_path / "flight.mcap")
     assert record["season"]["facts"] == {"begin_utc": "2026-05-01T10:00:00Z"}
+    os.utime(tmp_path / "params.yaml", ns=(5, 5))
+    assert is_done(record, task())  # with a file that was only touched
+    assert not is_done(None, task())
+    assert not is_done(written_record(task(), {"error": "no space"}, 1), task())
 
 
 def changed_flight(folder):
@@ -77,29 +81,15 @@ def changed_flight(folder):
     ],
     ids=["flight", "parameters", "new file", "output", "no output"],
 )
-def test_a_change_makes_it_anew(made, tmp_path, change):
-    task, record = made
-    change(tmp_path)
-    assert not is_done(record, task())
-
-
-def test_another_option_or_version_makes_it_anew(made, monkeypatch):
+def test_a_change_makes_it_anew(made, tmp_path, monkeypatch, change):
     task, record = made
     assert not is_done(record, task(method="rtk"))
-    monkeypatch.setattr(flight_record, "__version__", "99.0")
-    assert not is_done(record, task())
-
-
-def test_a_file_that_was_only_touched_is_the_same(made, tmp_path):
-    task, record = made
-    os.utime(tmp_path / "params.yaml", ns=(5, 5))
+    with monkeypatch.context() as other:
+        other.setattr(flight_record, "__version__", "99.0")
+        assert not is_done(record, task())
     assert is_done(record, task())
-
-
-def test_a_failed_flight_is_tried_again(made):
-    task, _ = made
-    assert not is_done(written_record(task(), {"error": "no space"}, 1), task())
-    assert not is_done(None, task())
+    change(tmp_path)
+    assert not is_done(record, task())
 
 
 def test_other_files_are_passed_over(made, tmp_path):
@@ -107,13 +97,10 @@ def test_other_files_are_passed_over(made, tmp_path):
     for text in ("", "{", "[]", "3", "{}", '{"season": {}}', season, "[" * 99999):
         (tmp_path / "out/other.json").write_text(text)
         assert list(read_records(tmp_path / "out")) == ["flight"]
-
-
-def test_each_needed_part_of_a_record_is_looked_for(made, tmp_path):
     _, record = made
-    for key in ("name", "bag", "made_from", "outputs", "facts"):
-        cut = record | {"season": {k: v for k, v in record["season"].items() if k != key}}
-        (tmp_path / "out/cut.json").write_text(json.dumps(cut))
+    for needed in ("name", "bag", "made_from", "outputs", "facts"):
+        season = {key: value for key, value in record["season"].items() if key != needed}
+        (tmp_path / "out/other.json").write_text(json.dumps(record | {"season": season}))
         assert list(read_records(tmp_path / "out")) == ["flight"]
 
 
@@ -125,7 +112,7 @@ def test_stamps_of_a_folder_are_those_of_its_bag(tmp_path):
 
 
 def test_a_record_that_cannot_be_written_is_an_error_of_its_flight(made, tmp_path):
-    task, _ = made
+    task = made[0]
     (tmp_path / "out/flight.json").unlink()
     (tmp_path / "out/flight.json").mkdir()
     record = written_record(task(), {"output": "out/flight.mcap", "error": None}, 1)
@@ -133,11 +120,7 @@ def test_a_record_that_cannot_be_written_is_an_error_of_its_flight(made, tmp_pat
         record["error"] == f"{tmp_path}/out/flight.json: not a file; give the output another name"
     )
     assert written_record(task(), {"error": "worse"}, 1)["error"] == "worse"
-
-
-def test_a_name_too_long_for_the_file_system_is_an_error_of_its_flight(made):
-    task = replace(made[0](), name="n" * 255)
-    record = written_record(task, {"output": None, "error": None}, 1)
+    record = written_record(replace(task(), name="n" * 255), {"output": None, "error": None}, 1)
     assert record["error"].endswith(".json: cannot be written: File name too long")
 
 
@@ -167,8 +150,8 @@ def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
         seconds=9.0,
     )
     out = tmp_path / "out.mcap"
-    given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
-    process(flight, out, namespace="uav1", **given)
+    options = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    process(flight, out, namespace="uav1", **options)
     _, jpeg = flight_facts(out, "uav1", 9.0)
     small = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert small.shape == (256, 320, 3)
@@ -176,7 +159,7 @@ def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
         cv2.resize(cv2.imdecode(np.frombuffer(bytes(m.data), np.uint8), 1), (320, 256), 0, 0, 0, 3)
         for _, m in messages_of(out, "/uav1/tirgeo/overlay/image/compressed")
     ]
-    errors = [np.abs(one.astype(float) - small).mean() for one in pictures]
+    errors = [np.abs(each.astype(float) - small).mean() for each in pictures]
     assert abs(np.argmin(errors) - len(pictures) / 2) <= 5  # in the middle; the first are late
 
 
@@ -212,33 +195,22 @@ def test_names(paths, names):
     assert len(set(names)) == len(names)
 
 
-def test_a_flight_keeps_its_name_and_no_other_gets_it():
+def test_a_flight_keeps_its_name_also_moved_or_as_a_link_and_no_other_gets_it(tmp_path):
+    """Recognised by its files' names, sizes and times of change."""
     records = {"flight": record("/a/flight.mcap", stamps_of("/a/flight.mcap"))}
     assert named("/a/flight.mcap", "/b/flight.mcap", records=records) == ["flight", "b_flight"]
     assert named("/b/flight.mcap", records=records) == ["b_flight"]
-
-
-def test_a_flight_that_was_moved_keeps_its_name_and_its_copy_gets_another():
-    """Known by its files' names, sizes and times of change."""
+    link = tmp_path / "may.mcap"
+    link.symlink_to(tmp_path / "disk_1.mcap")
+    assert flight_names({link: stamps_of(link)}, {}) == {link: "may"}
+    link.unlink()
+    link.symlink_to(tmp_path / "disk_2.mcap")  # which leads elsewhere
+    assert flight_names({link: stamps_of(link)}, {"spring": record(link)}) == {link: "spring"}
     stamps = stamps_of("/old/flight.mcap")
     records = {"may": record("/old/flight.mcap", stamps)}
     moved, copy = Path("/new/flight.mcap"), Path("/copy/flight.mcap")
     assert flight_names({moved: stamps}, records) == {moved: "may"}
     assert flight_names({moved: stamps, copy: stamps}, records) == {moved: "may", copy: "flight"}
-
-
-def test_an_absent_flight_is_no_other_absent_one():
-    nothing = [["flight.mcap", None, None]]
-    records = {"flight": record("/old/flight.mcap", nothing)}
-    path = Path("/new/flight.mcap")
-    assert flight_names({path: nothing}, records) == {path: "new_flight"}
-
-
-def test_a_link_has_its_own_name_and_keeps_it_where_it_leads_elsewhere(tmp_path):
-    link = tmp_path / "may.mcap"
-    link.symlink_to(tmp_path / "disk_1.mcap")
-    assert flight_names({link: stamps_of(link)}, {}) == {link: "may"}
-    records = {"spring": record(link)}
-    link.unlink()
-    link.symlink_to(tmp_path / "disk_2.mcap")
-    assert flight_names({link: stamps_of(link)}, records) == {link: "spring"}
+    absent = [["flight.mcap", None, None]]  # is no other absent one
+    records = {"flight": record("/old/flight.mcap", absent)}
+    assert flight_names({moved: absent}, records) == {moved: "new_flight"}

@@ -256,7 +256,9 @@ class Details:
 
     def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
         """Return rising indices of the pieces that may be inside planes, and which wholly are."""
-        block, _ = self.blocks.in_view(normals, offsets)
+        # Half of what ``Boxes.in_view`` computes: which blocks are not wholly outside.
+        nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.blocks.bounds
+        block = np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
         near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
         near = near[: np.searchsorted(near, len(self.owner))]
         number, whole = self.boxes.take(near).in_view(normals, offsets)

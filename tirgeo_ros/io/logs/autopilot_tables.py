@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.rotations import slerp
+from tirgeo_ros.core.frames.rotations import flu_from_frd, slerp
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.arrays import Array, IntArray

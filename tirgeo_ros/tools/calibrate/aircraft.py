@@ -29,8 +29,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
 )
 from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longest_piece
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
+from tirgeo_ros.core.frames.rotations import euler_from_matrix, flu_from_frd, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of

@@ -30,7 +30,7 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
-from tirgeo_ros.tools.calibrate.imu_bag import (
+from tirgeo_ros.tools.calibrate.imu import (
     CHANNELS,
     UNITS,
     Axis,

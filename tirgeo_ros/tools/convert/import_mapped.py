@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
+    flu_from_frd,
     matrix_from_quat,
     quat_conjugate,
     quat_from_matrix,

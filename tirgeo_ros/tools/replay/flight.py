@@ -21,7 +21,7 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import RecordingNavigation
-from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import (
     BagError,
     CameraError,
