@@ -32,7 +32,6 @@ from tirgeo_ros.tools.convert.dump import frames_in, packages_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_HOUR_NS = 3_600_000_000_000
 #: This many new seconds give the time of the capture to some milliseconds.
 _SECONDS = 60
 #: Counts of the telemetry that are reported.
@@ -149,7 +148,7 @@ def _placed(
     hours = DOCUMENTED_OFFSET_H if hours_by_file is None else hours_by_file
     origin = f"of the aircraft's receivers, taken as GMT+{hours}"
     doubt = [f"the time is {origin}; give --start-time if that is wrong by hours"]
-    shift_ns = seconds.shift_ns + delay_ns - hours * _HOUR_NS
+    shift_ns = seconds.shift_ns + delay_ns - hours * 3_600_000_000_000
     return CaptureTimeline(shift_ns=shift_ns), origin, doubt if hours_by_file is None else []
 
 

@@ -218,8 +218,6 @@ class ImuMounting:
 
 
 _FIX = "sensor_msgs/msg/NavSatFix"
-#: Stamps further from the times of recording belong to another clock.
-_FAR_S = 1.0
 #: Status of NavSatFix from which on rtk/fix is used.
 _LEAST_RTK = 1
 _MOST_NAMED = 5
@@ -349,7 +347,7 @@ class _Import:
         """Yield a line for each fault."""
         for stream in self.streams:
             yield from stream.warnings()
-        far = [f"{s.topic} {-s.lag_s:+.1f} s" for s in self.streams if abs(s.lag_s) > _FAR_S]
+        far = [f"{s.topic} {-s.lag_s:+.1f} s" for s in self.streams if abs(s.lag_s) > 1.0]
         if far:
             yield (
                 f"stamps are far from the times of recording ({', '.join(far)}) and are kept: "

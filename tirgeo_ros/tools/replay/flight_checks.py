@@ -49,10 +49,6 @@ F = TypeVar("F", bound=Callable[..., None])
 T = TypeVar("T")
 
 
-#: A longer step of the gimbal's stamps, back or on, is a jump.
-_GIMBAL_GAP_S = 1.0
-
-
 def _guarded(method: F) -> F:
     """Return a method that counts an exception as a fault of the check instead of raising."""
 
@@ -145,7 +141,8 @@ class FlightChecks:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
         if isinstance(sample, JointSample | CameraAttitudeSample):
-            self._streams.setdefault(topic, Stream(_GIMBAL_GAP_S)).add(sample, arrival_ns)
+            stream = self._streams.setdefault(topic, Stream(1.0))  # s; a longer step is a jump
+            stream.add(sample, arrival_ns)
         if isinstance(sample, JointSample):
             self._gimbal.joints(self._arrivals.stamped(topic, sample, arrival_ns))
         elif isinstance(sample, CameraAttitudeSample):

@@ -156,10 +156,9 @@ def simulate(
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
     ``start_s`` and ``duration_s`` cut bags and observations, and nothing else; without ``images``
-    there are no pictures and no clicks on targets. Return what was written. Raise ScenarioError,
-    and BagError or SurveyError if files cannot be written.
+    there are no pictures or clicks. Return a summary. Raise ScenarioError, BagError, SurveyError.
     """
-    outputs = [Path(out_dir) / name for name in (*NAMES, *("dem.asc", "dem.prj"))]
+    outputs = [Path(out_dir) / name for name in (*NAMES, "dem.asc", "dem.prj")]
     check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
     window = _window(scenario, scenario_path, start_s, duration_s)

@@ -207,9 +207,6 @@ def _regular(corners: int) -> Array:
     return np.stack([np.cos(angles), np.sin(angles)], -1)
 
 
-_DECIMALS = 9  # of a degree: a tenth of a millimetre
-
-
 def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
     """Return the park's map with heights above the ellipsoid."""
     features = []
@@ -256,6 +253,6 @@ def _clockwise(ring: Array) -> Array:
 def _positions(points: Array, plane: TangentPlane, relief: Relief) -> list[list[float]]:
     """Return longitude, latitude (deg), height (m) of ground points (N, 2)."""
     lat, lon, height = plane.geodetic_from_ned(relief.places(points))
-    degrees = np.round(np.degrees(np.stack([lon, lat], -1)), _DECIMALS)
+    degrees = np.round(np.degrees(np.stack([lon, lat], -1)), 9)  # a tenth of a millimetre
     positions: list[list[float]] = np.column_stack([degrees, np.round(height, 4)]).tolist()
     return positions

@@ -247,9 +247,6 @@ class SurveyScenario:
     apart_s: float = param(1.0, "shortest time between clicks on a point", ("s", 0, 100))
 
 
-_LAST_SECOND = 2**31 - 10  # a ROS stamp holds 2**31 - 1; the rest is for late arrivals
-
-
 @dataclass(frozen=True, slots=True)
 class Scenario:
     """Hold the parameters of a whole flight."""
@@ -296,7 +293,8 @@ class Scenario:
             ) from None
         start = start if start.tzinfo else start.replace(tzinfo=timezone.utc)
         second = int(start.timestamp())
-        if not 0 <= second <= _LAST_SECOND - self.duration_s:
+        # A ROS stamp holds 2**31 - 1; the rest is for late arrivals.
+        if not 0 <= second <= 2**31 - 10 - self.duration_s:
             raise ScenarioError(f"start_utc: {self.start_utc} is outside 1970 to 2038")
         return second * 1_000_000_000
 
@@ -344,8 +342,7 @@ def _check(scenario: Scenario) -> None:
         if high - low < scenario.park.cell_m:
             raise ScenarioError(
                 f"park.{name}: {low:g} to {high:g} is smaller than one cell of "
-                f"{scenario.park.cell_m:g} "
-                "m; give the lower end first"
+                f"{scenario.park.cell_m:g} m; give the lower end first"
             )
 
 
