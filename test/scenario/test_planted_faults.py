@@ -58,25 +58,24 @@ ELSEWHERE = {
 }
 
 
-@pytest.mark.parametrize("name", ELSEWHERE)
-def test_process_says_the_same_although_it_draws_nothing(name, sample, tmp_path):
+@pytest.mark.parametrize(
+    ("verb", "name"),
+    [("process", name) for name in ELSEWHERE]
+    + [("locate", name) for name in ("joints in degrees", "wrong K", "latency")],
+)
+def test_process_and_locate_say_the_same_although_nothing_is_drawn(verb, name, sample, tmp_path):
     fault = next(one for one in FAULTS if one.name == name)
     planted = fault.plant(FlightFiles.in_folder(sample), tmp_path)
-    given = {"params": planted.params, "map": planted.map, "images": False}
-    result = process(planted.bag, tmp_path / "out.mcap", **given)
+    out = tmp_path / {"process": "out.mcap", "locate": "points.geojson"}[verb]
+    if verb == "process":
+        given = {"params": planted.params, "map": planted.map, "images": False}
+        result = process(planted.bag, out, **given)
+    else:
+        pixels = sample / "observations.csv"
+        result = locate_pixels(planted.bag, pixels, out, params=planted.params)
     assert naming(fault, result["findings"])
     assert (result["error"] or "").startswith("NO GO: ") == ELSEWHERE[name]
-    assert (tmp_path / "out.mcap").exists()
-
-
-@pytest.mark.parametrize("name", ["joints in degrees", "wrong K", "latency"])
-def test_locate_says_the_same(name, sample, tmp_path):
-    fault = next(one for one in FAULTS if one.name == name)
-    planted = fault.plant(FlightFiles.in_folder(sample), tmp_path)
-    files = (planted.bag, sample / "observations.csv", tmp_path / "points.geojson")
-    result = locate_pixels(*files, params=planted.params)
-    assert naming(fault, result["findings"])
-    assert (result["error"] or "").startswith("NO GO: ") == ELSEWHERE[name]
+    assert out.exists()
 
 
 def test_nothing_is_wrong_with_the_sample(sample):

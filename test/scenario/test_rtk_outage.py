@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scenario.faults import drop, faster, shifted
-from scenario.runs import RTK, Deliveries, Fault, Interval, Run, calm, faulty, run, sizes
+from scenario.runs import RTK, Fault, Interval, Run, calm, faulty, run, sizes
 from scenario.table import LACKING
 
 from dev.smoothing import FOUND_S, LOST_S, OUTAGE_FLIGHT_S, outage_flight
@@ -20,28 +19,6 @@ from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 pytestmark = pytest.mark.slow
 
 SEEDS = (1, 2, 3, 4, 5, 6)
-
-
-@dataclass(frozen=True)
-class Outage:
-    """A run with RTK lost from ``LOST_S`` to ``FOUND_S``."""
-
-    done: Run
-    steps_m: Array  # (N,) how far each published position is from where the one before was going
-
-    @property
-    def t_s(self) -> Array:
-        return self.done.errors.t_s
-
-    def between(self, start_s: float, end_s: float) -> Array:
-        return (self.t_s >= start_s) & (self.t_s < end_s)
-
-
-@functools.cache
-def outage(seed: int) -> Outage:
-    flight = outage_flight(seed)
-    done = run(flight, faulty(flight, drop(*RTK), LOST_S, FOUND_S))
-    return Outage(done, steps(flight.plane, done))
 
 
 def steps(plane: TangentPlane, done: Run) -> Array:
@@ -56,52 +33,50 @@ def steps(plane: TangentPlane, done: Run) -> Array:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_twelve_seconds_without_rtk(seed):
-    found = outage(seed)
+    flight = outage_flight(seed)
+    done = run(flight, faulty(flight, drop(*RTK), LOST_S, FOUND_S))
+    steps_m, t_s = steps(flight.plane, done), done.errors.t_s
+
+    def between(start_s, end_s):
+        return (t_s >= start_s) & (t_s < end_s)
+
     running, degraded = FilterState.RUNNING, FilterState.DEGRADED
-    assert found.done.states_from(LOST_S) == (running, degraded, running)
-    assert found.done.resets == 0
-    errors = found.done.errors
-    heading_deg, tilt_deg, position_m = sizes(found.done)
+    assert done.states_from(LOST_S) == (running, degraded, running)
+    assert done.resets == 0
+    errors = done.errors
+    heading_deg, tilt_deg, position_m = sizes(done)
     # Errors stay small and inside three sigma, and are those of good data after five seconds.
-    during = found.between(LOST_S, FOUND_S + 5.0)
+    during = between(LOST_S, FOUND_S + 5.0)
     assert position_m[during].max() <= 1.5
     assert np.abs(errors.state / errors.sigma)[during, :3].max() <= 3.0
     assert heading_deg[during].max() <= 0.3
-    after = found.between(FOUND_S + 5.0, OUTAGE_FLIGHT_S)
+    after = between(FOUND_S + 5.0, OUTAGE_FLIGHT_S)
     assert max(heading_deg[after].max(), tilt_deg[after].max()) <= 0.3
     assert position_m[after].max() <= 0.05
     # Nothing moves more than usual in the first second; then GPS fixes do, below 5 cm each.
-    usual_m = found.steps_m[found.between(LOST_S - 10, LOST_S)].max()
-    assert found.steps_m[found.between(LOST_S, LOST_S + 1)].max() <= usual_m
-    assert found.steps_m[found.between(LOST_S, FOUND_S)].max() <= 0.05
+    usual_m = steps_m[between(LOST_S - 10, LOST_S)].max()
+    assert steps_m[between(LOST_S, LOST_S + 1)].max() <= usual_m
+    assert steps_m[between(LOST_S, FOUND_S)].max() <= 0.05
     # No fix makes good more than half of what went wrong meanwhile, beside what a fix does.
-    wrong_m = position_m[found.between(LOST_S, FOUND_S)][-1]
+    wrong_m = position_m[between(LOST_S, FOUND_S)][-1]
     assert wrong_m > 0.05  # else there is nothing to see
-    assert found.steps_m[found.between(FOUND_S, OUTAGE_FLIGHT_S)].max() <= wrong_m / 2 + usual_m
+    assert steps_m[between(FOUND_S, OUTAGE_FLIGHT_S)].max() <= wrong_m / 2 + usual_m
 
 
 START_S, CONTRADICTION_END_S, RECOVERED_S = 25.0, 35.0, 40.0
 GATED = Outcome.GATED.value
 
 
-def drifting(north_m_s: float, east_m_s: float, down_m_s: float) -> Fault:
-    """Positions that drift away from where they are, with the covariance of good ones."""
+def drifting(*off_m_s: float) -> Fault:
+    """Positions that drift away north, east and down, with the covariance of good ones."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
-        off_m_s = np.array([north_m_s, east_m_s, down_m_s])
-        return [
-            replace(
-                delivery,
-                sample=shifted(
-                    delivery.sample, off_m_s * (delivery.true_ns - interval.start_ns) * 1e-9
-                ),
-            )
-            if delivery.source is Source.RTK_POSITION and interval.holds(delivery)
-            else delivery
-            for delivery in found
-        ]
+    def late(delivery, interval: Interval):
+        if delivery.source is not Source.RTK_POSITION or not interval.holds(delivery):
+            return delivery
+        off_m = np.array(off_m_s) * (delivery.true_ns - interval.start_ns) * 1e-9
+        return replace(delivery, sample=shifted(delivery.sample, off_m))
 
-    return fault
+    return lambda found, interval: [late(delivery, interval) for delivery in found]
 
 
 @pytest.mark.parametrize("off_m_s", [(0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1), (0.2, 0, 0)])

@@ -21,8 +21,7 @@ from tirgeo_ros.core.camera.projection_covariance import (
     matrices,
     rays_to,
 )
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import Q_BODY_OPTICAL, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain

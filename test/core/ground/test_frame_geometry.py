@@ -15,8 +15,9 @@ from scenes import PLANE, camera_pose, graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL, Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    Q_BODY_OPTICAL,
     matrix_from_euler,
     matrix_from_quat,
     matrix_from_rotvec,

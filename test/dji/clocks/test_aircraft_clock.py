@@ -27,9 +27,6 @@ class Link(NamedTuple):
     arrival_ns: np.ndarray
     since_s: np.ndarray  # since the first, by the aircraft
 
-    def part(self, keep):
-        return Link(*(each[keep] for each in self))
-
     def messages(self, bits=32):
         for tick, extra, arrival in zip(
             self.ticks.tolist(), self.extra_ns.tolist(), self.arrival_ns.tolist(), strict=True
@@ -129,23 +126,10 @@ def test_jitter_is_taken_out_and_settled_stamps_step_as_the_counter_does(name, d
     assert np.abs(errors).max() < 2
     assert np.all(np.diff(stamps) > 0)
     assert settled[flown.since_s > 5].all()
+    assert float(clock.diagnostics["clock drift [ppm]"]) == pytest.approx(drift_ppm, abs=10)
     steps = np.diff(flown.ticks * MS + flown.extra_ns)
     off = np.abs(np.diff(stamps) - steps) - SLEW * steps
     assert off[settled[1:] & settled[:-1]].max() <= 2  # ns: roundings
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("drift_ppm", [50, -50])
-def test_an_hour_of_drift(drift_ppm):
-    flown = link(50, 3600, exponential(2), drift_ppm=drift_ppm, seed=3)
-    clock = AircraftClock(CONFIG)
-    errors = errors_ms(stamps_of(flown, clock, extra=True), flown, after_s=60)
-    # The lowest of a bin of 47 messages is late by 2 ms / 47 = 0.04 ms in the mean, the lowest of
-    # 22 bins by 0.002 ms; the slope, from bins 30 s apart, errs by less than 0.04 ms / 30 s,
-    # which is 0.03 ms over the window.
-    assert rms(errors) < 0.03
-    assert np.abs(errors).max() < 0.1
-    assert float(clock.diagnostics["clock drift [ppm]"]) == pytest.approx(drift_ppm, abs=2)
 
 
 def test_drift_that_follows_the_temperature():
@@ -175,20 +159,13 @@ def test_the_counter_wraps():
     assert clock.diagnostics["clock resets"] == "0"
 
 
-def with_reset(flown, at, ticks_before, off_s=0.0):
-    """The same link, where the aircraft's counter starts anew at the message ``at``."""
-    ticks = flown.ticks.copy()
-    ticks[at:] -= ticks[at] - ticks_before
-    arrival_ns, truth_ns = flown.arrival_ns.copy(), flown.truth_ns.copy()
-    arrival_ns[at:] += round(off_s * SECOND)
-    truth_ns[at:] += round(off_s * SECOND)
-    return flown._replace(ticks=ticks, arrival_ns=arrival_ns, truth_ns=truth_ns)
-
-
 @pytest.mark.parametrize("off_s", [0.0, 12.0])
 @pytest.mark.parametrize("start_s", [500.0, 3.9e6])  # the second: 45 days
 def test_a_counter_that_starts_again(off_s, start_s):
-    flown = with_reset(link(100, 60, exponential(2), seed=12, start_s=start_s), 3000, 40, off_s)
+    flown, off_ns = link(100, 60, exponential(2), seed=12, start_s=start_s), round(off_s * SECOND)
+    flown.ticks[3000:] -= flown.ticks[3000] - 40
+    flown.arrival_ns[3000:] += off_ns
+    flown.truth_ns[3000:] += off_ns
     clock = AircraftClock(CONFIG)
     stamps = stamps_of(flown, clock)
     assert np.all(np.diff(stamps) >= 0)
@@ -207,16 +184,14 @@ def test_a_counter_that_starts_again(off_s, start_s):
 def test_the_hosts_clock_is_set(step_s):
     flown = link(100, 60, exponential(2), seed=14)
     step_ns = round(step_s * SECOND)
-    arrival_ns, truth_ns = flown.arrival_ns.copy(), flown.truth_ns.copy()
-    arrival_ns[3000:] += step_ns
-    truth_ns[3000:] += step_ns
-    flown = flown._replace(arrival_ns=arrival_ns, truth_ns=truth_ns)
+    flown.arrival_ns[3000:] += step_ns
+    flown.truth_ns[3000:] += step_ns
     clock = AircraftClock(CONFIG)
     stamps = stamps_of(flown, clock)
     assert clock.diagnostics["clock host steps"] == "1"
     assert clock.diagnostics["clock resets"] == "0"
     errors = errors_ms(stamps, flown, 0)
-    assert np.abs(errors[:3000]).max() <= (arrival_ns - truth_ns)[:3000].max() / MS
+    assert np.abs(errors[:3000]).max() <= (flown.arrival_ns - flown.truth_ns)[:3000].max() / MS
     # Back: at the second message. Ahead: after 0.5 s, since it may be a queue.
     follows = 3000 if step_s < 0 else 3052
     assert np.abs(errors[follows : follows + 100]).max() < 20  # a delay: exp(-10) for 20 ms
@@ -320,7 +295,8 @@ def test_lost_messages(rate_hz, number):
     # Counted within 0.2 s; at 5 Hz and less at once.
     flown = link(rate_hz, 60, exponential(1), seed=5)
     lost_s = 40.0
-    flown = flown.part((flown.since_s < lost_s) | (flown.since_s >= lost_s + number / rate_hz))
+    kept = (flown.since_s < lost_s) | (flown.since_s >= lost_s + number / rate_hz)
+    flown = Link(*(each[kept] for each in flown))
     steady = SteadyStamps()
     errors = errors_ms(checked_stamps(flown, steady), flown, after_s=0)
     shows = flown.since_s >= lost_s + number / rate_hz + (0.22 if rate_hz > 5 else 0)

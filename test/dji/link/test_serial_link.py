@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import threading
 import time
 
 import pytest
@@ -146,24 +145,11 @@ def open_link():
         link.close()
 
 
-def send(cable, data):
-    end_s = time.monotonic() + PATIENCE_S
-    while data:  # as much as there is room for
-        assert time.monotonic() < end_s, "nobody takes it"
-        data = data[cable.write(data) :]
-
-
-def read_until(link, done):
-    """What came until ``done(all)``, and how long it took in seconds."""
-    start, data = time.monotonic(), b""
-    while not done(data):
-        assert time.monotonic() - start < PATIENCE_S, link.message
-        data += link.read(0.05)
-    return data, time.monotonic() - start
-
-
 def opened(link):
-    read_until(link, lambda _: link.state is LinkState.OPEN)
+    end_s = time.monotonic() + PATIENCE_S
+    while link.state is not LinkState.OPEN:
+        assert time.monotonic() < end_s, link.message
+        link.read(0.05)
     return link
 
 
@@ -199,16 +185,6 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
     assert reads < 30  # it does not spin
 
 
-def failing(*errors):
-    """An opener that fails with each error in turn, the last one for ever."""
-    left = list(errors)
-
-    def opener(path, baud):
-        raise left.pop(0) if len(left) > 1 else left[0]
-
-    return opener
-
-
 @pytest.mark.parametrize(
     ("error", "state", "message"),
     [
@@ -224,7 +200,10 @@ def failing(*errors):
     ],
 )
 def test_what_the_system_says_in_words(open_link, error, state, message):
-    link = open_link("/dev/ttyX", BAUD, failing(error))
+    def opener(path, baud):
+        raise error
+
+    link = open_link("/dev/ttyX", BAUD, opener)
     assert link.read(0.0) == b""
     assert link.state is LinkState(state)
     assert re.search(f"^/dev/ttyX: .*{message}", link.message)
@@ -253,8 +232,10 @@ def test_every_byte_comes_through_raw(cable, open_link):
     # All 256 values: none is eaten or changed as by a terminal for people (^C, ^S, CR, NL).
     link = opened(open_link(str(cable.path), BAUD))
     sent = bytes(range(256)) * 40
-    thread = threading.Thread(target=send, args=(cable, sent))
-    thread.start()
-    data, _ = read_until(link, lambda data: len(data) >= len(sent))
-    thread.join()
+    data, left = b"", sent
+    end_s = time.monotonic() + PATIENCE_S
+    while len(data) < len(sent):
+        assert time.monotonic() < end_s, link.message
+        left = left[cable.write(left) :] if left else left  # as much as there is room for
+        data += link.read(0.05)
     assert data == sent

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 
 import numpy as np
@@ -202,18 +203,8 @@ def pushes(draw):
     topics = tuple(draw(st.lists(st.sampled_from(TOPICS), unique=True, max_size=12)))
     package = Package(draw(st.integers(0, 4)), 50, draw(st.booleans()), topics)
     form = "<B" + "II" * package.with_timestamp + "".join(topic.form for topic in topics)
-    codes = "".join(int(n or 1) * code for n, code in _pairs(form[2:]))
+    codes = "".join(int(n or 1) * code for n, code in re.findall(r"(\d*)(\D)", form[2:]))
     return package, struct.pack(form, package.id, *[draw(number(code)) for code in codes])
-
-
-def _pairs(form):
-    count = ""
-    for code in form:
-        if code.isdigit():
-            count += code
-        else:
-            yield count, code
-            count = ""
 
 
 @given(pushes())

@@ -59,26 +59,6 @@ class Line:
         return self._read_ns
 
 
-def heard(aircraft, arrivals, dji, seed=7):
-    """The samples that dji_node makes of an aircraft's bytes, and its interpreter.
-
-    ``arrivals``: what the aircraft is told, with arrival times; ``dji``: dji_node's parameters.
-    """
-    clocks = Clocks(
-        AircraftClock(dji.clock), AircraftClock(dji.clock), AircraftClock(dji.clock, 2_500_000)
-    )
-    reader, line = FrameReader(), Line(seed)
-    telemetry = Telemetry(clocks, PackageTable())
-    interpreter = Interpreter(dji)
-    samples = []
-    for sent_ns, data in frames_of(aircraft, arrivals):
-        read_ns = line.read_ns(sent_ns, len(data))
-        for frame in reader.feed(data):
-            for reading in telemetry.read(frame, read_ns):
-                samples += interpreter.take(reading)
-    return samples + interpreter.flush(), interpreter
-
-
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
 AS_GOOD = 1.25
 #: The sample's first clicks are 10 s into it.
@@ -117,9 +97,20 @@ class Flight:
         ]
 
     def heard(self, **changes):
-        """The samples that come out of the aircraft's bytes, and their interpreter."""
+        """The samples that dji_node makes of the aircraft's bytes, and its interpreter."""
         aircraft = Aircraft(replace(self.aircraft, **changes), places=self.places)
-        return heard(aircraft, self.samples, self.dji)
+        clock, reader, line = self.dji.clock, FrameReader(), Line(seed=7)
+        clocks = Clocks(
+            AircraftClock(clock), AircraftClock(clock), AircraftClock(clock, 2_500_000)
+        )
+        telemetry, interpreter = Telemetry(clocks, PackageTable()), Interpreter(self.dji)
+        samples = []
+        for sent_ns, data in frames_of(aircraft, self.samples):
+            read_ns = line.read_ns(sent_ns, len(data))
+            for frame in reader.feed(data):
+                for reading in telemetry.read(frame, read_ns):
+                    samples += interpreter.take(reading)
+        return samples + interpreter.flush(), interpreter
 
     def judged(self, samples) -> Judged:
         samples, cameras = list(samples), {}

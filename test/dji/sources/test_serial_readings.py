@@ -229,30 +229,27 @@ def test_a_frame_whose_rest_does_not_come_is_given_up_after_a_pause(road):
     assert road.take(b"", NOW_NS, 2.0) == []
 
 
-def conditions(key, sent_with):
-    """What the watch says in ten seconds at 50 frames a second, the aircraft's acks among them."""
-    road = SerialDecoder(DjiConfig(key=key), PackageTable())
-    watch = LinkWatch("/dev/ttyUSB0", 230400, has_key=bool(key))
-    told = []
-    for k in range(1, 500):
-        data = frame(20 * k, sent_with)
-        if k % 50 == 0:
-            data += encode_frame(bytes(2), is_ack=True, session=2, key=sent_with)
-        now_s = k * 0.02
-        road.take(data, NOW_NS + k * 20_000_000, now_s)
-        counts = road.counts["bytes"], road.counts["frames"], road.locked
-        report = watch.look(now_s, LinkState.OPEN, "", *counts)
-        told += [report] if report else []
-    return [report.condition for report in told], watch.report
-
-
 @pytest.mark.parametrize(
     ("key", "words"), [(bytes(32).hex(), "key is not the aircraft's"), ("", "key is not set")]
 )
 def test_a_wrong_key_is_named(key, words):
-    """Frames whose data makes no sense are not received, whatever their check sums say."""
-    told, report = conditions(key, KEY)
+    """Frames whose data makes no sense are not received, whatever their check sums say.
+
+    Ten seconds at 50 frames a second, the aircraft's acks among them.
+    """
+    road = SerialDecoder(DjiConfig(key=key), PackageTable())
+    watch = LinkWatch("/dev/ttyUSB0", 230400, has_key=bool(key))
+    told = []
+    for k in range(1, 500):
+        data = frame(20 * k, KEY)
+        if k % 50 == 0:
+            data += encode_frame(bytes(2), is_ack=True, session=2, key=KEY)
+        now_s = k * 0.02
+        road.take(data, NOW_NS + k * 20_000_000, now_s)
+        counts = road.counts["bytes"], road.counts["frames"], road.locked
+        report = watch.look(now_s, LinkState.OPEN, "", *counts)
+        told += [report.condition] if report else []
     assert told == ["waiting", "wrong_key"]
-    assert report.level is LinkLevel.ERROR
-    assert words in report.message
-    assert "/dev/ttyUSB0" in report.message
+    assert watch.report.level is LinkLevel.ERROR
+    assert words in watch.report.message
+    assert "/dev/ttyUSB0" in watch.report.message

@@ -184,8 +184,11 @@ def test_utc_is_that_of_records_with_a_fix(tmp_path):
     for k in range(3):
         wrong_us = UTC_US - 3 * 3600 * 10**6
         log.add("vehicle_gps_position", 20_000_000 + k, wrong_us, *place, *FIX[:9], 1, True)
-    found = by_source(read_px4_ulog(log.write(tmp_path / "utc.ulg"), LogOptions()))
+    contents = read_px4_ulog(log.write(tmp_path / "utc.ulg"), LogOptions())
+    found = by_source(contents)
     (position,) = found[Source.GPS_POSITION]
+    assert len(found[Source.GPS_VELOCITY]) == 1
+    assert "was never RTK float or fixed" in " ".join(contents.notes)
     assert position.stamp_ns == (UTC_US + 20_300_000) * 1000
 
 

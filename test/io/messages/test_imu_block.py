@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.tools.calibrate.imu_bag import imu_block
+from tirgeo_ros.tools.calibrate.imu import imu_block
 
 TYPE = "sensor_msgs/msg/Imu"
 CDR = Cdr()

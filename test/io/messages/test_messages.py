@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from message_samples import EXACT, assert_same_rotation, made, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tirgeo_ros.core.frames import axes as frames
+from tirgeo_ros.core.frames import rotations as frames
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_euler,
     matrix_from_quat,

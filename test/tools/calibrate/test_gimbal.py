@@ -47,20 +47,12 @@ def video():
     return stamps, images, angles
 
 
-@pytest.fixture(scope="module")
-def run(video, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("gimbal")
+def test_table_8_and_the_time_series_come_out_within_the_noise(video, tmp_path):
     stamps, images, _ = video
     images = list(images)
     images[7] = np.full_like(images[7], 100)  # the board is lost for a moment
-    bag = picture_bag(folder / "wall.mcap", stamps, images)
-    table = folder / "attitude.csv"
-    return calibrate_gimbal([bag], BOARD, output=table), table
-
-
-@pytest.mark.slow
-def test_table_8_comes_out_within_the_noise(run, video):
-    result, *_ = run
+    bag, table = picture_bag(tmp_path / "wall.mcap", stamps, images), tmp_path / "attitude.csv"
+    result = calibrate_gimbal([bag], BOARD, output=table)
     kept = np.delete(np.degrees(video[2]), 7, axis=0)
     truth = kept.std(0, ddof=1)
     for axis, name in enumerate(("roll", "pitch", "yaw")):
@@ -71,13 +63,8 @@ def test_table_8_comes_out_within_the_noise(run, video):
         assert noise < 0.1 * truth[axis]
     assert result["used"] == FRAMES - 1
     assert next(iter(result["refused"].values())).startswith("no board")
-
-
-def test_the_time_series_is_the_truth(run, video):
-    _, table = run
     with table.open() as file:
         rows = list(csv.DictReader(file))
-    kept = np.delete(np.degrees(video[2]), 7, axis=0)
     found = np.array([[float(row[f"{a}_deg"]) for a in ("roll", "pitch", "yaw")] for row in rows])
     sigma = np.array(
         [[float(row[f"sigma_{a}_deg"]) for a in ("roll", "pitch", "yaw")] for row in rows]
@@ -86,7 +73,6 @@ def test_the_time_series_is_the_truth(run, video):
     assert [float(row["time_s"]) for row in rows][5:9] == [0.5, 0.6, 0.8, 0.9]
 
 
-@pytest.mark.slow
 def test_pictures_with_a_calibration_file_and_the_command(video, tmp_path, capsys):
     for number, image in enumerate(video[1][:12]):
         cv2.imwrite(str(tmp_path / f"f{number}.png"), image)
@@ -120,7 +106,6 @@ def test_what_is_missing_is_told(video, tmp_path):
         calibrate_gimbal([small], BOARD)
 
 
-@pytest.mark.slow
 def test_a_damaged_bag_is_used_as_far_as_it_can_be_read(video, tmp_path, capsys):
     stamps, images, _ = video
     bag = picture_bag(tmp_path / "wall.mcap", stamps, images)

@@ -46,41 +46,33 @@ def folder(views, tmp_path_factory):
     images = {f"view_{number}": view.image for number, view in enumerate(views)}
     images["wall"] = np.full((512, 640), 105, np.uint8)
     images["again"] = views[0].image
+    images["wide"] = cv2.resize(views[0].image, None, fx=1.5, fy=1.5)
     folder = write(tmp_path_factory.mktemp("lens") / "pictures", images)
     (folder / "broken.png").write_bytes(b"no picture")
     (folder / "notes.txt").write_text("not looked at")
     return folder
 
 
-@pytest.fixture(scope="module")
-def run(folder):
-    """The command's JSON and what it wrote."""
-    output, plot = folder.parent / "camera.yaml", folder.parent / "coverage.png"
-    result = calibrate_lens([folder], BOARD, output, plot=plot)
-    return result, output, plot
-
-
 @pytest.mark.slow
-def test_the_lens_is_found_within_its_sigmas(run):
-    result, output, plot = run
+def test_the_lens_is_found_within_its_sigmas(folder, tmp_path):
+    output, plot = tmp_path / "camera.yaml", tmp_path / "coverage.png"
+    result = calibrate_lens([folder], BOARD, output, plot=plot)
     assert np.abs(off_sigmas(result)).max() < 3
     assert result["reprojection_rms_px"] < 0.6  # and far below: the corners are good to 0.05 px
     camera = load_camera(output)
     assert camera.fx == pytest.approx(result["parameters"]["fx"])
     assert camera.distortion[4] == 0.0
     assert cv2.imread(str(plot)).shape[0] > 500
-
-
-@pytest.mark.slow
-def test_every_picture_that_is_not_used_has_its_reason(run):
-    result, *_ = run
+    # Every picture that is not used has its reason.
     refused = result["refused"]
     assert {"wall.png", "broken.png"} < set(refused)
     assert len({"again.png", "view_0.png"} & set(refused)) == 1
     assert refused["wall.png"].startswith("no board")
     assert refused["broken.png"].startswith("not readable")
-    assert result["pictures"] == 13
-    assert result["views"] == 13 - len(refused)
+    assert refused["wide.png"] == "another picture size: 960x768 pixels"
+    assert result["image_size"] == [640, 512]
+    assert result["pictures"] == 14
+    assert result["views"] == 14 - len(refused)
     assert set(result["view_rms_px"]).isdisjoint(refused)
 
 
@@ -124,16 +116,6 @@ def test_nothing_is_written_where_no_lens_is_found(folder, tmp_path):
     with pytest.raises(CalibrationError, match="2 usable views are left"):
         calibrate_lens([folder / "view_1.png", folder / "view_2.png"], BOARD, output)
     assert not output.exists()
-
-
-@pytest.mark.slow
-def test_pictures_of_another_size_are_refused(views, tmp_path):
-    images = {f"v{number}": view.image for number, view in enumerate(views[:5])}
-    images["wide"] = cv2.resize(views[5].image, None, fx=1.5, fy=1.5)
-    folder = write(tmp_path / "mixed", images)
-    result = calibrate_lens([folder], BOARD, tmp_path / "camera.yaml")
-    assert result["refused"]["wide.png"] == "another picture size: 960x768 pixels"
-    assert result["image_size"] == [640, 512]
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.parameters.parameter_file import write_parameters
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
@@ -43,12 +42,6 @@ def lens(tmp_path_factory):
     path = tmp_path_factory.mktemp("lens") / "lens.yaml"
     path.write_text(camera_yaml(LONG), encoding="utf-8")
     return path
-
-
-def test_without_any_calibration_the_bag_is_refused(flight, sample, tmp_path):
-    map_file = sample / "map.geojson"
-    with pytest.raises(BagError, match=r"flight\.mcap: needed topic absent: /thermal/camera_info"):
-        process(flight, tmp_path / "out.mcap", map=map_file)
 
 
 def test_process_draws_with_it(flight, lens, sample, tmp_path):

@@ -184,27 +184,6 @@ def test_the_commands_own_output_is_not_replaced(tmp_path):
             os.close(before)
 
 
-def with_files_below(size: int, *words: str) -> subprocess.CompletedProcess[str]:
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
-    # Python does not look whether its compiled modules were written whole.
-    command = [sys.executable, "-B", "-m", "tirgeo_ros.tools.cli.main", *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=limit)
-
-
-def test_a_flight_that_does_not_fit(sample, tmp_path):
-    (tmp_path / "flight.mcap").write_bytes((sample / "flight.mcap").read_bytes()[:2_000_000])
-    before = sorted(one.name for one in tmp_path.iterdir())
-    words = ["process", str(tmp_path / "flight.mcap"), "-o", str(tmp_path / "out.mcap")]
-    words += ["--map", str(sample / "map.geojson"), "--params", str(sample / "params.yaml")]
-    run = with_files_below(500_000, *words, "--video", str(tmp_path / "out.mp4"))
-    assert run.returncode == 1
-    assert run.stderr.count("\n") == 1
-    assert f"{tmp_path / 'out.mcap'}: cannot be written: File too large" in run.stderr
-    assert sorted(one.name for one in tmp_path.iterdir()) == before
-
-
 @contextlib.contextmanager
 def files_below(size: int) -> Iterator[None]:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -217,26 +196,39 @@ def files_below(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+def test_a_flight_that_does_not_fit(sample, tmp_path, capsys):
+    (tmp_path / "flight.mcap").write_bytes((sample / "flight.mcap").read_bytes()[:2_000_000])
+    before = sorted(one.name for one in tmp_path.iterdir())
+    words = ["process", str(tmp_path / "flight.mcap"), "-o", str(tmp_path / "out.mcap")]
+    words += ["--map", str(sample / "map.geojson"), "--params", str(sample / "params.yaml")]
+    with files_below(500_000):
+        assert main([*words, "--video", str(tmp_path / "out.mp4")]) == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert f"{tmp_path / 'out.mcap'}: cannot be written: File too large" in told
+    assert sorted(one.name for one in tmp_path.iterdir()) == before
+
+
 def frames(video, count=40):
     rng = np.random.default_rng(3)
     for number in range(count):
         video.add(number * 40_000_000, rng.integers(0, 255, (480, 640, 3), np.uint8))
 
 
-def full_for_a_moment(path):
-    with VideoFile(path) as video:
-        frames(video)
-        with files_below(100_000):
-            frames(video)
-        frames(video)
-
-
 def test_a_video_whose_disk_is_full_for_a_moment(tmp_path):
     """What failed once is told, though later there is room again."""
     path = tmp_path / "out.mp4"
     path.write_bytes(b"what was there")
+
+    def full_for_a_moment():
+        with VideoFile(path) as video:
+            frames(video)
+            with files_below(100_000):
+                frames(video)
+            frames(video)
+
     with pytest.raises(VideoError, match=r"out\.mp4: cannot be written: File too large"):
-        full_for_a_moment(path)
+        full_for_a_moment()
     assert path.read_bytes() == b"what was there"
     assert [one.name for one in tmp_path.iterdir()] == ["out.mp4"]
 

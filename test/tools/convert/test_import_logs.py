@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from contextlib import suppress
 from dataclasses import replace
 
 import pytest
+from autopilot_logs import MAGIC
 from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -35,24 +37,29 @@ def imported(folder, *names, **more):
 
 
 def test_logs_of_one_flight_are_merged_by_their_stamps(folder):
-    result = imported(folder, "rover.pos", "imu.csv", "clip.srt", columns=[folder / "imu.yaml"])
+    options = replace(OPTIONS, set_heading_rad=1.0)
+    columns = [folder / "imu.yaml"]
+    names = ("rover.pos", "imu.csv", "clip.srt")
+    result = imported(folder, *names, columns=columns, logs=options)
     assert {topic: seen["messages"] for topic, seen in result["written"].items()} == {
         "/imu/data": 19,
         "/rtk/fix": 2,
         "/gps/fix": 2,
         "/gimbal/attitude": 2,
+        "/ekf_node/set_heading": 1,
     }
     logged = [m.log_time_ns for m in BagReader(folder / "out.mcap").messages()]
     assert logged == sorted(logged)
-    for found in samples(folder / "out.mcap").values():
-        assert {s.stamp_ns for s in found} <= set(logged)
+    found = samples(folder / "out.mcap")
+    assert found["ekf_node/set_heading"][0].heading_rad == pytest.approx(1.0)
+    for each in found.values():
+        assert {s.stamp_ns for s in each} <= set(logged)
     forms = [log["form"] for log in result["files"]]
     assert forms == ["RTKLIB .pos", "CSV", "DJI subtitles (SRT)"]
     assert "imu.csv: refused 1 imu: imu.gyro.columns.3 is not a number" in result["warning"]
     assert "geoid" not in result["warning"]  # of DJI's receivers
     again = folder / "again.mcap"
-    paths = [folder / "rover.pos", folder / "imu.csv", folder / "clip.srt"]
-    import_flight(paths, again, logs=OPTIONS, columns=[folder / "imu.yaml"])
+    import_flight([folder / name for name in names], again, logs=options, columns=columns)
     assert again.read_bytes() == (folder / "out.mcap").read_bytes()
 
 
@@ -111,14 +118,6 @@ def test_whose_antenna_a_position_is_of(folder):
     assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(200.0)
 
 
-def test_a_heading_that_a_person_knows(folder):
-    options = LogOptions(set_heading_rad=1.0)
-    result = imported(folder, "rover.pos", logs=options)
-    assert result["written"]["/ekf_node/set_heading"]["messages"] == 1
-    (heading,) = samples(folder / "out.mcap")["ekf_node/set_heading"]
-    assert heading.heading_rad == pytest.approx(1.0)
-
-
 def test_impossible_samples_are_refused(folder):
     text = SRT.replace("48.137155", "0.000000").replace("11.576126", "0.000000")
     (folder / "clip.srt").write_text(text)
@@ -158,7 +157,6 @@ def test_units_that_gravity_contradicts(folder):
 @pytest.mark.parametrize(
     ("names", "columns", "message"),
     [
-        (("imu.csv",), (), r"imu\.csv: text in columns: say what they mean with --columns"),
         (("rover.pos",), ("imu.yaml",), r"imu\.yaml: --columns is for CSV files, and there is no"),
         (("imu.csv", "rover.pos"), ("imu.yaml",) * 2, "2 --columns for 1 CSV files"),
         (
@@ -211,6 +209,28 @@ def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s
     del expected[9]
     found = samples(folder / "out.mcap")["imu/data"]
     assert [s.stamp_ns for s in found] == [s.stamp_ns for s in expected]
+
+
+@pytest.mark.parametrize(
+    ("head", "package"), [(MAGIC + bytes(9), "pyulog"), (b"\xa3\x95\x80" + bytes(86), "pymavlink")]
+)
+def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, head, package):
+    for name in [one for one in sys.modules if one.partition(".")[0] == package] + [package]:
+        monkeypatch.setitem(sys.modules, name, None)
+    (tmp_path / "a.log").write_bytes(head)
+    assert main(["import", str(tmp_path / "a.log"), "-o", str(tmp_path / "a.mcap")]) == 1
+    assert f"{package} is missing: pip install {package}\n" in capsys.readouterr().err
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_cut_log_ends_as_a_cut_bag_does(shared, tmp_path, capsys):
+    """With exit code 1 and a line on stderr, and what could be read."""
+    pytest.importorskip("pyulog")
+    data = (shared / "foreign_logs" / "px4" / "fmu_v6c.ulg").read_bytes()
+    (tmp_path / "a.ulg").write_bytes(data[: len(data) * 9 // 10])
+    assert main(["import", str(tmp_path / "a.ulg"), "-o", str(tmp_path / "a.mcap")]) == 1
+    assert "a.ulg: the file is cut off or damaged: what could be" in capsys.readouterr().err
+    assert len(list(BagReader(tmp_path / "a.mcap").messages(["/imu/data"]))) > 500
 
 
 COLUMNS = PROJECT / "config" / "columns"

@@ -295,6 +295,8 @@ def test_every_recording_is_answered(bags, tmp_path, capsys):
         assert told.startswith(f"tirgeo import: {path}: a ROS 2 bag; ")
         assert words in told
         assert told.count("\n") == 1
+    split = bags / "rosbag2" / "real_mcap_split_no_metadata"
+    assert sum(1 for _ in BagReader(split).messages()) == 3177
 
 
 def test_every_form_of_a_recording_gives_the_same_bag(bags, tmp_path):

@@ -338,10 +338,3 @@ def test_what_cannot_be_imported(tmp_path, content, message, capsys):
     assert err.startswith(f"tirgeo import: {path}: {message}")
     assert err.count("\n") == 1
     assert [p for p in tmp_path.iterdir() if p != path] == []
-
-
-def test_the_bag_is_not_overwritten(empty_folder):
-    path = wrapper_bag(Flight(duration_s=0.2)).write(empty_folder / "options.bag")
-    with pytest.raises(BagError, match="would overwrite the input"):
-        import_flight(path, path)
-    assert path.exists()

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, quat_from_matrix, rotation_y
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer

@@ -90,9 +90,9 @@ def test_the_method_is_that_of_what_the_bag_holds(
         assert summary["written"][CAMERA_POSE] > 20
 
 
-def soon(path, more=""):
+def soon(path):
     """Parameters of a filter that waits for a better alignment for half a second."""
-    path.write_text(f"/**/ekf_node:\n  ros__parameters: {{alignment: {{wait_s: 0.5}}{more}}}\n")
+    path.write_text("/**/ekf_node:\n  ros__parameters: {alignment: {wait_s: 0.5}}\n")
     return path
 
 
@@ -250,7 +250,6 @@ def test_no_bag_no_map_no_sense(cut, options, tmp_path):
         (ConfigError, r"method: 'magic' is not one of raw, rtk", cut, {"method": "magic"}),
         (ConfigError, r"video need images", cut, {"images": False, "raw_images": True}),
         (VideoError, r"no such folder", cut, {"video": tmp_path / "absent" / "a.mp4"}),
-        (BagError, r"flight\.mcap: would overwrite the input", cut, {"out": cut}),
         (BagError, r"cannot be written", cut, {"out": tmp_path / "absent" / "o.mcap"}),
     ]
     before = {entry: entry.read_bytes() for entry in tmp_path.iterdir()}

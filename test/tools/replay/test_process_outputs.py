@@ -177,33 +177,16 @@ def test_a_click_in_the_bag_becomes_a_point(clicked, options, tmp_path):
     assert summary["written"]["/tirgeo/locate/fix"] == 1
 
 
-def model(path, params, height_m):
-    """A level elevation model, ellipsoidal, around the sample flight."""
-    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
-    from rasterio.transform import from_origin  # noqa: PLC0415 after it is known to be there
-
-    step_deg = 1e-4
-    plane = load_config(params, "ekf_node", EkfConfig).origin_lat_lon_h
-    west, north = plane[1] - 100 * step_deg, plane[0] + 100 * step_deg
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        height=200,
-        width=200,
-        count=1,
-        dtype="float32",
-        crs="EPSG:4979",
-        transform=from_origin(west, north, step_deg, step_deg),
-    ) as target:
-        target.write(np.full((200, 200), height_m, np.float32), 1)
-    return path
-
-
 def test_an_elevation_model_stands_before_the_parameters_height(clicked, options, tmp_path):
-    params = options["params"]
+    """A level one, ellipsoidal, 2 m above it."""
+    rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
+    params, dem = options["params"], tmp_path / "dem.tif"
     ground_m = load_config(params, "overlay_node", OverlayConfig).ground_height_m
-    dem = model(tmp_path / "dem.tif", params, ground_m + 2.0)
+    latitude, longitude, _ = load_config(params, "ekf_node", EkfConfig).origin_lat_lon_h
+    place = rasterio.transform.from_origin(longitude - 0.01, latitude + 0.01, 1e-4, 1e-4)
+    shape = {"height": 200, "width": 200, "count": 1, "dtype": "float32", "crs": "EPSG:4979"}
+    with rasterio.open(dem, "w", driver="GTiff", transform=place, **shape) as target:
+        target.write(np.full((1, 200, 200), ground_m + 2.0, np.float32))
     output = tmp_path / "out.mcap"
     process(clicked[0], output, dem=dem, **options)
     # 1 mm of the Earth's bend, and what float32 leaves of the height

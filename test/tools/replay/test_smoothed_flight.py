@@ -17,31 +17,19 @@ from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process
 
 
-@pytest.fixture(scope="module")
-def processed(nine_s, params, tmp_path_factory):
-    """Folder and summary of process without and with ``smooth``."""
-    folder = tmp_path_factory.mktemp("processed")
+def test_poses_alone_differ_and_are_more_certain(nine_s, params, tmp_path):
     given = {"params": params, "images": False}
-    return folder, {
-        name: process(nine_s, folder / f"{name}.mcap", **given, smooth=name == "smoother")
+    both = {
+        name: process(nine_s, tmp_path / f"{name}.mcap", **given, smooth=name == "smoother")
         for name in ("filter", "smoother")
     }
-
-
-def odometry_of(path):
-    return [message for _, message in messages_of(path, "/tirgeo/odometry")]
-
-
-def test_the_summary_says_so_and_counts_the_same(processed):
-    _, both = processed
     assert [one["smoothed"] for one in both.values()] == [False, True]
     for key in ("written", "verdicts", "states_s", "read", "gimbal", "state"):
         assert both["smoother"][key] == both["filter"][key]
-
-
-def test_poses_differ_and_are_more_certain(processed):
-    folder, _ = processed
-    of_filter, of_smoother = (odometry_of(folder / f"{n}.mcap") for n in ("filter", "smoother"))
+    of_filter, of_smoother = (
+        [message for _, message in messages_of(tmp_path / f"{name}.mcap", "/tirgeo/odometry")]
+        for name in both
+    )
     stamps = [m.header.stamp for m in of_filter]
     assert [m.header.stamp for m in of_smoother] == stamps
     middle = slice(len(stamps) // 4, len(stamps) // 2)

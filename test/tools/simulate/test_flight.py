@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
+    flu_from_frd,
     matrix_from_quat,
     quat_from_matrix,
     quat_multiply,

@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import (
+    Q_BODY_OPTICAL,
+    matrix_from_quat,
+    quat_from_euler,
+    quat_multiply,
+)
 from tirgeo_ros.core.ground.backprojection import first_hit
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io import messages as convert

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.config.schema import param
-from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.rotations import azimuth, matrix_from_euler
+from tirgeo_ros.core.frames.rotations import azimuth, flu_from_frd, matrix_from_euler
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import Source

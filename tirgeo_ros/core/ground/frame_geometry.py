@@ -26,8 +26,7 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_quat
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_from_matrix, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground, locate

@@ -29,9 +29,8 @@ from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import Registered, Sample
+from tirgeo_ros.tools.replay.registration import PICTURES, Registered, Sample, resolved
 
 
 class Window(NamedTuple):
