@@ -210,7 +210,10 @@ def test_an_imu_whose_gravity_has_the_wrong_sign_is_named(tables, params, axes):
 @pytest.mark.parametrize(
     ("stamp_ns", "reason"),
     [
-        *((stamp, "stamp_ns: must be a number of ns, is") for stamp in ("x", None, math.nan, [1])),
+        *(
+            (stamp, "stamp_ns: must be a number of ns, is")
+            for stamp in ("x", None, math.nan, math.inf, [1])
+        ),
         (0, "before the first"),
         (int(2e18), "after the last, at 16347"),
     ],

@@ -171,6 +171,15 @@ def test_an_error_keeps_what_was_there(tmp_path, before):
             bag.write("/imu/data", "no/such/Type", imu(1), 1)
     assert [each.read_bytes() for each in tmp_path.iterdir()] == before
 
+    def interrupted():
+        with BagWriter(path) as bag:
+            bag.write("/imu/data", IMU, imu(1), 1)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [each.read_bytes() for each in tmp_path.iterdir()] == before
+
 
 def test_what_is_no_file_is_not_replaced(tmp_path):
     """A device would be, by one who may write in its folder; a pipe stands for it."""

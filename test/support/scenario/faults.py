@@ -29,9 +29,9 @@ from tirgeo_ros.tools.simulate.processes import gauss_markov
 _SEED = 41
 
 
-def nothing(found: Deliveries, interval: Interval) -> Deliveries:
+def nothing(samples: Deliveries, interval: Interval) -> Deliveries:
     """No fault at all."""
-    return found
+    return samples
 
 
 def both(*faults: Fault) -> Fault:

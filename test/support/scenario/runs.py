@@ -64,9 +64,9 @@ def deliveries(flown: SimulatedFlight) -> Deliveries:
     ]
 
 
-def in_order(found: Iterable[Delivery]) -> Deliveries:
+def in_order(samples: Iterable[Delivery]) -> Deliveries:
     """Sorted by arrival; those of one instant stay in their order."""
-    return sorted(found, key=lambda delivery: delivery.arrival_ns)
+    return sorted(samples, key=lambda delivery: delivery.arrival_ns)
 
 
 def each(sources: tuple[Source, ...], change: Callable[[Delivery], Deliveries]) -> Fault:

@@ -79,7 +79,7 @@ class Row:
     flight: str = "lawnmower"
 
 
-def one(name: str, fault: Fault, period_s: float = 0.2) -> Row:
+def brief(name: str, fault: Fault, period_s: float = 0.2) -> Row:
     """A row with one bad sample, which must not matter."""
     return Row(name, fault, end_s=25.0 + period_s)
 
@@ -175,11 +175,11 @@ FROZEN = (
     Row("the same heading in hover", nothing, flight="hover"),
 )
 JUMPING = (
-    one("one position 0.3 m off", moved(0.3, 0, 0, POSITION)),
-    one("one position 1 km off", moved(0, 1000, 0, POSITION)),
-    one("one velocity 5 m/s off", faster(0, 5, 0, VELOCITY)),
-    one("one heading 30 deg off", turned(30)),
-    one("one heading flips", turned(180)),
+    brief("one position 0.3 m off", moved(0.3, 0, 0, POSITION)),
+    brief("one position 1 km off", moved(0, 1000, 0, POSITION)),
+    brief("one velocity 5 m/s off", faster(0, 5, 0, VELOCITY)),
+    brief("one heading 30 deg off", turned(30)),
+    brief("one heading flips", turned(180)),
     Row("headings flip for 1 s", turned(180), end_s=26.0),
     Row("headings flip for 10 s", turned(180), LACKING, UNTURNED, end_s=35.0),
     Row("positions 3 m off", moved(2, 2, 1, POSITION), LACKING, BY_VELOCITY),
@@ -209,7 +209,7 @@ BROKEN = (
     Row("gps covariance is NaN", covariance_not_a_number(*GPS)),
     Row("imu is NaN for 0.1 s", not_a_number(IMU), bounds=BRIDGED, end_s=25.1),
     Row("imu is NaN for 1 s", not_a_number(IMU), AGAIN, ALIGNED, end_s=26.0),
-    one("one imu sample saturated", saturated(), 0.01),
+    brief("one imu sample saturated", saturated(), 0.01),
     Row("imu saturated for 0.1 s", saturated(), bounds=BRIDGED, end_s=25.1),
 )
 FLOATING = (
@@ -233,10 +233,10 @@ CLOCKS = (
     Row("rtk 100 s ahead", misstamped(100.0, *RTK), LACKING, BY_GPS),
     Row("rtk stamps 0.3 s ahead", misstamped(0.3, *RTK), LACKING, UNSEEN, end_s=26.8),
     Row("gps from another epoch", misstamped(1e9, *GPS)),
-    one("one imu stamp 10 s ahead", misstamped(10.0, IMU), 0.01),
-    one("one imu stamp 10 s back", misstamped(-10.0, IMU), 0.01),
-    one("one imu stamp 0.1 s ahead", misstamped(0.1, IMU), 0.01),
-    one("one imu stamp of another epoch", misstamped(1e9, IMU), 0.01),
+    brief("one imu stamp 10 s ahead", misstamped(10.0, IMU), 0.01),
+    brief("one imu stamp 10 s back", misstamped(-10.0, IMU), 0.01),
+    brief("one imu stamp 0.1 s ahead", misstamped(0.1, IMU), 0.01),
+    brief("one imu stamp of another epoch", misstamped(1e9, IMU), 0.01),
 )
 AIR = (Row("the wind turns: 15 deg in 0.3 s", nothing, flight="shear", end_s=25.3),)
 
