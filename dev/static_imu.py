@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from dev.judging import exit_code
-from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.measurements import ImuSample

@@ -32,8 +32,10 @@ OF_OTHER_SENSORS = {
 
 def lines(path):
     """Names of the parameters that a file sets, and of those that wait behind a "#"."""
-    found = LINE.findall(path.read_text())
-    return [name for mark, name, _ in found if not mark], [name for mark, name, _ in found if mark]
+    result = LINE.findall(path.read_text())
+    return [name for mark, name, _ in result if not mark], [
+        name for mark, name, _ in result if mark
+    ]
 
 
 @pytest.mark.parametrize("path", [M600, M300, GENERIC], ids=lambda path: path.stem)
@@ -43,12 +45,12 @@ def test_a_shipped_file_is_short_and_sound_with_all_its_lines(path, tmp_path):
     whole = tmp_path / "whole.yaml"
     whole.write_text(LINE.sub(r"    \2: \3", path.read_text()))
     for file, names in ((path, live), (whole, [*live, *waiting])):
-        given = ParameterFile(file)
-        assert given.elsewhere() == []
-        values = {name: given.values(name).keys() for name in NODE_CONFIGS}
+        parameters = ParameterFile(file)
+        assert parameters.elsewhere() == []
+        values = {name: parameters.values(name).keys() for name in NODE_CONFIGS}
         assert set().union(*values.values()) == set(names)
         for node, kind in NODE_CONFIGS.items():
-            given.config(node, kind)
+            parameters.config(node, kind)
 
 
 @pytest.mark.parametrize(

@@ -80,11 +80,11 @@ def test_every_input_is_there_with_its_type():
 
 
 def test_every_parameter_on_the_page_is_one():
-    known = {
+    parameters = {
         parameter.name
         for config in (EkfConfig, GimbalConfig, OverlayConfig)
         for parameter in parameters_of(config)
     }
     named = re.findall(r"`((?:[a-z]+\.)?[a-z_]+_(?:s|m|m_s|deg))`", INPUTS)
     assert named
-    assert set(named) <= known
+    assert set(named) <= parameters

@@ -48,20 +48,20 @@ def is_drawing(path):
 @pytest.mark.usefixtures("sample")
 class TestScripts:
     def test_filter_csv(self, tmp_path):
-        said = run("01_filter_csv.py", tmp_path)
-        assert re.match(r"2851 solutions, state running, .*'used': 144", said)
+        text = run("01_filter_csv.py", tmp_path)
+        assert re.match(r"2851 solutions, state running, .*'used': 144", text)
         assert is_drawing(tmp_path / OUTPUT / "heading.png")
 
     def test_project_survey(self, tmp_path):
         """The points are corners of outlines in the picture: there the grey steps."""
-        said = run("02_project_survey.py", tmp_path)
-        assert int(re.match(r"(\d+) points in the picture of \d+ ns", said)[1]) >= 5
+        text = run("02_project_survey.py", tmp_path)
+        assert int(re.match(r"(\d+) points in the picture of \d+ ns", text)[1]) >= 5
         assert is_drawing(tmp_path / OUTPUT / "survey.png")
 
     def test_locate_pixels(self, tmp_path):
-        said = run("03_locate_pixels.py", tmp_path)
-        found = re.findall(r"P\d\d: (\S+) m from the survey, 95 % within (\S+) m", said)
-        inside = [float(error) <= float(radius) for error, radius in found]
+        text = run("03_locate_pixels.py", tmp_path)
+        result = re.findall(r"P\d\d: (\S+) m from the survey, 95 % within (\S+) m", text)
+        inside = [float(error) <= float(radius) for error, radius in result]
         # Of 23 points 19 or more are inside 95 % ellipses with a probability of 99.4 %.
         assert len(inside) == 23
         assert sum(inside) >= 19
@@ -70,8 +70,8 @@ class TestScripts:
         assert kinds.count("point") == kinds.count("ellipse") == 23
 
     def test_rtk_outage(self, tmp_path):
-        said = run("04_rtk_outage.py", tmp_path)
-        errors = re.findall(r"largest error (\S+) m, sigma then (\S+) m", said)
+        text = run("04_rtk_outage.py", tmp_path)
+        errors = re.findall(r"largest error (\S+) m, sigma then (\S+) m", text)
         (error, _), (longer, sigma) = [tuple(map(float, pair)) for pair in errors]
         assert error < longer < 3 * sigma
         assert is_drawing(tmp_path / OUTPUT / "outage.png")
@@ -111,7 +111,7 @@ def test_the_notebook_runs_from_the_top(monkeypatch):
     assert len(plt.get_fignums()) == 3
     assert all(plt.figure(number).axes[0].has_data() for number in plt.get_fignums())
     plt.close("all")
-    inside = [one.ellipse.major_m < 1.0 for one in namespace["located"]]
+    inside = [item.ellipse.major_m < 1.0 for item in namespace["located"]]
     assert len(inside) >= 3
     assert all(inside)
 

@@ -36,8 +36,8 @@ def test_launch_on_a_bag_runs_in_sim_time_and_in_its_namespace(launch_file, monk
     monkeypatch.chdir(tmp_path)
     for name in ("7", "my map.geojson", "b.gpkg"):
         (tmp_path / name).touch()
-    given = {"map": "my map.geojson,b.gpkg", "params_file": "", "namespace": "uav1"}
-    nodes = launched(launch_file, bag="7", **given)
+    options = {"map": "my map.geojson,b.gpkg", "params_file": "", "namespace": "uav1"}
+    nodes = launched(launch_file, bag="7", **options)
     assert set(nodes) == NODES - {"dji_node", "viewer_node"}
     for node in nodes.values():
         assert (node.namespace, node.remappings) == ("uav1", [("/clock", "clock")])
@@ -120,13 +120,13 @@ def test_launch_takes_params_for_params_file(launch_file, flight, tmp_path):
 
 def test_every_argument_is_described_and_has_a_default(launch_file):
     (*declared, _) = launch_file["generate_launch_description"]().positional[0]
-    for one in declared:
-        assert type(one).__name__ == "DeclareLaunchArgument"
-        assert isinstance(one.default_value, str)
-        assert len(one.description) > 10
-        assert one.choices is None or one.default_value in one.choices
+    for item in declared:
+        assert type(item).__name__ == "DeclareLaunchArgument"
+        assert isinstance(item.default_value, str)
+        assert len(item.description) > 10
+        assert item.choices is None or item.default_value in item.choices
     contract = "params_file map bag namespace dji use_sim_time log_level respawn rviz page"
-    assert set(contract.split()) <= {one.positional[0] for one in declared}
+    assert set(contract.split()) <= {item.positional[0] for item in declared}
 
 
 def test_launch_takes_the_camera_by_its_own_name(launch_file):
@@ -163,8 +163,8 @@ def test_launch_gives_every_node_the_inputs_other_names(launch_file, flight, tmp
 
 
 def test_launch_prefixes_the_frames_and_sets_the_level_of_our_loggers(launch_file):
-    given = {"params_file": "", "frames": "uav1/", "namespace": "/a/b/", "log_level": "debug"}
-    for name, node in launched(launch_file, **given).items():
+    options = {"params_file": "", "frames": "uav1/", "namespace": "/a/b/", "log_level": "debug"}
+    for name, node in launched(launch_file, **options).items():
         (values,) = node.parameters
         assert plain(values["frame_prefix"]) == "uav1/"
         assert node.ros_arguments[-2:] == ["--log-level", f"a.b.{name}:=debug"]
@@ -177,11 +177,11 @@ def test_launch_prefixes_the_frames_and_sets_the_level_of_our_loggers(launch_fil
 
 
 def test_launch_starts_live_nodes_again_and_with_a_bag_the_page_alone(launch_file, flight):
-    for given, respawns in (({}, True), ({"respawn": "false"}, False)):
-        nodes = launched(launch_file, page="true", **given)
-        found = {(node.respawn, node.respawn_delay, node.on_exit) for node in nodes.values()}
-        assert found == {(respawns, 2.0, None)}
-        on_bag = launched(launch_file, bag=flight, page="true", **given)
+    for options, respawns in (({}, True), ({"respawn": "false"}, False)):
+        nodes = launched(launch_file, page="true", **options)
+        result = {(node.respawn, node.respawn_delay, node.on_exit) for node in nodes.values()}
+        assert result == {(respawns, 2.0, None)}
+        on_bag = launched(launch_file, bag=flight, page="true", **options)
         assert on_bag["viewer_node"].on_exit is None
         assert on_bag.pop("viewer_node").respawn is respawns
         assert {node.respawn for node in on_bag.values()} == {False}
@@ -193,8 +193,8 @@ def test_launch_shows_rviz_in_the_namespace_and_the_frames(launch_file, flight, 
     with pytest.raises(RuntimeError, match="sudo apt install ros-jazzy-rviz2"):
         launched(launch_file, rviz="true")
     monkeypatch.setitem(launch_file["rviz"].__globals__, "get_package_prefix", lambda _: "/opt")
-    given = {"rviz": "true", "namespace": "uav1", "frames": "uav1/", "bag": flight}
-    actions = actions_of(launch_file, **given)
+    options = {"rviz": "true", "namespace": "uav1", "frames": "uav1/", "bag": flight}
+    actions = actions_of(launch_file, **options)
     (shown,) = (each for each in actions if getattr(each, "executable", "") == "rviz2")
     assert shown.arguments == ["-d", str(PROJECT / "config" / "tirgeo.rviz"), "-f", "uav1/map"]
     assert (shown.package, shown.namespace) == ("rviz2", "uav1")
@@ -206,8 +206,8 @@ def test_launch_shows_rviz_in_the_namespace_and_the_frames(launch_file, flight, 
 @pytest.mark.parametrize("page", ["true", "0.0.0.0:8081"])
 def test_launch_serves_the_page_where_it_is_told_to(launch_file, page, tmp_path):
     (tmp_path / "park.geojson").touch()
-    given = {"params_file": "", "map": str(tmp_path / "park.geojson"), "frames": "uav1/"}
-    nodes = launched(launch_file, page=page, **given)
+    options = {"params_file": "", "map": str(tmp_path / "park.geojson"), "frames": "uav1/"}
+    nodes = launched(launch_file, page=page, **options)
     assert set(nodes) == NODES - {"bag_player"}
     (values,) = nodes["viewer_node"].parameters
     assert values["map"].positional == (str(tmp_path / "park.geojson"),)
@@ -215,11 +215,11 @@ def test_launch_serves_the_page_where_it_is_told_to(launch_file, page, tmp_path)
     assert listens == ([] if page == "true" else [("0.0.0.0:8081",)])
 
 
-@pytest.mark.parametrize("given", [{"page": "true"}, {"bag": str(PROJECT)}])
-def test_each_node_has_the_enclave_of_the_policy(launch_file, given):
+@pytest.mark.parametrize("options", [{"page": "true"}, {"bag": str(PROJECT)}])
+def test_each_node_has_the_enclave_of_the_policy(launch_file, options):
     policy = ET.parse(PROJECT / "config" / "sros2_policy.xml").getroot()
     enclaves = {item.get("path") for item in policy.iter("enclave")}
-    for name, node in launched(launch_file, **given).items():
+    for name, node in launched(launch_file, **options).items():
         assert node.ros_arguments[:2] == ["--enclave", f"/tirgeo/{name}"]
         assert node.ros_arguments[1] in enclaves
 
@@ -234,12 +234,12 @@ def test_launch_on_a_bag_is_for_this_machine_alone(launch_file, monkeypatch, fli
     }
 
 
-@pytest.mark.parametrize("given", [{"bag": str(PROJECT), "localhost_only": "false"}, {}])
-def test_launch_leaves_the_reach_to_the_user(launch_file, monkeypatch, given):
+@pytest.mark.parametrize("options", [{"bag": str(PROJECT), "localhost_only": "false"}, {}])
+def test_launch_leaves_the_reach_to_the_user(launch_file, monkeypatch, options):
     """Where the launch file is told to, and on an aircraft, whose ground station looks on."""
     monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.7")
     expected = {PROFILE: str(PROJECT / "config" / "fastdds.xml")}
-    assert environment_of(launch_file, **given) == expected
+    assert environment_of(launch_file, **options) == expected
     assert (PROJECT / "config" / "fastdds.xml").is_file()
     monkeypatch.setenv(PROFILE, "/home/user/own.xml")
-    assert environment_of(launch_file, **given) == {}
+    assert environment_of(launch_file, **options) == {}

@@ -51,11 +51,11 @@ def package_xml():
 
 def setup_arguments(monkeypatch, *argv):
     """What setup.py gives to setuptools when it is called with ``argv``."""
-    given = {}
-    monkeypatch.setattr(setuptools, "setup", lambda **arguments: given.update(arguments))
+    passed = {}
+    monkeypatch.setattr(setuptools, "setup", lambda **arguments: passed.update(arguments))
     monkeypatch.setattr(sys, "argv", ["setup.py", *argv])
     runpy.run_path(str(PROJECT / "setup.py"))
-    return given
+    return passed
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def message_packages(folder):
     """Packages of the message types that are looked up by name: "sensor_msgs/msg/Imu"."""
     texts = (n.value for n in syntax_nodes(folder) if isinstance(n, ast.Constant))
     typenames = (re.fullmatch(r"(\w+)/(msg|srv)/\w+", text) for text in texts if type(text) is str)
-    return {found.group(1) for found in typenames if found}
+    return {result.group(1) for result in typenames if result}
 
 
 def test_names_and_versions_agree(package_xml, arguments):

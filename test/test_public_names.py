@@ -39,8 +39,8 @@ def test_types_are_those_of_the_stub():
     """mypy reads __init__.pyi, Python __init__.py: each name must come from one place."""
     stub = ast.parse((PROJECT / "tirgeo_ros" / "__init__.pyi").read_text())
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    told = {alias.name: node.module for node in imports for alias in node.names}
-    assert told == {
+    sources = {alias.name: node.module for node in imports for alias in node.names}
+    assert sources == {
         name: inspect.getmodule(getattr(tirgeo_ros, name)).__name__ for name in tirgeo_ros.__all__
     }
     (listed,) = (ast.literal_eval(n.value) for n in stub.body if isinstance(n, ast.Assign))

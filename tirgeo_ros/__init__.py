@@ -64,7 +64,7 @@ _HOMES = {
     "Camera": "core.camera.camera_model",
     "CameraPose": "core.types.poses",
     "TangentPlane": "core.frames.tangent_plane",
-    "Terrain": "core.ground.dem",
+    "Terrain": "core.ground.backprojection",
     "CameraRates": "core.camera.projection_covariance",
     "TirgeoError": "core.types.errors",
     "BagError": "core.types.errors",

@@ -3,7 +3,7 @@
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Ellipse, Located, Refusal
 from tirgeo_ros.core.types.errors import (
     BagError,

@@ -12,8 +12,8 @@ import numpy as np
 from dev.judging import Figure
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
     matrix_from_quat,
     quat_from_matrix,
     rotation_y,

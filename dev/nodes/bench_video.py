@@ -14,8 +14,7 @@ import numpy as np
 
 from dev.nodes.bench_listener import until_over
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import Q_BODY_OPTICAL, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH

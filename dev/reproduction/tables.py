@@ -95,7 +95,7 @@ def imu_noise(allan: Mapping[str, Any]) -> dict[str, object]:
             printed = f"{paper:g}" if ours == "correlation_time_s" else f"{paper:.4e}"
             rows.append([name, axis, printed, *_imu_cells(here, ours, paper)])
             walks += [abs(here[ours] / paper - 1)] if ours == "random_walk" else []
-    shown = [name for name, axis in axes.items() if axis["bias_seen"]]
+    shown = [name for name, axis in axes.items() if axis["bias_observed"]]
     return {
         "imu_noise": table(
             ["parameter", "axis", "paper, and put in", "here", "here / paper"], rows
@@ -109,13 +109,12 @@ def imu_noise(allan: Mapping[str, Any]) -> dict[str, object]:
 
 def _imu_cells(here: Mapping[str, Any], key: str, paper: float) -> list[str]:
     """Return a parameter of one axis and its ratio, or that the record does not show it."""
-    if key != "random_walk" and not here["bias_seen"]:
+    if key != "random_walk" and not here["bias_observed"]:
         return ["not seen" if key != "bias_sigma" else f"< {here[key]:.3e}", ""]
-    ratio = f"{here[key] / paper:.2f}"
-    if key != "correlation_time_s":
-        return [f"{here[key]:.3e} ± {here[f'{key}_sigma']:.1e}", ratio]
-    factor = here["correlation_time_factor"]
-    return [f"{here[key]:.0f}{f' (to a factor of {factor:.1f})' if factor else ''}", ratio]
+    value = f"{here[key]:.0f}" if key == "correlation_time_s" else f"{here[key]:.3e}"
+    if key == "random_walk":
+        value += f" ± {here['random_walk_sigma']:.1e}"
+    return [value, f"{here[key] / paper:.2f}"]
 
 
 def boards(results: Results) -> dict[str, object]:
@@ -140,7 +139,6 @@ def boards(results: Results) -> dict[str, object]:
         "gimbal": table(head, rows),
         "wall_used": wall["used"],
         "wall_pictures": wall["pictures"],
-        "swing_deg": f"{wall['span_deg']['yaw']:.0f}",
         "lens": table(
             ["parameter", "paper, and put in", "here", "sigma", "off by, sigmas"], fitted
         ),
@@ -148,8 +146,8 @@ def boards(results: Results) -> dict[str, object]:
         "views": lens["pictures"],
         "views_refused": len(lens["refused"]),
         "covered": f"{100 * lens['covered_share']:.0f}",
-        "reprojection_px": fixed(lens["reprojection_mean_px"], 3),
-        "worst_view_px": fixed(lens["reprojection_worst_view_px"], 3),
+        "reprojection_px": fixed(lens["reprojection_rms_px"], 3),
+        "worst_view_px": fixed(max(lens["view_rms_px"].values()), 3),
     }
 
 

@@ -20,10 +20,9 @@ from dev.real_flights import (
     groups,
     hidden_fixes,
     main,
-    moved_east,
     report,
 )
-from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
 DURATION_S = 30.0
 
@@ -74,19 +73,6 @@ def test_hidden_rtk_is_not_seen(config, samples):
     assert hidden_fixes(config, spoiled)[0][-1] == cuts[0]
     # A length of 30 s leaves cuts from 14, 18.3 and 22.7 s, of which each must end before 30.
     assert len(cuts) == sum(start < DURATION_S - CUT_S for start in (14, 18.33, 22.67))
-
-
-def test_only_rtk_positions_of_that_time_are_moved(samples):
-    moved = moved_east(samples, 10.0, 1.0, 0.5)
-    changed = [(a, b) for a, b in zip(samples, moved, strict=True) if a is not b]
-    assert len(changed) == pytest.approx(5, abs=1)
-    for before, after in changed:
-        assert isinstance(before, PositionSample)
-        assert before.source is Source.RTK_POSITION
-        assert 10e9 <= before.stamp_ns - samples[0].stamp_ns < 11e9
-        radius_m = (after.longitude_rad - before.longitude_rad) * math.cos(before.latitude_rad)
-        assert radius_m * 6.39e6 == pytest.approx(0.5, rel=0.01)  # radii differ by 0.7 %
-        assert after.latitude_rad == pytest.approx(before.latitude_rad, abs=1e-12)
 
 
 def made(name="p4rtk_x", aids="positions", error_m=1.0, used=99, resets=0, tilt_deg=1.0):

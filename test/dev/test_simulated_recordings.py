@@ -7,7 +7,7 @@ import pytest
 
 from dev.checkerboards import YAW_STD_DEG, camera_angles
 from dev.static_imu import write_static
-from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.simulate.scenario import scenario_from

@@ -19,12 +19,12 @@ from tirgeo_ros.library.tables import SENSORS
 @pytest.fixture(scope="module")
 def judged(short):
     """Messages of each topic, (log time, message), by rosbags."""
-    found = {}
+    result = {}
     with AnyReader([short], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for link, log_ns, data in reader.messages():
             message = reader.deserialize(data, link.msgtype)
-            found.setdefault(link.topic.lstrip("/"), []).append((log_ns, message))
-    return found
+            result.setdefault(link.topic.lstrip("/"), []).append((log_ns, message))
+    return result
 
 
 def test_every_message_of_every_known_topic_is_there(tables, judged):
@@ -40,7 +40,9 @@ def test_every_message_of_every_known_topic_is_there(tables, judged):
 def test_the_columns_are_the_fields_in_the_core_s_axes(tables, judged):
     """ROS has east-north-up and forward-left-up, degrees in a fix; a column names its own axis."""
     (_, imu), (_, fix), (_, vel) = (judged[t][3] for t in ("imu/data", "rtk/fix", "rtk/vel"))
-    row = {topic: {name: one[3] for name, one in table.items()} for topic, table in tables.items()}
+    row = {
+        topic: {name: item[3] for name, item in table.items()} for topic, table in tables.items()
+    }
     assert row["imu/data"]["force_right_m_s2"] == -imu.linear_acceleration.y
     assert row["imu/data"]["rate_forward_rad_s"] == imu.angular_velocity.x
     assert row["imu/data"]["force_down_m_s2"] == -imu.linear_acceleration.z < -9
@@ -61,11 +63,11 @@ def test_a_written_bag_holds_the_tables_again(tables, tmp_path):
     again = tirgeo_ros.read_bag(tmp_path / "again.mcap")
     assert list(again) == list(tables)
     for topic, table in tables.items():
-        for name, one in table.items():
-            if one.dtype == np.int64:
-                assert np.array_equal(again[topic][name], one), (topic, name)
+        for name, item in table.items():
+            if item.dtype == np.int64:
+                assert np.array_equal(again[topic][name], item), (topic, name)
             else:
-                assert np.allclose(again[topic][name], one, rtol=1e-14, atol=1e-15), (topic, name)
+                assert np.allclose(again[topic][name], item, rtol=1e-14, atol=1e-15), (topic, name)
 
 
 def test_another_reader_takes_what_was_written(tables, judged, tmp_path):
@@ -155,7 +157,7 @@ def test_what_cannot_be_read_is_warned_of(short, tmp_path):
 @pytest.mark.parametrize("column", ["stamp_ns", "arrival_ns"])
 @pytest.mark.parametrize("wrong_ns", [-1, (1 << 31) * 10**9])
 def test_a_time_that_a_bag_cannot_hold_is_named(tables, tmp_path, column, wrong_ns):
-    imu = {name: one[:3].copy() for name, one in tables["imu/data"].items()}
+    imu = {name: item[:3].copy() for name, item in tables["imu/data"].items()}
     imu[column][1] = wrong_ns
     with pytest.raises(TableError, match=rf"imu/data: .*{column} {wrong_ns}.* from 1970 to 2038"):
         tirgeo_ros.write_bag(tmp_path / "bag.mcap", {"imu/data": imu})
@@ -181,14 +183,14 @@ def test_what_names_no_file_or_topic_is_one_line(tables, short, tmp_path, wrong)
         "one topic": lambda: tirgeo_ros.read_bag(short, wrong or 0.5),
     }
     for name, call in calls.items():
-        with pytest.raises(TirgeoError) as told:
+        with pytest.raises(TirgeoError) as raised:
             call()
-        assert "\n" not in str(told.value), name
+        assert "\n" not in str(raised.value), name
 
 
 def test_nothing_is_no_bag(tables, tmp_path):
-    empty = {name: one[:0] for name, one in tables["imu/data"].items()}
-    for given in ({}, {"imu/data": empty}):
+    empty = {name: item[:0] for name, item in tables["imu/data"].items()}
+    for nothing in ({}, {"imu/data": empty}):
         with pytest.raises(TableError, match=r"bag.mcap: no table has a row"):
-            tirgeo_ros.write_bag(tmp_path / "bag.mcap", given)
+            tirgeo_ros.write_bag(tmp_path / "bag.mcap", nothing)
     assert list(tmp_path.iterdir()) == []

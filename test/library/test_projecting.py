@@ -38,8 +38,8 @@ def looking_down(pitch_deg=-60.0):
 def test_a_point_on_the_axis_is_at_the_principal_point():
     pose = looking_down()
     ahead = np.array([math.cos(math.pi / 4), math.sin(math.pi / 4), math.tan(math.pi / 3)])
-    found = project(10 * ahead, pose, XT2)
-    assert found.pixels == pytest.approx(np.array([[XT2.cx, XT2.cy]]))
+    result = project(10 * ahead, pose, XT2)
+    assert result.pixels == pytest.approx(np.array([[XT2.cx, XT2.cy]]))
     right_of_it = 10 * ahead + np.array([-0.5, 0.5, 0.0])  # to the south-east
     ((u, v),) = project(right_of_it, pose, XT2).pixels
     assert u > XT2.cx + 10
@@ -50,16 +50,16 @@ def test_what_is_projected_is_located_again():
     pose = looking_down()
     pixels = np.array([[10.0, 20.0], [300.0, 256.0], [600.0, 500.0], [-0.5, 511.5]])
     answers = locate(pixels, pose, XT2, 0.0)
-    points_n = np.array([one.point_n for one in answers])
+    points_n = np.array([item.point_n for item in answers])
     back = project(points_n, pose, XT2)
     assert back.pixels == pytest.approx(pixels, abs=1e-6)
     assert back.visible[:3].all()
     latitude, longitude, height = pose.plane.geodetic_from_ned(points_n)
     assert height == pytest.approx(0.0, abs=1e-6)  # where the iteration is accepted
-    assert {one.stamp_ns for one in answers} == {7}
+    assert {item.stamp_ns for item in answers} == {7}
     # the answers hold degrees: one rounding
-    assert latitude == pytest.approx([one.latitude_rad for one in answers], rel=1e-15)
-    assert longitude == pytest.approx([one.longitude_rad for one in answers], rel=1e-15)
+    assert latitude == pytest.approx([item.latitude_rad for item in answers], rel=1e-15)
+    assert longitude == pytest.approx([item.longitude_rad for item in answers], rel=1e-15)
 
 
 def crowd(pose, count=1500):
@@ -74,33 +74,33 @@ def test_the_covariances_are_those_of_a_crowd():
     """1500 poses give a variance to 3.7 %, one sigma: sqrt(2 / 1500); 15 % is four of them."""
     pose, config = looking_down(), tirgeo_ros.load_config(EXACT)
     (point,) = locate([200.0, 300.0], pose, XT2, 0.0, config=config)
-    found = project(point.point_n, pose, XT2, config=config)
-    assert found.linear.all()
+    result = project(point.point_n, pose, XT2, config=config)
+    assert result.linear.all()
     pixels, places = [], []
-    for one in crowd(pose):
-        offset_n = point.point_n - one.pose.position_n
-        pixels.append(XT2.project(offset_n @ matrix_from_quat(one.pose.q_nc))[0][0])
-        places.append(locate([200.0, 300.0], one, XT2, 0.0, config=config)[0].point_n)
-    for crowded, said in ((pixels, found.covariance[0]), (places, point.covariance_n)):
+    for item in crowd(pose):
+        offset_n = point.point_n - item.pose.position_n
+        pixels.append(XT2.project(offset_n @ matrix_from_quat(item.pose.q_nc))[0][0])
+        places.append(locate([200.0, 300.0], item, XT2, 0.0, config=config)[0].point_n)
+    for crowded, computed in ((pixels, result.covariance[0]), (places, point.covariance_n)):
         spread = np.cov(np.transpose(crowded))[:2, :2]
-        assert spread == pytest.approx(said[:2, :2], rel=0.15, abs=0.15 * said.trace() / 2)
+        assert spread == pytest.approx(computed[:2, :2], rel=0.15, abs=0.15 * computed.trace() / 2)
 
 
 def test_a_point_s_own_sigma_counts():
     pose, config = looking_down(), tirgeo_ros.load_config(EXACT)
     points_n = np.tile(locate([320.0, 256.0], pose, XT2, 0.0)[0].point_n, (3, 1))
-    found = project(points_n, pose, XT2, sigma_m=[0.0, np.nan, 1.0], config=config)
-    traces = np.trace(found.covariance, axis1=1, axis2=2)
+    result = project(points_n, pose, XT2, sigma_m=[0.0, np.nan, 1.0], config=config)
+    traces = np.trace(result.covariance, axis1=1, axis2=2)
     assert traces[0] == traces[1] < traces[2]
 
 
 def test_what_is_behind_or_beside_the_camera_is_not_visible():
     pose = looking_down()
-    found = project([[0.0, 0.0, -5.0], [30.0, -30.0, 20.0], [8.0, 8.0, 20.0]], pose, XT2)
-    assert found.visible.tolist() == [False, False, True]
-    assert np.isnan(found.pixels[0]).all()
-    assert np.isnan(found.covariance[0]).all()
-    assert not found.linear[0]
+    result = project([[0.0, 0.0, -5.0], [30.0, -30.0, 20.0], [8.0, 8.0, 20.0]], pose, XT2)
+    assert result.visible.tolist() == [False, False, True]
+    assert np.isnan(result.pixels[0]).all()
+    assert np.isnan(result.covariance[0]).all()
+    assert not result.linear[0]
     empty = project(np.zeros((0, 3)), pose, XT2)
     assert empty.pixels.shape == (0, 2)
     assert empty.covariance.shape == (0, 2, 2)
@@ -129,9 +129,9 @@ def test_a_pixel_without_ground_is_refused_with_its_reason():
 
 def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
     observed = [
-        one
-        for one in tirgeo_ros.load_observations(sample / "observations.csv")
-        if one.stamp_ns < flight.stamp_ns[-1]
+        item
+        for item in tirgeo_ros.load_observations(sample / "observations.csv")
+        if item.stamp_ns < flight.stamp_ns[-1]
     ]
     observed[0] = replace(observed[0], stamp_ns=int(flight.stamp_ns[-200]), u=9999.0)
     assert len(observed) >= 4
@@ -140,12 +140,12 @@ def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
     camera = tirgeo_ros.read_camera(short)
     answers = [
         answer
-        for one in observed
+        for item in observed
         for answer in locate(
-            (one.u, one.v), flight.picture_pose(one.stamp_ns), camera, 11.5, config=params
+            (item.u, item.v), flight.picture_pose(item.stamp_ns), camera, 11.5, config=params
         )
     ]
-    tirgeo_ros.save_located(tmp_path / "mine.geojson", answers, [one.id for one in observed])
+    tirgeo_ros.save_located(tmp_path / "mine.geojson", answers, [item.id for item in observed])
     assert (tmp_path / "mine.geojson").read_bytes() == (tmp_path / "tool.geojson").read_bytes()
     tirgeo_ros.save_located(tmp_path / "numbered.csv", answers)
     assert json.loads((tmp_path / "mine.geojson").read_text())["features"]

@@ -19,7 +19,7 @@ COLUMNS = SENSORS["rtk/heading"].columns
 
 
 def changed(**columns):
-    return {name: one for name, one in (HEADING | columns).items() if one is not None}
+    return {name: item for name, item in (HEADING | columns).items() if item is not None}
 
 
 @pytest.mark.parametrize(
@@ -68,11 +68,11 @@ def test_stamps_of_pandas_with_a_time_zone_are_those_without():
 
 def test_what_may_be_absent_has_its_default():
     imu = dict(zip([c.name for c in SENSORS["imu/data"].columns[:6]], np.eye(6), strict=True))
-    found = numbers_of("imu", imu | {"stamp_ns": np.arange(6)}, SENSORS["imu/data"].columns)
-    given, attitude = np.split(found.rows, [6], axis=1)
-    assert np.array_equal(given, np.eye(6))
+    result = numbers_of("imu", imu | {"stamp_ns": np.arange(6)}, SENSORS["imu/data"].columns)
+    inertial, attitude = np.split(result.rows, [6], axis=1)
+    assert np.array_equal(inertial, np.eye(6))
     assert np.isnan(attitude).all()
-    assert np.array_equal(found.arrivals_ns, np.arange(6))
+    assert np.array_equal(result.arrivals_ns, np.arange(6))
 
 
 @pytest.mark.parametrize("topic", SENSORS)
@@ -114,14 +114,14 @@ def blocks(text):
 @pytest.mark.slow
 @pytest.mark.usefixtures("sample")
 @pytest.mark.parametrize(
-    ("text", "count", "said"),
+    ("text", "count", "output"),
     [
         (README, 1, r"39\.\d{6} 116\.\d{6} ±0\.\d m\n"),
         (PAGE, 5, r"running .*\n39\.\d{6} 116\.\d{6} ±0\.\d m .*Ellipse\(.*running -?\d"),
     ],
     ids=["README", "library"],
 )
-def test_the_code_runs_from_top_to_bottom(text, count, said, tmp_path, monkeypatch, capsys):
+def test_the_code_runs_from_top_to_bottom(text, count, output, tmp_path, monkeypatch, capsys):
     (tmp_path / "bags").symlink_to(PROJECT / "bags")
     monkeypatch.chdir(tmp_path)
     code = blocks(text)
@@ -129,7 +129,7 @@ def test_the_code_runs_from_top_to_bottom(text, count, said, tmp_path, monkeypat
     namespace = {}
     for number, block in enumerate(code):
         exec(compile(block, f"block {number}", "exec"), namespace)
-    assert re.search(said, capsys.readouterr().out, re.DOTALL)
+    assert re.search(output, capsys.readouterr().out, re.DOTALL)
 
 
 @pytest.mark.parametrize("topic", SENSORS)

@@ -7,8 +7,7 @@ from scenes import PLANE, camera_pose, graticule
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain, locate
 from tirgeo_ros.core.orthorectification.orthophoto import GroundTiles
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.coordinates.crs import Plane

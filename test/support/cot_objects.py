@@ -11,8 +11,7 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.ground.ground_point import Located

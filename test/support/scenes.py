@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import Q_BODY_OPTICAL, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import GridOf
+from tirgeo_ros.core.ground.backprojection import GridOf
 from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer, VectorMap
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose

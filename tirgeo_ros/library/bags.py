@@ -19,7 +19,7 @@ from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.library.tables import ARRIVAL, ORDER, OUTPUTS, SENSORS, STAMP, Table, arrived
-from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, resolved
+from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 T = TypeVar("T")
 

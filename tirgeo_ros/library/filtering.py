@@ -15,8 +15,7 @@ from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
-from tirgeo_ros.core.streams.arrivals import Arrivals
-from tirgeo_ros.core.streams.stamps import exposure_ns
+from tirgeo_ros.core.streams.stamps import Arrivals, exposure_ns
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import PoseError
 from tirgeo_ros.core.types.poses import CameraPose
@@ -24,9 +23,10 @@ from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.library.projecting import PicturePose
 from tirgeo_ros.library.tables import Table, arrived, is_frame
 from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
-from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
 from tirgeo_ros.tools.replay.registration import (
+    GIMBAL_TOPICS,
+    METHOD_TOPICS,
     Registered,
     Sample,
 )

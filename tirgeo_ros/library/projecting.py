@@ -21,11 +21,9 @@ from tirgeo_ros.core.camera.projection_covariance import (
     matrices,
     rays_to,
 )
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import Q_BODY_OPTICAL, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.streams.sanity_checks import place_fault, pose_fault
 from tirgeo_ros.core.types.arrays import Array, BoolArray

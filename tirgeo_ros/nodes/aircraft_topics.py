@@ -17,7 +17,7 @@ from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.config.viewer_parameters import GroundConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, P, PoseBuffer
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.overlay.overlay import RATES_S, rates_up_to
 from tirgeo_ros.core.streams.stamps import exposure_ns

@@ -18,7 +18,7 @@ from tirgeo_ros.core.camera.projection_covariance import CHI2_95, ellipse_95
 from tirgeo_ros.core.checks.navigation_checks import nearest_causes
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.ground.ground_point import Answer
 from tirgeo_ros.core.targets.target import Target

@@ -24,7 +24,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from tirgeo_ros.core.config import AircraftConfig, BagPlayerConfig, SimulatedAircraftConfig
-from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError, shown
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal

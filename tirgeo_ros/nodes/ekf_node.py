@@ -16,8 +16,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.fusion import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.estimator.track import Track
-from tirgeo_ros.core.streams.arrivals import ArrivalOrder, Arrivals
-from tirgeo_ros.core.streams.stamps import RateLimit
+from tirgeo_ros.core.streams.stamps import ArrivalOrder, Arrivals, RateLimit
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution

@@ -9,7 +9,7 @@ from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.input_checks import parameter_findings
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import (
     DiagnosticItem,

@@ -22,7 +22,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from tirgeo_ros.core.config.frame_names import FramesConfig
+from tirgeo_ros.core.config.aircraft_parameters import FramesConfig
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError, shown
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.io.bags.cdr import Cdr

@@ -15,12 +15,11 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.ground_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult
-from tirgeo_ros.core.streams.arrivals import Arrivals
-from tirgeo_ros.core.streams.stamps import RateLimit
+from tirgeo_ros.core.streams.stamps import Arrivals, RateLimit
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Severity, sorted_findings, verdict_line
 from tirgeo_ros.io.elevation.elevation_model import ground_of

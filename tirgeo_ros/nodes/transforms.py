@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.config.frame_names import TransformsConfig
+from tirgeo_ros.core.config.aircraft_parameters import TransformsConfig
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose

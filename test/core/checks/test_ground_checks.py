@@ -17,7 +17,7 @@ from tirgeo_ros.core.checks.ground_checks import (
     map_findings,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.types.finding import Severity

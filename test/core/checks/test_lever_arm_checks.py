@@ -14,10 +14,9 @@ from flights import flight
 
 from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.inertial_checks import ImuMean
-from tirgeo_ros.core.checks.lever_arm_fit import Normal, integrated, solved
+from tirgeo_ros.core.checks.lever_arm_checks import Normal, integrated, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
-from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_euler
+from tirgeo_ros.core.frames.rotations import flu_from_frd, matrix_from_euler, quat_from_euler
 from tirgeo_ros.core.types.finding import Finding, Severity
 
 LEVER_FLU_M = np.array((-0.10, 0.32, 0.38))  # the scenario's

@@ -11,8 +11,7 @@ from checked_flights import Arrived, changed, checked, lost, recorded
 
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.inertial_checks import ImuMean
-from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
-from tirgeo_ros.core.checks.receiver_checks import VelocityChecks
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, VelocityChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, wrapped
 from tirgeo_ros.core.types.finding import Severity

@@ -13,7 +13,7 @@ from tirgeo_ros.core.checks.motion_fit import MotionFit
 from tirgeo_ros.core.checks.picture_checks import FrameStamps, PictureChecks, motion_findings
 from tirgeo_ros.core.checks.picture_motion import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.types.finding import Severity
 
 

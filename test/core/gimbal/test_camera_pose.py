@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
     euler_from_matrix,
     matrix_from_quat,
     matrix_from_rotvec,

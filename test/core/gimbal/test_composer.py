@@ -10,8 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import GimbalConfig, NorthConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, wrap_pi
+from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    matrix_from_quat,
+    quat_from_euler,
+    wrap_pi,
+)
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scenes import graticule
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Reason, first_hit
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Reason, Terrain, first_hit
 from tirgeo_ros.core.types.errors import ElevationError
 
 PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)

@@ -15,8 +15,9 @@ from scenes import PLANE, camera_pose, graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL, Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    Q_BODY_OPTICAL,
     matrix_from_euler,
     matrix_from_quat,
     matrix_from_rotvec,
@@ -25,7 +26,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.frame_geometry import (
     Sight,
     body_rpy,

@@ -21,8 +21,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Reason, locate
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Reason, Terrain, locate
 from tirgeo_ros.core.ground.ground_point import (
     MOST_SHARE,
     Located,

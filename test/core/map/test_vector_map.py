@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map import vector_map as map_module
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.types.errors import ConfigError

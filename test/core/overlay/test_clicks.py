@@ -21,7 +21,7 @@ from tirgeo_ros.core.overlay.clicks import (
     Marker,
     PlacedMarkers,
 )
-from tirgeo_ros.core.overlay.line_renderer import LineRenderer
+from tirgeo_ros.core.overlay.map_renderer import LineRenderer
 from tirgeo_ros.core.targets.target import Target
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)

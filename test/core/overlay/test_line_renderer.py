@@ -5,7 +5,7 @@ import pytest
 
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import LayerStyle
-from tirgeo_ros.core.overlay.line_renderer import FADES, LineRenderer
+from tirgeo_ros.core.overlay.map_renderer import FADES, LineRenderer
 
 GREY = 128
 #: OpenCV's anti-aliased line is no stronger than this in its middle.

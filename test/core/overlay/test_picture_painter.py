@@ -14,7 +14,7 @@ from scenes import camera_pose, graticule
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.visibility import why_absent
 from tirgeo_ros.core.overlay.clicks import Marker

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.streams.arrivals import ArrivalOrder, Arrivals
+from tirgeo_ros.core.streams.stamps import ArrivalOrder, Arrivals
 
 
 def order_of(depth: int, *lanes: str) -> ArrivalOrder[str]:

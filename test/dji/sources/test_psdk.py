@@ -13,8 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, quat_from_rotvec
+from tirgeo_ros.core.frames.rotations import (
+    ENU_NED,
+    FLU_FRD,
+    matrix_from_quat,
+    quat_from_matrix,
+    quat_from_rotvec,
+)
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder

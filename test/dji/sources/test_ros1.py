@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.rotations import ENU_NED, FLU_FRD, matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,

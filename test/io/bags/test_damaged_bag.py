@@ -60,9 +60,9 @@ FORMS = {
 def read(path):
     """Numbers of the messages that come, each checked to be what was written."""
     reader = BagReader(path)
-    found = list(reader.messages())
-    assert all(m.data == PAYLOADS[m.log_time_ns] for m in found)
-    return [m.log_time_ns for m in found], reader.damage
+    result = list(reader.messages())
+    assert all(m.data == PAYLOADS[m.log_time_ns] for m in result)
+    return [m.log_time_ns for m in result], reader.damage
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -200,13 +200,13 @@ def test_no_damage_raises_anything_else(tmp_path, form):
         path.write_bytes(data)
         try:
             reader = BagReader(path)
-            found = list(reader.messages())
+            result = list(reader.messages())
         except BagError:
             continue
-        wrong = [m for m in found if m.data != PAYLOADS[m.log_time_ns % COUNT]]
+        wrong = [m for m in result if m.data != PAYLOADS[m.log_time_ns % COUNT]]
         assert cut or form == "no chunks" or not wrong
-        assert len(found) <= COUNT + len(wrong)
-        assert reader.damage or len(found) == COUNT
+        assert len(result) <= COUNT + len(wrong)
+        assert reader.damage or len(result) == COUNT
 
 
 ZEROS = 40 << 20
@@ -232,7 +232,7 @@ def mcap(path, compression, size, packed):
     body += struct.pack("<Q", len(packed)) + packed
     header = struct.pack("<I4sI4s", 4, b"ros2", 4, b"test")
     records = [(Opcode.HEADER, header), (Opcode.CHUNK, body)]
-    data = b"".join(struct.pack("<BQ", op, len(one)) + one for op, one in records)
+    data = b"".join(struct.pack("<BQ", op, len(item)) + item for op, item in records)
     path.write_bytes(MAGIC + data)
     return path
 

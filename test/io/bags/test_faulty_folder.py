@@ -49,8 +49,8 @@ def absent(folder):
 def renamed(folder):
     for path in folder.glob("*.mcap"):
         path.rename(folder / path.name.replace("bag", "flight"))
-    told = (f"bag_{number}.mcap, named in metadata.yaml, is absent" for number in range(3))
-    return MESSAGES, "; ".join(told)
+    text = (f"bag_{number}.mcap, named in metadata.yaml, is absent" for number in range(3))
+    return MESSAGES, "; ".join(text)
 
 
 def empty_last(folder):
@@ -73,10 +73,10 @@ def metadata(text):
 )
 def test_a_part_that_is_lost_is_told_and_the_rest_is_read(tmp_path, change):
     folder = record(tmp_path / "bag", THIRDS)
-    wanted, told = change(folder)
-    found, damage = read(folder)
-    assert found == wanted
-    assert damage == f"{told}; {len(wanted)} messages were read"
+    wanted, text = change(folder)
+    result, damage = read(folder)
+    assert result == wanted
+    assert damage == f"{text}; {len(wanted)} messages were read"
 
 
 def test_metadata_that_are_a_pipe(tmp_path):
@@ -92,19 +92,19 @@ def test_a_cut_file_among_others(tmp_path, mode):
     (middle,) = folder.glob("bag_1.*")
     data = middle.read_bytes()
     middle.write_bytes(data[: len(data) // 2])
-    found, damage = read(folder)
-    assert found == [one for one in MESSAGES if one in found]
-    assert 200 <= len(found) < 300
+    result, damage = read(folder)
+    assert result == [item for item in MESSAGES if item in result]
+    assert 200 <= len(result) < 300
     assert damage.startswith(f"{middle.name}: ")
-    assert damage.endswith(f"; {len(found)} messages were read")
+    assert damage.endswith(f"; {len(result)} messages were read")
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_a_message_whose_compression_is_damaged(tmp_path, storage):
-    parts = [[one._replace(data=zstandard.compress(one.data)) for one in MESSAGES]]
+    parts = [[item._replace(data=zstandard.compress(item.data)) for item in MESSAGES]]
     parts[0][5] = parts[0][5]._replace(data=parts[0][5].data[:-9])
-    found, damage = read(record(tmp_path / "bag", parts, storage))
-    assert found == MESSAGES[:5] + MESSAGES[6:]
+    result, damage = read(record(tmp_path / "bag", parts, storage))
+    assert result == MESSAGES[:5] + MESSAGES[6:]
     assert "a message" in damage
     assert "is cut off or damaged; 299 messages were read" in damage
 
@@ -118,20 +118,20 @@ def test_no_damage_raises_anything_else(tmp_path, name):
     path = tmp_path / name.removesuffix(".zstd")
     (write_mcap if ".mcap" in name else write_sqlite)(path, MESSAGES * 3)
     path = compressed(path) if name.endswith(".zstd") else path
-    whole, rng, told = path.read_bytes(), random.Random(5), Counter()
+    whole, rng, counts = path.read_bytes(), random.Random(5), Counter()
     for _ in range(150):
         data = bytearray(whole)
         at, size = rng.randrange(16, len(data)), rng.choice([1, 8, 200, 4096])
         data[at : at + size] = rng.randbytes(size)
         path.write_bytes(data if rng.random() < 0.7 else data[: rng.randrange(20, len(data))])
         try:
-            found, damage = read(path)
+            result, damage = read(path)
         except BagError as error:
-            told["refused" if "\n" not in str(error) else "several lines"] += 1
+            counts["refused" if "\n" not in str(error) else "several lines"] += 1
         else:
-            told["all" if damage is None else "a part"] += 1
-            assert all(isinstance(one.log_time_ns, int) for one in found)
-    assert {"refused", "a part"} <= told.keys() <= {"refused", "a part", "all"}
+            counts["all" if damage is None else "a part"] += 1
+            assert all(isinstance(item.log_time_ns, int) for item in result)
+    assert {"refused", "a part"} <= counts.keys() <= {"refused", "a part", "all"}
 
 
 def test_rows_without_time_or_data_or_with_a_time_that_no_stamp_holds(tmp_path):
@@ -201,7 +201,7 @@ def naming(*names, **how):
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "output"),
     [
         (lambda folder: folder, "{}: no bag in this folder: no .mcap and no .db3 file"),
         (lambda folder: folder / "a.mcap", "{}/a.mcap: cannot be read: No such file"),
@@ -229,12 +229,12 @@ def naming(*names, **how):
         (cut_compression, "{}/a.db3.zstd: the compressed file is cut off or damaged: nothing"),
     ],
 )
-def test_one_clear_line(tmp_path, make, said):
+def test_one_clear_line(tmp_path, make, output):
     path = make(tmp_path)
-    with pytest.raises(BagError) as told:
+    with pytest.raises(BagError) as raised:
         read(path)
-    assert str(told.value).startswith(said.format(tmp_path))
-    assert "\n" not in str(told.value)
+    assert str(raised.value).startswith(output.format(tmp_path))
+    assert "\n" not in str(raised.value)
 
 
 def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
@@ -250,6 +250,6 @@ def test_a_disk_that_is_full(tmp_path, scratch, monkeypatch):
     path = compressed(tmp_path / "a.mcap")
     full = SimpleNamespace(free=bag._RESERVE + 1000)
     monkeypatch.setattr(bag.shutil, "disk_usage", lambda _: full)
-    said = rf"{path}: cannot be unpacked to {scratch}: only 0 MiB are free there; set TMPDIR to"
-    with pytest.raises(BagError, match=said):
+    text = rf"{path}: cannot be unpacked to {scratch}: only 0 MiB are free there; set TMPDIR to"
+    with pytest.raises(BagError, match=text):
         BagReader(path)

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("scratch")
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_every_form(tmp_path, scratch, storage, mode, parts, metadata):
     folder = record(tmp_path / "bag", parts, storage, mode, metadata=metadata)
-    there = {one: one.read_bytes() for one in folder.iterdir()}
+    there = {item: item.read_bytes() for item in folder.iterdir()}
     reader = BagReader(folder)
     assert list(reader.messages()) == MESSAGES
     assert list(reader.messages(["/b"], start_ns=150)) == MESSAGES[151::2]
@@ -43,7 +43,7 @@ def test_every_form(tmp_path, scratch, storage, mode, parts, metadata):
     assert len(list(scratch.iterdir())) == (len(parts) if mode == "file" else 0)
     del reader
     assert list(scratch.iterdir()) == []
-    assert {one: one.read_bytes() for one in folder.iterdir()} == there
+    assert {item: item.read_bytes() for item in folder.iterdir()} == there
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
@@ -58,9 +58,9 @@ def test_one_file_of_a_folder(tmp_path, storage, mode):
 def test_files_that_overlap_in_time(tmp_path):
     """At one time the file whose first message is the earlier comes first."""
     parts = [[message(n, text=f"{k}") for n in range(3 * k, 100, 7 - k)] for k in range(4)]
-    found = list(BagReader(record(tmp_path / "bag", parts)).messages())
+    result = list(BagReader(record(tmp_path / "bag", parts)).messages())
     placed = [(m.log_time_ns, place, m) for place, part in enumerate(parts) for m in part]
-    assert found == [m for *_, m in sorted(placed, key=lambda one: one[:2])]
+    assert result == [m for *_, m in sorted(placed, key=lambda item: item[:2])]
 
 
 def test_a_file_is_begun_when_its_time_has_come(tmp_path):
@@ -73,8 +73,8 @@ def test_a_file_is_begun_when_its_time_has_come(tmp_path):
 
 def test_files_without_metadata_come_by_their_numbers(tmp_path):
     parts = [[message(7, text=f"{number}")] for number in range(12)]
-    found = list(BagReader(record(tmp_path / "bag", parts, metadata=False)).messages())
-    assert found == [one for (one,) in parts]
+    result = list(BagReader(record(tmp_path / "bag", parts, metadata=False)).messages())
+    assert result == [item for (item,) in parts]
     assert by_numbers(Path("b_2.mcap")) < by_numbers(Path("b_10.mcap"))
 
 
@@ -106,12 +106,12 @@ def test_a_power_cut_leaves_the_last_messages_in_the_log_beside(tmp_path, scratc
         for end in ("", "-wal"):
             copy = folder / f"bag_0.db3{end}"
             copy.write_bytes((tmp_path / f"live.db3{end}").read_bytes())
-    there = {one: one.read_bytes() for one in folder.iterdir()}
+    there = {item: item.read_bytes() for item in folder.iterdir()}
     reader = BagReader(folder)
     assert list(reader.messages()) == list(reader.messages()) == MESSAGES
     del reader
     assert list(scratch.iterdir()) == []
-    assert {one: one.read_bytes() for one in folder.iterdir()} == there
+    assert {item: item.read_bytes() for item in folder.iterdir()} == there
 
 
 def test_a_database_without_the_index_of_times_gets_nothing_beside_it(tmp_path):
@@ -136,11 +136,11 @@ def test_a_page_of_a_database_with_fewer_rows_is_told(tmp_path):
         path.write_bytes(data)
         try:
             reader = BagReader(path)
-            found = list(reader.messages())
+            result = list(reader.messages())
         except BagError:  # of the page that has the topics
             continue
-        lost += found != MESSAGES
-        assert found == MESSAGES or reader.damage
+        lost += result != MESSAGES
+        assert result == MESSAGES or reader.damage
     assert lost > 0
 
 

@@ -74,9 +74,9 @@ def test_a_record_time_that_no_stamp_of_ros_2_holds(tmp_path):
     for k, at_ns in enumerate((BEGUN_NS, (1 << 31) * 10**9, BEGUN_NS + 1)):
         bag.add(at_ns, "/a", bag.new(UINT8, data=k))
     path = bag.write(tmp_path / "a.bag")
-    found = Ros1Bag(path)
-    assert [found.decoded(m).data for m in found.messages()] == [0, 2]
-    assert found.damage == "1 messages with a log time after 2038 left out"
+    result = Ros1Bag(path)
+    assert [result.decoded(m).data for m in result.messages()] == [0, 2]
+    assert result.damage == "1 messages with a log time after 2038 left out"
 
 
 @pytest.mark.parametrize("packed", PACKED)
@@ -85,12 +85,12 @@ def test_a_bag_that_was_cut_is_read_up_to_the_cut(tmp_path, packed):
     data, counts = path.read_bytes(), []
     for cut in np.linspace(len(MAGIC), len(data) - 1, 9).astype(int):
         path.write_bytes(data[:cut])
-        found = []
+        result = []
         with suppress(BagError):
-            found = read(path)
-        assert found == EXPECTED[: len(found)]
-        counts.append(len(found))
-        assert not found or f"{len(found)} messages were found" in str(Ros1Bag(path).damage)
+            result = read(path)
+        assert result == EXPECTED[: len(result)]
+        counts.append(len(result))
+        assert not result or f"{len(result)} messages were found" in str(Ros1Bag(path).damage)
     assert counts == sorted(counts)
     assert (counts[0], counts[-1]) == (0, len(EXPECTED))  # the last cut is in the index
     # The whole chunks before the cut, which are all alike but for the last.

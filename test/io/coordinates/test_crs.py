@@ -147,8 +147,8 @@ places = st.tuples(st.floats(-90, 90), st.floats(-180, 180))
 utm_places = st.tuples(st.floats(-79.99, 83.99), st.floats(-180, 180))
 
 
-def apart_m(one, other):
-    return GEOD.inv(one[1], one[0], other[1], other[0])[2]
+def apart_m(item, other):
+    return GEOD.inv(item[1], item[0], other[1], other[0])[2]
 
 
 def from_dms(text):

@@ -58,11 +58,11 @@ def projs_network():
 @pytest.fixture
 def server():
     """A server that has nothing, and what was asked of it: (its address, requests)."""
-    seen: list[str] = []
+    observed: list[str] = []
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            seen.append(self.path)
+            observed.append(self.path)
             self.send_error(404)
 
         do_HEAD = do_POST = do_GET  # noqa: N815  names of the library
@@ -72,43 +72,43 @@ def server():
 
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as made:
         threading.Thread(target=made.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{made.server_port}", seen
+        yield f"http://127.0.0.1:{made.server_port}", observed
         made.shutdown()
 
 
 @needs_filter
 def test_elevation_models(server, tmp_path):
     pytest.importorskip("rasterio", reason="elevation models need rasterio")
-    address, seen = server
+    address, observed = server
     path = tmp_path / "far.vrt"
     for place in PLACES:
         path.write_text(RASTER.format(place.format(address)))
         for dem in (str(path), place.format(address)):
             with pytest.raises(ElevationError, match="over the network only with the parameter"):
                 ground_of(OverlayConfig(dem=dem))
-    assert seen == []
+    assert observed == []
     with pytest.raises(ElevationError):
         ground_of(OverlayConfig(dem=f"/vsicurl/{address}/y.tif", network=True))
-    assert "/y.tif" in seen
+    assert "/y.tif" in observed
 
 
 @needs_filter
 def test_maps(server, tmp_path):
-    address, seen = server
+    address, observed = server
     path = tmp_path / "far.vrt"
     for text in (SERVICE, *(VECTOR.replace("{}", place) for place in PLACES)):
         path.write_text(text.format(address))
         with pytest.raises(MapError, match=r"far\.vrt: "):
             read_layers(str(path))
-    assert seen == []
+    assert observed == []
     path.write_text(VECTOR.format(f"{address}/a.geojson"))
     run_measured(LOAD, str(path), "network")  # in a child, for pyogrio holds the interpreter
-    assert "/a.geojson" in seen
+    assert "/a.geojson" in observed
 
 
 def test_grids_of_a_datum(server, tmp_path, monkeypatch):
     """Great Britain's datum has a grid, which PROJ would fetch where the environment says so."""
-    address, seen = server
+    address, observed = server
     monkeypatch.setenv("PROJ_NETWORK", "ON")
     monkeypatch.setenv("PROJ_NETWORK_ENDPOINT", address)
     monkeypatch.setenv("PROJ_USER_WRITABLE_DIRECTORY", str(tmp_path / "proj"))
@@ -119,9 +119,9 @@ def test_grids_of_a_datum(server, tmp_path, monkeypatch):
     )
     done = run_measured(LOAD, str(path))
     assert "MapLayer" in done.said, done
-    assert seen == []
+    assert observed == []
     run_measured(LOAD, str(path), "network")
-    assert seen
+    assert observed
 
 
 @needs_filter

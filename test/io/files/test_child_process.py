@@ -102,14 +102,14 @@ def test_an_answer_can_be_waited_for(child):
     assert child.answers_within(60.0)  # its end is one, which ``receive`` tells
 
 
-@pytest.mark.parametrize(("patience_s", "said"), [(60.0, "cleaned up"), (0.0, "")])
-def test_one_that_is_told_to_end_may_clean_up(patience_s, said):
+@pytest.mark.parametrize(("patience_s", "text"), [(60.0, "cleaned up"), (0.0, "")])
+def test_one_that_is_told_to_end_may_clean_up(patience_s, text):
     """With no patience it is killed at once: it sleeps meanwhile."""
     child = ChildProcess(_TIDY)
     child.send(None)
     assert child.receive() == child.number
     child.end(patience_s)
-    assert child.said == said
+    assert child.said == text
     child.end(patience_s)  # again
 
 
@@ -191,6 +191,6 @@ def test_a_node_ends_with_the_process_that_started_it(tmp_path):
         "os.kill(os.getpid(), 9)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=False)
-    told = tmp_path / "told"
-    wait_until(lambda: told.exists() and told.read_text(), 30)
-    assert told.read_text() == "SIGTERM"
+    signalled = tmp_path / "told"
+    wait_until(lambda: signalled.exists() and signalled.read_text(), 30)
+    assert signalled.read_text() == "SIGTERM"

@@ -31,8 +31,8 @@ def test_the_chain_of_transforms_is_the_camera_pose():
     chains = Chains([through_cdr(made.tf([body])), through_cdr(made.tf([camera]))])
     pose = made.camera_pose(samples.CAMERA_POSE).pose.pose
     wanted = rigid(pose.position, pose.orientation)
-    found = chains.pose("tir_optical_frame", samples.STAMP_NS)
-    assert_allclose(found, wanted, rtol=0, atol=ROUNDING)
+    result = chains.pose("tir_optical_frame", samples.STAMP_NS)
+    assert_allclose(result, wanted, rtol=0, atol=ROUNDING)
     odometry = made.odometry(samples.SOLUTION, samples.BODY).pose.pose
     assert_array_equal(
         rigid(odometry.position, odometry.orientation),
@@ -41,8 +41,8 @@ def test_the_chain_of_transforms_is_the_camera_pose():
 
 
 def test_what_is_fixed_is_where_the_aircraft_block_has_it():
-    found = made.fixed_transforms(AIRCRAFT, samples.STAMP_NS)
-    chains = Chains([through_cdr(made.tf(found))])
+    result = made.fixed_transforms(AIRCRAFT, samples.STAMP_NS)
+    chains = Chains([through_cdr(made.tf(result))])
     assert set(chains.parents.values()) == {"base_link"}
     places = {
         "rtk_antenna": (0.5, 1.75, 3.125),
@@ -86,17 +86,17 @@ def test_outline_and_track_are_in_the_map():
 
 def ids_of(message) -> set[str]:
     """Every frame id in a message, but for that of a marker's texture."""
-    found = set()
+    result = set()
     for name in message.__dataclass_fields__:
         if name == "texture":
             continue
         value = getattr(message, name)
         if name in ("frame_id", "child_frame_id"):
-            found.add(value)
+            result.add(value)
         for each in value if isinstance(value, list) else [value]:
             if hasattr(each, "__dataclass_fields__"):
-                found |= ids_of(each)
-    return found
+                result |= ids_of(each)
+    return result
 
 
 def test_every_message_has_the_prefix():
@@ -110,8 +110,8 @@ def test_every_message_has_the_prefix():
     }
     messages += [make(named) for make in makers.values()]
     messages += [named.tf(named.fixed_transforms(AIRCRAFT, 0))]
-    found = set().union(*map(ids_of, messages))
-    assert found == {
+    result = set().union(*map(ids_of, messages))
+    assert result == {
         *("uav1/field", "uav1/body", "uav1/eye", "uav1/imu_link", "uav1/gimbal_pivot"),
         *("uav1/rtk_antenna", "uav1/second_antenna", "uav1/gps_antenna"),
     }

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.tools.calibrate.imu_bag import imu_block
+from tirgeo_ros.tools.calibrate.imu import imu_block
 
 TYPE = "sensor_msgs/msg/Imu"
 CDR = Cdr()
@@ -56,12 +56,12 @@ numbers = st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3)
 def test_a_block_is_its_messages(given_messages):
     data = [cdr(message(f, s, r, a), big=big) for f, s, r, a, big in given_messages]
     block = imu_block(data)
-    read = [CDR.deserialize(one, TYPE) for one in data]
+    read = [CDR.deserialize(item, TYPE) for item in data]
     assert block.unreadable == 0
-    assert block.stamps_ns.tolist() == [stamp_ns(one) for one in read]
+    assert block.stamps_ns.tolist() == [stamp_ns(item) for item in read]
     assert block.values.shape == (len(data), 6)
-    for row, one in zip(block.values, read, strict=True):
-        r, f = one.angular_velocity, one.linear_acceleration
+    for row, item in zip(block.values, read, strict=True):
+        r, f = item.angular_velocity, item.linear_acceleration
         np.testing.assert_array_equal(row, [r.x, r.y, r.z, f.x, f.y, f.z])
 
 

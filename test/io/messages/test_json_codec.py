@@ -37,8 +37,8 @@ def text_of(document):
 
 
 def test_a_located_click_comes_back_to_the_last_digit():
-    found = answer_of(MESSAGES.answer(LOCATED))
-    assert (found, found.uv) == (LOCATED, (12.25, 200.5))
+    result = answer_of(MESSAGES.answer(LOCATED))
+    assert (result, result.uv) == (LOCATED, (12.25, 200.5))
     assert (
         json.loads(MESSAGES.answer(LOCATED).data).items()
         >= {
@@ -210,8 +210,8 @@ def test_another_version_and_one_without_end_are_named():
 
 def test_findings_come_back_and_texts_from_outside_are_cut():
     long = dataclasses.replace(samples.FINDING, evidence="x" * 5000, severity=Severity.NOTE)
-    node, stamp_ns, found = findings_of(
+    node, stamp_ns, result = findings_of(
         MESSAGES.findings("/uav1/ekf_node", 5, [samples.FINDING, long])
     )
-    assert (node, stamp_ns, found[0]) == ("/uav1/ekf_node", 5, samples.FINDING)
-    assert len(found[1].evidence) == MOST
+    assert (node, stamp_ns, result[0]) == ("/uav1/ekf_node", 5, samples.FINDING)
+    assert len(result[1].evidence) == MOST

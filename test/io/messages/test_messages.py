@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from message_samples import EXACT, assert_same_rotation, made, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from tirgeo_ros.core.frames import axes as frames
+from tirgeo_ros.core.frames import rotations as frames
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_euler,
     matrix_from_quat,
@@ -36,10 +36,7 @@ from tirgeo_ros.io import messages
 from tirgeo_ros.io.messages import SENSED_SAMPLES, sensed
 from tirgeo_ros.io.messages.decode import heading_sample, position_sample, velocity_sample
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
-from tirgeo_ros.io.messages.message_parts import (
-    covariance_turned_world,
-    quat_turned_world,
-)
+from tirgeo_ros.io.messages.message_parts import covariance_turned_world, quat_turned_world
 
 unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
     lambda q: np.linalg.norm(q) > 1e-3
@@ -77,9 +74,9 @@ def test_round_trips(name):
     sample, encode, frame, decode = ROUND_TRIPS[name]
     message = through_cdr(encode(sample))
     assert message.header.frame_id == frame
-    found = decode(message)
+    result = decode(message)
     for key in (field.name for field in dataclasses.fields(sample) if field.init):
-        got, wanted = getattr(found, key), getattr(sample, key)
+        got, wanted = getattr(result, key), getattr(sample, key)
         if "q_" in key:
             assert_same_rotation(got, wanted)
         elif isinstance(wanted, float | np.ndarray):  # radians to degrees and back: roundings

@@ -125,10 +125,10 @@ def test_what_is_no_picture_is_refused(data):
 
 @pytest.mark.parametrize("lens", [samples.BROWN, samples.RATIONAL])
 def test_camera_round_trip(lens):
-    found = camera(made.camera_info(lens, 0))
+    result = camera(made.camera_info(lens, 0))
     padded = (*lens.distortion, 0.0) if len(lens.distortion) == 4 else lens.distortion
-    assert found.distortion == padded
-    assert (found.width, found.height, found.fx, found.cy) == (
+    assert result.distortion == padded
+    assert (result.width, result.height, result.fx, result.cy) == (
         lens.width,
         lens.height,
         lens.fx,

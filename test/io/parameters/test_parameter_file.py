@@ -63,8 +63,8 @@ def test_nested_and_dotted_names_are_the_same(write):
 )
 def test_sections_and_nodes(write, section, namespace, fits):
     body = "max_wait_s: 1.0" if section == "gimbal_node" else "publish_rate_hz: 50.0"
-    found = load_parameters(write(ekf(section, body)), "ekf_node", namespace)
-    assert found == ({"publish_rate_hz": 50.0} if fits else {})
+    result = load_parameters(write(ekf(section, body)), "ekf_node", namespace)
+    assert result == ({"publish_rate_hz": 50.0} if fits else {})
 
 
 def test_the_later_section_wins(write):

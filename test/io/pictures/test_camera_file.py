@@ -45,11 +45,11 @@ def test_the_text_is_that_of_ros():
 def test_what_is_written_is_read(tmp_path, camera):
     path = tmp_path / "camera.yaml"
     path.write_text(camera_yaml(camera), encoding="utf-8")
-    found = load_camera(path)
+    result = load_camera(path)
     five = camera.distortion + (0.0,) * (len(camera.distortion) == 4)
-    assert found.distortion == five
-    assert found.fx == pytest.approx(camera.fx, rel=1e-9)
-    assert (found.width, found.height, found.cy) == (640, 512, camera.cy)
+    assert result.distortion == five
+    assert result.fx == pytest.approx(camera.fx, rel=1e-9)
+    assert (result.width, result.height, result.cy) == (640, 512, camera.cy)
 
 
 @pytest.mark.parametrize(

@@ -53,22 +53,22 @@ def test_it_is_valid_with_values_place_and_kind(tmp_path, dtype, bands):
         assert set(made.dtypes) == {dtype}
         assert made.tags()["PICTURE"] == "7"
         assert made.overviews(1) == [2, 4][: len(made.overviews(1))] != []
-        known = made.dataset_mask() > 0
-        assert known[:, :400].all()
-        assert known[:, 500:].all()
-        assert not known[:, 400:500].any()
-        found = np.moveaxis(made.read(list(range(1, bands + 1))), 0, 2)
-        np.testing.assert_array_equal(found[known], values[known])  # nothing is lost
-        names = [one.name for one in made.colorinterp]
+        valid = made.dataset_mask() > 0
+        assert valid[:, :400].all()
+        assert valid[:, 500:].all()
+        assert not valid[:, 400:500].any()
+        result = np.moveaxis(made.read(list(range(1, bands + 1))), 0, 2)
+        np.testing.assert_array_equal(result[valid], values[valid])  # nothing is lost
+        names = [item.name for item in made.colorinterp]
         if dtype == "float32":
             assert names == ["gray"]
             assert np.isnan(made.nodata)
-            assert np.isnan(found[~known]).all()
+            assert np.isnan(result[~valid]).all()
             assert made.units == ("degC",)
         else:
             assert made.nodata is None
             assert names == [*(["red", "green", "blue"] if bands == 3 else ["gray"]), "alpha"]
-            assert (made.read(bands + 1)[~known] == 0).all()
+            assert (made.read(bands + 1)[~valid] == 0).all()
 
 
 def test_overviews_are_means_of_what_is_known(tmp_path):

@@ -14,15 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from PIL.ExifTags import Base
 from scenes import camera_pose
-from still_reader import (
-    DJI,
-    PIX4D,
-    by_gimbal,
-    by_mapping,
-    by_open_drone_map,
-    place_of,
-    read_still,
-)
+from still_reader import DJI, PIX4D, by_gimbal, by_mapping, by_open_drone_map, place_of, read_still
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -38,13 +30,13 @@ angles = st.tuples(st.floats(-180, 180), st.floats(-90, 90), st.floats(-180, 180
 places = st.tuples(st.floats(-89.9, 89.9), st.floats(-180, 180), st.floats(-400, 9000))
 
 
-def still_at(where=(39.85, 116.7, 41.5), attitude=(0.0, -30.0, 20.0), **said):
+def still_at(where=(39.85, 116.7, 41.5), attitude=(0.0, -30.0, 20.0), **changes):
     """A still at a place (deg, m) by roll, pitch and yaw of the camera's body (deg)."""
     latitude, longitude, height_m = where
     plane = TangentPlane(math.radians(latitude), math.radians(longitude), height_m)
     covariance = np.diag([0.01, 0.02, 0.03, 0.002, 0.003, 0.004]) ** 2
     pose = camera_pose([0.0, 0, 0], *attitude, covariance)
-    known = {
+    usual = {
         "exposure_ns": 1_634_731_239_055_555_556,
         "camera": XT2,
         "place": camera_place(pose, plane),
@@ -53,7 +45,7 @@ def still_at(where=(39.85, 116.7, 41.5), attitude=(0.0, -30.0, 20.0), **said):
         "above_ground_m": 30.0,
         "undulation_m": math.nan,
     }
-    return Still(**known | said)
+    return Still(**usual | changes)
 
 
 @pytest.fixture
@@ -98,8 +90,8 @@ def test_the_angles_of_known_attitudes(written, attitude, gimbal, mapping):
     read = written(still_at(attitude=attitude))
     named = ("Roll", "Pitch", "Yaw")
     if gimbal:
-        found = [float(read.xmp[f"{DJI}Gimbal{axis}Degree"]) for axis in named]
-        assert_allclose(found, gimbal, atol=1e-5)
+        result = [float(read.xmp[f"{DJI}Gimbal{axis}Degree"]) for axis in named]
+        assert_allclose(result, gimbal, atol=1e-5)
     if mapping:
         assert_allclose([float(read.xmp[PIX4D + axis]) for axis in named], mapping, atol=1e-5)
 
@@ -176,12 +168,12 @@ def test_the_names_and_forms_are_those_of_real_pictures(written, shared):
     assert real
     ours = written(still_at())
     named = {name for name in ours.xmp if name.startswith(DJI)}
-    common = {name for name in named if all(name in one.xmp for one in real)}
+    common = {name for name in named if all(name in item.xmp for item in real)}
     assert {f"{DJI}Gimbal{axis}Degree" for axis in ("Roll", "Pitch", "Yaw")} < common
     assert {f"{DJI}{name}" for name in ("GpsLatitude", "AbsoluteAltitude")} < common
     for name in common:
-        assert all(re.fullmatch(r"[+-]\d+\.\d+", one.xmp[name]) for one in (ours, *real)), name
-    nadir = next(one for one in real if float(one.xmp[f"{DJI}GimbalPitchDegree"]) == -90)
+        assert all(re.fullmatch(r"[+-]\d+\.\d+", item.xmp[name]) for item in (ours, *real)), name
+    nadir = next(item for item in real if float(item.xmp[f"{DJI}GimbalPitchDegree"]) == -90)
     assert_allclose(by_gimbal(nadir)[:, 2], [0, 0, 1], atol=1e-12)  # it looks down
     up = -by_gimbal(nadir)[:, 1]  # the picture's top
     assert math.degrees(math.atan2(up[1], up[0])) == pytest.approx(42.4)

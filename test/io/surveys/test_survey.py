@@ -40,9 +40,9 @@ points = st.builds(
 def test_survey_round_trip(tmp_path_factory, suffix, made):
     path = tmp_path_factory.mktemp("survey") / f"survey.{suffix}"
     save_survey(path, made)
-    found = load_survey(path)
-    assert [p.id for p in found] == [p.id for p in made]
-    for point, wanted in zip(found, made, strict=True):
+    result = load_survey(path)
+    assert [p.id for p in result] == [p.id for p in made]
+    for point, wanted in zip(result, made, strict=True):
         # Ten decimals of a degree and four of a metre are written.
         assert abs(point.latitude_rad - wanted.latitude_rad) <= math.radians(0.51e-10)
         assert abs(point.longitude_rad - wanted.longitude_rad) <= math.radians(0.51e-10)
@@ -152,17 +152,17 @@ def write(folder, name, text):
 
 
 def test_marks_and_survey_are_matched_by_id(tmp_path):
-    found = load_control_points(write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY))
-    assert found.names == ["a", "c"]
-    assert found.pixels.tolist() == [[10.5, 20], [50, 5]]
-    np.testing.assert_allclose(found.degrees, [[116.7, 39.81], [116.71, 39.82]], rtol=1e-12)
-    assert found.unused == ("b", "z")
+    result = load_control_points(write(tmp_path, "m.csv", MARKS), write(tmp_path, "s.csv", SURVEY))
+    assert result.names == ["a", "c"]
+    assert result.pixels.tolist() == [[10.5, 20], [50, 5]]
+    np.testing.assert_allclose(result.degrees, [[116.7, 39.81], [116.71, 39.82]], rtol=1e-12)
+    assert result.unused == ("b", "z")
 
 
 def test_a_points_file_of_qgis(tmp_path):
-    found = load_control_points(write(tmp_path, "o.points", POINTS), None)
-    assert found.pixels.tolist() == [[100.5, 200.25], [300, 400]]  # the third is switched off
-    np.testing.assert_allclose(found.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
+    result = load_control_points(write(tmp_path, "o.points", POINTS), None)
+    assert result.pixels.tolist() == [[100.5, 200.25], [300, 400]]  # the third is switched off
+    np.testing.assert_allclose(result.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
 
 
 def test_rows_that_grow_upwards_are_turned():

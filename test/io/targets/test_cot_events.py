@@ -11,8 +11,12 @@ import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_euler, matrix_from_quat, quat_from_matrix
+from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    matrix_from_euler,
+    matrix_from_quat,
+    quat_from_matrix,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.ground.ground_point import Located
@@ -139,9 +143,9 @@ def numbers(element):
 def test_the_angles_lead_back_to_the_pixels(attitude):
     view, pose = looking(degrees(*attitude), XT2)
     aircraft, _ = events(view)
-    said = numbers(aircraft.find("detail/sensor"))
-    assert 0 <= said["azimuth"] < 360
-    turn = degrees(said["roll"], said["elevation"], said["azimuth"])
+    cells = numbers(aircraft.find("detail/sensor"))
+    assert 0 <= cells["azimuth"] < 360
+    turn = degrees(cells["roll"], cells["elevation"], cells["azimuth"])
     points_n = pose.position_n + 100 * turn.T[:2]  # forward; right of the camera
     middle, valid = XT2.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))
     assert valid[0]
@@ -150,8 +154,8 @@ def test_the_angles_lead_back_to_the_pixels(attitude):
     edges = XT2.rays(np.array([[-0.5, 255.5], [639.5, 255.5], [319.5, -0.5], [319.5, 511.5]]))
     edges = edges @ matrix_from_quat(pose.q_nc).T @ turn  # forward, right, down of the angles
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    assert said["fov"] == pytest.approx(math.degrees(math.acos(edges[0] @ edges[1])), abs=6e-4)
-    assert said["vfov"] == pytest.approx(math.degrees(math.acos(edges[2] @ edges[3])), abs=6e-4)
+    assert cells["fov"] == pytest.approx(math.degrees(math.acos(edges[0] @ edges[1])), abs=6e-4)
+    assert cells["vfov"] == pytest.approx(math.degrees(math.acos(edges[2] @ edges[3])), abs=6e-4)
     assert edges[1, 1] > 0 > edges[0, 1]
     assert edges[1, 2] == pytest.approx(edges[0, 2], abs=3e-5)  # the row is level in them
 

@@ -12,25 +12,11 @@ from xml.etree import ElementTree as ET
 
 import pyogrio
 import pytest
-from target_samples import (
-    ANSWERS,
-    COVARIANCE,
-    FOUND,
-    HOSTILE,
-    STAMP_NS,
-    TARGETS,
-    click,
-    target,
-)
+from target_samples import ANSWERS, COVARIANCE, FOUND, HOSTILE, STAMP_NS, TARGETS, click, target
 
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.surveys.survey import Answered
-from tirgeo_ros.io.targets.formats import (
-    FORMATS,
-    exported,
-    exported_answers,
-    form_of,
-)
+from tirgeo_ros.io.targets.formats import FORMATS, exported, exported_answers, form_of
 from tirgeo_ros.io.targets.geopackage import read_targets
 from tirgeo_ros.io.targets.store import TargetStore
 
@@ -95,7 +81,7 @@ def test_targets_have_the_properties_of_located_pixels_and_their_own():
     assert other["properties"]["clicks"] == 2
     of_pixels = set(features(ANSWERS)[0]["properties"]) - {"u", "v", "reason"}
     assert of_pixels <= set(point["properties"])
-    assert [one["properties"]["kind"] for one in ellipses] == ["ellipse"] * 2
+    assert [item["properties"]["kind"] for item in ellipses] == ["ellipse"] * 2
 
 
 def test_csv_is_one_line_a_target_that_excel_knows_as_utf_8():
@@ -196,7 +182,7 @@ def test_a_geopackage_holds_every_click_and_the_pictures(tmp_path):
     path = written(tmp_path, exported(TARGETS, "gpkg", jpegs.get))
     assert read_targets(path) == TARGETS
     store = TargetStore(path)
-    assert [store.picture(one.id) for one in TARGETS] == [None, b"\xff\xd8 a picture"]
+    assert [store.picture(item.id) for item in TARGETS] == [None, b"\xff\xd8 a picture"]
     with pytest.raises(TargetError, match="another program has it open"):
         read_targets(path)
     store.close()
@@ -205,8 +191,8 @@ def test_a_geopackage_holds_every_click_and_the_pictures(tmp_path):
 def test_located_pixels_are_targets_with_the_pixels_names(tmp_path):
     path = written(tmp_path, exported_answers([*reversed(ANSWERS), ANSWERS[0]], "gpkg"))
     read = read_targets(path)
-    assert [one.name.replace("\x07", "") for one in read] == ["sheep <1> & Ü"] * 2
-    assert len({one.id for one in read}) == len({one.number for one in read}) == 2
+    assert [item.name.replace("\x07", "") for item in read] == ["sheep <1> & Ü"] * 2
+    assert len({item.id for item in read}) == len({item.number for item in read}) == 2
     # and so the page can begin with them
     store = TargetStore(written(tmp_path, exported(read, "gpkg"), "t.gpkg"))
     assert store.all() == read

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pyogrio
 import pytest
+from layers_by_gdal import layers_in, rows_of
 from target_samples import click
 
 from tirgeo_ros.core.types.errors import TargetError
@@ -99,7 +100,7 @@ def test_what_a_gis_changed_is_taken(path, changed):
         "DELETE FROM targets WHERE number = 2",
     )
     store = TargetStore(path)
-    assert [(one.number, one.name, one.kind, one.note) for one in store.all()] == [
+    assert [(item.number, item.name, item.kind, item.note) for item in store.all()] == [
         (1, "Huber", "other", ""),
         (3, "Huber", "other", ""),
     ]
@@ -138,63 +139,58 @@ def test_a_file_that_cannot_be_written_is_refused_at_the_start(path, monkeypatch
 
 
 def test_a_full_disk_loses_nothing_and_the_next_try_may_succeed(store):
-    one = store.add(click(), now_ns=1)
+    item = store.add(click(), now_ns=1)
     pages = store._db.execute("PRAGMA page_count").fetchone()[0]
     store._db.execute(f"PRAGMA max_page_count = {pages + 2}")  # SQLite's own "disk is full"
     with pytest.raises(TargetError, match=r"targets\.gpkg: no room on the disk: make some"):
         store.add(click(), picture=b"\xff\xd8" + bytes(100_000), now_ns=2)
-    assert store.all() == [one]
+    assert store.all() == [item]
     store._db.execute("PRAGMA max_page_count = 100000")
     two = store.add(click(), picture=b"\xff\xd8" + bytes(100_000), now_ns=2)
     assert two.number == 2
     store.close()
-    assert read_targets(store.path) == [one, two]
+    assert read_targets(store.path) == [item, two]
 
 
 @pytest.mark.parametrize("moved", [True, False])
 def test_a_file_that_is_taken_away_confirms_nothing_more(path, store, moved):
     """SQLite would go on writing into a file without a name."""
-    one = store.add(click(), now_ns=1)
+    item = store.add(click(), now_ns=1)
     if moved:
         path.rename(path.with_name("elsewhere.gpkg"))
         path.write_bytes(b"another")
     else:
         path.unlink()
     with pytest.raises(TargetError, match="moved or deleted while it is in use; put it back"):
-        store.edit(one.id, 2, name="x")
-    assert store.all() == [one]
+        store.edit(item.id, 2, name="x")
+    assert store.all() == [item]
     if moved:
         path.with_name("elsewhere.gpkg").replace(path)
-        assert store.edit(one.id, 3, name="x").name == "x"
+        assert store.edit(item.id, 3, name="x").name == "x"
 
 
-def test_it_is_a_geopackage_for_gdal(path):
+def test_it_is_a_geopackage_for_gdal_which_may_add_a_layer_and_a_point(path):
     targets = filled(path, 3)
     assert path.read_bytes()[68:72] == b"GPKG"
-    layers = [name for name, _ in pyogrio.list_layers(path).tolist()]
-    assert layers == ["targets", "ellipses", "clicks", "pictures", "marks"]
-    meta, _, shapes, columns = pyogrio.raw.read(path, layer="targets")
-    assert (meta["crs"], meta["geometry_type"]) == ("EPSG:4326", "Point")
-    table = dict(zip(meta["fields"], columns, strict=True))
-    assert table["name"].tolist() == [one.name for one in targets]
-    assert str(table["time"][0]) == "2021-10-20T12:00:35.605"
-    for shape, one in zip(shapes, targets, strict=True):
-        place = one.place.longitude_deg, one.place.latitude_deg
-        assert tuple(np.frombuffer(shape, "<f8", 2, 5)) == place
-    meta, _, shapes, _ = pyogrio.raw.read(path, layer="ellipses")
-    assert (meta["crs"], meta["geometry_type"], len(shapes)) == ("EPSG:4326", "Polygon", 3)
-
-
-def test_gdal_may_add_a_layer_and_a_point_and_the_store_goes_on(path):
-    filled(path, 2)
+    assert [*layers_in(path)] == ["targets", "ellipses", "clicks", "pictures", "marks"]
+    assert (layers_in(path)["targets"], layers_in(path)["ellipses"]) == ("Point", "Polygon")
+    rows = rows_of(path, "targets")
+    assert [row["name"] for row in rows] == [target.name for target in targets]
+    assert rows[0]["time"].startswith("2021-10-20T12:00:35.605")
+    for row, target in zip(rows, targets, strict=True):
+        place = [target.place.longitude_deg, target.place.latitude_deg]
+        assert row["positions"].tolist() == [place]
+    assert pyogrio.read_info(path, layer="targets")["crs"] == "EPSG:4326"
+    assert pyogrio.read_info(path, layer="ellipses")["crs"] == "EPSG:4326"
+    assert len(rows_of(path, "ellipses")) == 3
     for layer, field in (("notes", "text"), ("targets", "name")):
         add_by_gdal(path, layer, field, append=True)
     store = TargetStore(path)
-    one = store.add(click(), now_ns=1)
-    store.edit(one.id, 2, name="y")
+    item = store.add(click(), now_ns=1)
+    store.edit(item.id, 2, name="y")
     store.delete(store.all()[0].id, 3)
     store.close()
-    assert len(pyogrio.raw.read(path, layer="targets")[2]) == 3
+    assert len(rows_of(path, "targets")) == 4
 
 
 def test_what_qgis_left_in_its_write_ahead_log_is_taken_over(path):
@@ -211,7 +207,7 @@ def test_what_qgis_left_in_its_write_ahead_log_is_taken_over(path):
     subprocess.run([sys.executable, "-c", change], check=False)
     assert path.with_name("targets.gpkg-wal").exists()
     store = TargetStore(path)
-    assert [one.name for one in store.all()] == ["1848"]
+    assert [item.name for item in store.all()] == ["1848"]
     store.add(click(), now_ns=1)
     assert not path.with_name("targets.gpkg-wal").exists()  # all is in the one file
     store.close()
@@ -231,16 +227,27 @@ def test_a_file_that_was_cut_short_by_a_kill_is_read(path, store):
     assert read_targets(copy) == store.all()
 
 
+def test_many_targets_that_another_program_removed_leave_nothing_to_undo(path, changed):
+    """As many as the journal holds."""
+    TargetStore(path).close()
+    numbers = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 999)"
+    row = "INSERT INTO tirgeo_changes (action, target, undone)"
+    changed(f"{row} {numbers} SELECT 'add', i, 0 FROM n")
+    store = TargetStore(path)
+    assert store.undo() == store.undo() == ""
+    store.close()
+
+
 def edited(path):
     """Two targets, the first edited twice."""
     path.touch()  # an empty file is a new one
     store = TargetStore(path)
-    one = store.add(click(), kind="person", now_ns=1)
+    item = store.add(click(), kind="person", now_ns=1)
     other = store.add(click(3), now_ns=2)
-    store.edit(one.id, 3, name="Anna")
-    store.edit(one.id, 4, name="Berta")
+    store.edit(item.id, 3, name="Anna")
+    store.edit(item.id, 4, name="Berta")
     store.close()
-    return one, other
+    return item, other
 
 
 @pytest.mark.parametrize(
@@ -261,7 +268,7 @@ def edited(path):
     ],
 )
 def test_a_damaged_record_is_named_and_undo_goes_on_before_it(path, changed, change):
-    one, other = edited(path)
+    item, other = edited(path)
     changed(f"UPDATE tirgeo_changes SET {change} {NEWEST}")
     store = TargetStore(path)
     before = store.all()
@@ -269,7 +276,7 @@ def test_a_damaged_record_is_named_and_undo_goes_on_before_it(path, changed, cha
         store.undo()
     assert store.all() == before
     assert store.undo() == "target 1 as before"
-    assert store.all() == [one, other]
+    assert store.all() == [item, other]
     assert [store.undo() for _ in range(3)] == [
         "target 2 removed again",
         "target 1 removed again",
@@ -278,42 +285,31 @@ def test_a_damaged_record_is_named_and_undo_goes_on_before_it(path, changed, cha
     store.close()
 
 
-def test_many_targets_that_another_program_removed_leave_nothing_to_undo(path, changed):
-    """As many as the journal holds."""
-    TargetStore(path).close()
-    numbers = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 999)"
-    row = "INSERT INTO tirgeo_changes (action, target, undone)"
-    changed(f"{row} {numbers} SELECT 'add', i, 0 FROM n")
-    store = TargetStore(path)
-    assert store.undo() == store.undo() == ""
-    store.close()
-
-
 @pytest.mark.parametrize("share", ["target IN (SELECT id FROM targets)", "fid = 2"])
 def test_a_target_whose_clicks_are_gone_stays_and_is_named(path, changed, share):
     store = TargetStore(path)
-    one = store.add(click(), now_ns=1)
-    one = store.refine(one.id, click(1, after_s=60), 2)
+    item = store.add(click(), now_ns=1)
+    item = store.refine(item.id, click(1, after_s=60), 2)
     other = store.add(click(3), now_ns=3)
     store.close()
     changed(f"DELETE FROM clicks WHERE {share} AND target != '{other.id}'")
     store = TargetStore(path)
     left, same = store.all()
-    assert (left.id, left.number, len(left.clicks), same) == (one.id, 1, 1, other)
+    assert (left.id, left.number, len(left.clicks), same) == (item.id, 1, 1, other)
     # Rows are written to 1e-9 deg, 0.1 mm; the two clicks are 1 m apart.
     far_deg = 1e-9 if "IN" in share else 2e-5
-    assert left.place.longitude_deg == pytest.approx(one.place.longitude_deg, abs=far_deg)
+    assert left.place.longitude_deg == pytest.approx(item.place.longitude_deg, abs=far_deg)
     assert store.lost_clicks == [1]
     store.close()
     assert read_targets(path) == [left, same]
 
 
 def test_a_damaged_byte_of_an_alternative_costs_a_letter(path, changed):
-    one, _ = edited(path)
+    item, _ = edited(path)
     store = TargetStore(path)
-    store.edit(one.id, 5, {"name": "Anna"}, name="Gerda")
+    store.edit(item.id, 5, {"name": "Anna"}, name="Gerda")
     store.close()
     changed("UPDATE tirgeo_alternatives SET text = CAST(x'ff65' AS TEXT)")
     store = TargetStore(path)
-    assert store.alternatives() == {one.id: [["name", "\ufffde"]]}
+    assert store.alternatives() == {item.id: [["name", "\ufffde"]]}
     store.close()

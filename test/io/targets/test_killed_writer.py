@@ -19,12 +19,12 @@ from tirgeo_ros.io.targets.store import TargetStore
 def states_after_each(folder, edits):
     """What the store holds after 0, 1, 2, ... edits."""
     store = TargetStore(folder / "expected.gpkg")
-    found = [state_of(store)]
+    result = [state_of(store)]
     for number in range(edits):
         edit(store, number)
-        found.append(state_of(store))
+        result.append(state_of(store))
     store.close()
-    return found
+    return result
 
 
 def writer(path, edits):

@@ -32,10 +32,10 @@ def reopened(store):
 
 
 def test_a_target_its_changes_and_marks_come_back(store):
-    one = store.add(click(), kind="fire", name="barn", aircraft="uav1", picture=JPEG, now_ns=5)
+    item = store.add(click(), kind="fire", name="barn", aircraft="uav1", picture=JPEG, now_ns=5)
     two = store.add(click(3), now_ns=6)
-    assert (one.number, two.number, two.kind, two.name) == (1, 2, "other", "")
-    refined = store.refine(one.id, click(1, after_s=60), 7)
+    assert (item.number, two.number, two.kind, two.name) == (1, 2, "other", "")
+    refined = store.refine(item.id, click(1, after_s=60), 7)
     assert refined.place == averaged([click(), click(1, after_s=60)])
     edited = store.edit(two.id, 8, kind="person", note="waves\nboth arms")
     assert (edited.created_ns, edited.changed_ns) == (6, 8)
@@ -44,7 +44,7 @@ def test_a_target_its_changes_and_marks_come_back(store):
     store.mark("second pass", 9)
     again = reopened(store)
     assert again.all() == [refined, edited]
-    assert again.picture(one.id) == JPEG
+    assert again.picture(item.id) == JPEG
     assert again.picture(two.id) is None
     assert again.revision == 4
     assert again.marks() == [(7, "smoke"), (9, "second pass")]
@@ -65,10 +65,10 @@ def test_a_number_is_never_given_again(store):
 
 
 def test_each_change_is_undone_in_turn_also_after_a_restart(store):
-    one = store.add(click(), name="a", picture=JPEG, now_ns=1)
-    refined = store.refine(one.id, click(1), 2)
-    edited = store.edit(one.id, 3, name="b")
-    store.delete(one.id, 4)
+    item = store.add(click(), name="a", picture=JPEG, now_ns=1)
+    refined = store.refine(item.id, click(1), 2)
+    edited = store.edit(item.id, 3, name="b")
+    store.delete(item.id, 4)
     assert store.all() == []
     store = reopened(store)
     words, states = [], []
@@ -82,20 +82,20 @@ def test_each_change_is_undone_in_turn_also_after_a_restart(store):
         "target 1 removed again",
         "",
     ]
-    assert states == [[edited], [refined], [one], [], []]
-    assert store.picture(one.id) == JPEG
+    assert states == [[edited], [refined], [item], [], []]
+    assert store.picture(item.id) == JPEG
     store.close()
 
 
 def test_one_target_is_undone_past_the_changes_of_others(store):
-    one = store.add(click(), now_ns=1)
+    item = store.add(click(), now_ns=1)
     other = store.add(click(), now_ns=2)
-    store.edit(one.id, 3, name="Anna")
+    store.edit(item.id, 3, name="Anna")
     store.edit(other.id, 4, name="Berta")
-    assert store.undo(one.id) == "target 1 as before"
+    assert store.undo(item.id) == "target 1 as before"
     assert [target.name for target in store.all()] == ["", "Berta"]
-    assert store.undo(one.id) == "target 1 removed again"
-    assert store.undo(one.id) == ""
+    assert store.undo(item.id) == "target 1 removed again"
+    assert store.undo(item.id) == ""
     assert store.undo() == "target 2 as before"
 
 
@@ -113,20 +113,20 @@ def test_the_journal_and_loose_pictures_have_a_bound(store, monkeypatch):
 
 
 def test_the_revision_grows_with_each_change_also_from_run_to_run(store):
-    seen = [store.revision]
-    one = store.add(click(), now_ns=1)
-    seen.append(store.revision)
-    store.edit(one.id, 2, name="x")
-    seen.append(store.revision)
-    assert store.edit(one.id, 3, name="x").changed_ns == 2  # nothing was changed
-    assert store.revision == seen[-1]
+    revisions = [store.revision]
+    item = store.add(click(), now_ns=1)
+    revisions.append(store.revision)
+    store.edit(item.id, 2, name="x")
+    revisions.append(store.revision)
+    assert store.edit(item.id, 3, name="x").changed_ns == 2  # nothing was changed
+    assert store.revision == revisions[-1]
     store.undo()
-    seen.append(store.revision)
+    revisions.append(store.revision)
     store = reopened(store)
-    assert store.revision == seen[-1]
-    store.delete(one.id, 4)
-    seen.append(store.revision)
-    assert seen == sorted(set(seen))
+    assert store.revision == revisions[-1]
+    store.delete(item.id, 4)
+    revisions.append(store.revision)
+    assert revisions == sorted(set(revisions))
     store.close()
 
 
@@ -141,25 +141,25 @@ def test_the_revision_grows_with_each_change_also_from_run_to_run(store):
     ids=["no-break", "ideographic", "non-joiner", "emoji"],
 )
 def test_spaces_of_all_scripts_and_joiners_stay(store, typed, kept):
-    one = store.add(click(), name=typed, now_ns=1)
-    assert one.name == (kept or typed)
+    item = store.add(click(), name=typed, now_ns=1)
+    assert item.name == (kept or typed)
     for form in ("kml", "gpx", "geojson", "csv"):
-        assert one.name in exported([one], form).decode()
+        assert item.name in exported([item], form).decode()
 
 
 @settings(max_examples=40)
 @given(st.text(max_size=80), st.text(max_size=80))
 def test_any_text_can_be_a_name_and_a_note(shared_store, name, note):
-    one = shared_store.add(click(), name=name, now_ns=1)
-    edited = shared_store.edit(one.id, 2, note=note)
+    item = shared_store.add(click(), name=name, now_ns=1)
+    edited = shared_store.edit(item.id, 2, note=note)
     assert edited.name.translate(JOINERS).isprintable()
     assert edited.note.replace("\n", "").translate(JOINERS).isprintable()
     # what is there is what was typed
     assert set(edited.name) <= set(name) | {" "}
-    assert shared_store._read("SELECT name, note FROM targets WHERE id = ?", one.id) == [
+    assert shared_store._read("SELECT name, note FROM targets WHERE id = ?", item.id) == [
         (edited.name, edited.note)
     ]
-    shared_store.delete(one.id, 3)
+    shared_store.delete(item.id, 3)
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +170,7 @@ def shared_store(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "text"),
     [
         (lambda s, _: s.add(click(), kind="cow", now_ns=1), "one of person, fire"),
         (lambda s, _: s.add(click(), name="x" * (MOST_NAME + 1), now_ns=1), "shorten it to 100"),
@@ -183,24 +183,24 @@ def shared_store(tmp_path_factory):
         (lambda s, t: s.refine(t.id, click(7000), 1), r"7\.0 km from target 1"),
     ],
 )
-def test_what_cannot_be_done_changes_nothing(store, change, said):
-    one = store.add(click(), picture=JPEG, now_ns=1)
+def test_what_cannot_be_done_changes_nothing(store, change, text):
+    item = store.add(click(), picture=JPEG, now_ns=1)
     revision = store.revision
-    with pytest.raises(TargetError, match=said):
-        change(store, one)
-    assert store.all() == [one]
+    with pytest.raises(TargetError, match=text):
+        change(store, item)
+    assert store.all() == [item]
     assert store.revision == revision
     again = reopened(store)
-    assert again.all() == [one]
+    assert again.all() == [item]
     again.close()
 
 
 def test_targets_clicks_and_marks_have_a_bound(store, monkeypatch):
-    one = store.add(click(), now_ns=1)
+    item = store.add(click(), now_ns=1)
     for number in range(1, MOST_CLICKS):
-        store.refine(one.id, click(after_s=number), number)
+        store.refine(item.id, click(after_s=number), number)
     with pytest.raises(TargetError, match="has 50 clicks"):
-        store.refine(one.id, click(), 99)
+        store.refine(item.id, click(), 99)
     monkeypatch.setattr(store_module, "MOST_TARGETS", 1)
     with pytest.raises(TargetError, match="delete some"):
         store.add(click(), now_ns=100)
@@ -212,8 +212,8 @@ def test_targets_clicks_and_marks_have_a_bound(store, monkeypatch):
 def test_threads_share_a_store(store):
     def work(name):
         for number in range(8):
-            one = store.add(click(), name=name, now_ns=number)
-            store.edit(one.id, number, note="seen")
+            item = store.add(click(), name=name, now_ns=number)
+            store.edit(item.id, number, note="seen")
             store.all()
 
     threads = [threading.Thread(target=work, args=(f"t{k}",)) for k in range(4)]
@@ -221,58 +221,58 @@ def test_threads_share_a_store(store):
         thread.start()
     for thread in threads:
         thread.join()
-    found = store.all()
-    assert sorted(one.number for one in found) == list(range(1, 33))
-    assert {one.note for one in found} == {"seen"}
+    result = store.all()
+    assert sorted(item.number for item in result) == list(range(1, 33))
+    assert {item.note for item in result} == {"seen"}
     assert store.revision == 64
     again = reopened(store)
-    assert again.all() == found
+    assert again.all() == result
     again.close()
 
 
 def test_what_two_wrote_at_once_is_kept_and_chosen_from(store, monkeypatch):
     """Tablet A comes back with words that it wrote before B's."""
-    one = store.add(click(), now_ns=1)
-    newer = store.edit(one.id, 2, {"note": ""}, note="found alive, medic needed")
-    assert store.edit(one.id, 3, {"note": ""}, note="am Ufer") == newer
-    assert store.edit(one.id, 4, {"note": ""}, note="found alive, medic needed") == newer
-    assert store.alternatives() == {one.id: [["note", "am Ufer"]]}
-    store.edit(one.id, 5, {"note": "am Ufer"}, note="am Ufer, 2")  # A goes on with its own
-    store.edit(one.id, 5, {"note": ""}, note="am Ufer, 2")  # sent again
-    store.edit(one.id, 6, {"kind": "fire"}, kind="person", name="Anna")  # of before the name was
+    item = store.add(click(), now_ns=1)
+    newer = store.edit(item.id, 2, {"note": ""}, note="found alive, medic needed")
+    assert store.edit(item.id, 3, {"note": ""}, note="am Ufer") == newer
+    assert store.edit(item.id, 4, {"note": ""}, note="found alive, medic needed") == newer
+    assert store.alternatives() == {item.id: [["note", "am Ufer"]]}
+    store.edit(item.id, 5, {"note": "am Ufer"}, note="am Ufer, 2")  # A goes on with its own
+    store.edit(item.id, 5, {"note": ""}, note="am Ufer, 2")  # sent again
+    store.edit(item.id, 6, {"kind": "fire"}, kind="person", name="Anna")  # of before the name was
     open_ = [["note", "am Ufer, 2"], ["kind", "person"], ["name", "Anna"]]
     monkeypatch.setattr(store_module, "MOST_CHANGES", 1)
     store = reopened(store)
-    store.refine(one.id, click(1), 7)
-    assert store.alternatives() == {one.id: open_}
+    store.refine(item.id, click(1), 7)
+    assert store.alternatives() == {item.id: open_}
     assert "found alive, medic needed\nalso written as the note: am Ufer, 2\n" in (
         store.for_others()[0].note
     )
     monkeypatch.setattr(store_module, "MOST_CHANGES", 1000)
-    store.edit(one.id, 8, {"note": newer.note}, note=f"{newer.note}\nam Ufer, 2")
-    store.leave_out(one.id, "kind", "person", 9)
-    assert store.alternatives() == {one.id: [["name", "Anna"]]}
+    store.edit(item.id, 8, {"note": newer.note}, note=f"{newer.note}\nam Ufer, 2")
+    store.leave_out(item.id, "kind", "person", 9)
+    assert store.alternatives() == {item.id: [["name", "Anna"]]}
     assert [store.undo() for _ in range(2)] == ["target 1 as before"] * 2
-    assert store.alternatives() == {one.id: open_}
-    assert store.get(one.id).note == newer.note
-    store.edit(one.id, 10, {"name": "x"}, name="B")
-    store.edit(one.id, 10, {"name": "x"}, name="C")
+    assert store.alternatives() == {item.id: open_}
+    assert store.get(item.id).note == newer.note
+    store.edit(item.id, 10, {"name": "x"}, name="B")
+    store.edit(item.id, 10, {"name": "x"}, name="C")
     with pytest.raises(TargetError, match="it has 5 texts to choose from: choose first"):
-        store.edit(one.id, 10, {"name": "x"}, name="D")
+        store.edit(item.id, 10, {"name": "x"}, name="D")
     store.close()
 
 
 def test_a_target_that_changed_is_not_deleted_and_words_for_a_deleted_one_are_kept(store):
-    one = store.add(click(), now_ns=1)
+    item = store.add(click(), now_ns=1)
     was = {"name": "", "kind": "other", "note": ""}
-    store.edit(one.id, 2, note="found alive")
+    store.edit(item.id, 2, note="found alive")
     with pytest.raises(TargetError, match="it was changed meanwhile: look at it, then delete it"):
-        store.delete(one.id, 3, was)
-    store.delete(one.id, 4, was | {"note": " found alive"})
+        store.delete(item.id, 3, was)
+    store.delete(item.id, 4, was | {"note": " found alive"})
     with pytest.raises(TargetError, match="it was deleted meanwhile"):
-        store.edit(one.id, 5, {"note": ""}, note="am Ufer")
+        store.edit(item.id, 5, {"note": ""}, note="am Ufer")
     assert store.undo() == "target 1 is back"
-    assert store.get(one.id).note == "found alive"
-    assert store.alternatives() == {one.id: [["note", "am Ufer"]]}
+    assert store.get(item.id).note == "found alive"
+    assert store.alternatives() == {item.id: [["note", "am Ufer"]]}
     with pytest.raises(TargetError, match="there is no such target"):
         store.edit("0" * 32, 6, {"note": ""}, note="am Ufer")

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from klv_reader import (
-    SIGNED,
-    UNSIGNED,
-    by_klvdata,
-    items_in,
-    number_of,
-    step_of,
-    values_in,
-)
+from klv_reader import SIGNED, UNSIGNED, by_klvdata, items_in, number_of, step_of, values_in
 from klvdata.common import ber_encode
 from pyproj import Transformer
 from scenes import camera_pose
@@ -93,22 +85,22 @@ def projected(values):
 
 def apart(first, second):
     """Latitude and longitude of one place less those of another, deg."""
-    found = np.asarray(first) - second
-    found[..., 1] = (found[..., 1] + 180.0) % 360.0 - 180.0
-    return found
+    result = np.asarray(first) - second
+    result[..., 1] = (result[..., 1] + 180.0) % 360.0 - 180.0
+    return result
 
 
 @settings(max_examples=60)
 @given(places, attitudes)
 def test_a_receiver_s_own_projection_lands_on_the_frame_s_centre(place, attitude):
     values = values_in(METADATA.packet(TIME_NS, sight_at(*place, attitude)))
-    found = projected(values)
+    result = projected(values)
     # Each item is right to half a step; what that moves the point by adds up at the worst.
     allowed = np.array([step_of(23) / 2, step_of(24) / 2]) + 1e-9
     for tag in SEEN:
         moved = projected(values | {tag: values[tag] + step_of(tag) / 2})
-        allowed += 1.05 * np.abs(apart(moved, found))  # not quite linear
-    assert (np.abs(apart(found, [values[23], values[24]])) <= allowed).all()
+        allowed += 1.05 * np.abs(apart(moved, result))  # not quite linear
+    assert (np.abs(apart(result, [values[23], values[24]])) <= allowed).all()
     assert values[78] == pytest.approx(GROUND_M, abs=step_of(78) / 2 + 1e-6)
 
 
@@ -180,8 +172,8 @@ def test_any_pose_makes_a_good_packet(position_n, attitude, variance, ground_m):
     sight = sight_at(47.0, 179.0, 1.0, attitude, ground_m)
     pose = camera_pose(position_n, *attitude[:3], variance)
     rates = CameraRates(np.array(position_n) / 10, np.radians(attitude[:3]))
-    for known in (None, rates):
-        values = values_in(METADATA.packet(0, sight._replace(pose=pose, rates=known)))
+    for some in (None, rates):
+        values = values_in(METADATA.packet(0, sight._replace(pose=pose, rates=some)))
         assert values.keys() >= {2, 5, 13, 14, 16, 17, 18, 19, 20}
         assert (23 in values) == (21 in values)
         assert 23 in values or not values.keys() & {45, 46, *range(82, 90)}
@@ -218,10 +210,10 @@ def range_of(tag):
 
 def test_the_worked_example():
     assert packet(MISB_NS + 999, {13: 48.2081743, 14: 16.3738189}) == WORKED
-    found = by_klvdata(WORKED)
-    assert found[2] == "2009-01-12 22:08:22+00:00"
-    assert float(found[13]) == 48.208174299545675
-    assert float(found[14]) == 16.373818859632053
+    result = by_klvdata(WORKED)
+    assert result[2] == "2009-01-12 22:08:22+00:00"
+    assert float(result[13]) == 48.208174299545675
+    assert float(result[14]) == 16.373818859632053
     assert items_in(packet(-1, {}))[0] == (2, bytes(8))  # a time before 1970 is 1970
     assert number_of(5, b"\xff\xff") == 360.0
 
@@ -261,11 +253,11 @@ def test_ends_of_a_range_and_what_is_beyond(tag):
 @given(st.dictionaries(st.sampled_from(MAPPED), st.floats(allow_nan=True)), st.integers(0, 2**63))
 def test_any_values_make_a_good_packet(values, time_ns):
     """Never an error code, whatever comes; the time is cut to microseconds."""
-    found = values_in(packet(time_ns, values))
-    assert found.pop(2) == time_ns // 1000
+    result = values_in(packet(time_ns, values))
+    assert result.pop(2) == time_ns // 1000
     low_high = {tag: range_of(tag) for tag in values}
     kept = {t: v for t, v in values.items() if low_high[t][0] <= v <= low_high[t][1]}
-    assert found.keys() == kept.keys()
+    assert result.keys() == kept.keys()
 
 
 @given(st.text(max_size=200))

@@ -31,8 +31,10 @@ def write(path, stamps, levels=None):
 def frames_of(path):
     """The time in seconds and the mean brightness of each frame."""
     with av.open(str(path)) as container:
-        found = [(one.time, one.to_ndarray(format="gray").mean()) for one in container.decode()]
-    return zip(*found, strict=True)
+        result = [
+            (item.time, item.to_ndarray(format="gray").mean()) for item in container.decode()
+        ]
+    return zip(*result, strict=True)
 
 
 @pytest.mark.parametrize(("name", "count"), [("out.mp4", 25), ("OUT.MP4", 3)])
@@ -48,10 +50,10 @@ def test_frames_come_back_at_their_times(tmp_path, count, name):
     assert 0 < data.index(b"moov") < data.index(b"mdat")
     assert video.frames == count
     assert video.rate_hz == pytest.approx(9.0, rel=1e-6)
-    times, found = frames_of(tmp_path / name)
+    times, result = frames_of(tmp_path / name)
     np.testing.assert_allclose(times, np.arange(count) / 9.0, atol=TICK_S)
     # limited-range YUV with quantised blocks: a flat grey comes back within a few levels
-    np.testing.assert_allclose(found, levels, atol=6)
+    np.testing.assert_allclose(result, levels, atol=6)
 
 
 @pytest.mark.parametrize(
@@ -85,8 +87,8 @@ def test_the_same_bytes_on_one_core_and_on_all(tmp_path, ending):
                     video.add(k * STEP_NS, pixels, b"key" if video.takes_metadata else b"")
         finally:
             os.sched_setaffinity(0, cores)
-    one, every = ((tmp_path / f"{name}{ending}").read_bytes() for name in ("one", "all"))
-    assert one == every
+    item, every = ((tmp_path / f"{name}{ending}").read_bytes() for name in ("one", "all"))
+    assert item == every
 
 
 def test_a_side_of_odd_length_has_its_last_pixel_twice(tmp_path):
@@ -95,10 +97,10 @@ def test_a_side_of_odd_length_has_its_last_pixel_twice(tmp_path):
     with VideoFile(tmp_path / "out.mp4") as video:
         video.add(0, pixels)
     with av.open(str(tmp_path / "out.mp4")) as container:
-        (found,) = [one.to_ndarray(format="bgr24") for one in container.decode()]
-    assert found.shape == (48, 64, 3)
-    np.testing.assert_allclose(found[:47, :63], pixels, atol=12)
-    np.testing.assert_allclose(found[47, :63], pixels[46], atol=12)
+        (result,) = [item.to_ndarray(format="bgr24") for item in container.decode()]
+    assert result.shape == (48, 64, 3)
+    np.testing.assert_allclose(result[:47, :63], pixels, atol=12)
+    np.testing.assert_allclose(result[47, :63], pixels[46], atol=12)
 
 
 def write_and_fail(path, last):
@@ -143,7 +145,7 @@ def test_a_growing_file_plays_as_far_as_it_was_written(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         killed()
     with av.open(str(path)) as film:
-        assert [one.type for one in film.streams] == ["video"]  # no metadata was given
+        assert [item.type for item in film.streams] == ["video"]  # no metadata was given
         assert sum(1 for _ in film.decode(video=0)) == 300
     assert [each.name for each in tmp_path.iterdir()] == ["flight.ts"]
 
@@ -164,13 +166,13 @@ def write_stream(path, count, size=(48, 64)):
 @pytest.mark.parametrize(("count", "size"), [(1, (48, 64)), (60, (48, 64)), (12, (47, 63))])
 def test_as_many_packets_as_frames_at_the_same_times(tmp_path, count, size):
     packets = write_stream(tmp_path / "out.ts", count, size)
-    found = demuxed(tmp_path / "out.ts")
-    assert found.packets == packets
-    assert found.packet_s == found.frame_s
-    steps = np.subtract(found.frame_s, found.frame_s[0])
+    result = demuxed(tmp_path / "out.ts")
+    assert result.packets == packets
+    assert result.packet_s == result.frame_s
+    steps = np.subtract(result.frame_s, result.frame_s[0])
     np.testing.assert_allclose(steps, np.arange(count) * STEP_NS * 1e-9, atol=1 / 90_000)
-    for one in found.packets:
-        by_klvdata(one)
+    for item in result.packets:
+        by_klvdata(item)
     # H.264 as browsers take it, and the registration KLVA by which FFmpeg knows metadata.
     with av.open(str(tmp_path / "out.ts")) as container:
         video, data = container.streams

@@ -37,21 +37,21 @@ def nothing(found: Deliveries, interval: Interval) -> Deliveries:
 def both(*faults: Fault) -> Fault:
     """One fault after the other, in the same interval."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
-        for one in faults:
-            found = one(found, interval)
-        return found
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
+        for item in faults:
+            result = item(result, interval)
+        return result
 
     return fault
 
 
-def between(start_s: float, end_s: float, one: Fault) -> Fault:
+def between(start_s: float, end_s: float, item: Fault) -> Fault:
     """A fault for a part of the interval, in seconds from its start."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
         first_ns = interval.start_ns
         part = Interval(first_ns + round(start_s * 1e9), first_ns + round(end_s * 1e9))
-        return one(found, part)
+        return item(result, part)
 
     return fault
 
@@ -64,10 +64,10 @@ def drop(*sources: Source) -> Fault:
 def lossy(share: float, *sources: Source) -> Fault:
     """A share of the samples is missing, at random."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
         rng = np.random.default_rng(_SEED)
         some = each(sources, lambda delivery: [delivery] if rng.random() > share else [])
-        return some(found, interval)
+        return some(result, interval)
 
     return fault
 
@@ -80,9 +80,9 @@ def late(extra_s: float, *sources: Source) -> Fault:
 def shuffled(largest_s: float, *sources: Source) -> Fault:
     """Samples come later by random times, so that they overtake each other."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
         rng = np.random.default_rng(_SEED)
-        return _delayed(sources, lambda: rng.uniform(0, largest_s))(found, interval)
+        return _delayed(sources, lambda: rng.uniform(0, largest_s))(result, interval)
 
     return fault
 
@@ -95,13 +95,13 @@ def duplicated(*sources: Source) -> Fault:
 def swapped(source: Source) -> Fault:
     """Each second sample comes just after the one that follows it."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
-        mine = [d for d in found if d.source is source and interval.holds(d)]
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
+        mine = [d for d in result if d.source is source and interval.holds(d)]
         turned = {
             id(first): replace(first, arrival_ns=second.arrival_ns + 1)
             for first, second in zip(mine[::2], mine[1::2], strict=False)
         }
-        return in_order(turned.get(id(d), d) for d in found)
+        return in_order(turned.get(id(d), d) for d in result)
 
     return fault
 
@@ -110,16 +110,16 @@ def polled(rate_hz: float, *sources: Source) -> Fault:
     """A receiver that is asked more often than it measures: old values with new stamps."""
     step_ns = round(1e9 / rate_hz)
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
         again: Deliveries = []
         for source in sources:
-            mine = [d for d in found if d.source is source and interval.holds(d)]
+            mine = [d for d in result if d.source is source and interval.holds(d)]
             for first, second in pairwise(mine):
                 ages_ns = range(step_ns, second.true_ns - first.true_ns, step_ns)
                 for age_ns in ages_ns:
                     later = first.with_sample(stamp_ns=first.sample.stamp_ns + age_ns)
                     again.append(replace(later, arrival_ns=first.arrival_ns + age_ns))
-        return in_order([*found, *again])
+        return in_order([*result, *again])
 
     return fault
 
@@ -129,10 +129,10 @@ def clock(shift_s: float, *sources: Source) -> Fault:
     shift_ns = round(shift_s * 1e9)
     moved_on = misstamped(shift_s, *sources)
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
         return [
             replace(d, clock_ns=shift_ns) if d.source in sources and interval.holds(d) else d
-            for d in moved_on(found, interval)
+            for d in moved_on(result, interval)
         ]
 
     return fault
@@ -154,10 +154,10 @@ _G = 9.80665
 def frozen(*sources: Source) -> Fault:
     """The last value before the fault again and again, with new stamps."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
         last: dict[Source, Delivery] = {}
         out = []
-        for delivery in found:
+        for delivery in result:
             if delivery.source not in sources or not interval.holds(delivery):
                 last[delivery.source] = delivery
                 out.append(delivery)
@@ -228,8 +228,8 @@ def wandering(status: FixStatus, sigma_m: float, time_s: float, claimed_m: float
     zero, as the ambiguities do when they are let go.
     """
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
-        mine = [d for d in found if d.source is Source.RTK_POSITION and interval.holds(d)]
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
+        mine = [d for d in result if d.source is Source.RTK_POSITION and interval.holds(d)]
         rng, step_s = np.random.default_rng(_SEED), 0.2
         walk = gauss_markov(rng, len(mine), step_s, np.full(3, time_s), np.full(3, sigma_m))
         walk -= walk[0] * np.exp(-step_s * np.arange(len(mine)) / time_s)[:, None]
@@ -244,7 +244,7 @@ def wandering(status: FixStatus, sigma_m: float, time_s: float, claimed_m: float
             )
             for delivery, off_n in zip(mine, walk, strict=True)
         }
-        return [worse.get(id(d), d) for d in found]
+        return [worse.get(id(d), d) for d in result]
 
     return fault
 

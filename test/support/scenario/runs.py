@@ -72,9 +72,9 @@ def in_order(found: Iterable[Delivery]) -> Deliveries:
 def each(sources: tuple[Source, ...], change: Callable[[Delivery], Deliveries]) -> Fault:
     """What a change makes of each delivery of some sources in the interval."""
 
-    def fault(found: Deliveries, interval: Interval) -> Deliveries:
+    def fault(result: Deliveries, interval: Interval) -> Deliveries:
         out: Deliveries = []
-        for delivery in found:
+        for delivery in result:
             hit = delivery.source in sources and interval.holds(delivery)
             out += change(delivery) if hit else [delivery]
         return in_order(out)
@@ -124,11 +124,11 @@ def run(flown: SimulatedFlight, fed: Deliveries, **values: object) -> Run:
             state = navigation.status().state
             if not changes or changes[-1][1] is not state:
                 changes.append(((delivery.true_ns - start_ns) * 1e-9, state))
-    known = set(flown.truth.stamp_ns)
-    at_home = [solution for solution in published if solution.stamp_ns in known]
+    measured_ns = set(flown.truth.stamp_ns)
+    at_home = [solution for solution in published if solution.stamp_ns in measured_ns]
     return Run(
         at_home,
-        [solution for solution in published if solution.stamp_ns not in known],
+        [solution for solution in published if solution.stamp_ns not in measured_ns],
         errors(flown, at_home),
         changes,
         navigation.status(),

@@ -26,8 +26,13 @@ from tirgeo_ros.io.surveys.survey import (
 )
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
-from tirgeo_ros.tools.evaluate.report import report_html, text_tables
-from tirgeo_ros.tools.evaluate.summary import summary, verdict, write_evaluation
+from tirgeo_ros.tools.evaluate.report import (
+    report_html,
+    summary,
+    text_tables,
+    verdict,
+    write_evaluation,
+)
 from tirgeo_ros.tools.simulate import simulate
 
 pytestmark = pytest.mark.slow
@@ -35,15 +40,15 @@ ALL = [*METHODS, "calibrated"]
 
 
 def test_the_methods_come_in_the_order_of_table_6(result):
-    assert [one.method for one in result.methods] == ALL
-    rmse = [one.errors.rmse_m for one in result.methods[:4]]
+    assert [item.method for item in result.methods] == ALL
+    rmse = [item.errors.rmse_m for item in result.methods[:4]]
     assert rmse == sorted(rmse, reverse=True)
     # what the filter reaches on this flight, to the project's figure for the paper's
     assert result.method("ekf_heading").errors.rmse_m <= 0.8
     assert (result.missing, len(result.tests)) == ({}, 10)
     # of the last method, whose boresight is 5 deg off
     assert result.error.startswith("NO GO: the camera looks 5.0 deg away from its poses")
-    heading = {one.method: one.against_truth.heading_rad for one in result.methods}
+    heading = {item.method: item.against_truth.heading_rad for item in result.methods}
     assert heading["raw"] > 3 * heading["ekf_heading"]
     assert result.method("ekf_heading").against_truth.position_m < 0.05
     assert result.method("raw").against_truth.position_m > 1
@@ -69,7 +74,7 @@ def test_the_files(result, tmp_path):
         rows = list(csv.DictReader(file))
     assert len(rows) == 5 * 25
     refused = [row for row in rows if row["reason"]]
-    assert len(refused) == sum(len(one.refused) for one in result.methods) > 0
+    assert len(refused) == sum(len(item.refused) for item in result.methods) > 0
     assert all(row["distance_m"] == "" for row in refused)
     numbers = json.loads((folder / "result.json").read_text())
     assert numbers["methods"]["raw"]["ce90_m"] == result.method("raw").errors.ce90_m
@@ -87,9 +92,9 @@ def test_the_tables(result):
     table = [re.split(r"\s{2,}", line.strip()) for line in lines[start + 1 : start + 7]]
     table[0].insert(0, "")
     assert table[0][1:] == [row[0] for row in table[1:]] == ALL
-    for one in result.tests:
-        first, second = ALL.index(one.first) + 1, ALL.index(one.second) + 1
-        p_value = "< 0.0001" if one.p_value < 1e-4 else f"{one.p_value:.4f}"
+    for item in result.tests:
+        first, second = ALL.index(item.first) + 1, ALL.index(item.second) + 1
+        p_value = "< 0.0001" if item.p_value < 1e-4 else f"{item.p_value:.4f}"
         assert table[first][second] == table[second][first] == p_value
     assert "ekf: 1 x no trusted pose at that picture" in lines
 
@@ -129,7 +134,7 @@ def test_methods_over_the_papers_flight(tmp_path):
         assert rmse == sorted(rmse, reverse=True)
         assert 2.5 < rmse[0] < 8.0  # the paper measured 3.21 and computed 5.8 from these inputs
         assert rmse[3] < limit_m
-        assert all(len(one.located) == 60 for one in result.methods)
+        assert all(len(item.located) == 60 for item in result.methods)
     proposed, earlier = (result.method(name).against_truth for name in ("ekf_heading", "ekf"))
     limit = math.radians(0.12)
     assert max(proposed.heading_rad, proposed.roll_rad, proposed.pitch_rad) < limit
@@ -161,7 +166,7 @@ def test_an_aircraft_in_a_namespace_on_the_survey_s_ground(raw_flight, tmp_path)
             writer.write(f"/uav1{item.topic}", item.typename, item.data, item.log_time_ns)
     plain = evaluate(bag, survey, observations)
     heights = {p.id: p.height_m for p in load_survey(survey)}
-    observed = {one.id for one in load_observations(observations)}
+    observed = {each.id for each in load_observations(observations)}
     assert plain.method("raw").setup.ground == np.median([heights[name] for name in observed])
     assert "the survey's median" in plain.notes[0]
     named = evaluate(tmp_path / "uav1.mcap", survey, observations, namespace="uav1")
@@ -175,7 +180,7 @@ def test_a_method_without_its_topic_or_that_never_starts_is_missing_and_the_othe
     absent = {"/rtk/heading", "/gps/fix", "/thermal/image_raw/compressed"}
     bag = rewritten(sample / "flight.mcap", tmp_path / "cut.mcap", without=absent, seconds=14)
     result = evaluate(bag, *files(sample)[1:], params=params)
-    assert [one.method for one in result.methods] == ["rtk", "ekf"]
+    assert [item.method for item in result.methods] == ["rtk", "ekf"]
     assert result.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
     assert "needed topic absent: /gps/fix" in result.missing["raw"]
     assert "ekf_heading is left out: needed topic absent: /rtk/heading" in result.notes
@@ -206,10 +211,12 @@ def test_no_method_at_all_is_an_error(sample, params, tmp_path):
 
 def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
     bag = rewritten(sample / "flight.mcap", tmp_path / "raw.mcap", without=RTK)
-    seen = load_observations(sample / "observations.csv")
-    odd = Observation(seen[0].id, seen[0].stamp_ns + 4_000_000, seen[0].u, seen[0].v)
-    strange = Observation("Q7", seen[0].stamp_ns, 3.0, 4.0)
-    save_observations(tmp_path / "seen.csv", [*seen, odd, strange])
+    observed = load_observations(sample / "observations.csv")
+    odd = Observation(
+        observed[0].id, observed[0].stamp_ns + 4_000_000, observed[0].u, observed[0].v
+    )
+    strange = Observation("Q7", observed[0].stamp_ns, 3.0, 4.0)
+    save_observations(tmp_path / "seen.csv", [*observed, odd, strange])
     save_survey(tmp_path / "survey.csv", load_survey(sample / "survey.geojson"))
     result = evaluate(bag, tmp_path / "survey.csv", tmp_path / "seen.csv")
     notes = "\n".join(result.notes)

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, quat_from_matrix, rotation_y
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
@@ -43,7 +42,7 @@ def pose_at(t_s, shift_n=(0.0, 0.0)):
 
 def flown(points_n, exposures_s):
     """Survey and observations of points (N, 3), each seen at its exposure."""
-    survey, seen = [], []
+    survey, observed = [], []
     for k, (point_n, t_s) in enumerate(zip(points_n, exposures_s, strict=True)):
         lat, lon, height = (float(x) for x in PLANE.geodetic_from_ned(point_n))
         survey.append(SurveyPoint(f"P{k}", lat, lon, height))
@@ -51,8 +50,8 @@ def flown(points_n, exposures_s):
         from_camera_n = (point_n - pose.position_n)[None]
         uv, valid = XT2.project(from_camera_n @ (rotation_y(math.radians(-30)) @ BODY_OPTICAL))
         assert valid[0]
-        seen.append(Observation(f"P{k}", round((t_s + LATENCY_S) * 1e9), *uv[0]))
-    return survey, seen
+        observed.append(Observation(f"P{k}", round((t_s + LATENCY_S) * 1e9), *uv[0]))
+    return survey, observed
 
 
 def some_points(count=9):
@@ -64,48 +63,51 @@ def some_points(count=9):
     return PLANE.ned_from_geodetic(lat, lon, GROUND_M), exposures_s
 
 
-def located(survey, seen, shift_n=(0.0, 0.0)):
+def located(survey, observed, shift_n=(0.0, 0.0)):
     poses: PoseBuffer[CameraPose] = PoseBuffer(1e6)
     for k in range(101):
         poses.add(pose_at(0.1 * k, shift_n))
     overlay = config_from(OverlayConfig, {"video_latency_s": LATENCY_S})
-    given = experiment_of(survey, seen)
-    return locate_observations(poses, PLANE, XT2, given, GROUND_M, overlay)
+    experiment = experiment_of(survey, observed)
+    return locate_observations(poses, PLANE, XT2, experiment, GROUND_M, overlay)
 
 
 def test_points_come_back_where_they_are():
-    survey, seen = flown(*some_points())
-    found, refused = located(survey, seen)
-    assert [one.id for one in found] == [one.id for one in seen]
+    survey, observed = flown(*some_points())
+    result, refused = located(survey, observed)
+    assert [item.id for item in result] == [item.id for item in observed]
     assert not refused
-    assert ground_errors(found).distance_m.max() < CURVATURE_M
-    assert all(one.is_inside for one in found)
+    assert ground_errors(result).distance_m.max() < CURVATURE_M
+    assert all(item.is_inside for item in result)
 
 
 def test_camera_shift_is_the_ground_error():
-    survey, seen = flown(*some_points())
-    found, _ = located(survey, seen, (0.7, -0.4))
-    given = experiment_of(survey, seen)
+    survey, observed = flown(*some_points())
+    result, _ = located(survey, observed, (0.7, -0.4))
+    experiment = experiment_of(survey, observed)
     # the axes of the projected plane are turned by 0.2 deg there
-    expected = given.projection.local_axes(PLANE.latitude_rad, PLANE.longitude_rad) @ [0.7, -0.4]
+    expected = experiment.projection.local_axes(PLANE.latitude_rad, PLANE.longitude_rad) @ [
+        0.7,
+        -0.4,
+    ]
     assert expected[0] == pytest.approx(-0.4, abs=0.01)  # east comes first
-    for one in found:
-        np.testing.assert_allclose(one.error_en, expected, atol=CURVATURE_M)
-        point = given.survey[one.id]
-        surveyed_en = given.projection.project(point.latitude_rad, point.longitude_rad)
-        np.testing.assert_allclose(one.place_en - surveyed_en, one.error_en, atol=1e-9)
-    assert ground_errors(found).rmse_m == pytest.approx(math.hypot(0.7, 0.4), abs=CURVATURE_M)
-    assert not any(one.is_inside for one in found)  # of centimetres
+    for item in result:
+        np.testing.assert_allclose(item.error_en, expected, atol=CURVATURE_M)
+        point = experiment.survey[item.id]
+        surveyed_en = experiment.projection.project(point.latitude_rad, point.longitude_rad)
+        np.testing.assert_allclose(item.place_en - surveyed_en, item.error_en, atol=1e-9)
+    assert ground_errors(result).rmse_m == pytest.approx(math.hypot(0.7, 0.4), abs=CURVATURE_M)
+    assert not any(item.is_inside for item in result)  # of centimetres
 
 
 def test_what_cannot_be_located_has_its_reason_and_the_unsurveyed_is_left_out(tmp_path):
-    survey, seen = flown(*some_points(3))
-    unknown = Observation("nobody", seen[0].stamp_ns, 320.0, 256.0)
+    survey, observed = flown(*some_points(3))
+    unknown = Observation("nobody", observed[0].stamp_ns, 320.0, 256.0)
     too_late = Observation("P0", 60_000_000_000, 320.0, 256.0)
-    beside = Observation("P0", seen[0].stamp_ns, -4000.0, 256.0)
-    found, refused = located(survey, [*seen, unknown, too_late, beside])
-    assert len(found) == 3
-    assert [(one.id, one.reason) for one in refused] == [
+    beside = Observation("P0", observed[0].stamp_ns, -4000.0, 256.0)
+    result, refused = located(survey, [*observed, unknown, too_late, beside])
+    assert len(result) == 3
+    assert [(item.id, item.reason) for item in refused] == [
         ("P0", "no trusted pose at that picture"),
         ("P0", "the pixel is outside the picture"),
     ]
@@ -133,9 +135,9 @@ def at(latitude_deg, longitude_deg):
     ],
 )
 def test_gauss_krueger_has_the_nearest_meridian(longitude_deg, meridian_deg, named):
-    found = at(40, longitude_deg)
-    assert named in found.name
-    east_m, north_m = found.project(math.radians(40), math.radians(meridian_deg))
+    result = at(40, longitude_deg)
+    assert named in result.name
+    east_m, north_m = result.project(math.radians(40), math.radians(meridian_deg))
     assert east_m == pytest.approx(500e3, abs=1e-6)
     # the meridian's arc from the equator to 40 deg, by PROJ's geodesics
     _, _, arc_m = pyproj.Geod(ellps="WGS84").inv(0, 0, 0, 40)
@@ -160,8 +162,8 @@ def test_local_axes_are_the_derivative(latitude_deg, longitude_deg, off_deg):
 
 def test_a_survey_across_the_date_line_and_at_a_pole():
     latitudes, longitudes = np.radians([-17.0, -17.0]), np.radians([179.99, -179.98])
-    found = projection_of(latitudes, longitudes)
+    result = projection_of(latitudes, longitudes)
     # 0.03 deg at 17 deg south
-    assert np.ptp(found.project(latitudes, longitudes)[:, 0]) == pytest.approx(3196, rel=1e-2)
+    assert np.ptp(result.project(latitudes, longitudes)[:, 0]) == pytest.approx(3196, rel=1e-2)
     with pytest.raises(SurveyError, match=r"latitude 85\.0: no transverse Mercator zone"):
         at(85, 20)

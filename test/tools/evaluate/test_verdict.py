@@ -11,8 +11,8 @@ import pytest
 
 from dev.reproduction.paper import TABLE_6_AVERAGE_M, TABLE_6_M, TABLE_7
 from tirgeo_ros.core.ground.ground_point import Ellipse
+from tirgeo_ros.tools.evaluate.report import is_honest, verdict
 from tirgeo_ros.tools.evaluate.result import LocatedPoint, ground_errors, paired_tests
-from tirgeo_ros.tools.evaluate.summary import is_honest, verdict
 
 COUNT = 24
 
@@ -33,7 +33,7 @@ def method(*, sigma_m, pictures=COUNT, error_m=3.0):
 
 
 @pytest.mark.parametrize(
-    ("points", "said"),
+    ("points", "text"),
     [
         (
             {"sigma_m": 2.0},
@@ -47,8 +47,8 @@ def method(*, sigma_m, pictures=COUNT, error_m=3.0):
         ({"sigma_m": 0.1, "error_m": 430e3}, "the observed points lie 430 km from where .*"),
     ],
 )
-def test_the_verdict_says_whether_errors_are_as_predicted(points, said):
-    assert re.fullmatch(said, verdict([method(**points)]))
+def test_the_verdict_says_whether_errors_are_as_predicted(points, text):
+    assert re.fullmatch(text, verdict([method(**points)]))
 
 
 def test_shares_that_are_chance_with_ellipses_of_95_percent():
@@ -59,14 +59,14 @@ def test_shares_that_are_chance_with_ellipses_of_95_percent():
 
 
 def test_the_columns_of_table_6_give_table_7():
-    found = {(one.first, one.second): one for one in paired_tests(TABLE_6_M)}
-    assert len(found) == 6
-    assert round(found["raw", "rtk"].p_value, 4) == TABLE_7["raw", "rtk"] == 0.0008
+    result = {(item.first, item.second): item for item in paired_tests(TABLE_6_M)}
+    assert len(result) == 6
+    assert round(result["raw", "rtk"].p_value, 4) == TABLE_7["raw", "rtk"] == 0.0008
     proposed = ("ekf", "ekf_heading")
-    assert round(found[proposed].p_value, 4) == TABLE_7[proposed] == 0.0005
+    assert round(result[proposed].p_value, 4) == TABLE_7[proposed] == 0.0005
     for pair in (("rtk", "ekf"), ("rtk", "ekf_heading")):  # printed at the printer's smallest
-        assert found[pair].p_value < TABLE_7[pair]
-    assert all(one.points == 20 and not one.note for one in found.values())
+        assert result[pair].p_value < TABLE_7[pair]
+    assert all(item.points == 20 and not item.note for item in result.values())
     for method, column in TABLE_6_M.items():
         # printed to two decimals, of values printed to two decimals
         assert np.mean(list(column.values())) == pytest.approx(TABLE_6_AVERAGE_M[method], abs=0.01)
@@ -75,15 +75,15 @@ def test_the_columns_of_table_6_give_table_7():
 def test_only_points_that_both_have_are_compared():
     first = {"a": 3.0, "b": 5.0, "c": 4.0, "only here": 900.0}
     second = {"c": 2.5, "b": 2.0, "a": 2.0, "only there": 0.0}
-    (found,) = paired_tests({"x": first, "y": second})
+    (result,) = paired_tests({"x": first, "y": second})
     # differences 1, 3, 1.5: mean 11/6, standard deviation of 3; t by hand
     differences = np.array([1.0, 3.0, 1.5])
     t = differences.mean() / (differences.std(ddof=1) / math.sqrt(3))
-    assert (found.points, found.note) == (3, "")
-    assert found.mean_difference_m == pytest.approx(11 / 6)
-    assert found.t == pytest.approx(t, rel=1e-12)
+    assert (result.points, result.note) == (3, "")
+    assert result.mean_difference_m == pytest.approx(11 / 6)
+    assert result.t == pytest.approx(t, rel=1e-12)
     # two degrees of freedom have a closed form
-    assert found.p_value == pytest.approx(1 - t / math.sqrt(2 + t * t), rel=1e-9)
+    assert result.p_value == pytest.approx(1 - t / math.sqrt(2 + t * t), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +95,6 @@ def test_only_points_that_both_have_are_compared():
     ],
 )
 def test_what_no_test_can_be_made_of_has_no_p_value(first, second, points, mean, note):
-    (found,) = paired_tests({"x": first, "y": second})  # a RuntimeWarning is an error here
-    assert (found.points, found.t, found.p_value, found.note) == (points, None, None, note)
-    assert found.mean_difference_m == (None if mean is None else pytest.approx(mean))
+    (result,) = paired_tests({"x": first, "y": second})  # a RuntimeWarning is an error here
+    assert (result.points, result.t, result.p_value, result.note) == (points, None, None, note)
+    assert result.mean_difference_m == (None if mean is None else pytest.approx(mean))

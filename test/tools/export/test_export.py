@@ -49,9 +49,9 @@ def test_files_and_summary(made):
     assert summary["not_used"] == {"before the first pose": 1}
     assert summary["ortho"]["files"] == summary["stills"]["files"] == 4
     assert summary["vectors"]["footprints"] == summary["subtitles"]["cues"] == 4
-    numbers = sorted(int(one.stem) for one in (folder / "ortho").iterdir())
+    numbers = sorted(int(item.stem) for item in (folder / "ortho").iterdir())
     assert [b - a for a, b in itertools.pairwise(numbers)] == [18, 18, 18]  # at 9 Hz
-    assert sorted(one.name for one in folder.iterdir()) == [
+    assert sorted(item.name for item in folder.iterdir()) == [
         *("flight.gpkg", "flight.srt"),
         *("mosaic.tif", "ortho", "stills", "summary.json"),
     ]
@@ -84,7 +84,7 @@ def test_choosing_pictures(sample):
     pictures = FlightPictures(driver.BagReader(sample / "flight.mcap"), "")
     every = pictures.chosen(Window())
     assert len(every) == 270
-    assert [one.number for one in every] == list(range(270))
+    assert [item.number for item in every] == list(range(270))
     some = pictures.chosen(Window(10.0, 20.0, 0.5))
     assert len(some) == 20
     assert some[0].stamp_ns - every[0].stamp_ns == pytest.approx(10e9, abs=0.12e9)
@@ -113,7 +113,7 @@ def test_refusals(params, nine_s, tmp_path, capsys, monkeypatch):
     assert "none of 1 pictures has a trusted pose: no pose near the exposure; the filter" in error
     error = refusal(capsys, nine_s, "-o", out, *params, *COARSE, "--degrees", "0.04", "-273.15")
     assert "--degrees is for 16-bit video" in error
-    assert not [one for one in out.rglob("*") if one.is_file()]
+    assert not [item for item in out.rglob("*") if item.is_file()]
     monkeypatch.setitem(sys.modules, "rasterio", None)
     error = refusal(capsys, nine_s, "-o", out, *params)
     assert "need rasterio: pip install 'tirgeo[dem]'" in error
@@ -182,9 +182,9 @@ def test_a_stopped_run_leaves_no_half_file(sample, tmp_path):
         time.sleep(0.05)
     run.terminate()
     assert run.wait(60) == 143
-    files = [one for one in tmp_path.rglob("*") if one.is_file()]
+    files = [item for item in tmp_path.rglob("*") if item.is_file()]
     assert len(files) >= 3
-    assert {one.parent.name for one in files} == {"ortho", "stills"}
+    assert {item.parent.name for item in files} == {"ortho", "stills"}
     for path in tmp_path.glob("ortho/*"):
         with rasterio.open(path) as whole:
             assert whole.read(2).max() == 255

@@ -57,7 +57,7 @@ def test_a_pixel_of_the_file_shows_its_own_place(tmp_path):
         assert file.tags()["PICTURE"] == "12"
         red, green, blue, alpha = file.read().astype(float)
         rows, columns = np.nonzero((red == WHOLE) & (alpha > 0))
-        x, y = (np.array(one) for one in file.transform * (columns + 0.5, rows + 0.5))
+        x, y = (np.array(item) for item in file.transform * (columns + 0.5, rows + 0.5))
     assert len(rows) > 4000
     # Red is the third value of a BGR picture.
     shown = np.stack([blue[rows, columns], green[rows, columns]], 1) * CODE_M + corner
@@ -83,10 +83,10 @@ def test_degrees(tmp_path):
     warm = mosaic_of(tmp_path / "warm", flown(NOISE), nearest=True, degrees=(scale, offset))
     with rasterio.open(raw) as counts, rasterio.open(warm) as celsius:
         assert celsius.units == ("degC",)
-        found, known = celsius.read(1), counts.read(2) > 0
+        result, valid = celsius.read(1), counts.read(2) > 0
         wanted = (counts.read(1) * scale + offset).astype(np.float32)
-    np.testing.assert_array_equal(found[known], wanted[known])
-    assert np.isnan(found[~known]).all()
+    np.testing.assert_array_equal(result[valid], wanted[valid])
+    assert np.isnan(result[~valid]).all()
     bytes_ = frame_of(np.zeros(SHAPE, np.uint8))
     with pytest.raises(MapError, match="--degrees is for 16-bit video"):
         mosaic_of(tmp_path / "not", [bytes_], degrees=(scale, offset))
@@ -108,7 +108,7 @@ def test_tiles_on_disk_give_the_same_bytes(tmp_path, monkeypatch, pixels):
     stored = mosaic_of(folder, flown(pixels)[:3], pixel_m=0.06).read_bytes()
     assert stored == held
     assert len(written) > len(set(written)) > 1  # some came back from disk, and went again
-    assert [one.name for one in folder.iterdir()] == ["mosaic.tif"]
+    assert [item.name for item in folder.iterdir()] == ["mosaic.tif"]
 
 
 def test_a_mosaic_is_valid_and_shows_no_edge_of_a_picture(tmp_path):
@@ -124,8 +124,8 @@ def test_a_mosaic_is_valid_and_shows_no_edge_of_a_picture(tmp_path):
         path = mosaic_of(tmp_path, frames, pixel_m=0.05, nearest=nearest)
         assert judge.cog_validate(path, strict=True) == (True, [], [])
         with rasterio.open(path) as file:
-            grey, known = file.read(1).astype(float), file.read(2) > 0
-        both = known[:, 1:] & known[:, :-1]
+            grey, valid = file.read(1).astype(float), file.read(2) > 0
+        both = valid[:, 1:] & valid[:, :-1]
         edges[nearest] = int((np.abs(np.diff(grey, axis=1)) >= 4)[both].sum())
     assert edges[True] > 100  # without feathering
     # What is left is at the mosaic's own border, where the rims of two pictures cross.
@@ -139,7 +139,7 @@ def test_no_ground_in_view(tmp_path):
         result = product.finish()
         assert result.get("without_ground", 1) == 1
         assert result.get("width", 0) == 0
-    assert [one.name for one in tmp_path.rglob("*")] == ["ortho"]
+    assert [item.name for item in tmp_path.rglob("*")] == ["ortho"]
     with pytest.raises(MapError, match="no picture sees the ground at 15 deg or steeper"):
         raster_setup(RasterOptions(), CAMERA, [sky], PLANE, GROUND_M)
 

@@ -36,23 +36,23 @@ def stills(flight, tmp_path_factory):
 def test_surveyed_points_are_where_they_were_clicked(sample, flight, stills):
     """A receiver that has the file alone projects them: as we do, and onto the clicks."""
     survey = json.loads((sample / "survey.geojson").read_text())["features"]
-    places = {one["properties"]["id"]: one["geometry"]["coordinates"] for one in survey}
+    places = {item["properties"]["id"]: item["geometry"]["coordinates"] for item in survey}
     frames = {frame.stamp_ns: frame for frame in flight.frames}
     distances = []
-    for seen in load_observations(sample / "observations.csv"):
-        if seen.stamp_ns < flight.frames[0].stamp_ns:  # before there was a pose
+    for observed in load_observations(sample / "observations.csv"):
+        if observed.stamp_ns < flight.frames[0].stamp_ns:  # before there was a pose
             continue
-        frame, (longitude, latitude, height_m) = frames[seen.stamp_ns], places[seen.id]
+        frame, (longitude, latitude, height_m) = frames[observed.stamp_ns], places[observed.id]
         read = read_still(stills / f"{frame.number:06}.jpg")
         point_n = frame.plane.ned_from_geodetic(*np.radians([latitude, longitude]), height_m)
         points_c = (point_n - frame.pose.position_n) @ matrix_from_quat(frame.pose.q_nc)
         expected, _ = frame.camera.project(points_c)
         for axes in (by_gimbal(read), by_mapping(read), by_open_drone_map(read)):
-            found = projected(read, axes, UNDULATION_M, [(latitude, longitude, height_m)])
-            assert_allclose(found, expected, atol=ROUNDING_PX)
+            result = projected(read, axes, UNDULATION_M, [(latitude, longitude, height_m)])
+            assert_allclose(result, expected, atol=ROUNDING_PX)
         by_pose = pixel_jacobian(frame.camera, frame.pose, point_n)[0][0]
         spread = by_pose @ frame.pose.covariance @ by_pose.T + CLICK_PX**2 * np.eye(2)
-        off = found[0] - (seen.u, seen.v)
+        off = result[0] - (observed.u, observed.v)
         distances.append(off @ np.linalg.solve(spread, off))
     assert len(distances) == 24
     assert max(distances) < 18.4  # of two dimensions, 1 in 10 000 is farther

@@ -92,10 +92,10 @@ def test_cues_say_where_the_camera_was_and_how_it_was_turned(written, flight):
     cues = written(undulation_m=UNDULATION_M)
     for cue, frame in zip(cues, flight.frames, strict=True):
         latitude, longitude, height = frame.plane.geodetic_from_ned(frame.pose.position_n)
-        found = cue.numbers("latitude", "longitude")
-        assert found == pytest.approx(np.degrees([latitude, longitude]), abs=0.51e-8)
-        found = cue.numbers("abs_alt", "rel_alt")
-        assert found == pytest.approx([height - UNDULATION_M, height - GROUND_M], abs=1e-3)
+        result = cue.numbers("latitude", "longitude")
+        assert result == pytest.approx(np.degrees([latitude, longitude]), abs=0.51e-8)
+        result = cue.numbers("abs_alt", "rel_alt")
+        assert result == pytest.approx([height - UNDULATION_M, height - GROUND_M], abs=1e-3)
         yaw, pitch = np.radians(cue.numbers("gb_yaw", "gb_pitch"))
         forward = [math.cos(pitch) * c for c in (math.cos(yaw), math.sin(yaw))]
         expected = matrix_from_quat(frame.pose.q_nc)[:, 2]
@@ -107,7 +107,7 @@ def test_cues_say_where_the_camera_was_and_how_it_was_turned(written, flight):
 
 
 def test_heights_that_are_not_known_are_not_said(written, flight):
-    bare = [dataclasses.replace(one, ground=None) for one in flight.frames[:20]]
+    bare = [dataclasses.replace(item, ground=None) for item in flight.frames[:20]]
     cue = written(bare)[7]
     assert "rel_alt" not in cue.fields
     assert cue.text.splitlines()[-1].startswith("31 m above the ellipsoid, camera to")
@@ -124,9 +124,9 @@ def test_cues_of_chosen_pictures_last_until_the_next(written, flight):
 
 
 def test_no_cue_stands_where_the_pose_is_lost(written, flight):
-    frames = [one for one in flight.frames[::9] if not 100 <= one.number < 140]
+    frames = [item for item in flight.frames[::9] if not 100 <= item.number < 140]
     cues = written(frames, every_s=1.0)
-    last = max(one.number for one in frames if one.number < 100)
+    last = max(item.number for item in frames if item.number < 100)
     assert not [c for c in cues if last + 1.5 < c.end_s * 9 and c.begin_s * 9 < 139.5]
     (before,) = [c for c in cues if c.fields["FrameCnt"] == f"{last + 1}"]
     assert before.end_s == pytest.approx((last + 1) / 9, abs=1e-3)
@@ -145,14 +145,14 @@ def test_an_empty_file_is_not_written_and_one_that_cannot_be_is_named(flight, tm
 def test_import_reads_them_back(written, flight, tmp_path):
     written(undulation_m=UNDULATION_M)
     options = LogOptions(geoid_undulation_m=UNDULATION_M, height="msl", utc_offset_s=0)
-    found = read_srt(tmp_path / "flight.srt", options)
-    places = [one for one in found.samples if isinstance(one, PositionSample)]
+    result = read_srt(tmp_path / "flight.srt", options)
+    places = [item for item in result.samples if isinstance(item, PositionSample)]
     assert len(places) == len(flight.frames)
     for place, frame in zip(places, flight.frames, strict=True):
         # Stamps to a millisecond; degrees to 8 decimals, heights to a millimetre.
         assert abs(place.stamp_ns - frame.pose.stamp_ns) < 1.01e6
-        known = (place.latitude_rad, place.longitude_rad, place.height_m)
-        off_m = frame.plane.ned_from_geodetic(*known) - frame.pose.position_n
+        geodetic = (place.latitude_rad, place.longitude_rad, place.height_m)
+        off_m = frame.plane.ned_from_geodetic(*geodetic) - frame.pose.position_n
         assert np.abs(off_m).max() < 2e-3
 
 
@@ -165,6 +165,6 @@ def test_the_form_is_that_of_real_ones(written, shared, name):
     fields += ["gb_yaw", "gb_pitch", "gb_roll"] if name == "avata360_gimbal" else []
     for field in fields:
         form = re.sub(r"\d+", "0", ours.fields[field].lstrip("-"))
-        assert {re.sub(r"\d+", "0", one.fields[field].lstrip("-")) for one in real} == {form}
+        assert {re.sub(r"\d+", "0", item.fields[field].lstrip("-")) for item in real} == {form}
     head = re.escape('<font size="28">FrameCnt: ')
-    assert all(re.match(head, one.text) for one in (ours, *real))
+    assert all(re.match(head, item.text) for item in (ours, *real))

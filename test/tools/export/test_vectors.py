@@ -16,7 +16,7 @@ from target_samples import TARGETS
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, place
 from tirgeo_ros.io.targets.columns import of_target
 from tirgeo_ros.io.targets.formats import exported as targets_as
@@ -76,14 +76,14 @@ def test_a_pictures_row_says_how_it_was_taken(path, by_number, flight):
     for row in rows_of(path, "footprints"):
         frame = by_number[row["picture"]]
         where = frame.plane.geodetic_from_ned(frame.pose.position_n)
-        found = [row[name] for name in ("latitude_deg", "longitude_deg", "height_m")]
-        assert_allclose(found, [*np.degrees(where[:2]), where[2]], rtol=0, atol=1e-9)
+        result = [row[name] for name in ("latitude_deg", "longitude_deg", "height_m")]
+        assert_allclose(result, [*np.degrees(where[:2]), where[2]], rtol=0, atol=1e-9)
         assert row["stamp_ns"] == frame.pose.stamp_ns
         assert row["time"].startswith("2021-10-20T12:0")
         middle = (frame.camera.width - 1) / 2, (frame.camera.height - 1) / 2
-        seen = place(frame.camera, frame.pose, middle, frame.plane, GROUND_M, CONFIDENCE)
-        assert isinstance(seen, Located)
-        assert row["ce90_m"] == pytest.approx(circular_error_90(seen.covariance_n))
+        observed = place(frame.camera, frame.pose, middle, frame.plane, GROUND_M, CONFIDENCE)
+        assert isinstance(observed, Located)
+        assert row["ce90_m"] == pytest.approx(circular_error_90(observed.covariance_n))
         assert row["above_ground_m"] == pytest.approx(where[2] - GROUND_M, abs=1e-3)
         # A pixel is one part in 803.6 of the distance along the axis, at 30 deg: to some percent.
         assert row["gsd_m"] == pytest.approx(row["slant_range_m"] / frame.camera.fx, rel=0.05)

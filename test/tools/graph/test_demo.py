@@ -73,12 +73,12 @@ def test_the_summary_has_what_the_nodes_published(tmp_path):
     overlay = NodeState("/overlay_node", 700 * MS, 1, topics, {"drawn": 7, "notices": 3})
     statuses.append(("tirgeo/state", MESSAGES.state(overlay), 700 * MS))
     path = write(tmp_path / "run.mcap", pictures + poses + statuses)
-    found = summary(read_outputs(path), begin_ns=0)
-    assert found["method"] == "ekf_heading"
-    assert found["overlay"] == {"drawn": 7, "notices": 3}
-    assert found["frame_latency_ms"] == 12.5
-    assert found["heading_sigma_deg"] == pytest.approx(0.15)
-    assert found["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
+    result = summary(read_outputs(path), begin_ns=0)
+    assert result["method"] == "ekf_heading"
+    assert result["overlay"] == {"drawn": 7, "notices": 3}
+    assert result["frame_latency_ms"] == 12.5
+    assert result["heading_sigma_deg"] == pytest.approx(0.15)
+    assert result["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
     made = make_pictures(path, tmp_path, 10)
     assert Path(str(made["video"])).stat().st_size > 0
     assert Path(str(made["still"])).stat().st_size > 0
@@ -100,17 +100,6 @@ def test_poses_are_judged_against_the_truth_after_settling(tmp_path):
     # Latitude and longitude go through degrees in the origin: 1e-9 m.
     assert judged["position_rms_m"] == pytest.approx(0.03, abs=1e-6)
     assert judged["heading_rms_deg"] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_no_picture_is_an_error(tmp_path):
-    with pytest.raises(GraphError, match=r"gave no tirgeo/overlay/image"):
-        make_pictures(tmp_path / "run.mcap", tmp_path, 0)
-
-
-def test_a_bag_without_a_needed_topic_is_refused(tmp_path):
-    path = write(tmp_path / "a.mcap", [("/clock", MESSAGES.clock(5), 5)])
-    with pytest.raises(BagError, match=r"needed topic absent: /imu/data, /thermal/camera_info"):
-        demonstrate(GraphSetup(path, tmp_path / "out"))
 
 
 def test_the_nodes_are_for_this_machine_alone_in_a_domain_of_their_own(tmp_path, monkeypatch):

@@ -20,7 +20,7 @@ from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli.main import parser_of, verbs
 from tirgeo_ros.tools.graph.node_graph import PROFILES
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph, read_remaps
-from tirgeo_ros.tools.replay.flight_topics import INPUTS
+from tirgeo_ros.tools.replay.registration import INPUTS
 
 
 class ReplacedError(Exception):

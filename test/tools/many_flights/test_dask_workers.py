@@ -63,8 +63,8 @@ def _process(log, program, *words):
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
     pytest.importorskip("distributed")
-    with dask_cluster(tmp_path_factory.mktemp("cluster")) as found:
-        yield found
+    with dask_cluster(tmp_path_factory.mktemp("cluster")) as result:
+        yield result
 
 
 def parent_of(number):
@@ -102,11 +102,11 @@ def test_a_killed_worker_loses_nothing(cluster, sample, words, tmp_path):
                 os.kill(killed, signal.SIGKILL)
                 break
             time.sleep(0.005)
-        told, _ = running.communicate(timeout=LIMIT_S)
+        text, _ = running.communicate(timeout=LIMIT_S)
     assert running.returncode == 0
     assert killed in {worker.pid for worker in workers}
     assert [worker.poll() for worker in workers if worker.pid == killed] == [-signal.SIGKILL]
-    assert json.loads(told)["processed"] == len(bags)
+    assert json.loads(text)["processed"] == len(bags)
     process(bags[0], tmp_path / "alone.mcap", params=sample / "params.yaml", images=False)
     alone = (tmp_path / "alone.mcap").read_bytes()
     for bag in bags:
@@ -122,8 +122,8 @@ def test_workers_of_another_version_are_refused(
     """Before a flight begins; the worker that is left has the version of this tree."""
     monkeypatch.setattr(dask_workers, "__version__", "99.0")
     assert run(flights, tmp_path / "out", "--scheduler", cluster[0]) == 1
-    told = capsys.readouterr().err
-    assert re.search(r"worker tcp://\S+: has tirgeo \d+\.\S+, another version than here", told)
+    text = capsys.readouterr().err
+    assert re.search(r"worker tcp://\S+: has tirgeo \d+\.\S+, another version than here", text)
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["index.html"]
 
 
@@ -172,8 +172,8 @@ def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_workers, "_SHOW_S", 0.0)
     task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {})
     running = dask_workers.run_on_cluster([task], "tcp://10.0.0.9:8786", FlightProgress(1))
-    told = "--scheduler tcp://10.0.0.9:8786: the connection to it is lost; .* run the same command"
-    with pytest.raises(dask_workers.ManyFlightsError, match=told):
+    text = "--scheduler tcp://10.0.0.9:8786: the connection to it is lost; .* run the same command"
+    with pytest.raises(dask_workers.ManyFlightsError, match=text):
         next(running)
     assert not list(tmp_path.iterdir())  # no flight has failed
 
@@ -185,7 +185,7 @@ def test_without_an_address_or_the_package_one_line_says_what_to_do(
     assert "--scheduler nonsense: no address, as tcp://192.168.1.5:8786" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert run(flights, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:8786") == 1
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "package distributed is missing" in told
-    assert "pip install distributed" in told
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1
+    assert "package distributed is missing" in text
+    assert "pip install distributed" in text

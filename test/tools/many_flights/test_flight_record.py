@@ -47,9 +47,9 @@ def made(tmp_path):
         here = str(tmp_path)
         return FlightTask("flight", str(bag), str(out), here, options, "", source)
 
-    found = {"output": "out/flight.mcap", "error": None, "speed": float("nan")}
+    result = {"output": "out/flight.mcap", "error": None, "speed": float("nan")}
     season = {"outputs": {"flight.mcap": 6}, "facts": {"begin_utc": "2026-05-01T10:00:00Z"}}
-    written_record(task(), found | {"season": season}, 1)
+    written_record(task(), result | {"season": season}, 1)
     return task, read_records(out)["flight"]
 
 
@@ -150,8 +150,8 @@ def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
         seconds=9.0,
     )
     out = tmp_path / "out.mcap"
-    given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
-    process(flight, out, namespace="uav1", **given)
+    options = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    process(flight, out, namespace="uav1", **options)
     _, jpeg = flight_facts(out, "uav1", 9.0)
     small = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert small.shape == (256, 320, 3)
@@ -159,7 +159,7 @@ def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
         cv2.resize(cv2.imdecode(np.frombuffer(bytes(m.data), np.uint8), 1), (320, 256), 0, 0, 0, 3)
         for _, m in messages_of(out, "/uav1/tirgeo/overlay/image/compressed")
     ]
-    errors = [np.abs(one.astype(float) - small).mean() for one in pictures]
+    errors = [np.abs(each.astype(float) - small).mean() for each in pictures]
     assert abs(np.argmin(errors) - len(pictures) / 2) <= 5  # in the middle; the first are late
 
 
@@ -195,14 +195,17 @@ def test_names(paths, names):
     assert len(set(names)) == len(names)
 
 
-def test_a_flight_keeps_its_name_and_no_other_gets_it():
+def test_a_flight_keeps_its_name_also_moved_or_as_a_link_and_no_other_gets_it(tmp_path):
+    """Recognised by its files' names, sizes and times of change."""
     records = {"flight": record("/a/flight.mcap", stamps_of("/a/flight.mcap"))}
     assert named("/a/flight.mcap", "/b/flight.mcap", records=records) == ["flight", "b_flight"]
     assert named("/b/flight.mcap", records=records) == ["b_flight"]
-
-
-def test_a_flight_that_was_moved_keeps_its_name_and_its_copy_gets_another():
-    """Known by its files' names, sizes and times of change."""
+    link = tmp_path / "may.mcap"
+    link.symlink_to(tmp_path / "disk_1.mcap")
+    assert flight_names({link: stamps_of(link)}, {}) == {link: "may"}
+    link.unlink()
+    link.symlink_to(tmp_path / "disk_2.mcap")  # which leads elsewhere
+    assert flight_names({link: stamps_of(link)}, {"spring": record(link)}) == {link: "spring"}
     stamps = stamps_of("/old/flight.mcap")
     records = {"may": record("/old/flight.mcap", stamps)}
     moved, copy = Path("/new/flight.mcap"), Path("/copy/flight.mcap")
@@ -211,13 +214,3 @@ def test_a_flight_that_was_moved_keeps_its_name_and_its_copy_gets_another():
     absent = [["flight.mcap", None, None]]  # is no other absent one
     records = {"flight": record("/old/flight.mcap", absent)}
     assert flight_names({moved: absent}, records) == {moved: "new_flight"}
-
-
-def test_a_link_has_its_own_name_and_keeps_it_where_it_leads_elsewhere(tmp_path):
-    link = tmp_path / "may.mcap"
-    link.symlink_to(tmp_path / "disk_1.mcap")
-    assert flight_names({link: stamps_of(link)}, {}) == {link: "may"}
-    records = {"spring": record(link)}
-    link.unlink()
-    link.symlink_to(tmp_path / "disk_2.mcap")
-    assert flight_names({link: stamps_of(link)}, records) == {link: "spring"}

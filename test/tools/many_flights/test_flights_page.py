@@ -51,7 +51,7 @@ def failed(name):
 
 
 def html(*records, pictures=None):
-    named = {one["season"]["name"]: one for one in records}
+    named = {item["season"]["name"]: item for item in records}
     return flights_html("May", named, pictures or {})
 
 
@@ -63,7 +63,7 @@ def test_the_page_is_whole_in_itself(tmp_path):
     text = html(record("a"), failed("b"), pictures={"a": JPEG})
     page = Page(text)
     assert embedded(page, "image/jpeg") == [JPEG]
-    links = [one for one in page.sources if not one.startswith("data:")]
+    links = [item for item in page.sources if not item.startswith("data:")]
     assert links == ["a.mcap", "a.mp4", "a.json", "b.json"]
     assert not re.findall(r"url[(]|@import|<link|https?:", text)
     # The head and a row's cells have the same columns.
@@ -74,8 +74,8 @@ def test_the_page_is_whole_in_itself(tmp_path):
 
 
 def test_a_flight_is_told_as_its_record_has_it():
-    found = words(Page(html(record("a", findings=[finding("stop"), finding("note")]))))
-    for told in (
+    result = words(Page(html(record("a", findings=[finding("stop"), finding("note")]))))
+    for text in (
         "2026-05-01 10:00",
         "47.4000° N",
         "8.5500° E",
@@ -88,8 +88,8 @@ def test_a_flight_is_told_as_its_record_has_it():
         "5 gaps: imu/data: look at the cable",
         "done",
     ):
-        assert told in found, told
-    assert "smoothed" not in found
+        assert text in result, text
+    assert "smoothed" not in result
     assert "done, smoothed" in words(Page(html(record("a", smoothed=True))))
 
 
@@ -97,20 +97,20 @@ def test_totals_are_those_of_all_flights_in_the_order_of_their_begin():
     damaged = record("c", begin="2026-05-03T10:00:00Z", error="c.mcap: cut off")
     text = html(failed("b"), damaged, record("a", findings=[finding("caution")]))
     assert re.findall(r'<tr id="flight-(\w)"', text) == ["a", "c", "b"]  # by time, failed last
-    found = words(Page(text))
-    for told in ("flights 3", "with an error 2", "flown 2:30", "distance 0.27 km"):
-        assert told in found, told
-    for told in ("pictures with the map 1200", "findings 1 caution", "running 2:20"):
-        assert told in found, told
-    assert "failed b.mcap: no bag" in found
-    assert "in part c.mcap: cut off" in found
+    result = words(Page(text))
+    for output in ("flights 3", "with an error 2", "flown 2:30", "distance 0.27 km"):
+        assert output in result, output
+    for output in ("pictures with the map 1200", "findings 1 caution", "running 2:20"):
+        assert output in result, output
+    assert "failed b.mcap: no bag" in result
+    assert "in part c.mcap: cut off" in result
 
 
 def test_names_are_text_and_links_are_quoted():
     name = "<b>&'\" 1#?%"
     text = html(record(name, error="<u>", findings=[finding("stop", "<i>")]))
     page = Page(text)
-    assert {name, "<u>"} <= {one.strip() for one in page.text}
+    assert {name, "<u>"} <= {item.strip() for item in page.text}
     assert "<i>: imu/data" in words(page)
     assert "%3Cb%3E%26%27%22%201%23%3F%25.mcap" in page.sources
     assert not re.findall(r"<[bui]>&|<u>|<i>", text)
@@ -121,11 +121,11 @@ def test_names_are_text_and_links_are_quoted():
 def test_a_flight_without_a_pose_and_one_of_hours():
     lost = record("a", states_s={"lost": 3}, duration_s=3723.0)
     lost["season"]["facts"] = {}
-    found = words(Page(html(lost)))
-    assert "lost 0:03" in found
-    assert "1:02:03" in found
-    assert "nan" not in found.lower()
-    assert "None" not in found
+    result = words(Page(html(lost)))
+    assert "lost 0:03" in result
+    assert "1:02:03" in result
+    assert "nan" not in result.lower()
+    assert "None" not in result
 
 
 def test_what_another_version_tells_differently_is_a_dash():
@@ -133,9 +133,9 @@ def test_what_another_version_tells_differently_is_a_dash():
     with pytest.raises(ValueError, match="swallowed"):
         html(other)
     other["season"]["made_from"]["version"] = "99.0"
-    found = words(Page(html(other)))
-    assert "running 0:06, dreaming 0:04" in found
-    assert found.partition("none - ")[2].startswith("done")  # checks, refused, result
+    result = words(Page(html(other)))
+    assert "running 0:06, dreaming 0:04" in result
+    assert result.partition("none - ")[2].startswith("done")  # checks, refused, result
 
 
 @pytest.mark.slow

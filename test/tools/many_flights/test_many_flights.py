@@ -49,8 +49,8 @@ def test_a_broken_flight_has_its_line_and_stops_nothing(season, broken):
 def test_links_in_a_loop_and_pipes_fail_alone(flights, run, tmp_path, capsys):
     """Among flights and in the season's folder; a pipe that nobody writes to has no end."""
     loops, pipe, folder = [tmp_path / name for name in "ab"], tmp_path / "d.json", tmp_path / "out"
-    for one, other in zip(loops, reversed(loops), strict=True):
-        one.symlink_to(other)
+    for item, other in zip(loops, reversed(loops), strict=True):
+        item.symlink_to(other)
     folder.mkdir()
     west = f"{flights[1].parent.name}_{flights[1].stem}"
     for name in ("stray.json", f"{west}.json", f"{west}.jpg"):
@@ -58,10 +58,10 @@ def test_links_in_a_loop_and_pipes_fail_alone(flights, run, tmp_path, capsys):
     os.mkfifo(pipe)
     assert run([*flights, *loops, pipe], folder, "--json") == 1
     result = json.loads(capsys.readouterr().out)
-    errors = {one["input"]: one["error"] for one in result["flights"]}
+    errors = {item["input"]: item["error"] for item in result["flights"]}
     assert errors.pop(str(flights[0])) is None
     assert "not a file" in errors.pop(str(flights[1]))
-    assert [errors[str(one)].partition(": ")[2] for one in (*loops, pipe)] == [
+    assert [errors[str(item)].partition(": ")[2] for item in (*loops, pipe)] == [
         *["cannot be read: Too many levels of symbolic links"] * 2,
         "is no file: a pipe or a device cannot be read as a bag",
     ]
@@ -90,9 +90,9 @@ def test_wrong_use_is_one_line(flights, run, tmp_path, capsys):
     wrong.write_text("ekf_node: {ros__parameters: {metod: ekf}}")
     argv = ["process", *map(str, flights), "-o", str(tmp_path / "out"), "--params", str(wrong)]
     assert command.main(argv) == 1
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "unknown parameter metod" in told
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1
+    assert "unknown parameter metod" in text
 
 
 @pytest.mark.slow
@@ -101,13 +101,13 @@ def test_pictures_and_videos_have_the_bytes_that_they_have_alone(sample, tmp_pat
         rewritten(sample / "flight.mcap", tmp_path / f"{name}.mcap", seconds=seconds)
         for name, seconds in (("long", 4.0), ("short", 3.0))
     ]
-    given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
-    options = [word for name, path in given.items() for word in (f"--{name}", str(path))]
+    arguments = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    options = [word for name, path in arguments.items() for word in (f"--{name}", str(path))]
     folder = tmp_path / "season"
     assert command.main(["process", *map(str, bags), "-o", str(folder), "--video", *options]) == 0
     for bag in bags:
         alone = tmp_path / f"alone_{bag.name}"
-        process(bag, alone, video=alone.with_suffix(".mp4"), **given)
+        process(bag, alone, video=alone.with_suffix(".mp4"), **arguments)
         for path in (alone, alone.with_suffix(".mp4")):
             made = folder / path.name.removeprefix("alone_")
             assert made.read_bytes() == path.read_bytes()
@@ -119,7 +119,7 @@ def test_pictures_and_videos_have_the_bytes_that_they_have_alone(sample, tmp_pat
     assert result["processed"] == 2
     (folder / "long.mcap").write_bytes(b"cut")  # an output that is no longer complete
     assert command.main(argv) == 0
-    kept = {one["name"]: one["kept"] for one in json.loads(capsys.readouterr().out)["flights"]}
+    kept = {item["name"]: item["kept"] for item in json.loads(capsys.readouterr().out)["flights"]}
     assert kept == {"long": False, "short": True}
 
 
@@ -137,7 +137,7 @@ def test_an_end_leaves_what_is_done_and_nothing_unfinished(sample, words, tmp_pa
     with subprocess.Popen(argv, stderr=subprocess.PIPE, text=True) as running:
         end_s = time.monotonic() + LIMIT_S
         # Not before its first chunk is written: it is well in work then.
-        while not any(one.stat().st_size for one in folder.glob(".second.mcap.*.part")):
+        while not any(item.stat().st_size for item in folder.glob(".second.mcap.*.part")):
             assert time.monotonic() < end_s
             assert running.poll() is None
             time.sleep(0.01)
@@ -160,8 +160,8 @@ def task(name):
 
 
 def record(name, *, output=True, error=None, attempts=1):
-    found = {"output": f"out/{name}.mcap", "duration_s": 60.0, "elapsed_s": 4.0} if output else {}
-    return {"output": None, "error": error, "season": {"attempts": attempts}} | found
+    result = {"output": f"out/{name}.mcap", "duration_s": 60.0, "elapsed_s": 4.0} if output else {}
+    return {"output": None, "error": error, "season": {"attempts": attempts}} | result
 
 
 def test_the_summary_counts_each_flight_once():
@@ -172,13 +172,13 @@ def test_the_summary_counts_each_flight_once():
         "d": record("d", error="d.mcap: cut off"),
         "e": record("e", output=False, error="e.mcap: no bag"),
     }
-    found = flights_summary([task(name) for name in records], ["c"], records)
-    counts = {name: found[name] for name in ("processed", "kept", "in_part", "failed")}
+    result = flights_summary([task(name) for name in records], ["c"], records)
+    counts = {name: result[name] for name in ("processed", "kept", "in_part", "failed")}
     assert counts == {"processed": 2, "kept": 1, "in_part": 1, "failed": 1}
-    assert found["error"] == "2 of 5 flights have an error: d, e"
-    assert [flight["attempts"] for flight in found["flights"]] == [1, 2, 1, 1, 1]
+    assert result["error"] == "2 of 5 flights have an error: d, e"
+    assert [flight["attempts"] for flight in result["flights"]] == [1, 2, 1, 1, 1]
     amounts = "2 processed, 1 already done, 1 in part, 1 failed"
-    lines = summary_lines(found | {"elapsed_s": 12.0, "page": "out/index.html"}).splitlines()
+    lines = summary_lines(result | {"elapsed_s": 12.0, "page": "out/index.html"}).splitlines()
     assert lines == [
         f"  flights  5: {amounts}; 180 s of flight in 12.0 s",
         "! d        d.mcap: cut off",
@@ -186,15 +186,15 @@ def test_the_summary_counts_each_flight_once():
         "  page     out/index.html",
     ]
     failed = {name: record(name, output=False, error="x") for name in "abcdef"}
-    found = flights_summary([task(name) for name in failed], [], failed)
-    assert found["error"] == "6 of 6 flights have an error: a, b, c and 3 more"
+    result = flights_summary([task(name) for name in failed], [], failed)
+    assert result["error"] == "6 of 6 flights have an error: a, b, c and 3 more"
     assert flights_summary([task("a")], [], {"a": record("a")})["error"] is None
 
 
 def test_progress_counts_flights_and_the_parts_of_those_in_work():
-    told = []
-    progress = FlightProgress(2, lambda *amounts: told.append(amounts))
+    shown = []
+    progress = FlightProgress(2, lambda *amounts: shown.append(amounts))
     for part in (0.25, 1.0):
         progress.part("a", part)
         progress.show()
-    assert told == [(0.25, 2), (1.0, 2)]
+    assert shown == [(0.25, 2), (1.0, 2)]

@@ -11,7 +11,7 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
-from tirgeo_ros.tools.evaluate.summary import summary
+from tirgeo_ros.tools.evaluate.report import summary
 from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
+    flu_from_frd,
     matrix_from_quat,
     quat_from_matrix,
     quat_multiply,
@@ -143,19 +143,19 @@ def test_the_camera_wanders_by_table_8_and_the_encoders_see_it(flight):
     rotation_pg = flight.gimbal.rotation_pg(truth.t_s[rows])
     rotation_pb = flight.trajectory.motion(truth.t_s[rows]).rotation_pb
     true = joint_angles(np.swapaxes(rotation_pb, 1, 2) @ rotation_pg)
-    said = np.array([(s.yaw_rad, s.roll_rad, s.pitch_rad) for _, s in samples])
-    np.testing.assert_allclose(np.degrees(rms(said - true)), 0.02, rtol=4 / np.sqrt(2 * 5351))
+    measured = np.array([(s.yaw_rad, s.roll_rad, s.pitch_rad) for _, s in samples])
+    np.testing.assert_allclose(np.degrees(rms(measured - true)), 0.02, rtol=4 / np.sqrt(2 * 5351))
 
 
 def test_the_flight_controller_reports_the_command_and_its_own_heading(flight):
     samples = samples_of(flight, CameraAttitudeSample)
     rows = rows_at(flight, samples)
-    said = euler_from_quat(np.array([sample.q_ng for _, sample in samples]))
-    np.testing.assert_allclose(np.degrees(said[:, 0]), 0.0, atol=1e-9)
-    np.testing.assert_allclose(np.degrees(said[:, 1]), -30.0, atol=1e-9)
+    reported = euler_from_quat(np.array([sample.q_ng for _, sample in samples]))
+    np.testing.assert_allclose(np.degrees(reported[:, 0]), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.degrees(reported[:, 1]), -30.0, atol=1e-9)
     # psi_coder: the autopilot's heading error is in both, so only the encoder's noise is left.
     pilot = np.array([s.autopilot_q_nb for _, s in samples_of(flight, ImuSample)])[rows]
-    coder = said[:, 2] - euler_from_quat(pilot)[:, 2]
+    coder = reported[:, 2] - euler_from_quat(pilot)[:, 2]
     _, q_pc = flight.gimbal.camera(flight.truth.t_s[rows])
     axis = matrix_from_quat(q_pc)[:, :, 2]
     true = np.arctan2(axis[:, 1], axis[:, 0]) - euler_from_quat(flight.truth.q_nb[rows])[:, 2]

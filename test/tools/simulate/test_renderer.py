@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import (
+    Q_BODY_OPTICAL,
+    matrix_from_quat,
+    quat_from_euler,
+    quat_multiply,
+)
 from tirgeo_ros.core.ground.backprojection import first_hit
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io import messages as convert
@@ -73,10 +77,10 @@ def test_a_spot_on_the_ground_is_seen_where_the_camera_projects_it(q_pc):
     picture = picture_of([], q_pc, Ground(levels, 90.0, -30.0, 0.05)).astype(float)
     for u, v in projected(np.column_stack([spots, np.zeros(5)]), q_pc):
         column, row = round(u) - 18, round(v) - 15
-        found = np.add(centroid(picture[row : row + 31, column : column + 37]), [column, row])
+        result = np.add(centroid(picture[row : row + 31, column : column + 37]), [column, row])
         # The centroid of a disc of 0.4 m lies below its centre's image by the perspective: a
         # fraction r^2 / d^2 of the distance, under 0.05 px; whole grey levels do the rest.
-        np.testing.assert_allclose(found, [u, v], atol=0.15)
+        np.testing.assert_allclose(result, [u, v], atol=0.15)
 
 
 @pytest.mark.parametrize(
@@ -93,11 +97,11 @@ def test_a_spot_on_the_ground_is_seen_where_the_camera_projects_it(q_pc):
 def test_a_person_is_seen_where_the_camera_projects_them(center, q_pc, relief):
     person = Target("person 1", "person", np.array(center), 13.0, 0.55, 0.4)
     picture = picture_of([person], q_pc, relief=relief, place=CAMERA)
-    found = centroid(np.maximum(picture - float(GREY), 0.0))
+    result = centroid(np.maximum(picture - float(GREY), 0.0))
     (expected,) = projected(relief.places(np.array([center])), q_pc, CAMERA)
     # Perspective moves the centroid by (r / d)^2 of the distance, 0.02 px; whole
     # grey levels do the rest.
-    np.testing.assert_allclose(found, expected, atol=0.1)
+    np.testing.assert_allclose(result, expected, atol=0.1)
 
 
 def test_a_person_is_as_warm_as_asked_and_a_fire_saturates_in_8_bits_and_not_in_16():
@@ -122,31 +126,31 @@ def test_one_more_target_leaves_the_others_where_they_are():
         targets_of(scenario_from({"scene.people": n, "scene.fires": 2, "scene.people_at": []}), 7)
         for n in (2, 3)
     )
-    assert [one.id for one in many] == ["person 1", "person 2", "person 3", "fire 1", "fire 2"]
-    places = {one.id: one.center.tolist() for one in many}
-    assert {one.id: one.center.tolist() for one in few}.items() <= places.items()
+    assert [item.id for item in many] == ["person 1", "person 2", "person 3", "fire 1", "fire 2"]
+    places = {item.id: item.center.tolist() for item in many}
+    assert {item.id: item.center.tolist() for item in few}.items() <= places.items()
     assert len({tuple(place) for place in places.values()}) == 5
-    for one in many:
-        assert -76 <= one.center[0] <= 106
-        assert -36 <= one.center[1] <= 104
-        assert one.kind == "person" or (1.0 <= one.size_m <= 3.0 and one.warmer_k >= 300.0)
+    for item in many:
+        assert -76 <= item.center[0] <= 106
+        assert -36 <= item.center[1] <= 104
+        assert item.kind == "person" or (1.0 <= item.size_m <= 3.0 and item.warmer_k >= 300.0)
 
 
 def test_an_operator_clicks_once_a_pass_at_the_middle():
     scenario = scenario_from({"duration_s": 70.0})
     flight = fly(scenario)
     targets = targets_of(scenario, flight.seed)
-    seen = sightings(flight, XT2, targets)
-    assert seen
+    observed = sightings(flight, XT2, targets)
+    assert observed
     start_ns = scenario.start_ns
-    for one in seen:
-        exposed_s = (one.stamp_ns - start_ns) * 1e-9 - scenario.video.latency_s
+    for item in observed:
+        exposed_s = (item.stamp_ns - start_ns) * 1e-9 - scenario.video.latency_s
         position, q_pc = flight.gimbal.camera(exposed_s)
         place = (np.array([*targets[0].center, 0.0]) - position) @ matrix_from_quat(q_pc[0])
         # Stamps are whole nanoseconds.
-        np.testing.assert_allclose(XT2.project(place)[0][0], [one.u, one.v], atol=1e-3)
-        assert 180 <= one.v <= 490
-    apart_s = np.diff([one.stamp_ns for one in seen]) * 1e-9
+        np.testing.assert_allclose(XT2.project(place)[0][0], [item.u, item.v], atol=1e-3)
+        assert 180 <= item.v <= 490
+    apart_s = np.diff([item.stamp_ns for item in observed]) * 1e-9
     assert (apart_s > 1.0).all()
     assert sightings(flight, XT2, []) == []
 
@@ -254,7 +258,7 @@ def test_the_bag_says_the_camera_of_its_pictures(tmp_path):
     (camera,) = set(infos)
     assert (camera.width, camera.height) == (320, 256)
     assert camera.fx == camera.fy == pytest.approx(160 / np.tan(np.radians(28.5)))
-    assert {(one.shape, one.dtype.name) for one in pictures} == {((256, 320), "uint16")}
+    assert {(item.shape, item.dtype.name) for item in pictures} == {((256, 320), "uint16")}
     # Grass to kerbs and people, some ten kelvin: a small part of the range, which no pixel fills.
     low, high = np.percentile(pictures, [1, 99])
     assert 20_500 < low < high < 24_500

@@ -189,17 +189,17 @@ def read(path, topic, convert_one):
 
 
 def test_its_inertial_data_and_truth_are_the_scenarios(flight, sample):
-    said = read(sample / "flight.mcap", "/imu/data", convert.imu_sample)
+    recorded = read(sample / "flight.mcap", "/imu/data", convert.imu_sample)
     start_ns = flight.scenario.start_ns
     flown = [
         s
         for arrival, s in flight.samples
         if isinstance(s, ImuSample) and START_S * 1e9 <= arrival - start_ns <= END_S * 1e9
     ]
-    assert [s.stamp_ns for s in said] == [s.stamp_ns for s in flown]
+    assert [s.stamp_ns for s in recorded] == [s.stamp_ns for s in flown]
     for field in ("specific_force_b", "angular_rate_b"):
         np.testing.assert_allclose(
-            [getattr(s, field) for s in said], [getattr(s, field) for s in flown], atol=1e-9
+            [getattr(s, field) for s in recorded], [getattr(s, field) for s in flown], atol=1e-9
         )
     true = read(sample / "truth.mcap", "/tirgeo/odometry", convert.body_pose)
     rows = np.isin(flight.truth.stamp_ns, [pose.stamp_ns for pose in true])
@@ -254,5 +254,5 @@ def test_processing_finds_the_true_camera_as_exactly_as_with_the_usual_order(tmp
     # The filter errs as before; the encoders' 0.02 deg are about other axes.
     per_pose = np.degrees(np.abs(other.angle_rad - usual.angle_rad))
     assert np.max(per_pose) < 0.02 * 2 * 4.5
-    rms_deg = np.degrees([np.sqrt(np.mean(one.angle_rad**2)) for one in (usual, other)])
+    rms_deg = np.degrees([np.sqrt(np.mean(item.angle_rad**2)) for item in (usual, other)])
     assert rms_deg[1] == pytest.approx(rms_deg[0], rel=0.05)

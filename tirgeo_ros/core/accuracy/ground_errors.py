@@ -23,8 +23,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import pixel_jacobian
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.types.arrays import Array

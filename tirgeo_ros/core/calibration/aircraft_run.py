@@ -32,8 +32,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
     restamped,
 )
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.axes import FLU_FRD
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
+from tirgeo_ros.core.frames.rotations import FLU_FRD, matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.aiding.aid import (
     Aiding,

@@ -31,8 +31,10 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, pixel_jacobian
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL, FLU_FRD, flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    FLU_FRD,
+    flu_from_frd,
     matrix_from_euler,
     matrix_from_quat,
     quat_conjugate,

@@ -22,8 +22,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import euler_from_matrix
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_from_matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tirgeo_ros.core.checks.finding_table import finding
-from tirgeo_ros.core.checks.receiver_checks import LARGEST_UNDULATION_M
+from tirgeo_ros.core.checks.navigation_checks import LARGEST_UNDULATION_M
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.map.visibility import (
     ELSEWHERE_M,
     likely_mistake,

@@ -16,9 +16,9 @@ import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import ImuConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
+    flu_from_frd,
     matrix_from_quat,
     matrix_from_rotvec,
     quat_conjugate,

@@ -20,8 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, matrix_from_quat, matrix_from_rotvec
 from tirgeo_ros.core.types.arrays import Array
 
 #: Range of latency errors (few set more than half a second), and interval of the kept poses.

@@ -5,14 +5,18 @@ Samples are taken as they arrive, before the filter's own checks reject any.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections import deque
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.inertial_checks import ImuBlocks, ImuChecks, VibrationChecks
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
-from tirgeo_ros.core.checks.receiver_checks import PositionChecks, VelocityChecks
 from tirgeo_ros.core.checks.stream_checks import (
     IMU,
     StampChecks,
@@ -23,6 +27,8 @@ from tirgeo_ros.core.checks.stream_checks import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.streams.stamps import Spacing
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -34,6 +40,165 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
+
+#: Fixes no further apart in time than this are compared, one pair in each such interval.
+_NEAR_NS = 500_000_000
+_KEPT, _LEAST_PAIRS = 60, 12
+#: A constant difference beyond this many sigmas and metres is not a GPS error.
+_SIGMAS, _LEAST_M = 3.0, 8.0
+LARGEST_UNDULATION_M = 110.0
+_ELSEWHERE_M = 1e4
+_SWAPPED_RAD = 0.01
+
+
+class PositionChecks:
+    """Compare the positions of both receivers."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._sigma_m = np.array(config.gps.position_sigma_m)
+        self._newest: dict[Source, PositionSample] = {}
+        # GPS minus RTK, NED, m, and its sigma, m: (6,)
+        self._apart: deque[Array] = deque(maxlen=_KEPT)
+        self._spacing = Spacing(_NEAR_NS)
+
+    def position(self, sample: PositionSample) -> None:
+        """Take a position as it arrived, also one with latitude and longitude swapped."""
+        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
+        if sample.status is FixStatus.NONE or not all(map(math.isfinite, place)):
+            return
+        self._newest[sample.source] = sample
+        rtk = self._newest.get(Source.RTK_POSITION)
+        gps = self._newest.get(Source.GPS_POSITION)
+        if rtk is None or gps is None or abs(rtk.stamp_ns - gps.stamp_ns) > _NEAR_NS:
+            return
+        if not self._spacing.take(sample.stamp_ns):
+            return
+        plane = TangentPlane(rtk.latitude_rad, rtk.longitude_rad, rtk.height_m)
+        apart_n = plane.ned_from_geodetic(gps.latitude_rad, gps.longitude_rad, gps.height_m)
+        variances = gps.covariance_n.diagonal()
+        sigma = self._sigma_m
+        if variances.min() > 0:
+            sigma = np.sqrt(variances + np.maximum(rtk.covariance_n.diagonal(), 0.0))
+        if np.isfinite(sigma).all():
+            self._apart.append(np.append(apart_n, sigma))
+
+    def findings(self) -> list[Finding]:
+        """Return where they differ, during all the time, by more than the GPS errors."""
+        if len(self._apart) < _LEAST_PAIRS:
+            return []
+        apart, sigma = np.hsplit(np.array(self._apart), 2)
+        limit = np.maximum(_SIGMAS * sigma.mean(axis=0), _LEAST_M)
+        north, east, down = np.median(apart, axis=0).tolist()
+        if math.hypot(north, east) > _ELSEWHERE_M:
+            rtk, gps = self._newest[Source.RTK_POSITION], self._newest[Source.GPS_POSITION]
+            crossed = rtk.latitude_rad - gps.longitude_rad, rtk.longitude_rad - gps.latitude_rad
+            case = "swapped" if max(map(abs, crossed)) < _SWAPPED_RAD else ""
+            apart_km = math.hypot(north, east) / 1e3
+            return [finding("position_elsewhere", case, apart_km=apart_km)]
+        findings = []
+        if np.percentile(np.abs(apart[:, 2]), 10) > limit[2]:
+            off, sigma_m = f"{-down:+.1f} m above rtk/fix", sigma[:, 2].mean()
+            case = "geoid" if abs(down) < LARGEST_UNDULATION_M else ""
+            findings.append(finding("height_datum", case, off=off, sigma_m=sigma_m))
+        if np.percentile(np.linalg.norm(apart[:, :2], axis=1), 10) > math.hypot(*limit[:2]):
+            off = f"{north:+.0f} m north and {east:+.0f} m east of rtk/fix"
+            findings.append(finding("position_datum", off=off, sigma_m=sigma[:, :2].mean()))
+        return findings
+
+
+_STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
+_LEAST_STEPS = 4  # intervals
+#: Least rms speed, well above that of position errors of some decimetres.
+_LEAST_M_S, _LEAST_CLIMB_M_S = 1.0, 0.4
+_SURE = 0.92  # correlation of climbs with a wrong sign
+#: Share of the squares that remains under a wrong and under a right explanation.
+_WRONG, _RIGHT = 0.5, 0.15
+#: What speeds in another unit than m/s are multiplied by; beside it, so much (8 %) as noise that
+#: leaves the share _RIGHT can make of it.
+_UNITS = {"km/h": 3.6, "knots": 1.944, "mph": 2.237, "ft/s": 3.281, "cm/s": 100.0, "mm/s": 1000.0}
+_BESIDE = -0.5 * math.log(1 - _RIGHT)
+#: Matrices from the message's north and east to the true ones; the first one is the identity.
+_EXCHANGES = [
+    np.array((first, second)) @ axes
+    for axes in (np.eye(2), np.eye(2)[::-1])
+    for first, second in itertools.product(((1, 0), (-1, 0)), ((0, 1), (0, -1)))
+]
+
+
+class VelocityChecks:
+    """Compare one receiver's velocities with its positions (NED m of any plane)."""
+
+    def __init__(self, topic: str, positions: str) -> None:
+        self._topics = {"topic": topic, "positions": positions}
+        self._begin: tuple[int, Array] | None = None  # stamp and position of the interval's start
+        self._velocities: deque[tuple[int, Array]] = deque(maxlen=400)
+        # of each interval: its mean velocity by the positions and by the velocities
+        self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
+
+    def velocity(self, sample: VelocitySample) -> None:
+        """Take a velocity as it arrived."""
+        self._velocities.append((sample.stamp_ns, sample.velocity_n))
+
+    def position(self, stamp_ns: int, position_n: Array) -> None:
+        """Take a position (3,), NED, m."""
+        begin_ns, begin_n = self._begin or (stamp_ns, position_n)
+        if 0 <= stamp_ns - begin_ns < _STEP_NS and self._begin:
+            return
+        self._begin = stamp_ns, position_n
+        inside = [v for t, v in self._velocities if begin_ns <= t <= stamp_ns]
+        if len(inside) >= 2 and 0 < stamp_ns - begin_ns < _LONGEST_NS:
+            way_n = (position_n - begin_n) / ((stamp_ns - begin_ns) * 1e-9)
+            self._pairs.append((way_n, np.mean(inside, axis=0)))
+
+    def findings(self) -> list[Finding]:
+        """Return the fault of the horizontal axes, of the unit, or of the sign of climbs."""
+        if len(self._pairs) < _LEAST_STEPS:
+            return []
+        ways, own = map(np.array, zip(*self._pairs, strict=True))
+        fault = self._horizontal(ways[:, :2], own[:, :2]) or self._vertical(ways[:, 2], own[:, 2])
+        return [fault] if fault else []
+
+    def _vertical(self, ways: Array, own: Array) -> Finding | None:
+        """Check mean velocities (N,), m/s, down, by positions and by velocities."""
+        moves, says = (math.sqrt((down**2).mean()) for down in (ways, own))
+        slow = min(moves, says) < _LEAST_CLIMB_M_S
+        if slow or float((ways * own).mean()) > -_SURE * moves * says:
+            return None
+        return finding("{topic}_up", **self._topics)
+
+    def _horizontal(self, ways: Array, own: Array) -> Finding | None:
+        """Check mean velocities (N, 2), m/s, north and east, by positions and by velocities."""
+        moves, says = (math.sqrt((speed**2).sum(axis=1).mean()) for speed in (ways, own))
+        if max(moves, says) < _LEAST_M_S or moves <= 0:
+            return None
+        if says <= 0:
+            return finding("{topic}_zero", **self._topics, speed=moves)
+        across = ways.T @ own / (len(ways) * moves * says)
+        likeness = np.array([np.sum(across * matrix) for matrix in _EXCHANGES])
+        left = 1 - np.maximum(likeness, 0) ** 2  # share of the squares, with the best scale
+        best = int(np.argmin(left))
+        if left[0] > _WRONG and left[best] < _RIGHT:
+            north, east = (
+                f"{'-' if min(row) < 0 else ''}{('north', 'east')[int(np.argmax(np.abs(row)))]}"
+                for row in _EXCHANGES[best]
+            )
+            axes = {"north": north, "east": east, "best": likeness[best], "present": likeness[0]}
+            return finding("{topic}_axes:exchanged", **self._topics, **axes)
+        # Noise changes speeds as it changes directions; other axes do not.
+        apart = np.linalg.norm(ways, axis=1) - np.linalg.norm(own, axis=1)
+        if left[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * moves * says:
+            return finding("{topic}_axes:body", **self._topics)
+        return self._of_unit(moves, says) if left[best] < _RIGHT else None
+
+    def _of_unit(self, moves: float, says: float) -> Finding | None:
+        """Check speeds (m/s) of one motion by positions and by velocities."""
+        off = abs(math.log(says / moves))
+        unit, factor = min(_UNITS.items(), key=lambda item: abs(off - math.log(item[1])))
+        if not abs(off - math.log(factor)) < _BESIDE:
+            return None
+        numbers = {"own": says, "speed": moves, "factor": factor}
+        return finding("{topic}_unit", **self._topics, **numbers, unit=unit)
+
 
 #: A clock that goes back by more starts another recording: all checks are reset.
 _BACK_NS = 10_000_000_000

@@ -26,7 +26,7 @@ from tirgeo_ros.core.checks.motion_fit import (
 )
 from tirgeo_ros.core.checks.picture_motion import PictureMotion, PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.streams.sanity_checks import pose_fault

@@ -22,8 +22,7 @@ from tirgeo_ros.core.checks.motion_fit import (
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain, is_given
 from tirgeo_ros.core.streams.stamps import Spacing, exposure_ns
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, FrameIds, FramesConfig
 from tirgeo_ros.core.config.bag_parameters import (
     BagPlayerConfig,
     RecorderConfig,
@@ -17,7 +17,6 @@ from tirgeo_ros.core.config.filter_parameters import (
     ImuNoiseConfig,
     RtkConfig,
 )
-from tirgeo_ros.core.config.frame_names import FrameIds, FramesConfig
 from tirgeo_ros.core.config.gimbal_parameters import GimbalConfig, NorthConfig
 from tirgeo_ros.core.config.overlay_parameters import OverlayConfig
 from tirgeo_ros.core.config.schema import RENAMED

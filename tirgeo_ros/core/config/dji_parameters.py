@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
-from tirgeo_ros.core.config.frame_names import FramesConfig
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
 _DELAY = ("s", -2, 2)

@@ -9,8 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
-from tirgeo_ros.core.config.frame_names import TransformsConfig
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
 
 _DELAY, _PATIENCE = ("s", -2, 2), ("s", 0.1, 3600)

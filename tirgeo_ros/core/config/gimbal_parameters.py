@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
-from tirgeo_ros.core.config.frame_names import TransformsConfig
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
-from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tirgeo_ros.core.config.frame_names import FramesConfig
+from tirgeo_ros.core.config.aircraft_parameters import FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")

@@ -1,4 +1,4 @@
-"""Convert rotations: matrices, quaternions (w, x, y, z), rotation vectors, Euler angles, headings.
+"""Convert rotations: matrices, quaternions (w, x, y, z), vectors, Euler angles; headings; axes.
 
 Unless a single shape is given, functions accept leading axes: quaternions ``(..., 4)`` give
 matrices ``(..., 3, 3)``.
@@ -7,6 +7,9 @@ Equations: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navi
 Azimuths and headings are in radians from true north, clockwise, wrapped to half a turn: ``math``
 serves single values at the filter's rate, NumPy serves arrays; their wrapped intervals differ in
 which end is closed.
+
+NED and ENU differ by a swap of the first two axes and the sign of the third; FRD and FLU by the
+signs of the last two. Each conversion is its own inverse: one function serves both directions.
 """
 
 from __future__ import annotations
@@ -259,3 +262,25 @@ def azimuth_row(direction_n: Sequence[float] | Array) -> tuple[float, float, flo
     north, east, down = direction_n
     horizontal = north * north + east * east
     return -down * north / horizontal, -down * east / horizontal, 1.0
+
+
+#: NED to ENU, or ENU to NED (the matrix is its own inverse).
+ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+#: FRD to FLU, or FLU to FRD.
+FLU_FRD = np.diag([1.0, -1.0, -1.0])
+#: ``R_gc``: optical frame (right, down, forward) to camera body (forward, right, down).
+BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+#: ``q_gc``, (w, x, y, z): the quaternion of BODY_OPTICAL.
+Q_BODY_OPTICAL = np.array([0.5, 0.5, 0.5, 0.5])
+
+_HALF = math.sqrt(0.5)
+
+
+def flu_from_frd(v: Array) -> Array:
+    """Convert vectors (..., 3) from FRD to FLU, or from FLU to FRD."""
+    return np.asarray(np.asarray(v, float) * FLU_FRD.diagonal())
+
+
+def quat_turned_both(w: float, x: float, y: float, z: float) -> Quaternion:
+    """Convert an attitude quaternion (w, x, y, z) from FRD-to-NED to FLU-to-ENU, or back."""
+    return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)

@@ -37,8 +37,8 @@ from math import cos, sin
 import numpy as np
 
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
     azimuth,
     azimuth_row,
     canonical,

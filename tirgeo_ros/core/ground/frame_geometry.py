@@ -26,12 +26,10 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_quat
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_from_matrix, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
-from tirgeo_ros.core.ground.backprojection import Ground, locate
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain, locate
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, linear_error_90, place
 from tirgeo_ros.core.types.arrays import Array, BoolArray, Vector
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose

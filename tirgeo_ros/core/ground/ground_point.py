@@ -26,11 +26,9 @@ from tirgeo_ros.core.camera.projection_covariance import (
     timed_covariance,
 )
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import ENU_NED
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
+from tirgeo_ros.core.frames.rotations import ENU_NED, matrix_from_quat, skew
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, Reason, locate
-from tirgeo_ros.core.ground.dem import Slopes, Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Reason, Slopes, Terrain, locate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.poses import CameraPose

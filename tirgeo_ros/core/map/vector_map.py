@@ -13,8 +13,7 @@ from itertools import chain
 import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain, is_given
 from tirgeo_ros.core.map.polylines import Boxes, Details, Polylines, joined
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError

@@ -36,8 +36,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, hidden, locate
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain, hidden, locate
 from tirgeo_ros.core.types.arrays import Array, BoolArray, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 

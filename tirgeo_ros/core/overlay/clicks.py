@@ -23,8 +23,8 @@ from tirgeo_ros.core.ground.backprojection import Ground, Reason, is_given
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import Colour, LayerStyle
-from tirgeo_ros.core.overlay.label_placement import FreeSpace, request_beside
-from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.overlay.label_placement import FreeSpace, mark_radius_px, request_beside
+from tirgeo_ros.core.overlay.map_renderer import LineRenderer, marks_as_lines
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 from tirgeo_ros.core.overlay.written_text import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.targets.target import Target

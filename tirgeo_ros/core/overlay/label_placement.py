@@ -9,12 +9,26 @@ import numpy as np
 
 from tirgeo_ros.core.map.vector_map import Colour, VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
 from tirgeo_ros.core.overlay.written_text import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 
+_PLAIN_PX = 640, 512  # picture size at which the drawing scale is 1
+_SMALLEST, _LARGEST = 0.75, 4.0  # limits of the drawing scale
+_MARK_PX = 7
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
+
+
+def drawing_scale(image: Pixels) -> float:
+    """Return the scale of ink on a picture (h, w, ...), relative to one of 640x512."""
+    height, width = image.shape[:2]
+    fits = min(width / _PLAIN_PX[0], height / _PLAIN_PX[1])
+    return float(min(max(fits, _SMALLEST), _LARGEST))
+
+
+def mark_radius_px(image: Pixels) -> int:
+    """Return half the width of a mark on this picture, px; the mark's inside stays open."""
+    return round(_MARK_PX * drawing_scale(image))
 
 
 class Features(NamedTuple):

@@ -29,7 +29,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap

@@ -24,8 +24,7 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain, is_given
 from tirgeo_ros.core.ground.frame_geometry import (
     Sight,
     camera_heading_rad,

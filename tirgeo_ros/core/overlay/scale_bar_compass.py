@@ -11,8 +11,7 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain, locate
 from tirgeo_ros.core.ground.frame_geometry import Sight, height_above_m
 from tirgeo_ros.core.overlay.written_text import (
     TEXT_BGR,

@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from tirgeo_ros.core.frames.axes import quat_turned_both
+from tirgeo_ros.core.frames.rotations import quat_turned_both
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,

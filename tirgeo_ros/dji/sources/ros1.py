@@ -26,7 +26,7 @@ from itertools import pairwise
 from statistics import fmean, median
 from typing import Any, NamedTuple
 
-from tirgeo_ros.core.frames.axes import quat_turned_both
+from tirgeo_ros.core.frames.rotations import quat_turned_both
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.sources.readings import (

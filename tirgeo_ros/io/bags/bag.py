@@ -211,7 +211,6 @@ def _merged(streams: Iterable[tuple[int, Iterator[BagMessage]]]) -> Iterator[Bag
 
 METADATA = "metadata.yaml"
 _SUFFIXES = (".mcap", ".db3")
-_STORAGES = ("mcap", "sqlite3")
 _MOST_BYTES = 4 << 20  # of metadata: some hundred bytes a topic and a file
 
 
@@ -241,7 +240,7 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
     packed = str(recorded.get("compression_mode") or "none").lower() != "none"
     form = recorded.get("compression_format") or "zstd"
     for what, value, known in (
-        ("storage", recorded.get("storage_identifier"), _STORAGES),
+        ("storage", recorded.get("storage_identifier"), ("mcap", "sqlite3")),
         ("compression", form if packed else "zstd", ("zstd",)),
     ):
         if value not in known:

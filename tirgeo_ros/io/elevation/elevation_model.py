@@ -14,8 +14,7 @@ import numpy.typing as npt
 import pyproj
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.dem import GridOf, Terrain
+from tirgeo_ros.core.ground.backprojection import GridOf, Ground, Terrain
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError, MapError
 from tirgeo_ros.io.coordinates.crs import checked_system

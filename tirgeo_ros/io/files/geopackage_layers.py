@@ -49,10 +49,6 @@ CREATE TABLE gpkg_geometry_columns (table_name TEXT NOT NULL, column_name TEXT N
     REFERENCES gpkg_contents(table_name), CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id)
     REFERENCES gpkg_spatial_ref_sys (srs_id));
 """
-_CONTENTS = (
-    "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, srs_id) "
-    "VALUES (?, ?, ?, ?, ?)"
-)
 #: Positions (N, 2): longitude and latitude, deg; (N, 3): and height, m.
 Positions = Array | Sequence[Sequence[float]]
 #: A row of a layer: its geometry, and values of the layer's columns, None or nan for NULL.
@@ -88,8 +84,11 @@ def make_layer(db: sqlite3.Connection, layer: Layer) -> None:
     own = ", ".join(["fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL", *geometry, *columns])
     db.execute(f"CREATE TABLE {layer.name} ({own})")
     kind, system = ("features", 4326) if shape else ("attributes", None)
-    row = (layer.name, kind, layer.name, layer.about, system)
-    db.execute(_CONTENTS, row)
+    db.execute(
+        "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, srs_id) "
+        "VALUES (?, ?, ?, ?, ?)",
+        (layer.name, kind, layer.name, layer.about, system),
+    )
     if shape:
         place = (layer.name, "geom", shape.upper(), 4326, int(bool(z)), 0)
         db.execute("INSERT INTO gpkg_geometry_columns VALUES (?, ?, ?, ?, ?, ?)", place)

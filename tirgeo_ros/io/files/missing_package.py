@@ -34,7 +34,6 @@ PACKAGES = {
 
 
 _MESSAGES = ("_msgs", "_srvs", "_interfaces")
-_ROS = ("rclpy", "rosidl", "ament_", "rpyutils")
 
 
 def missing_line(module: str) -> str:
@@ -45,6 +44,6 @@ def missing_line(module: str) -> str:
     remedy = f"sudo apt install {apt}, or pip install {pip}" if apt else f"pip install {pip}"
     if distribution and name.endswith(_MESSAGES):
         remedy = f"sudo apt install ros-{distribution}-{name.replace('_', '-')}"
-    elif name.endswith(_MESSAGES) or name.startswith(_ROS):
+    elif name.endswith(_MESSAGES) or name.startswith(("rclpy", "rosidl", "ament_", "rpyutils")):
         remedy = "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'"
     return f"the Python package {name} is missing: {remedy}"

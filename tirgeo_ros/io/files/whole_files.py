@@ -118,7 +118,6 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
 
 #: Limit for a table or a small document: some hundred thousand lines.
 _MOST_BYTES = 16 << 20
-_PIECE_BYTES = 1 << 20
 UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 #: How ``open`` decodes bytes that are not UTF-8: each as Windows-1252, in which Excel writes
 #: degrees and squares. A damaged byte costs no other.
@@ -148,7 +147,7 @@ def read_text(
     """
     source, content = path_of(path, error), io.BytesIO()
     with reading(path, error), source.open("rb") as file:
-        while content.tell() <= most_bytes and (piece := file.read(_PIECE_BYTES)):
+        while content.tell() <= most_bytes and (piece := file.read(1 << 20)):
             content.write(piece)
     if content.tell() > most_bytes:
         most_mb = most_bytes / 2**20

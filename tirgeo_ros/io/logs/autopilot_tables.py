@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.rotations import slerp
+from tirgeo_ros.core.frames.rotations import flu_from_frd, slerp
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.arrays import Array, IntArray
@@ -33,10 +32,8 @@ LOG_BYTES = 2 << 30
 _UNIX_US = 946_684_800_000_000
 #: Fix types of MAVLink, which PX4 and ArduPilot log: 4 differential, 5 RTK float, 6 RTK fixed.
 _FIXES = {3: FixStatus.SINGLE, 4: FixStatus.FLOAT, 5: FixStatus.FLOAT, 6: FixStatus.FIXED}
-_RTK_FIXES = (5, 6)
 LEAST_FIX = min(_FIXES)
 #: Why records are refused.
-_OTHER_INSTANCE = "of another instance than the one taken"
 
 
 class Records:
@@ -109,7 +106,7 @@ def count_records(contents: LogContents, tables: Iterable[Records]) -> None:
     for table in tables:
         contents.read[table.name] += len(table) + table.others
         if table.others:
-            contents.refused[table.name, _OTHER_INSTANCE] += table.others
+            contents.refused[table.name, "of another instance than the one taken"] += table.others
 
 
 def add_samples(
@@ -203,7 +200,7 @@ def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:
         if not np.isnan(gnss.heading_rad[row]):
             heading_rad = float(gnss.heading_rad[row] % (2 * np.pi))
             add(HeadingSample(stamp_ns, heading_rad, _known(gnss.heading_sigma_rad[row]) ** 2))
-    say_receiver(contents, gnss.name, is_rtk=bool(np.isin(gnss.fix, _RTK_FIXES).any()))
+    say_receiver(contents, gnss.name, is_rtk=bool(np.isin(gnss.fix, (5, 6)).any()))
 
 
 def _known(sigma: float) -> float:

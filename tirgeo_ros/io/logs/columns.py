@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import quat_turned_both
-from tirgeo_ros.core.frames.rotations import canonical, quat_from_euler
+from tirgeo_ros.core.frames.rotations import canonical, quat_from_euler, quat_turned_both
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError, nearest
 from tirgeo_ros.core.types.measurements import (

@@ -46,8 +46,6 @@ _LOOKED_AT = 200  # rows by which the usual number of columns is known
 #: since the GPS week's or the log's begin; or a written date, in UTC, GPS time or local time.
 _NUMBERS = ("utc", "gpst", "gps", "week", "start")
 _WRITTEN = ("written_utc", "written_gpst", "written_local")
-#: A full week since 1999; receivers that count to 1023 began anew then, and in 2019.
-_LEAST_WEEK = 1024
 _FORM = "2024-06-11 17:44:39.25"
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
 
@@ -199,7 +197,7 @@ class TimeColumns:
         count_ns = self._count_ns(row)
         if self._week is not None:
             week = int(self._week.of(row))
-            if week < _LEAST_WEEK:
+            if week < 1024:
                 raise Refused(f"{self._week.label} is below 1024: name the column of full weeks")
             return utc_ns_of_week(week, count_ns)
         if self._counts == "start":

@@ -13,8 +13,6 @@ from tirgeo_ros.io.files.whole_files import UTF16, first_bytes
 from tirgeo_ros.io.logs import csv_log, dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 
-#: A log says what it is within this many bytes.
-_HEAD_BYTES = 1 << 16
 _NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
 
 
@@ -60,7 +58,7 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
     """
     if path.is_dir():
         return None
-    head = first_bytes(path, _HEAD_BYTES, LogError)
+    head = first_bytes(path, 1 << 16, LogError)  # a log says what it is in these
     if head.startswith(UTF16):
         with suppress(UnicodeDecodeError):  # then it is no text
             head = head.decode("utf-16").encode()

@@ -49,8 +49,6 @@ _BARE = re.compile(
 )
 _DEGREES, _SEXAGESIMAL, _ECEF = "deg", "dms", "ecef"
 _COORDINATES = {"latitude(deg)": _DEGREES, "latitude(d'\")": _SEXAGESIMAL, "x-ecef(m)": _ECEF}
-#: Columns of a line, without and with velocity.
-_SEXAGESIMAL_COLUMNS = (19, 28)
 _WIDTH = {_DEGREES: 3, _SEXAGESIMAL: 7, _ECEF: 3}
 #: Of UTC, which RTKLIB applies to weeks and seconds too.
 _AHEAD_NS = {"UTC": 0, "JST": 9 * 3600 * SECOND_NS}
@@ -133,7 +131,7 @@ class _PosLog:
                 f"{self._path}: no header with the time scale: give --time-scale gpst or utc"
             )
         cells = next((_cells(line) for line in lines if not line.startswith("%")), [])
-        coordinates = _SEXAGESIMAL if len(cells) in _SEXAGESIMAL_COLUMNS else _DEGREES
+        coordinates = _SEXAGESIMAL if len(cells) in (19, 28) else _DEGREES
         with suppress(ValueError, IndexError):
             coordinates = _ECEF if abs(float(cells[2])) > 360 else coordinates
         self.contents.notes.append(f"it has no header: coordinates taken as {coordinates}")

@@ -46,8 +46,6 @@ _AROUND = 8  # bytes of a frame beside its payload
 _LENGTH_TOLERANCE_M = 0.1
 _STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
 _WEEK_MS = WEEK_NS // 1_000_000
-#: A heading farther from all solutions with a date than this is none of their recording.
-_MOST_APART_MS = 60_000
 _FIX_TYPES = (3, 4)  # 3D; GNSS and dead reckoning. 2D has no height, 1 is dead reckoning alone
 _SYNC = b"\xb5\x62"
 _HEAD, _SUM = 6, 2  # bytes before and behind the payload
@@ -163,13 +161,14 @@ class _UbxLog:
         Times of week begin anew, and receivers may give more vectors than solutions.
         """
         place = bisect.bisect(self._dated, number, key=lambda dated: dated.number)
+        half_ms = _WEEK_MS // 2
         apart = {
-            _apart_ms(of_week_ms - dated.of_week_ms): dated
+            (of_week_ms - dated.of_week_ms + half_ms) % _WEEK_MS - half_ms: dated
             for dated in self._dated[max(place - 1, 0) : place + 1]
         }
         nearest_ms = min(apart, key=abs, default=_WEEK_MS)
         _must(
-            abs(nearest_ms) < _MOST_APART_MS,
+            abs(nearest_ms) < 60_000,
             "no NAV-PVT with a date within a minute of it: record both",
         )
         return apart[nearest_ms].stamp_ns + nearest_ms * 1_000_000
@@ -178,11 +177,6 @@ class _UbxLog:
 def _must(good: object, reason: str) -> None:
     if not good:
         raise Refused(reason)
-
-
-def _apart_ms(difference_ms: int) -> int:
-    """Return a difference of times of week in -half to half a week."""
-    return (difference_ms + _WEEK_MS // 2) % _WEEK_MS - _WEEK_MS // 2
 
 
 def _stamp_ns(pvt: Any) -> int:

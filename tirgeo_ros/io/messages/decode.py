@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import quat_turned_both
+from tirgeo_ros.core.frames.rotations import quat_turned_both
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.sanity_checks import place_fault
 from tirgeo_ros.core.types.arrays import Array

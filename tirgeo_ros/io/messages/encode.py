@@ -12,12 +12,13 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd, quat_turned_both
 from tirgeo_ros.core.frames.rotations import (
+    flu_from_frd,
     matrix_from_quat,
     quat_conjugate,
     quat_from_matrix,
     quat_multiply,
+    quat_turned_both,
     rotation_of,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.config import FrameIds, FramesConfig
-from tirgeo_ros.core.frames.axes import ENU_NED
+from tirgeo_ros.core.frames.rotations import ENU_NED
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.arrays import Array, Quaternion

@@ -29,8 +29,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
 )
 from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longest_piece
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
+from tirgeo_ros.core.frames.rotations import euler_from_matrix, flu_from_frd, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
@@ -48,9 +47,8 @@ from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight
-from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.registration import Sample
+from tirgeo_ros.tools.replay.registration import Sample, resolved
 
 _NEEDED = ("imu/data", "rtk/fix")
 _LEAST_S = 20.0

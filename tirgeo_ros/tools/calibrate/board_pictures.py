@@ -21,7 +21,7 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr, by_numbers, is_bag
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.messages.pictures import MOST_OF_FILE, unpacked
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
+from tirgeo_ros.tools.replay.registration import PICTURES, resolved
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 _CAMERA_INFO = "thermal/camera_info"

@@ -33,7 +33,7 @@ OPTIONS = (
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate the flight and write the results; return a summary."""
     from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation  # noqa: PLC0415  heavy
+    from tirgeo_ros.tools.evaluate.report import summary, write_evaluation  # noqa: PLC0415  heavy
 
     names = "output params boresight camera dem ground_height namespace truth smooth"
     evaluation = call(evaluate, args, "evaluating, s", "bag survey observations", names)

@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 def _mapped_topics(args: argparse.Namespace) -> Any:
     """Return what --map-topic and the options beside it say. Raise UsageError."""
     from tirgeo_ros.tools.convert.import_mapped import MappedTopics  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.replay.flight_topics import INPUTS  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.registration import INPUTS  # noqa: PLC0415 heavy
 
     if args.map_topic and (args.image_topic or args.camera_info_topic):
         raise UsageError(

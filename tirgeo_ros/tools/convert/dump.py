@@ -125,8 +125,6 @@ def _printed(value: Any, name: str = "") -> Any:
 
 Record = dict[str, Any]
 
-_CHUNK_BYTES = 1 << 16
-
 
 def packages_of(file: PathLike | None) -> PackageTable:
     """Return the packages of a YAML file, else the usual ones. Raise DjiError, ConfigError."""
@@ -139,7 +137,7 @@ def frames_in(
     """Yield the frames of a capture; ``reader`` counts them."""
     total = path.stat().st_size
     with path.open("rb") as file:
-        while chunk := file.read(_CHUNK_BYTES):
+        while chunk := file.read(1 << 16):
             yield from reader.feed(chunk)
             progress(file.tell() * 1e-6, total * 1e-6)
     yield from reader.rescan()

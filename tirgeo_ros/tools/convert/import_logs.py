@@ -18,7 +18,6 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
 from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     LAST_NS,
     CameraAttitudeSample,
@@ -131,17 +130,16 @@ def import_logs(
     for number, sample in enumerate(samples):
         sink.write(sample)
         progress(number, len(samples))
+    warnings = list(_doubts(logs, rover_first=options.rover_first))
+    is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
+    for finding in imu_findings(samples, config.aircraft.rotation_bi):
+        key = _KEYS.get(finding.check) if is_table else None
+        warnings.append(f"{finding.line} (in --columns: {key})" if key else finding.line)
     return {
         "kind": "logs",
         "files": [log.result() for log in logs],
         "error": "; ".join(f"{x.path}: {_DAMAGED}" for x in logs if x.contents.damaged) or None,
-        "warnings": [
-            *_doubts(logs, rover_first=options.rover_first),
-            *(
-                _of_imu(finding, logs)
-                for finding in imu_findings(samples, config.aircraft.rotation_bi)
-            ),
-        ],
+        "warnings": warnings,
     }
 
 
@@ -255,10 +253,3 @@ def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
         yield "no imu/data: nothing can be filtered without; give a log with an IMU beside it"
     if not topics & {*_POSITIONS}:
         yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions beside it"
-
-
-def _of_imu(finding: Finding, logs: Sequence[Log]) -> str:
-    """Return a finding on the IMU's units and axes, with the key of its columns file."""
-    is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
-    key = _KEYS.get(finding.check) if is_table else None
-    return f"{finding.line} (in --columns: {key})" if key else finding.line

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
+    flu_from_frd,
     matrix_from_quat,
     quat_conjugate,
     quat_from_matrix,
@@ -33,7 +33,7 @@ from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message, any_bag
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, stamp_ns
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, resolved
+from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 #: What is suggested where a topic has a fitting type and one of the words in its name.
 _SUGGESTED: Mapping[str, tuple[str, ...]] = {
@@ -86,7 +86,6 @@ def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
 
 
 _NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-_VELOCITIES = (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
 #: Topic -> type of other messages than its own -> their converter.
 CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
     **{
@@ -94,7 +93,7 @@ CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
             "geometry_msgs/msg/TwistStamped": _twist(source),
             "nav_msgs/msg/Odometry": _odometry(source),
         }
-        for source in _VELOCITIES
+        for source in (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
     },
     Source.RTK_HEADING.topic: {"std_msgs/msg/Float64": _compass},
 }

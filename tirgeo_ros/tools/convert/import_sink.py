@@ -12,7 +12,7 @@ from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
-from tirgeo_ros.tools.replay.flight_topics import resolved
+from tirgeo_ros.tools.replay.registration import resolved
 
 #: Samples that wait for others of the same instant are out of order by less than this.
 _DISORDER_NS = 1_000_000_000

@@ -24,6 +24,7 @@ from tirgeo_ros.tools.evaluate.experiment import (
     method_setups,
     setup_notes,
 )
+from tirgeo_ros.tools.evaluate.report import SETTLED_S, check_folder, place_note
 from tirgeo_ros.tools.evaluate.result import (
     Evaluation,
     MethodResult,
@@ -32,13 +33,17 @@ from tirgeo_ros.tools.evaluate.result import (
     load_truth,
     locate_observations,
 )
-from tirgeo_ros.tools.evaluate.summary import SETTLED_S, check_folder, place_note
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, node_configs
-from tirgeo_ros.tools.replay.registration import Registered, Sample, can_smooth
+from tirgeo_ros.tools.replay.registration import (
+    FILTERS,
+    Registered,
+    Sample,
+    done_without,
+    resolved,
+)
 
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
@@ -142,7 +147,7 @@ def _run_notes(runs: Sequence[_Run], namespace: str, *, smooth: bool) -> Iterato
         if absent:
             names = _names(absent, namespace)
             yield f"{run.setup.method}: {names} absent: continuing without it"
-    if smooth and not can_smooth(runs[0].ekf_method):
+    if smooth and runs[0].ekf_method not in FILTERS:
         yield "raw and rtk are as they are: without a filter there is nothing to smooth"
 
 
@@ -181,7 +186,7 @@ def _begin(
     if lacking:
         return f"needed topic absent: {_names(lacking, namespace)}"
     instants_ns = [run.setup.exposure_ns(click.stamp_ns) for click in experiment.observations]
-    smooth = smooth and can_smooth(run.ekf_method)
+    smooth = smooth and run.ekf_method in FILTERS
     try:
         run.poses = flight.registered(ekf, gimbal, instants_ns, run.watch, smooth=smooth)
     except BagError as error:

@@ -16,8 +16,7 @@ import numpy.typing as npt
 import pyproj
 
 from tirgeo_ros.core.config import METHODS
-from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError

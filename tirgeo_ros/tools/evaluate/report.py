@@ -1,17 +1,34 @@
-"""Lay out an evaluation: as tables for a terminal, and as one self-contained page."""
+"""Convert an evaluation's numbers to plain values (None where absent), and to files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.files.whole_files import (
+    PathLike,
+    check_outputs,
+    csv_text,
+    made_folder,
+    write_files,
+)
+from tirgeo_ros.tools.evaluate.result import (
+    BodyErrors,
+    Evaluation,
+    LocatedPoint,
+    MethodResult,
+    RefusedPoint,
+)
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, embedded, figure, html_page, svg
-from tirgeo_ros.tools.presentation.results import table
+from tirgeo_ros.tools.presentation.results import finding_items, table
 
 #: Length of the longest error vector as a share of the survey's extent.
 _VECTOR_SHARE = 0.12
@@ -160,3 +177,179 @@ def _vectors(evaluation: Evaluation, method: MethodResult) -> bytes:
         for name, place in zip(survey, places, strict=True):
             panel.annotate(name, place, (3, 3), textcoords="offset points", fontsize=7)
     return svg(made)
+
+
+#: Settling time of the filter; errors against the truth count only after it.
+SETTLED_S = 20.0
+_ELSEWHERE_M = 500.0  # median error of every method: no drone's camera is so far off
+_CONFIDENCE, _CHANCE = 0.95, 0.01
+_ROUNDING = 1e-9  # of a share times some thousands
+_NAMES = ("observations.csv", "result.json", "report.html")
+_OBSERVATION_COLUMNS = (
+    *("id", "stamp_ns", "u", "v", "method", "east_m", "north_m", "height_m"),
+    *("error_east_m", "error_north_m", "distance_m", "sigma_east_m", "sigma_north_m"),
+    *("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg", "reason"),
+)
+
+
+def summary(evaluation: Evaluation) -> dict[str, object]:
+    """Return all numbers, for JSON: lengths in m, in the projected plane."""
+    return {
+        "verdict": verdict(evaluation.methods),
+        "input": evaluation.bag,
+        "survey": evaluation.survey_path,
+        "observations": evaluation.observations_path,
+        "projection": {"name": evaluation.experiment.projection.name},
+        "smoothed": evaluation.smoothed,
+        "methods": {each.method: _method(each) for each in evaluation.methods},
+        "missing": dict(evaluation.missing),
+        "points": _points(evaluation),
+        "t_tests": [test._asdict() for test in evaluation.tests],
+        "settled_s": SETTLED_S,
+        "notes": list(evaluation.notes),
+        "findings": finding_items(evaluation.findings),
+        "error": evaluation.error,
+    }
+
+
+def verdict(methods: Sequence[MethodResult]) -> str:
+    """Return the sentence on the last method, the best: whether errors are as predicted."""
+    best = methods[-1]
+    located = best.located
+    if not located:
+        why = best.refused[0].reason if best.refused else "no surveyed point was observed"
+        return f"none of {len(best.refused)} could be located: {why} ({best.method})"
+    elsewhere = place_note(methods)
+    if elsewhere:
+        return elsewhere
+    inside, pictures = sum(point.is_inside for point in located), {p.stamp_ns for p in located}
+    why, mean_en = "", best.errors.mean_error_en
+    if mean_en is not None and not is_honest(inside / len(located), len(pictures)):
+        why = (
+            f", {mean_en[0]:+.2f} m east and {mean_en[1]:+.2f} m north of it in common: run "
+            "calibrate boresight; are all heights ellipsoidal, and survey and RTK base in one "
+            "datum?"
+        )
+    mean_m = float(best.errors.distance_m.mean())
+    return (
+        f"{inside} of {len(located)} lie in their ellipse of 95 %, {mean_m:.2f} m off on "
+        f"average{why} ({best.method})"
+    )
+
+
+def place_note(methods: Sequence[MethodResult]) -> str:
+    """Return a note if the survey seems to be of another place, else nothing."""
+    errors_m = [each.errors.distance_m for each in methods if each.located]
+    usual_m = min((float(np.median(some)) for some in errors_m), default=0.0)
+    if usual_m < _ELSEWHERE_M:
+        return ""
+    return (
+        f"the observed points lie {usual_m / 1000:.3g} km from where the survey has them: are "
+        "these the survey and the observations of this flight, in WGS84?"
+    )
+
+
+def is_honest(share: float, pictures: int) -> bool:
+    """Return whether this share inside is consistent with ellipses of 95 %.
+
+    It is, unless so few would occur by chance in at most one experiment of a hundred: a binomial
+    probability. Observations of one picture share its pose, so pictures are counted.
+    """
+    from scipy.special import bdtr  # noqa: PLC0415  slow to import
+
+    inside = math.floor(share * pictures + _ROUNDING)
+    return bool(bdtr(inside, pictures, _CONFIDENCE) >= _CHANCE)
+
+
+def _method(result: MethodResult) -> dict[str, object]:
+    errors, mean_en = result.errors, result.errors.mean_error_en
+    east, north = (None, None) if mean_en is None else mean_en.tolist()
+    return {
+        "mean_point_rmse_m": errors.mean_point_rmse_m,
+        "rmse_m": errors.rmse_m,
+        "ce90_m": errors.ce90_m,
+        "mean_error_east_m": east,
+        "mean_error_north_m": north,
+        "points": len(errors.point_rmse_m),
+        "located": len(result.located),
+        "inside_95": sum(point.is_inside for point in result.located),
+        "refused": dict(Counter(point.reason for point in result.refused)),
+        "composition": result.composition,
+        "state": result.state,
+        "ground": result.setup.ground_words,
+        "against_truth": None if result.against_truth is None else _truth(result.against_truth),
+    }
+
+
+def _truth(errors: BodyErrors) -> dict[str, float | None]:
+    """Return rms errors; None if the flight was too short to settle."""
+    rms = {
+        "roll_deg": math.degrees(errors.roll_rad),
+        "pitch_deg": math.degrees(errors.pitch_rad),
+        "heading_deg": math.degrees(errors.heading_rad),
+        "position_m": errors.position_m,
+    }
+    return {name: value if math.isfinite(value) else None for name, value in rms.items()}
+
+
+def _points(evaluation: Evaluation) -> dict[str, dict[str, object]]:
+    """Return the observed points in the survey's order, with their error under each method."""
+    experiment = evaluation.experiment
+    counts = Counter(click.id for click in experiment.observations)
+    points = {}
+    for name, point in experiment.survey.items():
+        if name in counts:
+            place = experiment.projection.project(point.latitude_rad, point.longitude_rad)
+            errors = {
+                each.method: each.errors.point_rmse_m.get(name) for each in evaluation.methods
+            }
+            points[name] = {
+                "observations": counts[name],
+                "east_m": float(place[0]),
+                "north_m": float(place[1]),
+                "height_m": point.height_m,
+                "rmse_m": errors,
+            }
+    return points
+
+
+def check_folder(folder: PathLike, inputs: Iterable[PathLike | None]) -> None:
+    """Raise CalibrationError if an output in the folder would overwrite one of the inputs."""
+    check_outputs(inputs, [Path(folder) / name for name in _NAMES], CalibrationError)
+
+
+def write_evaluation(evaluation: Evaluation, folder: PathLike) -> list[str]:
+    """Write the errors by observation, all numbers and the report; return the paths.
+
+    The folder is created; all files are written or none. Raise CalibrationError.
+    """
+    numbers = summary(evaluation)
+    text = json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    texts = _observations_csv(evaluation), text, report_html(evaluation, numbers)
+    place = made_folder(folder, CalibrationError)
+    contents = zip(_NAMES, texts, strict=True)
+    write_files({place / name: content for name, content in contents}, CalibrationError)
+    return [str(place / name) for name in _NAMES]
+
+
+def _observations_csv(evaluation: Evaluation) -> str:
+    rows: list[list[object]] = [list(_OBSERVATION_COLUMNS)]
+    for each in evaluation.methods:
+        points: list[LocatedPoint | RefusedPoint] = [*each.located, *each.refused]
+        for point in points:
+            lead = [point.id, point.stamp_ns, *(f"{px:.3f}" for px in point.uv), each.method]
+            if isinstance(point, LocatedPoint):
+                rows.append([*lead, *_measured(point), ""])
+            else:
+                rows.append([*lead, *[""] * 11, point.reason])
+    return csv_text(rows)
+
+
+def _measured(point: LocatedPoint) -> list[str]:
+    """Return the columns from ``east_m`` to ``ellipse_azimuth_deg``."""
+    east, north = point.error_en.tolist()
+    sigmas = np.sqrt(np.maximum(point.covariance_en.diagonal(), 0.0)).tolist()
+    metres = [*point.place_en, point.height_m, east, north, math.hypot(east, north), *sigmas]
+    metres += [point.ellipse.major_m, point.ellipse.minor_m]
+    azimuth_deg = math.degrees(point.ellipse.azimuth_rad)
+    return [*(f"{value:.4f}" for value in metres), f"{azimuth_deg:.2f}"]

@@ -13,8 +13,7 @@ from typing import NamedTuple
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
-from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.errors import BagError, MessageError, TirgeoError
@@ -29,9 +28,8 @@ from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import Registered, Sample
+from tirgeo_ros.tools.replay.registration import PICTURES, Registered, Sample, resolved
 
 
 class Window(NamedTuple):

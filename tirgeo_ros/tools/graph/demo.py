@@ -27,7 +27,6 @@ from tirgeo_ros.tools.graph.node_graph import (
     show_graph,
 )
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight_topics import PICTURES
 from tirgeo_ros.tools.replay.graph_outputs import (
     OVERLAY,
     Outputs,
@@ -37,6 +36,7 @@ from tirgeo_ros.tools.replay.graph_outputs import (
     read_pictures,
 )
 from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.registration import PICTURES
 
 SAMPLE = "bags/sample"
 _NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")

@@ -25,7 +25,7 @@ from tirgeo_ros.io.files.child_process import node_command, stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight_topics import PICTURES
+from tirgeo_ros.tools.replay.registration import PICTURES
 
 #: Variables with the path of a Fast DDS profile; later versions use the second name.
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")

@@ -20,7 +20,7 @@ from tirgeo_ros.tools.graph.node_graph import (
     parameter_words,
     video_environment,
 )
-from tirgeo_ros.tools.replay.flight_topics import INPUTS
+from tirgeo_ros.tools.replay.registration import INPUTS
 
 _NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 

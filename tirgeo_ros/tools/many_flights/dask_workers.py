@@ -29,9 +29,7 @@ from tirgeo_ros.tools.many_flights.flight_record import (
 from tirgeo_ros.tools.presentation.progress import silent
 
 _SHOW_S = 0.2
-_CONNECT_S = 10.0
 _ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:\d+")
-_WORKERS_S = 30.0  # for the first worker to come
 
 
 def run_on_cluster(
@@ -93,7 +91,7 @@ def _client(scheduler: str) -> Iterator[Any]:
     for name in ("distributed", "distributed.client"):  # the package gives each its own level
         logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here
     try:
-        client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False, name="tirgeo")
+        client = dask.Client(scheduler, timeout=10.0, set_as_default=False, name="tirgeo")
     except (OSError, ValueError, TypeError) as error:
         why = shown(str(error).partition("\n")[0], 200)
         raise ManyFlightsError(
@@ -106,7 +104,7 @@ def _client(scheduler: str) -> Iterator[Any]:
 def _check(client: Any, folder: str) -> None:
     """Raise ManyFlightsError unless there are workers, of this version, that see the folder."""
     try:
-        client.wait_for_workers(1, timeout=_WORKERS_S)
+        client.wait_for_workers(1, timeout=30.0)
     except asyncio.TimeoutError:
         raise ManyFlightsError(
             "the scheduler has no worker: start some with dask worker"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from string import Template
@@ -25,7 +26,6 @@ from tirgeo_ros.tools.presentation.progress import three
 from tirgeo_ros.tools.replay.process import refused_line
 
 PAGE = "index.html"
-_FRAME = Path(__file__).with_suffix(".html")
 #: Worst first, as the page lists them: severity -> what a person calls it.
 _SEVERITIES = {"stop": "fault", "caution": "caution", "note": "note"}
 _LINKS = {".mcap": "bag", ".json": "summary"}  # by the file's ending; all others: video
@@ -37,16 +37,13 @@ Cell = tuple[str, float | str]
 def write_page(folder: Path) -> None:
     """Write ``index.html`` from the records in a folder. Raises ManyFlightsError."""
     records = read_records(folder)
-    pictures = {name: _picture(folder / f"{name}.jpg") for name in records}
+    pictures = {}
+    for name in records:
+        path = folder / f"{name}.jpg"
+        with suppress(OSError):
+            pictures[name] = path.read_bytes() if path.is_file() else b""
     text = flights_html(folder.resolve().name, records, pictures)
     write_files({folder / PAGE: text}, ManyFlightsError)
-
-
-def _picture(path: Path) -> bytes:
-    try:
-        return path.read_bytes() if path.is_file() else b""
-    except OSError:
-        return b""
 
 
 def flights_html(title: str, records: Mapping[str, Record], pictures: Mapping[str, bytes]) -> str:
@@ -55,7 +52,7 @@ def flights_html(title: str, records: Mapping[str, Record], pictures: Mapping[st
         records.values(), key=lambda record: (_begin(record)[1] or "9", _name(record))
     )
     columns = ["flight", *_COLUMNS]
-    return Template(_FRAME.read_text(encoding="utf-8")).substitute(
+    return Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8")).substitute(
         title=escape(title),
         style=PAGE_STYLE,
         totals="".join(_totals(flights)),

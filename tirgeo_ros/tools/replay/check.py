@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -81,23 +80,21 @@ def _numbers(reader: BagReader, poses: FlightPoses, checks: FlightChecks) -> dic
     registration = poses.registration
     status = registration.navigation.status()
     first_ns, last_ns = reader.span_ns
+    topics: dict[str, object] = {}
+    for topic, arrivals_ns in sorted(checks.arrivals_ns.items()):
+        steps_s = np.diff(arrivals_ns) * 1e-9
+        span_s = float(steps_s.sum())
+        topics[topic] = {
+            "messages": len(arrivals_ns),
+            "rate_hz": len(steps_s) / span_s if span_s > 0 else None,
+            "longest_gap_s": float(steps_s.max(initial=0.0)),
+        }
     return {
         "duration_s": (last_ns - first_ns) * 1e-9,
-        "topics": {t: _flow(times) for t, times in sorted(checks.arrivals_ns.items())},
+        "topics": topics,
         "method": status.method,
         "state": status.state.value,
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
         "composition": registration.composer.composition,
         "picture_size": checks.picture_size,
-    }
-
-
-def _flow(arrivals_ns: Sequence[int]) -> dict[str, float | None]:
-    """Return number, rate (Hz) and longest gap (s) of messages."""
-    steps_s = np.diff(arrivals_ns) * 1e-9
-    span_s = float(steps_s.sum())
-    return {
-        "messages": len(arrivals_ns),
-        "rate_hz": len(steps_s) / span_s if span_s > 0 else None,
-        "longest_gap_s": float(steps_s.max(initial=0.0)),
     }

@@ -21,7 +21,7 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import RecordingNavigation
-from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import (
     BagError,
     CameraError,
@@ -36,22 +36,19 @@ from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import (
+from tirgeo_ros.tools.replay.registration import (
     CAMERA_INFO,
+    FILTERS,
     METHOD_TOPICS,
     PICTURES,
-    checked_topics,
-    inputs_of,
-    resolved,
-)
-from tirgeo_ros.tools.replay.registration import (
-    FILTERS,
     SAMPLES,
     Registered,
     Registration,
     Sample,
-    can_smooth,
+    checked_topics,
+    inputs_of,
     navigated,
+    resolved,
 )
 
 _TRIED = 10  # pictures to try for their size, as the first ones may be damaged
@@ -216,7 +213,12 @@ class Flight:
             raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
         self._sink = sink
         if self._to_smooth:
-            self._smooth(_part(progress, 0.0, _FIRST_SHARE))
+            first = Flight(self._reader, self._namespace, needs_camera=False)
+            for poses in self._to_smooth:
+                first.add(METHOD_TOPICS[poses.ekf.method], poses.recorder())
+            first.read_all(_part(progress, 0.0, _FIRST_SHARE))
+            for poses in self._to_smooth:
+                poses.smooth()
             progress = _part(progress, _FIRST_SHARE, 1.0)
         wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
         heard = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
@@ -236,15 +238,6 @@ class Flight:
                     self._take(topics[message.topic], message, content)
                 elif checks is not None:
                     checks.message(checked[message.topic], message)
-
-    def _smooth(self, progress: Report) -> None:
-        """Record what is to be smoothed in a pass of its own, and begin it with smoothed poses."""
-        first = Flight(self._reader, self._namespace, needs_camera=False)
-        for poses in self._to_smooth:
-            first.add(METHOD_TOPICS[poses.ekf.method], poses.recorder())
-        first.read_all(progress)
-        for poses in self._to_smooth:
-            poses.smooth()
 
     def _content(self, topic: str, message: BagMessage) -> object | None:
         """Return the content, or why there is none; None for a picture without a sink."""
@@ -345,7 +338,7 @@ class FlightPoses:
 
         Raise ConfigError for a method without a filter.
         """
-        if not can_smooth(self.ekf.method):
+        if self.ekf.method not in FILTERS:
             choices = " or ".join(FILTERS)
             raise ConfigError(
                 f"method {self.ekf.method} has no filter to smooth: choose {choices}, or do not "

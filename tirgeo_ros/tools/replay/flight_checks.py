@@ -32,7 +32,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
-from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
@@ -42,9 +42,8 @@ from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
-from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
+from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, SAMPLES, Registered, Sample
 
 F = TypeVar("F", bound=Callable[..., None])
 T = TypeVar("T")
@@ -165,20 +164,16 @@ class FlightChecks:
             self._plane = plane
             self._pictures.plane(plane)
             self._map.plane(plane)
-            self._lay(plane)
+            if self._layers is not None:
+                ground = math.nan if self._ground is None else self._ground
+                try:
+                    self._map.map(drape_layers(self._layers, plane, ground))
+                except ConfigError as error:
+                    self.at_start.append(finding("no_ground", why=error))
         if registered.body is not None:
             self._gimbal.body(registered.body)
         for pose in registered.cameras:
             self._pictures.pose(pose)
-
-    def _lay(self, plane: TangentPlane) -> None:
-        if self._layers is None:
-            return
-        ground = math.nan if self._ground is None else self._ground
-        try:
-            self._map.map(drape_layers(self._layers, plane, ground))
-        except ConfigError as error:
-            self.at_start.append(finding("no_ground", why=error))
 
     @_guarded
     def map(self, laid: DrapedMap) -> None:

@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.tools.replay.flight_topics import prefix
+from tirgeo_ros.tools.replay.registration import prefix
 
 _WHOLE_FLIGHT_S = 1e9
 

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from statistics import median
 
-from tirgeo_ros.core.ground.backprojection import Ground, Reason
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Reason, Terrain
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError

@@ -17,7 +17,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, named_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
-from tirgeo_ros.tools.replay.flight_topics import fitting_method
+from tirgeo_ros.tools.replay.registration import fitting_method
 
 
 class NodeConfigs(NamedTuple):

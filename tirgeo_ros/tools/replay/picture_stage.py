@@ -19,8 +19,7 @@ from typing import IO, Any, NamedTuple
 import cv2
 
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError
@@ -118,7 +117,13 @@ class PictureStage:
 
     def send(self, picture: Unpainted, scene: Scene, *, with_outline: bool) -> None:
         """Give a picture to be painted, in its scene. Raises PictureError if that has failed."""
-        order = _Order(picture, self._changed(scene), with_outline)
+        before, self._scene = self._scene, scene
+        changed: Scene | None = scene  # without a map that is there already
+        if all(new is old for new, old in zip(scene, before, strict=True)):
+            changed = None
+        elif scene.draped is before.draped:
+            changed = scene._replace(draped=None)
+        order = _Order(picture, changed, with_outline)
         if self._child is None:
             self._done.append(self._painter.encoded(*self._painter.painted(order)))
             return
@@ -132,13 +137,6 @@ class PictureStage:
         with _explained():
             painted: Painted = self._child.receive()
         return painted
-
-    def _changed(self, scene: Scene) -> Scene | None:
-        """Return the scene without a map that is there already; None if it is the one before."""
-        before, self._scene = self._scene, scene
-        if all(new is old for new, old in zip(scene, before, strict=True)):
-            return None
-        return scene._replace(draped=None) if scene.draped is before.draped else scene
 
     def __enter__(self) -> PictureStage:
         return self

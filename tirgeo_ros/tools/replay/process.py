@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
@@ -32,14 +32,13 @@ from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import finding_items, summary
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
-from tirgeo_ros.tools.replay.flight_topics import PICTURES, done_without, inputs_of, resolved
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
+from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_of, resolved
 
 #: A larger refused share of one kind of measurement is not chance: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
-_GOOD_STATES = ("running", "degraded")
 
 
 def process(
@@ -216,7 +215,7 @@ def six_lines(result: Mapping[str, Any]) -> str:
     method = f"{result['method']}{', smoothed' if result['smoothed'] else ''}"
     text = f"{result['state']} at the end{reason}, by {method}; in all "
     text += ", ".join(f"{state} {seconds} s" for state, seconds in times)
-    lines.append(("state", text, result["state"] not in _GOOD_STATES))
+    lines.append(("state", text, result["state"] not in ("running", "degraded")))
     body, camera = (
         sum(count for topic, count in written.items() if topic.endswith(f"tirgeo/{name}"))
         for name in ("odometry", "camera_pose")

@@ -8,7 +8,7 @@ the input that caused it. A picture may come out later than what follows it: tha
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
@@ -22,7 +22,6 @@ from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
 from tirgeo_ros.core.types.poses import BodyPose
-from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import (
@@ -38,15 +37,12 @@ from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import prefix, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, OpenedFlight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
-from tirgeo_ros.tools.replay.registration import Registered, Registration, Sample
+from tirgeo_ros.tools.replay.registration import Registered, Registration, Sample, prefix, resolved
 
 #: Between two reports of the state, as the nodes send them.
 REPORT_PERIOD_NS = 1_000_000_000
-#: A track is sent whole each time, so it is written this often, and at the end.
-_TRACK_RATE_HZ = 0.1
 #: Messages that may wait for pictures: some 10 s without a picture, a few MB.
 _MOST_WAITING = 4096
 
@@ -64,7 +60,7 @@ class PoseOutputs:
         self._ekf, self._with_camera_tf = configs.ekf, configs.gimbal.publish_tf
         self._fix_rate = RateLimit(configs.ekf.fix_rate_hz)
         self._track = Track(messages.track_point)
-        self._track_rate = RateLimit(_TRACK_RATE_HZ)
+        self._track_rate = RateLimit(0.1)  # it is sent whole each time
         self._has_fixed = False
         self._newest_ns = 0
 
@@ -79,29 +75,25 @@ class PoseOutputs:
 
     def add(self, registered: Registered, body_at: BodyAt, log_time_ns: int) -> None:
         """Write poses; ``body_at`` gives the pose that a camera's pose is made of."""
-        for topic, message in self._messages_of(registered, body_at):
-            self._write(topic, message, log_time_ns)
-
-    def _messages_of(
-        self, registered: Registered, body_at: BodyAt
-    ) -> Iterator[tuple[str, object]]:
         solution, body, messages = registered.solution, registered.body, self._messages
         if solution is not None and body is not None:
-            yield "tirgeo/odometry", messages.odometry(solution, body)
+            self._write("tirgeo/odometry", messages.odometry(solution, body), log_time_ns)
             if self._ekf.publish_tf:
-                yield "/tf", messages.tf([messages.body_transform(body)])
+                self._write("/tf", messages.tf([messages.body_transform(body)]), log_time_ns)
             if self._fix_rate.due(solution.stamp_ns):
-                yield "tirgeo/fix", messages.fix(solution)
+                self._write("tirgeo/fix", messages.fix(solution), log_time_ns)
             self._track.add(body)
             self._newest_ns = body.stamp_ns
             if self._track_rate.due(body.stamp_ns):
-                yield "tirgeo/path", messages.path(body.stamp_ns, self._track.points())
+                path = messages.path(body.stamp_ns, self._track.points())
+                self._write("tirgeo/path", path, log_time_ns)
         for pose in registered.cameras:
-            yield "tirgeo/camera_pose", messages.camera_pose(pose)
+            self._write("tirgeo/camera_pose", messages.camera_pose(pose), log_time_ns)
         for pose in registered.cameras if self._with_camera_tf else ():
             made_of = body_at(pose.stamp_ns)
             if not isinstance(made_of, Miss):
-                yield "/tf", messages.tf([messages.camera_transform(made_of, pose)])
+                transform = messages.camera_transform(made_of, pose)
+                self._write("/tf", messages.tf([transform]), log_time_ns)
 
     def finish(self, log_time_ns: int) -> None:
         """Write the whole track."""
@@ -293,19 +285,16 @@ class ProcessOutputs:
         """Write what filter and gimbal computed from a sample."""
         plane, body, now_ns = registered.plane, registered.body, self._flight.now_ns
         if body is not None and plane is not None and plane != self._plane:
-            self._new_plane(plane, body.stamp_ns, now_ns)
+            self._plane = plane
+            self._poses.new_plane(plane, body.stamp_ns, now_ns)
+            if self._overlay is not None:
+                self._overlay.set_plane(plane)
+                if self._overlay.map_given and self._overlay.painter.draped is not None:
+                    self._checks.map(self._overlay.painter.draped)
         if self._overlay is not None:
             for pose in registered.cameras:
                 self._overlay.add_pose(pose)
         self._poses.add(registered, self.registration.composer.body_at, now_ns)
-
-    def _new_plane(self, plane: TangentPlane, stamp_ns: int, log_time_ns: int) -> None:
-        self._plane = plane
-        self._poses.new_plane(plane, stamp_ns, log_time_ns)
-        if self._overlay is not None:
-            self._overlay.set_plane(plane)
-            if self._overlay.map_given and self._overlay.painter.draped is not None:
-                self._checks.map(self._overlay.painter.draped)
 
     def set_camera(self, camera: Camera) -> None:
         """Take a calibration of the bag."""
@@ -317,20 +306,18 @@ class ProcessOutputs:
         if self._overlay is None:
             return
         if topic == "tirgeo/locate/pixel":
-            self._locate(self._overlay, content, arrival_ns)
+            stamp_ns, u, v = convert.pixel(content)
+            answer = self._overlay.clicks.locate((u, v), stamp_ns)
+            if isinstance(answer, Located):
+                self._write("tirgeo/locate/fix", self._messages.located_fix(answer), arrival_ns)
+                point = self._messages.located_point(answer)
+                self._write("tirgeo/locate/point", point, arrival_ns)
             return
         self._overlay.status = self.registration.navigation.status()
         pixels, stamp_ns = self._stage.pixels(topic, content), convert.stamp_ns(content)
         self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
         stamp_ns = self._flight.arrivals.stamp_ns(topic, stamp_ns, arrival_ns)
         self._overlay.add_frame(stamp_ns, pixels, arrival_ns)
-
-    def _locate(self, overlay: Overlay, message: Any, log_time_ns: int) -> None:
-        stamp_ns, u, v = convert.pixel(message)
-        answer = overlay.clicks.locate((u, v), stamp_ns)
-        if isinstance(answer, Located):
-            self._write("tirgeo/locate/fix", self._messages.located_fix(answer), log_time_ns)
-            self._write("tirgeo/locate/point", self._messages.located_point(answer), log_time_ns)
 
     def proceed(self, arrival_ns: int) -> None:
         """Write the frame that is due, if any, and each second the state."""
@@ -367,14 +354,6 @@ class ProcessOutputs:
         """Write diagnostics for people, and the filter's state for programs."""
         status = self.registration.navigation.status()
         self.states_s[status.state.value] += 1
-        diagnostics = self._messages.diagnostics(log_time_ns, self._items(status))
-        self._write("/diagnostics", diagnostics, log_time_ns)
-        # It starts with the flight: the same input gives the same bytes.
-        node, started_ns = f"{self._prefix}ekf_node", self._flight.begun_ns or 0
-        state = NodeState(node, log_time_ns, started_ns, navigation=status)
-        self._write(STATE_TOPIC, self._messages.state(state), log_time_ns)
-
-    def _items(self, status: NavigationStatus) -> list[DiagnosticItem]:
         composer, overlay = self.registration.composer, self._overlay
         items = [navigation_item(f"{self._prefix}ekf_node: navigation", status)]
         items[0].values.update(self._flight.arrivals.diagnostics)
@@ -383,7 +362,12 @@ class ProcessOutputs:
         if overlay is not None:
             clicks = {f"clicks_{name}": n for name, n in sorted(overlay.clicks.counts.items())}
             items.append(self._counts("overlay_node: overlay", overlay.counts | clicks, "ok"))
-        return items
+        diagnostics = self._messages.diagnostics(log_time_ns, items)
+        self._write("/diagnostics", diagnostics, log_time_ns)
+        # It starts with the flight: the same input gives the same bytes.
+        node, started_ns = f"{self._prefix}ekf_node", self._flight.begun_ns or 0
+        state = NodeState(node, log_time_ns, started_ns, navigation=status)
+        self._write(STATE_TOPIC, self._messages.state(state), log_time_ns)
 
     def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}

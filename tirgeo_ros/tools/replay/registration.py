@@ -1,23 +1,25 @@
-"""Compute body and camera poses from sensor samples, with the core objects of the nodes.
+"""Choose the topics that a run reads from a bag, and compute poses from their samples.
 
-This is what ``ekf_node`` and ``gimbal_node`` do in a graph, without messages between them. With
+The core objects of ``ekf_node`` and ``gimbal_node`` compute them, without messages between. With
 ``--smooth`` a first pass through a flight records the filter, which is then smoothed backwards in
 time, and the second pass has the smoothed poses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
+from tirgeo_ros.core.navigation.aiding.fusion import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     SmoothedNavigation,
     SmoothedRun,
 )
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     ImuSample,
@@ -25,12 +27,33 @@ from tirgeo_ros.core.types.measurements import (
     NavigationInput,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_SAMPLES, SENSED_TOPICS, TOPIC_TYPES
+
+CAMERA_INFO = "thermal/camera_info"
+#: Method -> the topics that it uses.
+METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
+    method: tuple(NAVIGATION_INPUTS[source][0] for source in sources)
+    for method, sources in METHOD_SOURCES.items()
+}
+PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+#: What sensors publish: the topics that another system may have under other names.
+INPUTS = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
+#: Composition of the camera's pose -> the gimbal's topics that it uses; one of them is enough.
+GIMBAL_TOPICS: dict[str, tuple[str, ...]] = {
+    "paper": ("gimbal/attitude",),
+    "encoders": ("gimbal/joint_states",),
+    "auto": ("gimbal/joint_states", "gimbal/attitude"),
+}
+_POSITIONS = ("rtk/fix", "gps/fix")
+#: Topics that the default method uses beyond ordinary GPS.
+_OF_HEADINGS = ("rtk/fix", "rtk/vel", "rtk/heading")
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 #: Topic -> the function that converts its messages to samples.
-SAMPLES: Mapping[str, Callable[[Any], Sample]] = convert.SENSED_SAMPLES
+SAMPLES: Mapping[str, Callable[[Any], Sample]] = SENSED_SAMPLES
+#: Methods whose poses come from a filter, and can be smoothed.
 FILTERS = ("ekf", "ekf_heading")
 
 
@@ -86,6 +109,100 @@ def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) ->
     return cameras if body is None else cameras + composer.add_body(body)
 
 
-def can_smooth(method: str) -> bool:
-    """Return whether a method's poses come from a filter."""
-    return method in FILTERS
+def prefix(namespace: str) -> str:
+    """Return the prefix of a relative name: a slash, or the namespace between two slashes."""
+    name = str(namespace or "").strip("/")
+    return f"/{name}/" if name else "/"
+
+
+def resolved(topic: str, namespace: str) -> str:
+    """Return a contract topic's name in a bag.
+
+    A name with a leading slash ignores the namespace.
+    """
+    return topic if topic.startswith("/") else prefix(namespace) + topic
+
+
+def inputs_of(
+    reader: BagReader,
+    method: str,
+    composition: str,
+    namespace: str,
+    *,
+    pictures: bool,
+    camera: bool = True,
+    gimbal: bool = True,
+) -> dict[str, str]:
+    """Return the topics that a run reads from a bag: resolved name -> contract topic.
+
+    With ``pictures`` also the camera's calibration, unless ``camera`` is False. Without ``gimbal``
+    the gimbal's angles are read if there are some, but not needed.
+    Raise BagError naming every needed topic that is absent, or one that has another type.
+    """
+    present = reader.topics()
+    there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
+    wanted = [*METHOD_TOPICS[method], *GIMBAL_TOPICS[composition]]
+    positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
+    needed = [("imu/data",), positions, *([GIMBAL_TOPICS[composition]] if gimbal else ())]
+    if pictures:
+        needed += [PICTURES, *([(CAMERA_INFO,)] if camera else ())]
+        wanted += ["tirgeo/locate/pixel", *([CAMERA_INFO] if camera else ())]
+        wanted += [name for name in PICTURES if name in there][:1]
+    absent = [names for names in needed if not there.intersection(names)]
+    if absent:
+        said = [" or ".join(resolved(name, namespace) for name in names) for names in absent]
+        hint = "" if namespace else "; is there a --namespace?"
+        if absent == [GIMBAL_TOPICS[composition]]:
+            hint = "; without it, tirgeo process --no-images gives the body's poses"
+        raise BagError(f"{reader.path}: needed topic absent: {', '.join(said)}{hint}")
+    topics = {resolved(name, namespace): name for name in wanted if name in there}
+    for topic, name in topics.items():
+        if present[topic] != TOPIC_TYPES[name]:
+            raise BagError(
+                f"{reader.path}: {topic} is of type {present[topic] or 'nothing'}, "
+                f"not {TOPIC_TYPES[name]}"
+            )
+    return topics
+
+
+def checked_topics(reader: BagReader, namespace: str, used: Mapping[str, str]) -> dict[str, str]:
+    """Return the inputs that a bag has and a run does not use: resolved -> contract topic.
+
+    The checks want them; of two topics with pictures one.
+    """
+    present = reader.topics()
+    there = {
+        resolved(name, namespace): name
+        for name in (*SENSED_TOPICS, CAMERA_INFO, *PICTURES)
+        if present.get(resolved(name, namespace)) == TOPIC_TYPES[name]
+    }
+    pictures = [topic for topic, name in there.items() if name in PICTURES]
+    spare = pictures if set(PICTURES).intersection(used.values()) else pictures[1:]
+    return {topic: name for topic, name in there.items() if topic not in {*used, *spare}}
+
+
+def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
+    """Return the method for a bag's topics, and why it is not the default ("" if it is).
+
+    Without headings the method is ``ekf``, on ordinary GPS if there is no RTK.
+    """
+    lacking = [name for name in _OF_HEADINGS if resolved(name, namespace) not in present]
+    if "rtk/heading" not in lacking:
+        return "ekf_heading", ""
+    alone = lacking == list(_OF_HEADINGS) and resolved("gps/fix", namespace) in present
+    names = ", ".join(resolved(name, namespace) for name in (lacking if alone else lacking[-1:]))
+    on_gps = "; it flies on ordinary GPS" if alone else ""
+    return "ekf", f"method ekf: the bag has no {names}{on_gps}"
+
+
+def done_without(present: Collection[str], method: str) -> list[str]:
+    """Return the topics (contract names) that a method uses but that are not present.
+
+    Ordinary GPS is a filter's fallback, and a barometer is extra: neither is reported, except for
+    the method ``raw``.
+    """
+    return [
+        name
+        for name in METHOD_TOPICS[method]
+        if name not in present and (method == "raw" or name in _OF_HEADINGS)
+    ]

@@ -44,8 +44,6 @@ NAMES = (
     *("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson"),
     *("observations.csv", "params.yaml"),
 )
-#: Files written beside NAMES if the ground is not level.
-ELEVATION = ("dem.asc", "dem.prj")
 _CLEAR_M = 3.0  # smallest height above all ground
 _HEAD = """\
 # The nodes' parameters for the simulated flight {name}, written by 'tirgeo simulate'.
@@ -161,7 +159,7 @@ def simulate(
     there are no pictures and no clicks on targets. Return what was written. Raise ScenarioError,
     and BagError or SurveyError if files cannot be written.
     """
-    outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
+    outputs = [Path(out_dir) / name for name in (*NAMES, *("dem.asc", "dem.prj"))]
     check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
     window = _window(scenario, scenario_path, start_s, duration_s)

@@ -11,7 +11,6 @@ from tirgeo_ros.tools.simulate.sensors import (
     Arrival,
     Autopilot,
     Epochs,
-    ImuBias,
     SimulatedGimbal,
     barometer_samples,
     gimbal_samples,
@@ -74,17 +73,9 @@ def fly(scenario: Scenario, seed: int | None = None) -> SimulatedFlight:
         *gimbal_samples(scenario, seed, trajectory, pilot, gimbal),
     ]
     samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first among equals
-    truth = truth_at(trajectory, epochs, bias)
-    return SimulatedFlight(scenario, seed, trajectory, gimbal, truth, samples)
-
-
-def truth_at(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:
-    """Return the true state at instants, with the IMU's biases at them."""
     motion = trajectory.motion(epochs.t_s)
-    force, rate = trajectory.inertial(motion)
-    lat, lon, height, velocity_n, q_nb = geodetic_state(
-        trajectory.plane, motion.position_p, motion.velocity_p, motion.rotation_pb
-    )
+    place = motion.position_p, motion.velocity_p, motion.rotation_pb
+    states = *geodetic_state(trajectory.plane, *place), *trajectory.inertial(motion)
     biases = bias.gyro_b, bias.accel_b
-    of_motion = lat, lon, height, velocity_n, q_nb, force, rate
-    return Truth(epochs.stamp_ns, epochs.t_s, *of_motion, *biases, motion.position_p)
+    truth = Truth(epochs.stamp_ns, epochs.t_s, *states, *biases, motion.position_p)
+    return SimulatedFlight(scenario, seed, trajectory, gimbal, truth, samples)

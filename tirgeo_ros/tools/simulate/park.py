@@ -92,7 +92,6 @@ _FLOWERS = (
     "Grünfläche",
 )
 _WIDE_M, _NARROW_M = 4.0, 1.6  # paths
-_LAMPS = 45
 
 
 class Bed(NamedTuple):
@@ -150,7 +149,7 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
             center = np.array([south + row * cell + 2.6, west + column * cell + 2.4])
             hydrants[f"Hydrant {len(hydrants) + 1}"] = center
     lamps: list[Lamp] = []
-    for _ in range(_LAMPS):
+    for _ in range(45):
         north = rng.uniform(south, north_end)
         column = round((rng.uniform(west, east_end) - west) / cell)
         east = west + cell * column + rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.9)

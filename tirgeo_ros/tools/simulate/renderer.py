@@ -244,7 +244,6 @@ def _in_parts(values: Floats) -> Floats:
 
 #: For 16 bits: a scene uses a small part of the range, as with a radiometric camera.
 COUNTS_OF_0, COUNTS_PER_GREY = 20000.0, 16.0
-_SKY = 20.0
 _FAR_M = 2000.0
 
 
@@ -290,7 +289,7 @@ class Renderer:
         footprint = depth[middle] * self._pixel_angle / np.sqrt(np.maximum(slope, 1e-3))
         picture = self._sampled(north, east, footprint)
         draw_targets(picture, self._targets, north, east)
-        picture[~on_ground.reshape(self._shape)] = _SKY
+        picture[~on_ground.reshape(self._shape)] = 20.0  # the sky
         return self._sensed(picture, rng)
 
     def _sampled(self, north: Floats, east: Floats, footprint: Floats) -> Floats:

@@ -20,7 +20,7 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import AircraftConfig, ImuNoiseConfig
 from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of
-from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError, ConfigError, ScenarioError

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
+    Q_BODY_OPTICAL,
     azimuths,
     euler_from_matrix,
     matrix_from_euler,

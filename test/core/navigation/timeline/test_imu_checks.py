@@ -12,7 +12,7 @@ from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.tools.calibrate.imu_bag import imu_block
+from tirgeo_ros.tools.calibrate.imu import imu_block
 
 SECOND_NS = 1_000_000_000
 RNG = np.random.default_rng(3)
