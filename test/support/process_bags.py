@@ -23,6 +23,15 @@ def files(folder):
     return [folder / name for name in ("flight.mcap", "survey.geojson", "observations.csv")]
 
 
+def located_or_evaluated(verb, sample, folder):
+    """The words of ``locate`` or ``evaluate`` over the sample flight, but for its parameters."""
+    bag, survey, seen = files(sample)
+    if verb == "locate":
+        return [verb, bag, "--pixels", seen, "-o", folder / "points.geojson"]
+    given = ["--survey", survey, "--observations", seen]
+    return [verb, bag, *given, "-o", folder / "evaluation"]
+
+
 def same(item):
     return item.topic, item.data
 

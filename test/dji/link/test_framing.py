@@ -101,11 +101,6 @@ def test_header_fields_that_are_refused(byte, value):
     assert counts["truncated"] == counts["bad_crc32"] == 0  # refused before its length is believed
 
 
-@pytest.mark.parametrize(("check_sum", "expected"), [(crc16, 0x2752), (crc32, 0xE4D9DC14)])
-def test_check_values(check_sum, expected):
-    assert check_sum(b"123456789") == expected
-
-
 FRAMES = [encode_frame(bytes([2, 0, *range(size)]), sequence=size) for size in (2, 60, 31, 200)]
 
 

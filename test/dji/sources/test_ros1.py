@@ -188,13 +188,9 @@ def test_even_stamps_are_left_alone():
     assert [road.take("imu", imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
 
 
-def test_fused_velocity_is_east_north_up_and_the_fused_height_is_hardly_known():
+def test_fused_velocity_is_east_north_up():
     (reading,) = readings("velocity", vector(START, 1.0, 2.0, 3.0, "ground_ENU"))
     assert reading.velocity_n == (2.0, 1.0, -3.0)
-    (reading,) = readings("gps_position", fix(START, altitude=-137.0))
-    assert reading.place == (math.radians(52.0), math.radians(4.0), -137.0)
-    assert reading.fix is None
-    assert reading.vertical_sigma_m == 100.0
 
 
 PERIOD = 200 * MS

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from process_bags import located_or_evaluated
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
@@ -85,23 +86,11 @@ def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys
     """It would put each pixel elsewhere, and say so with a small ellipse."""
     half = replace(XT2, width=320, height=256)
     (tmp_path / "half.yaml").write_text(camera_yaml(half), encoding="utf-8")
-    seen = sample / "observations.csv"
-    more = {
-        "locate": ["--pixels", seen, "-o", tmp_path / "points.geojson"],
-        "evaluate": [
-            *("--survey", sample / "survey.geojson", "--observations", seen),
-            *("-o", tmp_path / "evaluation"),
-        ],
-    }[verb]
     given = ["--camera", tmp_path / "half.yaml", "--params", sample / "params.yaml"]
-    arguments = [verb, sample / "flight.mcap", *given, *more]
+    arguments = [*located_or_evaluated(verb, sample, tmp_path), *given]
     assert main([str(one) for one in arguments]) == 1
-    assert (
-        capsys.readouterr()
-        .err.splitlines()[-1]
-        .endswith(
-            "the calibration is of 320x256 pixels and the pictures have 640x512: give the "
-            "calibration of these pictures (--camera, or thermal/camera_info)"
-        )
+    assert capsys.readouterr().err.endswith(
+        "the calibration is of 320x256 pixels and the pictures have 640x512: give the "
+        "calibration of these pictures (--camera, or thermal/camera_info)\n"
     )
     assert not (tmp_path / "points.geojson").exists()

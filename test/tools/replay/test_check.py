@@ -6,7 +6,7 @@ import json
 from collections import Counter
 
 import pytest
-from process_bags import rewritten, same
+from process_bags import located_or_evaluated, rewritten, same
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -208,15 +208,8 @@ def test_a_fault_of_a_check_is_told_and_changes_nothing(
 @pytest.mark.parametrize("verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow)])
 def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, capsys):
     stand_ins["Gimbal"].found = [STOP, CAUTION, NOTE]
-    seen = sample / "observations.csv"
-    more = {
-        "locate": ["--pixels", seen, "-o", tmp_path / "points.geojson"],
-        "evaluate": [
-            *("--survey", sample / "survey.geojson", "--observations", seen),
-            *("-o", tmp_path / "evaluation"),
-        ],
-    }
-    arguments = [verb, str(sample / "flight.mcap"), *given(sample, *more[verb]), "--json"]
+    words = located_or_evaluated(verb, sample, tmp_path)
+    arguments = [*map(str, words), *given(sample), "--json"]
     assert main(arguments) == 1
     out, err = capsys.readouterr()
     checks = [one["check"] for one in json.loads(out)["findings"]]

@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-from process_bags import rewritten
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import BagError, ConfigError
@@ -153,10 +152,3 @@ def test_what_cannot_be_done_leaves_no_output(sample, tmp_path, monkeypatch, opt
     with pytest.raises(error, match=said):
         locate(sample, "out.geojson", **options)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_bag_without_a_camera_is_named(sample, tmp_path):
-    bag = tmp_path / "blind.mcap"
-    rewritten(sample / "flight.mcap", bag, seconds=1, without=["/thermal/camera_info"])
-    with pytest.raises(BagError, match=r"blind\.mcap: needed topic absent: /thermal/camera_info"):
-        locate_pixels(bag, sample / "observations.csv", tmp_path / "o.geojson", ground_height=11.5)
