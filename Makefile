@@ -106,7 +106,7 @@ states: $(READY)  ## make the tracked states of the sample flight anew, after a 
 	$(BIN)/python -m dev.state_table bags/sample test/data/sample_states.csv
 
 parameters: $(READY)  ## docs/parameters.md, made of the parameters in tirgeo_ros/core/config
-	$(BIN)/python -m tirgeo_ros.nodes.help docs/parameters.md
+	$(BIN)/python -m dev.parameters_page docs/parameters.md
 
 reproduction: $(READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
 	$(BIN)/python -m dev.reproduction

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.files.child_process import safe_workers
 from tirgeo_ros.tools.cli.main import INTERRUPTED
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
@@ -33,7 +32,7 @@ def in_processes(
     """Return the results of jobs, in their order, from ``workers`` processes."""
     # A forked child would inherit locks that other threads hold, of OpenCV for one.
     context = multiprocessing.get_context("spawn")
-    with safe_workers(), ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
         futures = [pool.submit(work, job) for job in jobs]
         for done, _ in enumerate(as_completed(futures), 1):
             progress(done, len(jobs))

@@ -24,7 +24,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages, camera, stamp_ns
-from tirgeo_ros.nodes import transforms
+from tirgeo_ros.nodes import graph_node
 
 PREFIX = ("-p", "frame_prefix:=uav1/")
 
@@ -41,9 +41,9 @@ class Topics:
 
 
 def test_through_tf_the_camera_is_at_its_pose(monkeypatch):
-    monkeypatch.setattr(transforms, "message_class", Cdr().types)
+    monkeypatch.setattr(graph_node, "message_class", Cdr().types)
     node = Topics()
-    made = transforms.Transforms(node, EkfConfig())
+    made = graph_node.Transforms(node, EkfConfig())
     made.fixed(EkfConfig().aircraft)
     made.body(BODY)
     made.camera(CAMERA_POSE, lambda _: BODY)
@@ -101,13 +101,13 @@ def test_without_tf2_msgs_it_is_said_once_and_nothing_is_published(monkeypatch):
     def absent(typename):
         raise ConfigError(f"message type {typename} is not installed")
 
-    monkeypatch.setattr(transforms, "message_class", absent)
+    monkeypatch.setattr(graph_node, "message_class", absent)
     node = KeptLog()
-    made = transforms.Transforms(node, EkfConfig())
+    made = graph_node.Transforms(node, EkfConfig())
     made.fixed(EkfConfig().aircraft)
     made.body(None)
     made.camera(None, math.nan)
     assert node.lines == [("info", "no /tf: tf2_msgs is not installed (apt: ros-jazzy-tf2-msgs)")]
     quiet = KeptLog()
-    transforms.Transforms(quiet, EkfConfig(publish_tf=False))
+    graph_node.Transforms(quiet, EkfConfig(publish_tf=False))
     assert quiet.lines == []

@@ -10,9 +10,10 @@ import pytest
 import yaml
 from project import PROJECT
 
+from dev.parameters_page import parameters_page
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
-from tirgeo_ros.nodes.help import as_yaml, help_text, parameters_page
+from tirgeo_ros.nodes.help import as_yaml, help_text
 
 BLOCKED = """
 import sys

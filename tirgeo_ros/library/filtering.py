@@ -205,17 +205,13 @@ def filter_flight(
     """Filter a flight: estimate the aircraft's poses, and with the gimbal's angles the camera's.
 
     Each table is a dict of arrays, a structured array or a data frame, with ``stamp_ns`` and the
-    columns of its sensor: ``docs/library.md`` lists them with units and axes. Without the columns
-    ``arrival_ns`` and ``arrival_order`` of ``read_bag`` each sample counts as arrived at its
-    stamp. ``heading`` is that of two antennas, ``set_heading`` one that a person sets. ``joints``
-    or ``camera_attitude``, of the gimbal, are needed for the camera's poses alone. ``config`` is
-    as for ``load_config``; unless it gives a method, this is ``ekf_heading``, or ``ekf`` without
-    ``heading``.
+    columns of its sensor: ``docs/library.md`` lists them with units and axes. ``heading`` is that
+    of two antennas, ``set_heading`` one that a person sets. ``joints`` or ``camera_attitude`` are
+    needed for the camera's poses alone. ``config`` is as for ``load_config``; unless it gives a
+    method, this is ``ekf_heading``, or ``ekf`` without ``heading``.
 
-    With ``smooth`` each pose is made of the whole flight, of what was measured later too; only a
-    method with a filter can be smoothed. The numbers are those of ``tirgeo process``, with or
-    without ``--smooth``. A flight without a single solution gives an empty result, with a warning
-    that says why. Raises TableError naming a column that is missing or wrong, and ConfigError.
+    With ``smooth`` each pose is made of the whole flight. One without a single solution gives an
+    empty result and a warning. Raises TableError naming a wrong column, and ConfigError.
     """
     given = (imu, rtk_fix, rtk_velocity, heading, gps_fix, gps_velocity, pressure, set_heading)
     pairs = zip(_ARGUMENTS, (*given, joints, camera_attitude), strict=True)

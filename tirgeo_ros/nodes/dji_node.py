@@ -18,7 +18,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.link.serial_link import LinkWatch, SerialLink
 from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
 from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder

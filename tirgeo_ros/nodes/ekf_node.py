@@ -23,12 +23,18 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem, navigation_item
 from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
+from tirgeo_ros.nodes.graph_node import (
+    GraphNode,
+    Transforms,
+    latched,
+    output,
+    sensor_input,
+    with_info,
+)
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import RECENT_S, InputChecks, OtherPublishers, SetupChecks
-from tirgeo_ros.nodes.transforms import Transforms
 
 #: Number of messages handled before the executor runs again: timers, services, more messages.
 _AT_ONCE = 4

@@ -19,12 +19,11 @@ from tirgeo_ros.io.messages import (
     joint_sample,
 )
 from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
-from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
+from tirgeo_ros.nodes.graph_node import GraphNode, Transforms, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, SetupChecks
-from tirgeo_ros.nodes.transforms import Transforms
 
 
 class GimbalNode(GraphNode):

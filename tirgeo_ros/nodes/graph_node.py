@@ -22,9 +22,12 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from tirgeo_ros.core.config.aircraft_parameters import FramesConfig
+from tirgeo_ros.core.config import AircraftConfig
+from tirgeo_ros.core.config.aircraft_parameters import FramesConfig, TransformsConfig
+from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError, shown
 from tirgeo_ros.core.types.finding import Finding
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import (
     FINDINGS_TOPIC,
@@ -34,7 +37,7 @@ from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
 )
-from tirgeo_ros.io.messages.sensor_messages import OUTPUT_DEPTH, STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import OUTPUT_DEPTH, STREAM_DEPTH, TF_DEPTH
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
 
@@ -295,3 +298,41 @@ def _overrides() -> Iterator[None]:
         yield
     except (InvalidQosOverridesError, RuntimeError, ValueError) as error:
         raise ConfigError(f"qos_overrides: {error}") from None
+
+
+class Transforms:
+    """Publish transforms while someone listens, the fixed ones once; none without tf2_msgs."""
+
+    def __init__(self, node: GraphNode, config: TransformsConfig) -> None:
+        self._node = node
+        self._tf: Publisher | None = None
+        self._tf_static: Publisher | None = None
+        if not config.publish_tf:
+            return
+        try:
+            message_class(TOPIC_TYPES["/tf"])
+        except ConfigError:
+            node.log(OK, "no /tf: tf2_msgs is not installed (apt: ros-jazzy-tf2-msgs)")
+            return
+        self._tf = node.advertise("/tf", output(TF_DEPTH))
+
+    def fixed(self, aircraft: AircraftConfig) -> None:
+        """Publish where antennas, gimbal and IMU are on the aircraft."""
+        if self._tf is not None:
+            messages = self._node.messages
+            self._tf_static = self._node.advertise("/tf_static", latched())
+            transforms = messages.fixed_transforms(aircraft, self._node.now_ns)
+            self._tf_static.publish(messages.tf(transforms))
+
+    def body(self, pose: BodyPose) -> None:
+        """Publish map -> base_link."""
+        if self._tf is not None and self._tf.get_subscription_count():
+            messages = self._node.messages
+            self._tf.publish(messages.tf([messages.body_transform(pose)]))
+
+    def camera(self, pose: CameraPose, body_at: Callable[[int], BodyPose | Miss]) -> None:
+        """Publish base_link -> camera; ``body_at`` gives the pose that the camera's is made of."""
+        if self._tf is not None and self._tf.get_subscription_count():
+            messages, body = self._node.messages, body_at(pose.stamp_ns)
+            if not isinstance(body, Miss):
+                self._tf.publish(messages.tf([messages.camera_transform(body, pose)]))

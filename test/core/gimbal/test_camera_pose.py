@@ -34,8 +34,7 @@ from tirgeo_ros.core.gimbal.camera_pose import (
     from_reported,
     joint_angles,
 )
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
-from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import JOINT_ORDERS, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 
 PLAIN = Mount.from_config(GimbalConfig())

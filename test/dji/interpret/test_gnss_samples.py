@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,

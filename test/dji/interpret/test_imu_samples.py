@@ -24,8 +24,8 @@ from tirgeo_ros.core.frames.rotations import (
     wrap_pi,
 )
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
-from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.interpret.imu_samples import G_M_S2
+from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.readings import AccelerationUnit, ImuOrigin
 
 NAN, INF = math.nan, math.inf

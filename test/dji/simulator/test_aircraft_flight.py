@@ -24,7 +24,7 @@ from tirgeo_ros.core.config import (
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
-from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.simulator import Aircraft, frames_of

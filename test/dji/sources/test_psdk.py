@@ -21,7 +21,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_rotvec,
 )
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
-from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder
 from tirgeo_ros.dji.sources.readings import GpsReading
 

@@ -11,9 +11,7 @@ from pathlib import Path
 import pytest
 from project import wait_until
 
-from dev.real_flights import judge_all
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess
 from tirgeo_ros.io.maps.map_process import MapProcess
 from tirgeo_ros.tools.graph.node_graph import NodeProcess
@@ -154,13 +152,6 @@ def test_a_node_does_not(traps):
     assert process.wait(60.0) is not None
     assert marks(traps) == []
     assert process.last_line().startswith("bag_player: "), process.text()
-
-
-@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 cannot leave it out")
-def test_workers_do_not(traps):
-    with pytest.raises(TirgeoError, match=r"absent\.mcap"):
-        judge_all([traps / "absent.mcap"], {})
-    assert marks(traps) == []
 
 
 def test_the_traps_would_be_run_by_a_plain_child(traps):

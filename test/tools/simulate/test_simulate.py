@@ -13,8 +13,7 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import BagPlayerConfig, DjiConfig, EkfConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ScenarioError
-from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
-from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.measurements import USUAL_ORDER, ImuSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import TOPIC_TYPES

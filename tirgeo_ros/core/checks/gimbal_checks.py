@@ -34,8 +34,7 @@ from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
 from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
-from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import JOINT_ORDERS, CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 
 _EVERY_NS = 200_000_000  # interval between the compared instants

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
 from tirgeo_ros.core.config.schema import group, param
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER
 
 
 @dataclass(frozen=True, slots=True)

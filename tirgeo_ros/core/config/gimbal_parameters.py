@@ -11,7 +11,7 @@ from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, Transform
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER
 
 _ANGLE, _SIGMA = ("deg", -180, 180), ("deg", 0, 90)
 

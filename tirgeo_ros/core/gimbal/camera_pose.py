@@ -50,8 +50,13 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.navigation.ins.strapdown import matrix, rotate
 from tirgeo_ros.core.types.arrays import Array, Quaternion, Rotation
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, JOINTS, USUAL_ORDER
-from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import (
+    JOINT_ORDERS,
+    JOINTS,
+    USUAL_ORDER,
+    CameraAttitudeSample,
+    JointSample,
+)
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 

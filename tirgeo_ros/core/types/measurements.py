@@ -6,12 +6,19 @@ All stamps are integer nanoseconds, the time of the measurement. The frames are 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import ClassVar
 
 from tirgeo_ros.core.types.arrays import Array
+
+JOINTS = ("yaw", "roll", "pitch")
+#: Of the parameters ``joint_order``; the usual one first.
+JOINT_ORDERS = tuple("-".join(order) for order in itertools.permutations(JOINTS))
+USUAL_ORDER = JOINT_ORDERS[0]
+
 
 #: Stamps of ROS messages end here, in 2038: their seconds are an int32.
 LAST_NS = (1 << 31) * 1_000_000_000

@@ -90,25 +90,6 @@ def _path() -> list[str]:
     return [*entries, package]
 
 
-@contextmanager
-def safe_workers() -> Iterator[None]:
-    """Keep the working directory out of the path of ``multiprocessing``'s processes meanwhile.
-
-    ``multiprocessing`` builds their commands itself; from Python 3.11 on they obey the
-    environment.
-    """
-    safe = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(_path())}
-    before = {name: os.environ.get(name) for name in safe}
-    os.environ |= safe
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            del os.environ[name]
-            if value is not None:
-                os.environ[name] = value
-
-
 def stop_signals() -> tuple[signal.Signals, ...]:
     """Return SIGINT, SIGTERM and SIGHUP (the terminal was closed).
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed

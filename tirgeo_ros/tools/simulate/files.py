@@ -13,8 +13,7 @@ import yaml
 
 from tirgeo_ros.core.config.schema import values_of
 from tirgeo_ros.core.types.errors import ScenarioError
-from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
-from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.measurements import USUAL_ORDER, ImuSample
 from tirgeo_ros.core.types.poses import CameraPose, NavSolution
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files

@@ -24,7 +24,7 @@ from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError, ConfigError, ScenarioError
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 SHAPES = ("lawnmower", "hover", "figure_eight")

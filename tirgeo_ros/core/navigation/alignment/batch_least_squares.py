@@ -226,9 +226,8 @@ def fit(
         projection = _projections(observations, terms.body @ rotation.T)
         residual = _residual(observations, terms, rotation, rest, gravity_m_s2)
         design = _design(terms, rotation, projection)
-        turned = (projection.reshape(-1, len(observations), 3) @ rotation).reshape(
-            projection.shape
-        )
+        by_observation = projection.reshape(-1, len(observations), 3)
+        turned = (by_observation @ rotation).reshape(projection.shape)
         noise = measured + turned @ terms.imu_noise @ turned.T
         root = np.linalg.cholesky(noise)
         whitened = np.linalg.solve(root, np.column_stack([design, residual]))
@@ -239,11 +238,10 @@ def fit(
         step = np.linalg.solve(information, gradient)
         rotation = matrix_from_rotvec(np.asarray(step[:3], float)) @ rotation
         rest = rest + step[3:]
-        settled = bool(np.abs(step[:3]).max() < _CONVERGED_RAD)
-        if settled:
+        if settled := bool(np.abs(step[:3]).max() < _CONVERGED_RAD):
             break
-    covariance = np.linalg.inv(information)
-    covariance = 0.5 * (covariance + covariance.T)
+    inverse = np.linalg.inv(information)
+    covariance = 0.5 * (inverse + inverse.T)
     residual = residual - design @ step
     # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
     # ratio defined.
