@@ -115,7 +115,7 @@ class Watched:
         """Return the changes of the verdict from a time on: time (s), verdict, other words."""
         statements = self.page.evaluate("() => window.said") or [[0.0, "", "", ""]]
         first = [[begin_s, *words] for at, *words in statements if at < begin_s][-1:]
-        statements = first + [one for one in statements if one[0] >= begin_s]
+        statements = first + [item for item in statements if item[0] >= begin_s]
         return statements[:1] + [new for old, new in pairwise(statements) if old[1] != new[1]]
 
     def _go_again_s(self, begin_s: float) -> float:
@@ -191,11 +191,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing is left running
     table = MarkedTable(46, 15)
     sys.stdout.write(table.row("", list(_MOST)) + "\n")
-    for one in results(args.minutes, args.only):
-        alone, slow = one["event"].startswith(" "), "%" in one["event"]
+    for item in results(args.minutes, args.only):
+        alone, slow = item["event"].startswith(" "), "%" in item["event"]
         most = _MOST_ALONE if alone else _MOST_SLOW if slow else _MOST
-        cells = [table.cell(one[name], high=high, digits=1) for name, high in most.items()]
-        sys.stdout.write(table.row(one["event"].strip(), cells) + "\n")
+        cells = [table.cell(item[name], high=high, digits=1) for name, high in most.items()]
+        sys.stdout.write(table.row(item["event"].strip(), cells) + "\n")
         sys.stdout.flush()
     return 1 if table.missed else 0
 

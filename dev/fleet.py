@@ -186,9 +186,9 @@ def _proportional_mb(process: NodeProcess) -> float:
 
 def figures(run: FleetRun) -> list[Figure]:
     """Return what all aircraft lost and crossed, and what they cost."""
-    total = {name: sum(getattr(one, name) for one in run.judged) for name in _SUMMED}
-    silent = sum(not one.odometry for one in run.judged)
-    off_m = max(one.off_m for one in run.judged)
+    total = {name: sum(getattr(entry, name) for entry in run.judged) for name in _SUMMED}
+    silent = sum(not entry.odometry for entry in run.judged)
+    off_m = max(entry.off_m for entry in run.judged)
     return [
         Figure("aircraft without odometry", silent, "", "= 0"),
         Figure("IMU samples", total["imu"]),

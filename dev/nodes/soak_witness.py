@@ -64,8 +64,8 @@ class Witness(GraphNode):
     def _state(self, message: Any) -> None:
         state = node_state(message)
         if state.picture is not None:
-            videos = [one for name, one in state.topics.items() if name.startswith(_VIDEO)]
-            refused = sum(one.unreadable + one.failed for one in videos)
+            videos = [item for name, item in state.topics.items() if name.startswith(_VIDEO)]
+            refused = sum(item.unreadable + item.failed for item in videos)
             self._write("frames", state.picture.newest_frame_ns, refused, dict(state.counts))
 
     def _write(self, kind: str, *values: Any) -> None:

@@ -47,15 +47,15 @@ def socket_figures(work: Path, seconds: float) -> Iterator[Figure]:
     with ServedPage(pictures, work) as page:
         jobs = [Job(page.url, seconds, clicks=k == 0) for k in range(_VIEWERS)]
         begun_s, used_s = time.monotonic(), page.cpu_s()
-        seen = in_processes(watch, jobs, len(jobs))
+        observed = in_processes(watch, jobs, len(jobs))
         cores = (page.cpu_s() - used_s) / (time.monotonic() - begun_s)
         memory_mib = page.memory_mib("VmRSS")
-    late = [one for viewer in seen for one in viewer.late_ms]
-    ages = [age for one in seen for age in one.ages_ms]
+    late = [item for viewer in observed for item in viewer.late_ms]
+    ages = [age for item in observed for age in item.ages_ms]
     yield Figure("own sleep late, 95 %", percentile(late, 95), "ms")
-    yield Figure("pictures a second, least", min(one.hz for one in seen), "Hz")
+    yield Figure("pictures a second, least", min(item.hz for item in observed), "Hz")
     yield Figure("frame to screen, 95 %", percentile(ages, 95), "ms", "<= 120")
-    yield Figure("click to answer, 95 %", percentile(seen[0].clicks_ms, 95), "ms", "<= 150")
+    yield Figure("click to answer, 95 %", percentile(observed[0].clicks_ms, 95), "ms", "<= 150")
     yield Figure("server", cores, "cores", "<= 0.35")
     yield Figure("server, memory at the end", memory_mib, "MiB")
 
@@ -101,13 +101,13 @@ async def _edit(url: str, edited: str) -> tuple[list[float], list[float]]:
         operator, *others = [
             await opened.enter_async_context(connect()) for _ in range(_LOOKERS + 1)
         ]
-        await asyncio.gather(*(_seen_s(one, f"target {MOST_TARGETS - 1}") for one in others))
+        await asyncio.gather(*(_seen_s(item, f"target {MOST_TARGETS - 1}") for item in others))
         for k in range(_EDITS):
             name, request, begun_s = f"edit {k}", f"request {k}", time.monotonic()
             edit = {"type": "edit", "id": edited, "was": {"name": was}, "name": name}
             await operator.send_str(json.dumps(edit | {"request": request}))
             answer = asyncio.create_task(_seen_s(operator, request))
-            last_s = max(await asyncio.gather(*(_seen_s(one, name) for one in others)))
+            last_s = max(await asyncio.gather(*(_seen_s(item, name) for item in others)))
             seen_ms.append((last_s - begun_s) * 1e3)
             answered_ms.append((await answer - begun_s) * 1e3)
             was = name

@@ -315,7 +315,7 @@ def memory_figures(lives: Sequence[Life], *, short: bool = False) -> Iterator[Fi
     """
     for node in dict.fromkeys(life.node for life in lives):
         grown = [growth(life.memory) for life in lives if life.node == node]
-        most = max((one for one in grown if not math.isnan(one)), default=math.nan)
+        most = max((item for item in grown if not math.isnan(item)), default=math.nan)
         judged = node != WITNESS and not (short and math.isnan(most))
         asked = _GROWTH if judged else ""
         yield Figure(f"{node}: memory grown after its first minute", 100 * most, "%", asked)

@@ -46,14 +46,14 @@ def test_what_is_missing_or_does_not_exist_is_a_line():
 
 
 def test_a_warning_of_pdoc_fails(monkeypatch, tmp_path, capsys):
-    said = []
+    message_text = []
     pdoc = types.SimpleNamespace(
-        pdoc=lambda *_, **__: [warnings.warn(text, stacklevel=1) for text in said],
+        pdoc=lambda *_, **__: [warnings.warn(text, stacklevel=1) for text in message_text],
         render=types.SimpleNamespace(configure=lambda **_: None),
     )
     monkeypatch.setitem(sys.modules, "pdoc", pdoc)
     assert main([str(tmp_path)]) == 0
-    said.append("Error parsing type annotation Nowhere\nand a traceback")
+    message_text.append("Error parsing type annotation Nowhere\nand a traceback")
     assert main([str(tmp_path)]) == 1
     assert capsys.readouterr().err == "pdoc: Error parsing type annotation Nowhere\n"
 

@@ -57,9 +57,9 @@ def frames():
 
 def test_the_capture_is_what_an_aircraft_sends(frames):
     reader = FrameReader()
-    found = reader.feed(b"".join(frames))
+    result = reader.feed(b"".join(frames))
     assert reader.counts["skipped_bytes"] == reader.held == 0
-    kinds = Counter((f.cmd_id, f.value[0] if f.cmd_id == 5 else None) for f in found)
+    kinds = Counter((f.cmd_id, f.value[0] if f.cmd_id == 5 else None) for f in result)
     # Broadcasts, and the five usual packages, two seconds of each.
     rates_hz = {None: 100, 0: 5, 1: 50, 2: 100, 3: 400, 4: 200}
     assert {package: count / 2 for (_, package), count in kinds.items()} == rates_hz
@@ -87,11 +87,11 @@ def test_settled_frames_alone_count_and_those_without_a_picture_are_lost():
     early = [[stamp, 900 * MS] for stamp in SENT[:100]]
     strange = [[START - FRAME, 5_000 * MS], [COUNTED[-1] + FRAME, 5_000 * MS]]
     shown = [[stamp, (5 + k % 11) * MS] for k, stamp in enumerate(COUNTED[::2])]
-    found = run([*strange, *early, *shown])
-    assert (found.sent, found.lost) == (len(COUNTED), len(COUNTED) // 2) == (269, 134)
-    assert found.p50_s == pytest.approx(10e-3)
-    assert found.p95_s == pytest.approx(15e-3)
-    assert found.cpu_s == pytest.approx(1.8 / 420)
+    result = run([*strange, *early, *shown])
+    assert (result.sent, result.lost) == (len(COUNTED), len(COUNTED) // 2) == (269, 134)
+    assert result.p50_s == pytest.approx(10e-3)
+    assert result.p95_s == pytest.approx(15e-3)
+    assert result.cpu_s == pytest.approx(1.8 / 420)
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def perfect(flight) -> Outputs:
         for item in BagReader(flight.bag).messages(["/gimbal/joint_states"])
     ]
     stamps = {
-        "tirgeo/odometry": [one + SHIFT_NS for one in flight.stamp_ns],
+        "tirgeo/odometry": [entry + SHIFT_NS for entry in flight.stamp_ns],
         "tirgeo/camera_pose": joints,
     }
     places = [plane.ned_from_geodetic(*geodetic_from_ecef(place)) for place in flight.place_e]
@@ -40,15 +40,15 @@ def perfect(flight) -> Outputs:
 
 
 def missed(cores, *judged):
-    return [one.what.strip() for one in figures(FleetRun(cores, 1.0, judged)) if one.missed]
+    return [entry.what.strip() for entry in figures(FleetRun(cores, 1.0, judged)) if entry.missed]
 
 
 def test_nothing_is_lost_or_crossed_where_all_came(flights):
-    one = judge(flights[0], SHIFT_NS, perfect(flights[0]))
-    assert (one.odometry_lost, one.poses_lost, one.crossed) == (0, 0, 0)
-    assert one.odometry == one.imu == 501
-    assert one.off_m < 1e-6
-    assert missed(0.2, one) == []
+    entry = judge(flights[0], SHIFT_NS, perfect(flights[0]))
+    assert (entry.odometry_lost, entry.poses_lost, entry.crossed) == (0, 0, 0)
+    assert entry.odometry == entry.imu == 501
+    assert entry.off_m < 1e-6
+    assert missed(0.2, entry) == []
 
 
 def test_what_is_lost_is_counted(flights):
@@ -56,22 +56,22 @@ def test_what_is_lost_is_counted(flights):
     for stamps in heard.stamps_ns.values():
         del stamps[10]
     del heard.place_n[10]
-    one = judge(flights[0], SHIFT_NS, heard)
-    assert (one.odometry_lost, one.poses_lost, one.crossed) == (1, 1, 0)
+    entry = judge(flights[0], SHIFT_NS, heard)
+    assert (entry.odometry_lost, entry.poses_lost, entry.crossed) == (1, 1, 0)
     lost = ["without odometry, from the first one on", "without a camera's pose"]
-    assert missed(2.1, one) == [*lost, "nodes"]
+    assert missed(2.1, entry) == [*lost, "nodes"]
 
 
 def test_another_aircrafts_samples_and_places_are_crossed(flights):
     heard, other = perfect(flights[0]), perfect(flights[1])
     heard.stamps_ns["tirgeo/camera_pose"][20] += 1  # the next aircraft's stamps end so
     heard.place_n[7] = heard.place_n[7] + np.array([200.0, 0.0, 0.0])
-    one = judge(flights[0], SHIFT_NS, heard)
-    assert one.crossed == 2
-    assert one.off_m == pytest.approx(200.0, abs=0.01)
+    entry = judge(flights[0], SHIFT_NS, heard)
+    assert entry.crossed == 2
+    assert entry.off_m == pytest.approx(200.0, abs=0.01)
     swapped = dataclasses.replace(other, stamps_ns=heard.stamps_ns)
     assert judge(flights[0], SHIFT_NS, swapped).crossed > 500
-    assert missed(0.2, one) == ["without a camera's pose", "messages crossed"]
+    assert missed(0.2, entry) == ["without a camera's pose", "messages crossed"]
 
 
 @pytest.mark.graph
@@ -85,7 +85,7 @@ def test_three_aircraft_lose_and_cross_nothing(tmp_path):
         flight.params.write_text(flight.params.read_text() + patient)
     run = run_fleet(tmp_path, flights, rate=0.5)
     assert not [figure for figure in figures(run) if figure.missed and figure.what != "nodes"]
-    for one in run.judged:
-        assert one.imu == 1001
-        assert one.odometry > 700
-        assert one.joints > 300
+    for entry in run.judged:
+        assert entry.imu == 1001
+        assert entry.odometry > 700
+        assert entry.joints > 300

@@ -30,10 +30,10 @@ def test_ten_million_bytes_of_damage(monkeypatch):
             return samples
 
     monkeypatch.setattr(fuzz, "Interpreter", Watched)
-    found = fuzz.fuzz(10_000_000, 1000, silent)
-    assert found.difference == ""
-    assert found.bytes == 10_000_000
-    assert found.frames > 20_000
+    result = fuzz.fuzz(10_000_000, 1000, silent)
+    assert result.difference == ""
+    assert result.bytes == 10_000_000
+    assert result.frames > 20_000
     # Else there would be nothing that could be found not finite.
     assert kinds > {ImuSample, PositionSample, CameraAttitudeSample}
 
@@ -102,9 +102,9 @@ class MakesUp(FrameReader):
 def test_a_wrong_reader_is_found_out(reader, message, monkeypatch, capsys):
     monkeypatch.setattr(fuzz, "FrameReader", reader)
     assert fuzz.main(["--bytes", "2e6", "--seed", "7"]) == 1
-    told = capsys.readouterr().out
-    assert re.search(rf"{message} \(again: --seed \d+ --bytes 1\)\n$", told)
-    again = re.search(r"--seed (\d+)", told)
+    reports = capsys.readouterr().out
+    assert re.search(rf"{message} \(again: --seed \d+ --bytes 1\)\n$", reports)
+    again = re.search(r"--seed (\d+)", reports)
     assert again
     assert fuzz.main(["--bytes", "1", "--seed", again[1]]) == 1
 

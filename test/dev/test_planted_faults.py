@@ -53,9 +53,9 @@ def test_an_error_is_told_in_ellipses():
     true, at_ns = locator(np.zeros(3)), STAMP_NS + 10**9
     # Degrees round by a nanometre.
     assert times_of_ellipse(true, true, at_ns, at_ns) == pytest.approx(0, abs=1e-8)
-    found = true.locate(at_ns, ((XT2.width - 1) / 2, (XT2.height - 1) / 2))
-    assert isinstance(found, Located)
-    ellipse = found.ellipse
+    result = true.locate(at_ns, ((XT2.width - 1) / 2, (XT2.height - 1) / 2))
+    assert isinstance(result, Located)
+    ellipse = result.ellipse
     along = np.array([math.cos(ellipse.azimuth_rad), math.sin(ellipse.azimuth_rad), 0.0])
     wrong = locator(4.0 * ellipse.major_m * along)
     # Others may have smaller ellipses that way.
@@ -87,6 +87,6 @@ PLAYED = (
 )
 def test_a_fault_is_named_in_time_and_nothing_is_said_of_a_good_flight(fault, sample, tmp_path):
     pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
-    found = play(fault, FlightFiles.in_folder(sample), tmp_path, free_domain())
-    assert found.is_good, found
-    assert bool(found.named) == bool(fault.names)
+    result = play(fault, FlightFiles.in_folder(sample), tmp_path, free_domain())
+    assert result.is_good, result
+    assert bool(result.named) == bool(fault.names)

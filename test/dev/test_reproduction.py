@@ -62,17 +62,19 @@ def test_the_page_s_commands_are_the_template_s_and_parse(written):
     shown = re.findall(r"```sh\n(.*?)^```", written, re.DOTALL | re.MULTILINE)
     given = re.findall(r"```sh (.*?)\n(.*?)^```", TEMPLATE.read_text(), re.DOTALL | re.MULTILINE)
     assert shown == [block for _, block in given]
-    found = [one for names, block in given for one in commands(block, names.split(", ")).values()]
-    assert len(found) > 30
-    for words in found:
+    result = [
+        item for names, block in given for item in commands(block, names.split(", ")).values()
+    ]
+    assert len(result) > 30
+    for words in result:
         assert callable(parsed(words).verb_module.run)  # SystemExit where they are wrong
 
 
 def test_the_ways_of_the_methods_come_out(written):
     """The requirement's figures, of the numbers that the page tells."""
-    told = written.partition("`composition: encoders`\n\n|")[2].partition("\n\n")[0]
+    reports = written.partition("`composition: encoders`\n\n|")[2].partition("\n\n")[0]
     here = {
-        m: float(value) for m, value in re.findall(r"`(\w+)` +\|[^|]*\|[^|]*\| *([\d.]+)", told)
+        m: float(value) for m, value in re.findall(r"`(\w+)` +\|[^|]*\|[^|]*\| *([\d.]+)", reports)
     }
     assert here["raw"] > here["rtk"] > here["ekf"] > here["ekf_heading"]
     assert here["ekf_heading"] <= 0.8
@@ -80,13 +82,13 @@ def test_the_ways_of_the_methods_come_out(written):
 
 
 def test_what_is_askew_matters_and_is_found(written):
-    told = section(written, "Table 6 again, with the camera askew")
-    askew = dict(re.findall(r"^\| `(\w+)` .*\| +([\d.]+) \|$", told, re.MULTILINE))
+    reports = section(written, "Table 6 again, with the camera askew")
+    askew = dict(re.findall(r"^\| `(\w+)` .*\| +([\d.]+) \|$", reports, re.MULTILINE))
     assert float(askew["ekf_heading"]) > TABLE_6_AVERAGE_M["ekf_heading"]
     assert float(askew["calibrated"]) <= 0.3
-    found = re.findall(r"^\| (\w+), (deg|ms) .*?\| +(\S+) \| +(\S+) \|", told, re.MULTILINE)
-    assert [name for name, *_ in found][:4] == ["roll", "pitch", "yaw", "latency"]
-    for _, unit, planted, value in found:
+    result = re.findall(r"^\| (\w+), (deg|ms) .*?\| +(\S+) \| +(\S+) \|", reports, re.MULTILINE)
+    assert [name for name, *_ in result][:4] == ["roll", "pitch", "yaw", "latency"]
+    for _, unit, planted, value in result:
         assert abs(float(value) - float(planted)) <= (10.0 if unit == "ms" else 0.1)
 
 

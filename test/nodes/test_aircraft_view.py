@@ -182,8 +182,10 @@ def test_a_clock_that_goes_back_begins_anew(tape):
 
 def test_a_place_is_where_the_camera_sees_it():
     corner_n = SQUARE_N[0]
-    seen = (corner_n - SIGHT.pose.position_n)[None] @ matrix_from_quat(SIGHT.pose.q_nc)
-    np.testing.assert_allclose(view.pixel_of(SIGHT, corner_n), XT2.project(seen)[0][0], atol=0.05)
+    observed = (corner_n - SIGHT.pose.position_n)[None] @ matrix_from_quat(SIGHT.pose.q_nc)
+    np.testing.assert_allclose(
+        view.pixel_of(SIGHT, corner_n), XT2.project(observed)[0][0], atol=0.05
+    )
     assert view.pixel_of(SIGHT, corner_n * -1) is None  # behind the camera
     assert view.pixel_of(SIGHT, corner_n * [1, 9, 1]) is None  # beside the picture
 
@@ -328,10 +330,10 @@ def test_the_gravest_alone_is_shown(flight, status, worst, no_map, word, text):
 
 
 def test_the_first_marker_deletes_all_others():
-    assert [one.action for one in target_markers("map", PLANE, []).markers] == [Marker.DELETEALL]
+    assert [item.action for item in target_markers("map", PLANE, []).markers] == [Marker.DELETEALL]
     delete, shape, label = target_markers("uav1/map", PLANE, [TARGET]).markers
     assert (delete.action, shape.action, label.text) == (3, Marker.ADD, "1 fire: barn")
-    assert {one.header.frame_id for one in (delete, shape, label)} == {"uav1/map"}
+    assert {item.header.frame_id for item in (delete, shape, label)} == {"uav1/map"}
     place = TARGET.place
     north, east, down = PLANE.ned_from_geodetic(
         place.latitude_rad, place.longitude_rad, place.height_m

@@ -91,7 +91,7 @@ def test_a_truncated_bag_plays_what_is_left_and_fails(spawn, meet, flight_bag, t
 @pytest.mark.graph
 def test_nobody_listens_and_it_says_so(spawn, flight_bag):
     given = (f"bag:={flight_bag}", "rate:=50.0", "wait_timeout_s:=0.5", "wait_for:=imu/data")
-    player = spawn("bag_player", *(word for one in given for word in ("-p", one)))
+    player = spawn("bag_player", *(word for entry in given for word in ("-p", entry)))
     assert player.wait(60.0).exit_code == 0
     assert player.said("playing without a subscriber of /imu/data")
 
@@ -117,9 +117,9 @@ def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag
     listen()
     os.close(host)
     assert player.ended.exit_code == 0, player.text()
-    said = sum(1 for _ in BagReader(flight_bag).messages(["/imu/data"]))
+    message_text = sum(1 for _ in BagReader(flight_bag).messages(["/imu/data"]))
     broadcasts = [frame for frame in frames if (frame.cmd_set, frame.cmd_id) == (2, 0)]
-    assert len(broadcasts) == said
+    assert len(broadcasts) == message_text
     assert not stranger.received["imu/data"]
     assert not port.is_symlink()
 
@@ -136,7 +136,7 @@ WRONG = [
 @pytest.mark.parametrize(("given", "message"), WRONG)
 @pytest.mark.graph
 def test_what_the_bag_lacks_is_named(environment, flight_bag, given, message):
-    words = [w for one in (f"bag:={flight_bag}", *given.split()) for w in ("-p", one)]
+    words = [w for entry in (f"bag:={flight_bag}", *given.split()) for w in ("-p", entry)]
     rclpy.init(args=["--ros-args", *words], domain_id=int(environment["ROS_DOMAIN_ID"]))
     try:
         with pytest.raises(TirgeoError, match=re.escape(message)):

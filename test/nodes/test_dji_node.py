@@ -128,11 +128,11 @@ def test_each_topic_becomes_its_reading(aircraft, stranger, topic, message, expe
     aircraft.source.handle(topic, message)
     aircraft.source.handle("rtk_yaw_info", UInt8(data=50))
 
-    def found() -> list:
+    def result() -> list:
         return [r for r in aircraft.readings if all(hasattr(r, name) for name in expected)]
 
-    stranger.spin_until(found, timeout_s=10.0)  # an RTK epoch waits for its parts
-    (reading,) = found()
+    stranger.spin_until(result, timeout_s=10.0)  # an RTK epoch waits for its parts
+    (reading,) = result()
     for name, value in expected.items():
         assert getattr(reading, name) == pytest.approx(value, rel=1e-11, abs=1e-15)
 
@@ -157,11 +157,11 @@ def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
 
 def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
     monkeypatch.setattr(dji_node, "SILENT_S", 0.0)
-    said = aircraft.source.report()
-    assert said.level == WARN
-    assert "nothing comes from psdk_ros2 on psdk_ros2/*" in said.message
+    text = aircraft.source.report()
+    assert text.level == WARN
+    assert "nothing comes from psdk_ros2 on psdk_ros2/*" in text.message
     (finding,) = aircraft.source.findings()
-    assert finding.evidence == said.message
+    assert finding.evidence == text.message
     monkeypatch.setattr(dji_node, "SILENT_S", 60.0)
     aircraft.source.handle("rtk_yaw_info", UInt8(data=50))
     assert "nothing comes" not in aircraft.source.report().message

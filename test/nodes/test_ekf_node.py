@@ -186,7 +186,7 @@ def test_a_transition_is_told_once_and_a_worse_state_is_a_warning():
         status(FilterState.LOST, "position"),
         status(FilterState.ALIGNING),
     )
-    assert [log.note(one) for one in given] == [True, False, True, True, True, True, True]
+    assert [log.note(entry) for entry in given] == [True, False, True, True, True, True, True]
     assert node.lines == [
         ("info", "ekf: waiting"),
         ("info", "ekf: aligning: too slow"),
@@ -203,7 +203,7 @@ def test_every_reset_is_told_once_with_what_it_changed():
     once = {"resets": {"rtk_position": 1}, "last_reset": "position by 3.2 m"}
     both = {"resets": {"rtk_position": 1, "rtk_heading": 1}, "last_reset": "heading by 170 deg"}
     given = (status(running), *[status(running, **once)] * 2, status(running, **both))
-    assert [log.note(one) for one in given] == [True, True, False, True]
+    assert [log.note(entry) for entry in given] == [True, True, False, True]
     assert node.texts("warning") == [
         "reset by rtk_position: position by 3.2 m",
         "reset by rtk_heading: heading by 170 deg",
@@ -251,19 +251,19 @@ def test_the_filter_begins_with_a_heading_that_is_set(spawn, meet, hover):
     stranger = meet(**{"/diagnostics": DiagnosticArray, "/tirgeo/odometry": Odometry})
     count = "count.set_heading."
 
-    def told(name: str) -> int:
+    def reports(name: str) -> int:
         return int(stranger.diagnostic(ITEM).get(count + name, 0))
 
     # Refused with the reason: not finite, too early, in another frame.
     wrong = heading(math.nan), heading(true_rad), heading(true_rad, frame="base_link")
     stranger.send(
         {TOPIC: list(wrong)},
-        lambda: told("invalid") and told("standby") and "its frame is" in node.text(),
+        lambda: reports("invalid") and reports("standby") and "its frame is" in node.text(),
     )
     assert "~/set_heading: standby: the alignment does not wait for a heading" in node.text()
     spawn("bag_player", "-p", f"bag:={bag}", "-p", "wait_for:=imu/data,rtk/fix,rtk/vel")
     stranger.spin_until(lambda: "~/set_heading" in stranger.diagnostic(ITEM).get("reason", ""))
-    stranger.send({TOPIC: [heading(true_rad)]}, lambda: told("used"))
+    stranger.send({TOPIC: [heading(true_rad)]}, lambda: reports("used"))
     stranger.spin_until(lambda: stranger.received["/tirgeo/odometry"])
     first = body_pose(stranger.received["/tirgeo/odometry"][0])
     sigma_rad = math.sqrt(first.covariance[5, 5])

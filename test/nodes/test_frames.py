@@ -49,13 +49,13 @@ def test_through_tf_the_camera_is_at_its_pose(monkeypatch):
     made.camera(CAMERA_POSE, lambda _: BODY)
     made.camera(CAMERA_POSE, lambda _: Miss.GAP)
     (fixed,) = node.kept["/tf_static"]
-    assert {one.header.frame_id for one in fixed.transforms} == {"base_link"}
-    assert "imu_link" in {one.child_frame_id for one in fixed.transforms}
+    assert {item.header.frame_id for item in fixed.transforms} == {"base_link"}
+    assert "imu_link" in {item.child_frame_id for item in fixed.transforms}
     assert len(node.kept["/tf"]) == 2
     pose = node.messages.camera_pose(CAMERA_POSE).pose.pose
-    found = Chains(node.kept["/tf"]).pose("tir_optical_frame", CAMERA_POSE.stamp_ns)
+    result = Chains(node.kept["/tf"]).pose("tir_optical_frame", CAMERA_POSE.stamp_ns)
     wanted = rigid(pose.position, pose.orientation)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10)  # roundings, at some 100 m
+    np.testing.assert_allclose(result, wanted, rtol=0, atol=1e-10)  # roundings, at some 100 m
 
 
 @pytest.mark.graph
@@ -82,8 +82,8 @@ def test_a_rectified_picture_has_its_calibration_and_its_footprint(spawn, meet, 
     info, picture = paired(got)[-1]
     assert info.header == picture.header
     assert picture.header.frame_id == "uav1/tir_optical_frame"
-    found = camera(info)
-    assert (found.fx, found.fy, found.cx, found.cy) == (XT2.fx, XT2.fy, XT2.cx, XT2.cy)
+    result = camera(info)
+    assert (result.fx, result.fy, result.cx, result.cy) == (XT2.fx, XT2.fy, XT2.cx, XT2.cy)
     assert not any(info.d)
     outline = got["tirgeo/footprint"][-1]
     assert outline.header.frame_id == "uav1/map"
@@ -92,9 +92,9 @@ def test_a_rectified_picture_has_its_calibration_and_its_footprint(spawn, meet, 
 
 def paired(got) -> list[tuple[CameraInfo, Image]]:
     """The calibrations and pictures of one stamp."""
-    infos = {stamp_ns(one): one for one in got["tirgeo/overlay/camera_info"]}
+    infos = {stamp_ns(item): item for item in got["tirgeo/overlay/camera_info"]}
     pictures = got["tirgeo/overlay/image"]
-    return [(infos[stamp_ns(one)], one) for one in pictures if stamp_ns(one) in infos]
+    return [(infos[stamp_ns(item)], item) for item in pictures if stamp_ns(item) in infos]
 
 
 def test_without_tf2_msgs_it_is_said_once_and_nothing_is_published(monkeypatch):

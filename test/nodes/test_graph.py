@@ -68,14 +68,14 @@ class Outlines:
     def drawn(self, camera: Camera, pose: CameraPose) -> tuple[np.ndarray, np.ndarray]:
         """(h, w) bool twice: where lines lie, and where marks of points may lie."""
         lines = np.zeros((camera.height, camera.width), np.uint8)
-        uv, seen = _projected(camera, pose, self._lines)
-        together = seen[1:] & seen[:-1]
+        uv, observed = _projected(camera, pose, self._lines)
+        together = observed[1:] & observed[:-1]
         together[self._starts - 1] = False
         ends = np.rint(np.stack([uv[:-1], uv[1:]], 1)[together]).astype(np.int32)
         cv2.polylines(lines, list(ends), False, (1,))
         marks = np.zeros_like(lines)
-        uv, seen = _projected(camera, pose, self._points)
-        for u, v in uv[seen]:
+        uv, observed = _projected(camera, pose, self._points)
+        for u, v in uv[observed]:
             cv2.circle(marks, (round(u), round(v)), _MARK_PX, (1,), -1)
         return lines.astype(bool), marks.astype(bool)
 
@@ -105,8 +105,8 @@ def _projected(
     uv, valid = camera.project(points_c)
     size = np.array([camera.width, camera.height])
     near = np.all((uv > -size) & (uv < 2 * size), axis=1)
-    seen = valid & near & (points_c[:, 2] > _NEAREST_M)
-    return np.where(seen[:, None], uv, np.nan), seen
+    observed = valid & near & (points_c[:, 2] > _NEAREST_M)
+    return np.where(observed[:, None], uv, np.nan), observed
 
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
@@ -276,9 +276,9 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
     nodes = children_of(demo.pid)
     assert len(nodes) == 5
     demo.send_signal(number)
-    _, said = demo.communicate(timeout=60)
+    _, message_text = demo.communicate(timeout=60)
     assert demo.returncode == code
-    assert "Traceback" not in said
+    assert "Traceback" not in message_text
     for pid in nodes:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
@@ -287,8 +287,8 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
 def test_a_node_that_dies_is_named_with_its_last_words(sample, tmp_path):
     params = tmp_path / "params.yaml"
     params.write_text("/**/overlay_node: {ros__parameters: {style: /nowhere.yaml}}\n")
-    found = {"map": sample / "map.geojson", "params": params}
-    setup = GraphSetup(sample / "flight.mcap", tmp_path, **found)
+    result = {"map": sample / "map.geojson", "params": params}
+    setup = GraphSetup(sample / "flight.mcap", tmp_path, **result)
     with pytest.raises(GraphError, match=r"overlay_node ended .*nowhere\.yaml"):
         run_graph(setup, 30.0)
 

@@ -93,12 +93,12 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
     executor.add_node(node)
     end_s = time.monotonic() + 30.0
 
-    def told() -> dict[str, str]:
+    def reports() -> dict[str, str]:
         return {pair.key: pair.value for pair in heard[-1].status[0].values} if heard else {}
 
     wanted = {"words failed", "drawing failed", "diagnostics failed"}
-    while not wanted <= told().keys():
-        assert time.monotonic() < end_s, told()
+    while not wanted <= reports().keys():
+        assert time.monotonic() < end_s, reports()
         words.publish(String(data="x"))
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
@@ -175,16 +175,16 @@ def test_each_publisher_offers_what_bags_say_of_its_topic(
     rclpy.init(args=words, domain_id=int(environment["ROS_DOMAIN_ID"]))
     try:
         node = make()
-        offered = {one.topic_name: one.qos_profile for one in node.publishers}
+        offered = {entry.topic_name: entry.qos_profile for entry in node.publishers}
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
     offered.pop("/parameter_events")  # rclpy's own
     assert len(offered) > 1
-    for topic, found in offered.items():
-        told = offered_qos(f"/uav1{topic}")
-        assert found.history == HistoryPolicy.KEEP_LAST
-        assert found.reliability == ReliabilityPolicy.RELIABLE
-        assert (topic, found.depth) == (topic, told.depth)
-        latched = found.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        assert (topic, latched) == (topic, told.latched)
+    for topic, result in offered.items():
+        reports = offered_qos(f"/uav1{topic}")
+        assert result.history == HistoryPolicy.KEEP_LAST
+        assert result.reliability == ReliabilityPolicy.RELIABLE
+        assert (topic, result.depth) == (topic, reports.depth)
+        latched = result.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        assert (topic, latched) == (topic, reports.latched)

@@ -46,11 +46,11 @@ def test_every_parameter_is_there_with_default_and_unit(name):
     lines = help_text(name).splitlines()
     assert lines[0].startswith(f"{name}: ")
     assert max(map(len, lines)) < 115  # a module's first line, led by its name
-    for one in parameters_of(NODE_CONFIGS[name]):
-        told = next(line for line in lines if line.startswith(f"  {one.name}  "))
-        value = told.removesuffix(LIVE)
-        assert (value != told) is one.live
-        assert value.endswith((f" {one.unit}", "unset", "empty")) or not one.unit
+    for item in parameters_of(NODE_CONFIGS[name]):
+        reports = next(line for line in lines if line.startswith(f"  {item.name}  "))
+        value = reports.removesuffix(LIVE)
+        assert (value != reports) is item.live
+        assert value.endswith((f" {item.unit}", "unset", "empty")) or not item.unit
 
 
 def test_defaults_are_written_as_in_a_parameter_file():
@@ -68,14 +68,14 @@ def test_the_page_is_current_and_has_every_parameter():
         "docs/parameters.md is not what the code says: make parameters"
     )
     for kind in NODE_CONFIGS.values():
-        for one in parameters_of(kind):
-            assert f"| `{one.name}` |" in page
-            assert one.description in page
+        for item in parameters_of(kind):
+            assert f"| `{item.name}` |" in page
+            assert item.description in page
 
 
 def test_defaults_are_read_as_they_are_written():
     for kind in NODE_CONFIGS.values():
-        for one in parameters_of(kind):
-            if as_yaml(one.default) not in ("unset", "empty"):
-                read = yaml.safe_load(as_yaml(one.default))
-                assert repr(tuple(read) if isinstance(read, list) else read) == repr(one.default)
+        for item in parameters_of(kind):
+            if as_yaml(item.default) not in ("unset", "empty"):
+                read = yaml.safe_load(as_yaml(item.default))
+                assert repr(tuple(read) if isinstance(read, list) else read) == repr(item.default)

@@ -48,9 +48,9 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
     ended = process.wait(within_s)
     assert ended is not None, f"{process.name} runs on for {within_s:g} s"
     assert ended.exit_code == 0, process.log.read_text()
-    said = CAUTION.sub("", PORT_TAKEN.sub("", process.log.read_text()))
-    assert "Traceback" not in said
-    assert "rror" not in said
+    message_text = CAUTION.sub("", PORT_TAKEN.sub("", process.log.read_text()))
+    assert "Traceback" not in message_text
+    assert "rror" not in message_text
 
 
 @pytest.mark.graph
@@ -61,7 +61,7 @@ def test_running_nodes_are_reached_from_here_alone_and_stop_on_a_signal(start_id
         await_words(process, "ready")
         addresses = sockets(process.pid)
         assert addresses, f"{process.name}: no socket seen: is /proc read right?"
-        assert all(one.is_loopback for one in addresses), f"{process.name}: {addresses}"
+        assert all(item.is_loopback for item in addresses), f"{process.name}: {addresses}"
     halt(processes)
     numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP] * len(processes)
     sent = list(zip(processes, numbers, strict=False))

@@ -94,22 +94,22 @@ def config(tmp_path) -> OverlayConfig:
 
 def test_a_map_that_comes_later_is_read_then(config):
     """And the node starts without it: the video does not wait for a file."""
-    told, path = KeptLog(), Path(config.map)
+    reports, path = KeptLog(), Path(config.map)
     path.rename(path.with_suffix(".kept"))
-    with MapWatch(told, config, lambda: PLANE) as watch:
+    with MapWatch(reports, config, lambda: PLANE) as watch:
         wait_until(lambda: watch.changed() or watch.error)
         assert watch.failure == "map.geojson not found"
         path.with_suffix(".kept").rename(path)
-        found = []
-        wait_until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
-    assert found[0].features == 1
+        result = []
+        wait_until(lambda: (laid := watch.changed()) and (result.append(laid) or True))
+    assert result[0].features == 1
     assert watch.error == ""
-    (line,) = told.texts("warning")
+    (line,) = reports.texts("warning")
     assert line == f"there is no map: {path}: there is no such map; check its name"
 
 
 def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_same(config):
-    told, asked = KeptLog(), []
+    reports, asked = KeptLog(), []
 
     def plane() -> TangentPlane:
         asked.append(1)
@@ -117,12 +117,12 @@ def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_s
             raise ZeroDivisionError("a fault of ours")
         return PLANE
 
-    found = []
-    with MapWatch(told, config, plane) as watch:
-        wait_until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
-    assert found[0].features == 1
-    assert any("Traceback" in line and "a fault of ours" in line for line in told.texts())
-    assert any("there is no map" in line for line in told.texts())
+    result = []
+    with MapWatch(reports, config, plane) as watch:
+        wait_until(lambda: (laid := watch.changed()) and (result.append(laid) or True))
+    assert result[0].features == 1
+    assert any("Traceback" in line and "a fault of ours" in line for line in reports.texts())
+    assert any("there is no map" in line for line in reports.texts())
 
 
 def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
@@ -132,17 +132,17 @@ def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
     broken.write_text("#!/bin/sh\nhead -c 3000000 /dev/zero | tr '\\0' x >&2\n")
     broken.write_text(broken.read_text() + "echo; echo 'KeyError: a fault of ours' >&2; exit 1\n")
     broken.chmod(0o755)
-    told, whole = KeptLog(), sys.executable
-    with MapWatch(told, config, lambda: PLANE) as watch:
+    reports, whole = KeptLog(), sys.executable
+    with MapWatch(reports, config, lambda: PLANE) as watch:
         wait_until(watch.changed)
         monkeypatch.setattr(sys, "executable", str(broken))
         write_line(Path(config.map), 0.002)
         wait_until(lambda: watch.changed() or watch.error)
         assert "the process that reads it ended (exit code 1)" in watch.error
         assert len(watch.error) < 4500
-        said = [line for line in told.texts() if "KeyError: a fault of ours" in line]
-        assert said
-        assert max(map(len, said)) < 4500
+        message_text = [line for line in reports.texts() if "KeyError: a fault of ours" in line]
+        assert message_text
+        assert max(map(len, message_text)) < 4500
         monkeypatch.setattr(sys, "executable", whole)
         write_line(Path(config.map), 0.003)
         wait_until(lambda: watch.changed() is not None)

@@ -118,9 +118,9 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     write_map(path, SQUARE_N)
     flown.until(lambda: flown.diagnostics().get("reloads") == "2")
     assert off_px(flown.shown(), SQUARE_N) < 1.5
-    told = flown.next_diagnostics()
-    assert told["reload_errors"] == "1"
-    assert told[""] == "ok"
+    reports = flown.next_diagnostics()
+    assert reports["reload_errors"] == "1"
+    assert reports[""] == "ok"
 
 
 @pytest.mark.parametrize("content", [None, "{ no map"], ids=["none given", "broken"])
@@ -136,8 +136,8 @@ def test_a_click_without_a_map_becomes_a_point(spawn, take_off, tmp_path, conten
     located = flown.stranger.received["tirgeo/locate/point"]
     flown.until(lambda: flown.click(320.0, 256.0) or located)
     assert np.isfinite(ground_point(located[0])[1]).all()
-    told = flown.next_diagnostics()
-    assert told.get("notice", "") == ("" if content is None else "NO MAP: its reading failed")
+    reports = flown.next_diagnostics()
+    assert reports.get("notice", "") == ("" if content is None else "NO MAP: its reading failed")
     flown.until(lambda: flown.diagnostics("/overlay_node: set-up"))
     broken = "map_unreadable" in flown.diagnostics("/overlay_node: set-up")
     assert broken is (content is not None)
@@ -200,7 +200,7 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
         flown.origin.publish(MESSAGES.origin(dataclasses.replace(PLANE, height_m=height_m), 0))
     wide = MESSAGES.camera_info(XT2, 0)
     wide.width = 10**9
-    told = {}
+    reports = {}
     topics = ("tirgeo/origin", "thermal/camera_info", STATE_TOPIC)
     counts = (*(f"{topic} unreadable" for topic in topics), "too_large")
 
@@ -211,12 +211,12 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
         flown.pose.publish(MESSAGES.camera_pose(dataclasses.replace(far, stamp_ns=time.time_ns())))
         state.publish(report)
         state.publish(longer)
-        told.update(flown.diagnostics("/overlay_node: topics") | flown.diagnostics())
-        return all(told.get(count, "0") != "0" for count in (*counts, "poses_invalid"))
+        reports.update(flown.diagnostics("/overlay_node: topics") | flown.diagnostics())
+        return all(reports.get(count, "0") != "0" for count in (*counts, "poses_invalid"))
 
     flown.until(counted)
-    assert told["tirgeo/origin unreadable"] in "123"  # the latched topic keeps the newest
-    assert "not on the Earth" in told["poses_invalid_because"]
+    assert reports["tirgeo/origin unreadable"] in "123"  # the latched topic keeps the newest
+    assert "not on the Earth" in reports["poses_invalid_because"]
     flown.shown()  # lines, on the origin that was there before
     node.check_running()
     assert "\x1b[2J" not in node.text()
@@ -230,9 +230,9 @@ def frames_without_a_stamp_take_the_time_of_their_arrival(flown, _):
     pictures.clear()
     flown.unstamped = True
     flown.until(lambda: len(pictures) > 40)
-    told = flown.next_diagnostics()
-    assert int(told["stamped_at_arrival.thermal/image_raw"]) > 40
-    assert told["out_of_order"] == "0"
+    reports = flown.next_diagnostics()
+    assert int(reports["stamped_at_arrival.thermal/image_raw"]) > 40
+    assert reports["out_of_order"] == "0"
     assert all(has_lines(picture) for picture in pictures[-5:])
     stamps = [stamp_ns(picture) for picture in pictures]
     assert 0 not in stamps[5:]
@@ -259,10 +259,10 @@ def test_one_flight_after_the_other(flight):
     ],
 )
 def test_gaps_are_missed(numbers, sent, missed):
-    found = FrameStatistics()
+    result = FrameStatistics()
     for number in numbers:
-        found.heard("x", number)
-    assert (found.sent, found.missed) == (sent, missed)
+        result.heard("x", number)
+    assert (result.sent, result.missed) == (sent, missed)
 
 
 def test_a_message_without_a_number_is_passed_on_all_the_same():

@@ -209,11 +209,11 @@ def dumped(stranger, node: str) -> dict[str, Any]:
     """All parameters of a node, in one request each, with what was declared checked."""
     names = stranger.ask(f"/{node}/list_parameters", ListParameters).result.names
     values = stranger.ask(f"/{node}/get_parameters", GetParameters, names=names).values
-    told = stranger.ask(f"/{node}/describe_parameters", DescribeParameters, names=names)
-    assert len(names) == len(values) == len(told.descriptors)
+    reports = stranger.ask(f"/{node}/describe_parameters", DescribeParameters, names=names)
+    assert len(names) == len(values) == len(reports.descriptors)
     own = {parameter.name: parameter for parameter in parameters_of(NODE_CONFIGS[node])}
     assert own.keys() <= set(names)
-    for name, value, descriptor in zip(names, values, told.descriptors, strict=True):
+    for name, value, descriptor in zip(names, values, reports.descriptors, strict=True):
         assert value.type == descriptor.type != ParameterType.PARAMETER_NOT_SET
         if name in own:
             assert value.type == TYPES[type(own[name].default)]
@@ -266,7 +266,7 @@ def test_parameters_are_set_in_flight_or_refused_with_the_reason(idle_nodes, mee
         result = stranger.ask(
             "/ekf_node/set_parameters_atomically",
             SetParametersAtomically,
-            parameters=[one.to_parameter_msg() for one in given],
+            parameters=[item.to_parameter_msg() for item in given],
         ).result
         return result.successful, result.reason
 
@@ -302,8 +302,8 @@ def test_parameters_are_set_in_flight_or_refused_with_the_reason(idle_nodes, mee
         assert not done
         assert re.search(reason, why), why
     assert floor() == 0.05  # a refused group has changed nothing
-    told = [line for line in process.text().splitlines() if "set in flight" in line]
-    assert [line.partition("flight: ")[2] for line in told] == [
+    reports = [line for line in process.text().splitlines() if "set in flight" in line]
+    assert [line.partition("flight: ")[2] for line in reports] == [
         "rtk.position_sigma_floor_m: 0.01 -> 0.05",
         "rtk.gate_sigma: 5.0 -> 6.0",
     ]
@@ -324,7 +324,7 @@ def node(make_node):
 def test_a_secret_is_used_and_read_back_as_stars(node):
     config = node.configured(ViewerConfig)
     assert {name: getattr(config, name) for name in SECRETS} == SECRETS
-    assert [one.value for one in node.get_parameters([*SECRETS])] == ["***"] * 3
+    assert [item.value for item in node.get_parameters([*SECRETS])] == ["***"] * 3
 
 
 def test_what_a_dump_has_instead_of_a_secret_changes_nothing(node):
@@ -334,7 +334,7 @@ def test_what_a_dump_has_instead_of_a_secret_changes_nothing(node):
     assert node.set_parameters_atomically([Parameter("token", value=SECRETS["token"])]).successful
     refused = node.set_parameters_atomically([Parameter("token", value="another-secret")])
     assert "token is read at start alone" in refused.reason
-    assert [one.value for one in node.get_parameters([*SECRETS])] == ["***"] * 3
+    assert [item.value for item in node.get_parameters([*SECRETS])] == ["***"] * 3
 
 
 @pytest.mark.parametrize("name", [*SECRETS])

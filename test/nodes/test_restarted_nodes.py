@@ -97,14 +97,14 @@ def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, s
     # Of what came after its own start, once the last one's state has come.
     after = {"restarts_of_ekf_node", "restarts_of_gimbal_node"} if ends else set()
 
-    def found():
+    def result():
         checks = stranger.diagnostic("/overlay_node: set-up")
         return {name for name in checks if name.startswith(("restarts_", "publishers_"))}
 
-    stranger.spin_until(lambda: found() == after, RECOVERS_S)
+    stranger.spin_until(lambda: result() == after, RECOVERS_S)
 
 
-async def said(states, condition):
+async def text(states, condition):
     """The next state that meets a condition, and when it came."""
     while not condition(state := await states.until("state")):
         pass
@@ -116,7 +116,7 @@ async def stopped(states, process, kind, cause, start_ns):
 
     In the middle of the flight: where it begins anew LOST or NO MAP may come first.
     """
-    await said(
+    await text(
         states,
         lambda state: (
             state["verdict"]["word"] == "GO"
@@ -126,10 +126,10 @@ async def stopped(states, process, kind, cause, start_ns):
     begin_s = time.monotonic()
     os.kill(process, signal.SIGSTOP)
     try:
-        first, end_s = await said(states, lambda state: state["verdict"]["word"] != "GO")
+        first, end_s = await text(states, lambda state: state["verdict"]["word"] != "GO")
         assert end_s - begin_s < LIMIT_S
         assert (first["word"], first["kind"], first["alarm"]) == ("NO DATA", kind, True)
-        named, _ = await said(states, lambda state: state["verdict"]["more"].startswith(cause))
+        named, _ = await text(states, lambda state: state["verdict"]["more"].startswith(cause))
         assert named["kind"] == kind  # else the alarm would begin anew
     finally:
         os.kill(process, signal.SIGCONT)

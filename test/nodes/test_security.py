@@ -31,7 +31,7 @@ def test_a_profile_in_the_working_directory_opens_nothing(spawn, tmp_path, monke
     Path("DEFAULT_FASTRTPS_PROFILES.xml").write_text(wide.replace('"tirgeo"', '"another"'))
     node = spawn("ekf_node")
     await_words(node, "ready")
-    assert all(one.is_loopback for one in sockets(node.pid))
+    assert all(item.is_loopback for item in sockets(node.pid))
 
 
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
@@ -85,14 +85,14 @@ def test_each_node_may_do_what_it_does_and_no_more(spawn, meet, every_input, tmp
 def expected() -> dict[str, Permissions]:
     """What the policy allows our nodes, without the types that are not installed here."""
     policy = find_resource("config/sros2_policy.xml")
-    found = {n: dict(may) for n, may in allowed(policy, "/uav1").items() if n not in OTHERS}
+    result = {n: dict(may) for n, may in allowed(policy, "/uav1").items() if n not in OTHERS}
     absent = {topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)}
-    found["dji_node"]["subscribe"] -= {f"/uav1/psdk_ros2/{topic}" for topic in absent}
+    result["dji_node"]["subscribe"] -= {f"/uav1/psdk_ros2/{topic}" for topic in absent}
     if not TF:
-        for may in found.values():
+        for may in result.values():
             for names in may.values():
                 names -= {"/tf", "/tf_static"}
-    return found
+    return result
 
 
 def of_node(looker: Node, name: str) -> Permissions:
@@ -105,5 +105,5 @@ def of_node(looker: Node, name: str) -> Permissions:
     }
     if (name, "/uav1") not in looker.get_node_names_and_namespaces():
         return {}
-    found = {key: {topic for topic, _ in answer(name, "/uav1")} for key, answer in ask.items()}
-    return {key: names for key, names in found.items() if names}
+    result = {key: {topic for topic, _ in answer(name, "/uav1")} for key, answer in ask.items()}
+    return {key: names for key, names in result.items() if names}

@@ -32,10 +32,10 @@ CAUTION = Finding("late", Severity.CAUTION, "rtk/fix is 0.4 s late", "ekf_node r
 STOP = Finding("g", Severity.STOP, "1.00 m/s2 at rest", "imu/data", "give m/s2")
 
 
-def setup_of(*found: list[Finding]) -> tuple[SetupChecks, KeptLog]:
+def setup_of(*result: list[Finding]) -> tuple[SetupChecks, KeptLog]:
     """A node's checks, each of which has what its list holds."""
     node = KeptLog()
-    return SetupChecks(node, *(SimpleNamespace(findings=one.copy) for one in found)), node
+    return SetupChecks(node, *(SimpleNamespace(findings=entry.copy) for entry in result)), node
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
@@ -50,26 +50,26 @@ def test_the_item_has_the_worst_level_and_every_finding():
         "late": f"CAUTION: {CAUTION.line}",
         "levers": f"NOTE: {NOTE.line}",
     }
-    for found, level in ((NOTE, OK), (CAUTION, WARN)):
-        assert setup_of([found])[0].report().level == level
+    for result, level in ((NOTE, OK), (CAUTION, WARN)):
+        assert setup_of([result])[0].report().level == level
 
 
 def test_a_finding_stays_until_it_has_been_read_and_its_numbers_are_the_newest():
-    found = [STOP]
-    setup, _ = setup_of(found)
+    result = [STOP]
+    setup, _ = setup_of(result)
     setup.report()
     newer = Finding("g", Severity.STOP, "1.01 m/s2 at rest", "imu/data", "give m/s2")
-    found[:] = [newer]
+    result[:] = [newer]
     assert setup.report().values == {"g": f"STOP: {newer.line}"}
-    found.clear()
+    result.clear()
     levels = [setup.report().level for _ in range(12)]
     assert levels[:10] == [ERROR] * 10
     assert levels[-1] == OK
 
 
 def test_go_and_no_go_are_logged_once_each():
-    found = []
-    setup, logger = setup_of(found)
+    result = []
+    setup, logger = setup_of(result)
     for _ in range(20):
         setup.report()
     assert logger.lines == []  # nothing has come yet: nobody knows
@@ -77,7 +77,7 @@ def test_go_and_no_go_are_logged_once_each():
     for _ in range(20):
         setup.report()
     assert logger.lines == [("info", "set-up: GO")]
-    for found[:] in ([CAUTION], [CAUTION, NOTE], [CAUTION, STOP], []):
+    for result[:] in ([CAUTION], [CAUTION, NOTE], [CAUTION, STOP], []):
         for _ in range(20):
             setup.report()
     assert [level for level, _ in logger.lines[1:]] == ["warning", "error", "info"]
@@ -126,10 +126,10 @@ def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
         p.header.stamp.sec + p.header.stamp.nanosec * 1e-9 for p in (pictures[0], pictures[-1])
     ]
     assert stamps[1] - stamps[0] < WITHIN_S
-    told = aircraft.diagnostics("/overlay_node: set-up")
-    assert told["level"] == str(ERROR)
-    assert told[""].startswith("NO GO: 27.0 m below the ground")
-    assert "ground_height_m" in told[""]
+    reports = aircraft.diagnostics("/overlay_node: set-up")
+    assert reports["level"] == str(ERROR)
+    assert reports[""].startswith("NO GO: 27.0 m below the ground")
+    assert "ground_height_m" in reports[""]
     await_words(node, "set-up: NO GO: 27.0 m below the ground")
     strip = image_pixels(pictures[-1])[-22:].astype(int)
     assert (np.abs(strip - ORANGE_BGR).max(axis=2) < 20).sum() > 20  # never all green
@@ -142,8 +142,8 @@ def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
     others = {name: create(String, f"{name}/tirgeo/findings", 10) for name in ("", "/uav2")}
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]
 
-    def tells(aircraft: str, *found: Finding) -> bool:
-        message = MESSAGES.findings(f"{aircraft}/ekf_node", time.time_ns(), found)
+    def tells(aircraft: str, *result: Finding) -> bool:
+        message = MESSAGES.findings(f"{aircraft}/ekf_node", time.time_ns(), result)
         others[aircraft].publish(message)
         return bool(pictures) and written(pictures[-1], AMBER_BGR) > 100
 
@@ -194,10 +194,10 @@ def checks_of(node: FakeNode, heard: str = "") -> InputChecks:
 
 def test_another_type_is_told_at_once():
     node = FakeNode(uav1__gimbal__joint_states="geometry_msgs/msg/Vector3Stamped")
-    (found,) = checks_of(node).findings()
-    assert found.severity is Severity.STOP
-    assert found.parameter == JOINTS
-    assert "/uav1/gimbal/joint_states is a geometry_msgs/msg/Vector3Stamped" in found.evidence
+    (result,) = checks_of(node).findings()
+    assert result.severity is Severity.STOP
+    assert result.parameter == JOINTS
+    assert "/uav1/gimbal/joint_states is a geometry_msgs/msg/Vector3Stamped" in result.evidence
 
 
 def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
@@ -205,9 +205,9 @@ def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
     assert not any(quiet.findings() for _ in range(20))
     counts = [len(heard.findings()) for _ in range(20)]
     assert counts == [0] * 5 + [1] * 15
-    (found,) = heard.findings()
-    assert found.severity is Severity.STOP
-    assert found.evidence.startswith("the graph has neither /uav1/gimbal/joint_states nor ")
+    (result,) = heard.findings()
+    assert result.severity is Severity.STOP
+    assert result.evidence.startswith("the graph has neither /uav1/gimbal/joint_states nor ")
 
 
 def test_what_other_nodes_say_of_themselves_is_no_message_of_a_flight():
@@ -230,7 +230,7 @@ def test_a_second_publisher_is_a_finding_that_names_it_once_it_lasts(meet):
         other.create_publisher(kind, topic, 1)
 
     def named(topic):  # DDS brings a node's name after its publishers
-        return [one.node_name for one in own.get_publishers_info_by_topic(topic)]
+        return [entry.node_name for entry in own.get_publishers_info_by_topic(topic)]
 
     twice = (ODOMETRY, "/imu/data")
     stranger.spin_until(lambda: all(named(topic) == ["stranger"] * 2 for topic in twice))
@@ -264,8 +264,8 @@ def test_a_second_filter_is_found_and_a_killed_node_is_not(spawn, meet):
     stranger.spin_until(lambda: check in stranger.diagnostic("/ekf_node: set-up"))
     line = stranger.diagnostic("/ekf_node: set-up")[check]
     assert line.startswith("STOP: /tirgeo/odometry has 2 publishers: /ekf_node, /ekf_node: ")
-    heard = [one for array in stranger.received["/diagnostics"] for one in array.status]
-    checks = {item.key for one in heard for item in one.values}
+    heard = [entry for array in stranger.received["/diagnostics"] for entry in array.status]
+    checks = {item.key for entry in heard for item in entry.values}
     assert "publishers_of_tirgeo_camera_pose" not in checks
 
 
@@ -274,16 +274,16 @@ def test_each_new_start_of_a_node_counts_once(monkeypatch):
     clock, restarts = [100.0], Restarts()
     monkeypatch.setattr(setup_checks, "time", SimpleNamespace(monotonic=lambda: clock[0]))
 
-    def said(node, started_ns):
+    def text(node, started_ns):
         restarts.take(NodeState(f"/uav1/{node}", 0, started_ns))
 
     for started_ns in (1, 1, 2, 1, 3):
-        said("ekf_node", started_ns)
-    said("overlay_node", 4)
-    said("video_writer", 5)
-    said("video_writer", 6)  # each recording starts one
-    (found,) = restarts.findings()
-    assert found.evidence == "ekf_node ended and was started again; restarts so far: 2"
-    assert found.severity is Severity.CAUTION
+        text("ekf_node", started_ns)
+    text("overlay_node", 4)
+    text("video_writer", 5)
+    text("video_writer", 6)  # each recording starts one
+    (result,) = restarts.findings()
+    assert result.evidence == "ekf_node ended and was started again; restarts so far: 2"
+    assert result.severity is Severity.CAUTION
     clock[0] += 61.0
-    assert [one.severity for one in restarts.findings()] == [Severity.NOTE]
+    assert [entry.severity for entry in restarts.findings()] == [Severity.NOTE]

@@ -45,7 +45,7 @@ def test_compressed_pictures_come_at_their_own_rate(spawn, meet, tmp_path):
     stamps = [stamp_ns(jpeg) for jpeg in jpegs]
     # Eight in 7 periods of 0.2 s; the first and the last may be off by a quarter of one.
     assert stamps[7] - stamps[0] >= 7 * 200_000_000 - 2 * 50_000_000
-    assert set(stamps[1:-1]) <= {stamp_ns(one) for one in pictures}
+    assert set(stamps[1:-1]) <= {stamp_ns(item) for item in pictures}
 
 
 @pytest.fixture

@@ -61,9 +61,9 @@ def start(spawn, tmp_path):
         words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
         node = spawn("viewer_node", *words)
         await_words(node, "ready")
-        found = re.search(r"the page is at (http://\S+)/", node.text())
-        assert found, node.text()
-        return node, found[1]
+        outcome = re.search(r"the page is at (http://\S+)/", node.text())
+        assert outcome, node.text()
+        return node, outcome[1]
 
     return page
 
@@ -116,7 +116,7 @@ class Fleet:
 def fleet(spawn, meet, tmp_path, request):
     write_map(tmp_path / "map.geojson", SQUARE_N)
     given = ["-p", f"map:={tmp_path / 'map.geojson'}", "-p", "ground_height_m:=25.0"]
-    given += [word for one in getattr(request, "param", ()) for word in ("-p", one)]
+    given += [word for item in getattr(request, "param", ()) for word in ("-p", item)]
 
     def overlay(name):
         node = spawn("overlay_node", *given, "-r", f"__ns:=/{name}")
@@ -203,12 +203,14 @@ def the_map_shows_where_a_target_is(fleet, url, target):
     async def where(_, states):
         place = {name: target[name] for name in ("latitude_deg", "longitude_deg")}
         while True:  # the first footprint comes within a second
-            found = await states.ask("where", aircraft="uav2", **place)
-            if found["ok"]:
-                return found
+            outcome = await states.ask("where", aircraft="uav2", **place)
+            if outcome["ok"]:
+                return outcome
 
-    found = fleet.browse(url, where)
-    np.testing.assert_allclose([found["u"], found["v"]], pixel_of(SQUARE_N[0], "uav2"), atol=0.5)
+    outcome = fleet.browse(url, where)
+    np.testing.assert_allclose(
+        [outcome["u"], outcome["v"]], pixel_of(SQUARE_N[0], "uav2"), atol=0.5
+    )
 
 
 def an_aircrafts_state_is_its_own(fleet, url):
@@ -218,13 +220,13 @@ def an_aircrafts_state_is_its_own(fleet, url):
     def whole(said):  # overlay_node says once a second whether there is a map
         return said["footprint"] and said["no_map"] is not None
 
-    told = fleet.browse(url, state)
-    assert told["navigation"] == {"state": "waiting", "reason": "nothing is heard of ekf_node"}
-    assert told["no_map"] == ""
-    assert told["position"] is None
-    assert told["recording"] is False
-    assert told["video_hz"] > 0
-    place = np.radians(np.mean(told["footprint"], axis=0))
+    reports = fleet.browse(url, state)
+    assert reports["navigation"] == {"state": "waiting", "reason": "nothing is heard of ekf_node"}
+    assert reports["no_map"] == ""
+    assert reports["position"] is None
+    assert reports["recording"] is False
+    assert reports["video_hz"] > 0
+    place = np.radians(np.mean(reports["footprint"], axis=0))
     middle_n = PLANE.ned_from_geodetic(*place, PLANE.height_m)
     assert abs(middle_n[1]) < 10  # to the north of the aircraft, which looks there
     assert middle_n[0] > 0
@@ -249,8 +251,8 @@ def a_killed_node_has_all_targets_when_it_is_back(fleet, node, start, first, sec
     _, url = start()
 
     async def delete(_, states):
-        told = await states.until("targets")
-        assert [one["id"] for one in told["targets"]] == [first["id"], second["id"]]
+        reports = await states.until("targets")
+        assert [item["id"] for item in reports["targets"]] == [first["id"], second["id"]]
         was = {key: first[key] for key in ("name", "kind", "note")}
         return await states.ask("delete", id=first["id"], was=was)
 
@@ -275,10 +277,10 @@ def test_recordings_that_are_killed_can_be_read(fleet, start, tmp_path):
         return answer
 
     async def ended(_, states):
-        told = await states.until(
+        reports = await states.until(
             "state", lambda s: s["aircraft"] == "uav1" and not s["recording"]
         )
-        return told["findings"]
+        return reports["findings"]
 
     assert fleet.browse(url, record)["text"].startswith("recording to ")
     (first,) = (tmp_path / "recordings").glob("uav1-*.mcap")
@@ -301,7 +303,7 @@ def test_recordings_that_are_killed_can_be_read(fleet, start, tmp_path):
 
 
 def recording_findings(state) -> list[str]:
-    return [one["evidence"] for one in state["findings"] if one["subject"] == "recording"]
+    return [item["evidence"] for item in state["findings"] if item["subject"] == "recording"]
 
 
 @pytest.mark.slow
@@ -317,8 +319,8 @@ def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, st
     def state(url, good=lambda _: True):
         async def until(_, states):
             is_ours = {"type": "state", "aircraft": "uav1"}.items()
-            told = await states.until("state", lambda s: is_ours <= s.items() and good(s))
-            return told, (await states.until("targets"))["targets"]
+            reports = await states.until("state", lambda s: is_ours <= s.items() and good(s))
+            return reports, (await states.until("targets"))["targets"]
 
         return fleet.browse(url, until)
 
@@ -379,8 +381,10 @@ def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start)
 
 def test_lost_clicks_are_a_finding_with_the_targets_numbers():
     assert lost_clicks([]) == []
-    (found,) = lost_clicks([4, 7])
-    assert found.line.startswith("their file has lost clicks of targets 4, 7: viewer_node targets")
+    (outcome,) = lost_clicks([4, 7])
+    assert outcome.line.startswith(
+        "their file has lost clicks of targets 4, 7: viewer_node targets"
+    )
 
 
 CLICK = Click("uav1", 7, 1.5, 2.5)

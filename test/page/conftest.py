@@ -10,22 +10,22 @@ from tak_server import TakServer
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     """A page on this computer alone: no token."""
-    with Served(tmp_path_factory.mktemp("page")) as one:
-        yield one
+    with Served(tmp_path_factory.mktemp("page")) as item:
+        yield item
 
 
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory):
     """A page that other computers reach: with tokens."""
-    with Served(tmp_path_factory.mktemp("page"), **TOKENS) as one:
-        yield one
+    with Served(tmp_path_factory.mktemp("page"), **TOKENS) as item:
+        yield item
 
 
 @pytest.fixture
 def fresh(tmp_path):
     """A page with tokens, of whose shares and tries nobody has used any."""
-    with Served(tmp_path, **TOKENS) as one:
-        yield one
+    with Served(tmp_path, **TOKENS) as item:
+        yield item
 
 
 @pytest.fixture

@@ -71,14 +71,18 @@ def test_other_sites_do_not_embed_what_the_page_has(served, path):
 
 
 def test_answers_tell_the_browser_what_the_page_may_do(served):
-    said = raw_answer(served.port, http("/", "Host: localhost", "Connection: close")).decode()
-    policy = next(line for line in said.splitlines() if line.startswith("Content-Security-Policy"))
+    message_text = raw_answer(
+        served.port, http("/", "Host: localhost", "Connection: close")
+    ).decode()
+    policy = next(
+        line for line in message_text.splitlines() if line.startswith("Content-Security-Policy")
+    )
     assert "default-src 'none'" in policy
     assert "connect-src 'self' ws://localhost wss://localhost;" in policy
     assert "unsafe" not in policy
     assert "frame-ancestors 'none'" in policy
-    assert "X-Content-Type-Options: nosniff" in said
-    assert "Referrer-Policy: no-referrer" in said
+    assert "X-Content-Type-Options: nosniff" in message_text
+    assert "Referrer-Policy: no-referrer" in message_text
 
 
 PATHS = ["/state", "/video/", "/map/", "/export/geojson", "/targets/x/picture", "/tiles/1/1/1"]
@@ -109,15 +113,15 @@ def test_tokens_give_roles_and_a_cookie_that_scripts_do_not_see(guarded):
             before = (await page.get("/enter"))[0]
             sent = {"json": {"token": token}}
             async with page.session.post(f"{page.url}/enter", **sent) as answer:
-                told, cookie = await answer.json(), answer.headers["Set-Cookie"]
+                reports, cookie = await answer.json(), answer.headers["Set-Cookie"]
             after = (await page.get("/enter"))[0]
             async with page.state() as state:
                 hello = await state.until("hello")
-            return before, told, cookie, after, hello["role"]
+            return before, reports, cookie, after, hello["role"]
 
     for token, role in ((OPERATOR_TOKEN, "operator"), (VIEWER_TOKEN, "viewer")):
-        before, told, cookie, after, seen = asyncio.run(enter(token))
-        assert (before, told, after, seen) == (401, {"role": role}, 200, role)
+        before, reports, cookie, after, observed = asyncio.run(enter(token))
+        assert (before, reports, after, observed) == (401, {"role": role}, 200, role)
         assert "HttpOnly" in cookie
         assert "SameSite=Strict" in cookie
         assert token not in cookie
@@ -175,14 +179,20 @@ def test_a_viewer_sees_all_and_changes_nothing(guarded):
             await page.enter(VIEWER_TOKEN)
             async with page.state() as state, page.video() as video:
                 stamp_ns, _ = await next_picture(video)
-                said = [await state.click(stamp_ns)]
-                said += [await state.ask(kind, **fields) for kind, fields in requests]
+                message_text = [await state.click(stamp_ns)]
+                message_text += [await state.ask(kind, **fields) for kind, fields in requests]
                 may = {"from": [48, 16], "to": [48, 17]}
-                return said, await state.ask("measure", **may), await page.get("/export/csv")
+                return (
+                    message_text,
+                    await state.ask("measure", **may),
+                    await page.get("/export/csv"),
+                )
 
     revision = guarded.backend.targets.revision
-    said, measure, export = asyncio.run(ask())
-    assert {answer["reason"] for answer in said} == {"you may look on, not change anything"}
+    message_text, measure, export = asyncio.run(ask())
+    assert {answer["reason"] for answer in message_text} == {
+        "you may look on, not change anything"
+    }
     assert measure["ok"]
     assert export[0] == 200
     assert guarded.backend.targets.revision == revision
@@ -223,10 +233,10 @@ def test_a_viewer_sees_all_and_changes_nothing(guarded):
     ],
 )
 def test_no_path_leads_to_the_disk(served, path):
-    said = raw_answer(served.port, http(path, "Host: localhost", "Connection: close"))
-    assert int(said.split()[1]) in {400, 403, 404, 414}
-    assert b"import" not in said
-    assert b"root:" not in said
+    message_text = raw_answer(served.port, http(path, "Host: localhost", "Connection: close"))
+    assert int(message_text.split()[1]) in {400, 403, 404, 414}
+    assert b"import" not in message_text
+    assert b"root:" not in message_text
 
 
 def test_over_tls_the_cookie_is_for_tls_alone(tmp_path):
@@ -303,38 +313,38 @@ def test_tokens_whose_headers_came_before_the_first_was_wrong_wait_too(fresh):
         await asyncio.sleep(0.5)  # all have asked whether they must wait
         for _, writer in opened:
             writer.write(WRONG)
-        said = [await reader.read() for reader, _ in opened]
+        message_text = [await reader.read() for reader, _ in opened]
         for _, writer in opened:
             writer.close()
-        return said
+        return message_text
 
-    found = statuses_of(asyncio.run(asyncio.wait_for(ask(), 30)))
-    assert sorted(found) == [403] + [429] * 39
+    result = statuses_of(asyncio.run(asyncio.wait_for(ask(), 30)))
+    assert sorted(result) == [403] + [429] * 39
 
 
 @pytest.mark.slow
 def test_a_viewers_own_token_does_not_end_the_wait_of_who_guesses_the_operators(fresh):
     async def ask():
-        said = []
+        message_text = []
         async with Page(fresh.url) as page:
             for _ in range(3):
-                said.append(await page.enter("wrong-token-here"))
+                message_text.append(await page.enter("wrong-token-here"))
                 assert await after_the_wait(page, VIEWER_TOKEN) == 200
-            said.append(await page.enter("wrong-token-here"))
+            message_text.append(await page.enter("wrong-token-here"))
             loop = asyncio.get_running_loop()
             begun_s = loop.time()
             assert await after_the_wait(page, OPERATOR_TOKEN) == 200
-            return said, loop.time() - begun_s
+            return message_text, loop.time() - begun_s
 
-    said, waited_s = asyncio.run(ask())
-    assert said == [403] * 4
+    message_text, waited_s = asyncio.run(ask())
+    assert message_text == [403] * 4
     assert waited_s > 3  # the fourth wrong one costs 4 s
 
 
 @pytest.mark.parametrize("body", [b"[" * 2000, b'{"a":' * 400], ids=["lists", "objects"])
 def test_a_body_that_is_deeper_than_json_goes_is_refused_and_counted(fresh, caplog, body):
-    said = [raw_answer(fresh.port, head_of(fresh, len(body)) + body) for _ in range(4)]
-    assert statuses_of(said)[:2] == [400, 429]
+    message_text = [raw_answer(fresh.port, head_of(fresh, len(body)) + body) for _ in range(4)]
+    assert statuses_of(message_text)[:2] == [400, 429]
     assert len(caplog.records) == 1
     assert "\n" not in caplog.text.strip()
 

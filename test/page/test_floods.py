@@ -59,10 +59,10 @@ async def see_pictures(one, count):
 async def beside(one, attack):
     """Run an attack while somebody looks on; nobody may wait for a picture for long."""
     async with Page(one.url) as page, page.video() as video:
-        task, seen = asyncio.create_task(attack), 0
-        while not task.done() or seen < 10:
+        task, observed = asyncio.create_task(attack), 0
+        while not task.done() or observed < 10:
             await next_picture(video)
-            seen += 1
+            observed += 1
         return await task
 
 
@@ -252,11 +252,11 @@ def test_too_many_gets_are_refused():
     with ServedApart() as one, opened(one) as own:
         flood = http("/enter", f"Host: 127.0.0.1:{one.port}") * 600
         sent(own, flood)
-        said = b""
-        while b" 429 " not in said:
+        message_text = b""
+        while b" 429 " not in message_text:
             part = own.recv(65536)
             assert part, "ended without a refusal"
-            said = said[-10:] + part
+            message_text = message_text[-10:] + part
 
 
 @pytest.mark.slow
@@ -328,8 +328,8 @@ async def is_in(one, address):
 def test_five_addresses_of_idle_connections_leave_room_for_newcomers(fresh, monkeypatch, newcomer):
     monkeypatch.setattr("tirgeo_ros.page.connections._FIRST_REQUEST_S", 60)
     with idle(fresh, [f"127.0.0.{k}" for k in range(11, 16)], 85):
-        found = [asyncio.run(is_in(fresh, newcomer)) for _ in range(10)]
-    assert found == [True] * 10
+        result = [asyncio.run(is_in(fresh, newcomer)) for _ in range(10)]
+    assert result == [True] * 10
 
 
 def test_idle_connections_do_not_end_those_of_a_session(fresh):
@@ -392,18 +392,18 @@ def test_a_viewers_flood_refuses_no_change_of_an_operator_at_his_address(fresh):
             flood = asyncio.create_task(measure_without_end(other, 5))
             await asyncio.sleep(2)
             async with page.state() as state:
-                said = [await state.ask("mark", text=f"{k}") for k in range(40)]
+                message_text = [await state.ask("mark", text=f"{k}") for k in range(40)]
             flood.cancel()
             await asyncio.gather(flood, return_exceptions=True)
-            return [answer["ok"] for answer in said]
+            return [answer["ok"] for answer in message_text]
 
     assert asyncio.run(ask()) == [True] * 40
 
 
 def test_viewers_share_a_common_limit_and_operators_do_not():
     shares = Shares(1.0, 10.0)
-    seen = [shares.take(VIEWER, f"session {k % 100}", 0.0) for k in range(1000)]
-    assert sum(seen) == 40
+    observed = [shares.take(VIEWER, f"session {k % 100}", 0.0) for k in range(1000)]
+    assert sum(observed) == 40
     assert all(shares.take(OPERATOR, f"operator {k % 100}", 0.0) for k in range(1000))
 
 

@@ -29,10 +29,10 @@ URL = "https://192.168.1.20:8080/?token=abcdefghijklmnopqrstuvwx"
 
 
 def test_an_allowance_fills_up_again_and_no_further():
-    one = Allowance(2.0, 3.0)
-    assert [one.take(100.0) for _ in range(4)] == [True, True, True, False]
-    assert [one.take(101.0) for _ in range(3)] == [True, True, False]
-    assert [one.take(200.0) for _ in range(4)] == [True, True, True, False]
+    item = Allowance(2.0, 3.0)
+    assert [item.take(100.0) for _ in range(4)] == [True, True, True, False]
+    assert [item.take(101.0) for _ in range(3)] == [True, True, False]
+    assert [item.take(200.0) for _ in range(4)] == [True, True, True, False]
 
 
 def test_owners_have_each_their_own_and_are_forgotten():
@@ -68,16 +68,16 @@ class Held:
 def test_of_a_crowd_the_oldest_that_has_asked_nothing_goes_first(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (9, 3)})
     listener, crowd = Listener(), [Held() for _ in range(5)]
-    for one in crowd[:3]:
-        listener.opened(one, "crowd")
+    for item in crowd[:3]:
+        listener.opened(item, "crowd")
     listener.requested(crowd[0], None, "crowd")  # an honest user's, of the same address
-    for one in crowd[3:]:
-        listener.opened(one, "crowd")
-    assert [one.ended for one in crowd] == [False, True, True, False, False]
-    for one in (crowd[3], crowd[4]):
-        listener.requested(one, None, "crowd")
+    for item in crowd[3:]:
+        listener.opened(item, "crowd")
+    assert [item.ended for item in crowd] == [False, True, True, False, False]
+    for item in (crowd[3], crowd[4]):
+        listener.requested(item, None, "crowd")
     listener.opened(Held(), "crowd")  # the newest has had no time to ask
-    assert [one.ended for one in crowd] == [True, True, True, False, False]
+    assert [item.ended for item in crowd] == [True, True, True, False, False]
 
 
 def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
@@ -89,11 +89,11 @@ def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
     for k in range(3):
         few.append(Held())
         listener._assign(few[k], None, "few")
-    assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
+    assert [item.ended for item in crowd + few] == [True, True] + [False] * 6
     for _ in range(2):  # who enters takes no stranger's place any more
         listener._assign(few[0], "operator", "few")
     listener._assign(Held(), None, "other")
-    assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
+    assert [item.ended for item in crowd + few] == [True, True] + [False] * 6
     assert (listener.refused, listener.connections) == (2, 7)
 
 
@@ -205,8 +205,8 @@ def test_a_picture_of_four_billion_pixels_is_counted_and_said_once(caplog):
             for _ in range(3):
                 feed.show(1, 1, bytes(jpeg))
         assert (feed.damaged, feed.newest) == (6, None)
-    (said,) = caplog.messages
-    assert said == "a picture that is no JPEG of up to 8.4 million pixels is not shown"
+    (message_text,) = caplog.messages
+    assert message_text == "a picture that is no JPEG of up to 8.4 million pixels is not shown"
 
 
 def test_pictures_are_made_smaller_once_for_all_who_want_them():
@@ -214,17 +214,17 @@ def test_pictures_are_made_smaller_once_for_all_who_want_them():
         with ThreadPoolExecutor(1) as workers:
             feed = VideoFeed(workers)
             feed.show(1, 1, jpeg)
-            found = [feed.bytes_at(feed.newest, level) for level in range(len(LEVELS))]
+            result = [feed.bytes_at(feed.newest, level) for level in range(len(LEVELS))]
             again = [feed.bytes_at(feed.newest, level) for level in range(len(LEVELS))]
-            return await asyncio.gather(*found), await asyncio.gather(*again)
+            return await asyncio.gather(*result), await asyncio.gather(*again)
 
     jpeg = Pictures().jpeg(0)
-    found, again = asyncio.run(look())
-    assert found[0] is jpeg
-    assert all(one is other for one, other in zip(found, again, strict=True))
-    sizes = [len(one) for one in found]
+    result, again = asyncio.run(look())
+    assert result[0] is jpeg
+    assert all(item is other for item, other in zip(result, again, strict=True))
+    sizes = [len(item) for item in result]
     assert sizes == sorted(sizes, reverse=True)
-    for made, level in zip(found, LEVELS, strict=True):
+    for made, level in zip(result, LEVELS, strict=True):
         size = cv2.imdecode(np.frombuffer(made, np.uint8), 1).shape[:2]
         assert size == (HEIGHT // level.divisor, WIDTH // level.divisor)
 
@@ -247,8 +247,8 @@ def test_a_cut_out_is_around_the_pixel(u, v, size):
     with ThreadPoolExecutor(1) as workers:
         feed = VideoFeed(workers)
         feed.show(7, 7, Pictures().jpeg(0))
-        found = feed.cut_out(7, u, v)()
-        assert cv2.imdecode(np.frombuffer(found, np.uint8), 1).shape[:2] == size
+        result = feed.cut_out(7, u, v)()
+        assert cv2.imdecode(np.frombuffer(result, np.uint8), 1).shape[:2] == size
         assert feed.cut_out(8, u, v)() is None
         assert feed.cut_out(7, 5000, -5000)() is None
 
@@ -290,16 +290,16 @@ def watched(link, seconds, change=None):
 
 
 def test_a_good_link_has_untouched_pictures_at_full_rate_at_once():
-    seen = watched(Link(50e6, 0.002), 10)
-    assert (seen[seen[:, 0] > 0.2][:, 2] == 0).all()
-    assert len(seen) > 290
+    observed = watched(Link(50e6, 0.002), 10)
+    assert (observed[observed[:, 0] > 0.2][:, 2] == 0).all()
+    assert len(observed) > 290
 
 
 # The ages asked for, of 500 ms, with room for what the simulated link leaves out.
 @pytest.mark.parametrize("megabits", [0.5, 1.0, 2.0, 4.0])
 def test_a_thin_link_has_young_pictures_that_use_it(megabits):
-    seen = watched(Link(megabits * 125e3), 60)
-    settled = seen[seen[:, 0] > 3]
+    observed = watched(Link(megabits * 125e3), 60)
+    settled = observed[observed[:, 0] > 3]
     assert np.percentile(settled[:, 1], 95) < 0.4
     assert len(settled) / 57 > 3
     used = sum(LEVELS[int(level)].share for level in settled[:, 2]) * FULL / 57
@@ -309,8 +309,8 @@ def test_a_thin_link_has_young_pictures_that_use_it(megabits):
 
 
 def test_a_long_way_alone_makes_no_small_pictures():
-    seen = watched(Link(10e6, 0.06), 30)
-    assert np.median(seen[seen[:, 0] > 10][:, 2]) == 0
+    observed = watched(Link(10e6, 0.06), 30)
+    assert np.median(observed[observed[:, 0] > 10][:, 2]) == 0
 
 
 def test_pictures_follow_a_link_that_breaks_down_and_one_that_recovers():
@@ -322,8 +322,8 @@ def test_pictures_follow_a_link_that_breaks_down_and_one_that_recovers():
 
 
 def test_attempts_at_larger_pictures_become_rare():
-    seen = watched(Link(125e3), 100)
-    late = seen[seen[:, 0] > 50]
+    observed = watched(Link(125e3), 100)
+    late = observed[observed[:, 0] > 50]
     assert (late[:, 1] > 0.4).mean() < 0.01
 
 
@@ -360,7 +360,7 @@ def name(path):
 @pytest.mark.parametrize("module", STATIC.glob("js/**/*.js"), ids=name)
 def test_imports_lead_to_files(module):
     imports = re.findall(r'(?:from|^import) "([^"]+)";', module.read_text(), re.MULTILINE)
-    assert [one for one in imports if not (module.parent / one).is_file()] == []
+    assert [item for item in imports if not (module.parent / item).is_file()] == []
 
 
 def test_every_module_is_reached():
@@ -369,14 +369,14 @@ def test_every_module_is_reached():
         module = waiting.pop().resolve()
         reached.add(module)
         imports = re.findall(r'(?:from|^import) "([^"]+)";', module.read_text(), re.MULTILINE)
-        waiting |= {(module.parent / one).resolve() for one in imports} - reached
+        waiting |= {(module.parent / item).resolve() for item in imports} - reached
     assert {path.resolve() for path in STATIC.glob("js/**/*.js")} <= reached
 
 
 def test_the_page_names_files_that_exist():
     named = re.findall(r'(?:href|src)="/static/([^"]+)"', INDEX)
     assert named
-    assert [one for one in named if not (STATIC / one).is_file()] == []
+    assert [item for item in named if not (STATIC / item).is_file()] == []
     assert {f"style/{path.name}" for path in STATIC.glob("style/*.css")} <= set(named)
 
 

@@ -46,9 +46,9 @@ def test_video_comes_untouched_to_a_quick_viewer_with_its_stamp_and_size(served)
 def test_a_click_is_a_target_for_all_pages_and_on_the_disk(served):
     async def click():
         async with (
-            Page(served.url) as one,
-            one.state() as mine,
-            one.video() as video,
+            Page(served.url) as item,
+            item.state() as mine,
+            item.video() as video,
             Page(served.url) as other,
             other.state() as theirs,
         ):
@@ -216,11 +216,11 @@ def test_files_come_zipped_and_not_twice(served):
 
 def test_tiles_come_where_there_are_any(tmp_path):
     async def look():
-        async with Page(one.url) as page, page.state() as state:
+        async with Page(item.url) as page, page.state() as state:
             hello = await state.until("hello")
             return hello, [await page.get(f"/tiles/{at}") for at in ("2/1/0", "2/1/3", "2/x/0")]
 
-    with Served(tmp_path, tiles=str(tile_file(tmp_path / "a.mbtiles"))) as one:
+    with Served(tmp_path, tiles=str(tile_file(tmp_path / "a.mbtiles"))) as item:
         hello, answers = asyncio.run(look())
     assert hello["tiles"] == {"min": 2, "max": 5, "attribution": ""}
     assert answers[:2] == [(200, b"north"), (204, b"")]
@@ -250,7 +250,7 @@ def test_an_edit_sends_the_targets_that_changed_alone(tmp_path):
     """Of 2000 with long notes the whole list is 30 MB, for each page."""
 
     async def edit():
-        async with Page(one.url) as page, page.state() as state:
+        async with Page(item.url) as page, page.state() as state:
             listed = []
             while len(listed) < 60:
                 part = await state.until("targets")
@@ -263,11 +263,11 @@ def test_an_edit_sends_the_targets_that_changed_alone(tmp_path):
             await state.ask("undo")
             return last, edited, gone, await state.until("targets")
 
-    with Served(tmp_path) as one:
+    with Served(tmp_path) as item:
         place = Located(1, 48.0, 16.0, 190.0, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0))
         for now_ns in range(60):
-            one.backend.targets.add(place, now_ns=now_ns)
-        one.server.targets_changed()
+            item.backend.targets.add(place, now_ns=now_ns)
+        item.server.targets_changed()
         last, edited, gone, back = asyncio.run(edit())
     assert [(target["id"], target["name"]) for target in edited["targets"]] == [
         (last["id"], "Anna")
@@ -278,13 +278,13 @@ def test_an_edit_sends_the_targets_that_changed_alone(tmp_path):
 
 def test_undo_is_answered_whatever_the_journal_holds(tmp_path):
     async def ask():
-        async with Page(one.url) as page, page.state() as state:
-            found = [await asyncio.wait_for(state.ask("undo"), 20) for _ in range(2)]
-            one.backend.targets.undo = None  # a fault of this program
-            return *found, await asyncio.wait_for(state.ask("undo"), 20)
+        async with Page(item.url) as page, page.state() as state:
+            result = [await asyncio.wait_for(state.ask("undo"), 20) for _ in range(2)]
+            item.backend.targets.undo = None  # a fault of this program
+            return *result, await asyncio.wait_for(state.ask("undo"), 20)
 
-    with Served(tmp_path) as one:
-        store = one.backend.targets
+    with Served(tmp_path) as item:
+        store = item.backend.targets
         edited = store.add(Located(1, 48.0, 16.0, 190.0, (1.0,) * 9), now_ns=1)
         store.edit(edited.id, 2, name="Anna")
         store._db.execute("UPDATE tirgeo_changes SET before = substr(before, 2)")
@@ -336,5 +336,5 @@ def test_twenty_kills_during_a_thousand_edits_lose_no_confirmed_one(tmp_path):
         with closing(TargetStore(file)) as store:
             name = store.get(target_id).name
         # The one that was on its way may be there too.
-        found = int(name.removeprefix("edit "))
-        assert found - int(last.removeprefix("edit ")) in {0, 1}
+        result = int(name.removeprefix("edit "))
+        assert result - int(last.removeprefix("edit ")) in {0, 1}

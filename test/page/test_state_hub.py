@@ -28,24 +28,24 @@ def test_a_slow_page_gets_the_newest_state_and_the_whole_track():
             hub.report("", {"k": k, "track": [[k, 0]]})
         return await take(outbox)
 
-    told = asyncio.run(run())
-    assert told["k"] == 19
-    assert told["latency_ms"] == 12.0
-    assert (told["track_from"], len(told["track"])) == (0, 20)
+    reports = asyncio.run(run())
+    assert reports["k"] == 19
+    assert reports["latency_ms"] == 12.0
+    assert (reports["track_from"], len(reports["track"])) == (0, 20)
 
 
 def test_states_go_out_at_most_at_5_hz():
     async def run():
         hub, outbox = StateHub(lambda *_: None), Outbox()
         hub.join(outbox, "me")
-        loop, begun, seen = asyncio.get_running_loop(), asyncio.get_running_loop().time(), []
+        loop, begun, observed = asyncio.get_running_loop(), asyncio.get_running_loop().time(), []
         while loop.time() - begun < 1.0:
-            hub.report("", {"k": len(seen)})
+            hub.report("", {"k": len(observed)})
             try:
-                seen.append(json.loads(await asyncio.wait_for(outbox.take(), 0.01)))
+                observed.append(json.loads(await asyncio.wait_for(outbox.take(), 0.01)))
             except asyncio.TimeoutError:
                 continue
-        return seen
+        return observed
 
     assert 1 <= len(asyncio.run(run())) <= 7
 
@@ -84,10 +84,10 @@ def test_a_newcomer_gets_the_targets_in_parts_and_then_what_changes():
         rest.append(await take(outbox))
         later = Outbox()
         hub.join(later, "another")
-        seen = [await take(later), await take(later), await take(later)]
-        return first, rest, seen, len(outbox._newest)
+        observed = [await take(later), await take(later), await take(later)]
+        return first, rest, observed, len(outbox._newest)
 
-    first, (second, state, third), seen, waiting = asyncio.run(run())
+    first, (second, state, third), observed, waiting = asyncio.run(run())
     assert (first["whole"], first["more"], first["targets"]) == (
         True,
         True,
@@ -97,8 +97,8 @@ def test_a_newcomer_gets_the_targets_in_parts_and_then_what_changes():
     assert second["targets"] == [*([k] for k in range(50, 70)), [1.5]]
     assert state["type"] == "state"
     assert (third["gone"], third["targets"]) == ([], [[2.6], [3.5]])
-    parts = [one for one in seen if one["type"] == "targets"]
-    assert [one["whole"] for one in parts] == [True, False]
+    parts = [item for item in observed if item["type"] == "targets"]
+    assert [item["whole"] for item in parts] == [True, False]
     assert sorted([*parts[0]["targets"], *parts[1]["targets"]]) == sorted(
         [*([k] for k in range(4, 70)), [1.5], [2.6], [3.5]]
     )
@@ -133,11 +133,11 @@ def test_a_page_gets_again_what_of_a_track_has_changed():
     async def run():
         hub, outbox = StateHub(lambda *_: None), Outbox()
         hub.join(outbox, "me")
-        told = []
+        reports = []
         for track, start in (([[k, 0] for k in range(5)], 0), ([[9, 9]], 2), ([], 1)):
             hub.report("a", {"track": track, "track_from": start})
-            told.append(await take(outbox))
-        return [(one["track_from"], one["track"]) for one in told]
+            reports.append(await take(outbox))
+        return [(item["track_from"], item["track"]) for item in reports]
 
     whole, changed, shorter = asyncio.run(run())
     assert (whole[0], len(whole[1])) == (0, 5)

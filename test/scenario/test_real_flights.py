@@ -28,15 +28,15 @@ def test_recorded_flights_miss_no_figure(shared):
     folder = shared / "real_flights"
     if not folder.is_dir():
         pytest.skip(f"no {folder}: the recorded flights are absent")
-    found = judge_all(bags_in(folder), {}, workers=2)
-    assert sorted(each.name for each in found) == sorted(BAGS)
-    lines, missed = report(found)
+    result = judge_all(bags_in(folder), {}, workers=2)
+    assert sorted(each.name for each in result) == sorted(BAGS)
+    lines, missed = report(result)
     assert not missed, "\n".join(lines)
-    for each in found:
+    for each in result:
         assert each.flown.fixes > 100  # 10 Hz, or 4 on the walk, for more than 10 s
         assert min(each.moved_m) > 0  # each wrong position was heard
     cuts = {
-        name: [cut for each in bags for cut in each.cuts] for name, bags in groups(found).items()
+        name: [cut for each in bags for cut in each.cuts] for name, bags in groups(result).items()
     }
     # Of nine flights at three phases; and of the walk.
     assert (len(cuts[P4]), len(cuts[WALK])) == (44, 27)
@@ -47,4 +47,4 @@ def test_recorded_flights_miss_no_figure(shared):
 @pytest.mark.parametrize("name", BAGS)
 def test_nothing_is_wrong_with_recorded_flights(name, shared):
     findings = check(shared / "real_flights" / f"{name}.mcap")["findings"]
-    assert [one for one in findings if one["severity"] != "note"] == []
+    assert [item for item in findings if item["severity"] != "note"] == []

@@ -42,42 +42,42 @@ _IMU_HZ = 100.0
 
 def complaints(row: Row, done: Run) -> list[str]:
     """All that a run does that its row does not allow."""
-    found = [*_numbers(done), *_states(row, done)]
+    result = [*_numbers(done), *_states(row, done)]
     if done.published:
-        found += [*_bounds(row, done), *_honesty(row, done), *_recovery(row, done)]
-    return found
+        result += [*_bounds(row, done), *_honesty(row, done), *_recovery(row, done)]
+    return result
 
 
 def _numbers(done: Run) -> list[str]:
     """What no filter may ever publish."""
-    found = [f"published at {s.stamp_ns}, which never was" for s in done.astray]
+    result = [f"published at {s.stamp_ns}, which never was" for s in done.astray]
     for solution in done.published:
         place = (solution.latitude_rad, solution.longitude_rad, solution.height_m)
         values = [place, solution.velocity_n, solution.q_nb, solution.angular_rate_b]
         values.append(solution.rate_variance_b)
         if not all(np.isfinite(value).all() for value in values):
-            found.append(f"not finite at {solution.stamp_ns}")
+            result.append(f"not finite at {solution.stamp_ns}")
     covariances = np.array([s.covariance for s in done.published]).reshape(-1, 9, 9)
     if not np.isfinite(covariances).all():
-        return [*found, "covariance not finite"]
+        return [*result, "covariance not finite"]
     sigma = np.sqrt(np.abs(np.einsum("nii->ni", covariances)))
     # Of the correlations, for metres and radians do not compare.
     least = np.linalg.eigvalsh(covariances / sigma[:, :, None] / sigma[:, None, :])[:, 0]
     if (least < 0).any():
-        found.append(f"covariance not positive: {least.min():.1e}")
-    return found
+        result.append(f"covariance not positive: {least.min():.1e}")
+    return result
 
 
 def _states(row: Row, done: Run) -> list[str]:
     states = done.states_from(row.start_s)
-    found = []
+    result = []
     if states != row.states:
-        found.append(f"states {', '.join(s.value for s in states)}")
+        result.append(f"states {', '.join(s.value for s in states)}")
     if any(state is FilterState.LOST for _, state in done.changes):
-        found.append("lost")
+        result.append("lost")
     if done.resets != row.resets:
-        found.append(f"{done.resets} resets: {done.status.last_reset}")
-    return found
+        result.append(f"{done.resets} resets: {done.status.last_reset}")
+    return result
 
 
 def _bounds(row: Row, done: Run) -> list[str]:
@@ -90,23 +90,23 @@ def _recovery(row: Row, done: Run) -> list[str]:
     """Good again ``recovery_s`` after the fault, and published without a break from then on."""
     since_s = row.end_s + RECOVERY_S
     after = done.errors.t_s >= since_s
-    found = _beyond(done, after, (GOOD_DEG, GOOD_DEG, GOOD_M), "afterwards")
+    result = _beyond(done, after, (GOOD_DEG, GOOD_DEG, GOOD_M), "afterwards")
     if since_s < done.flown_s and np.count_nonzero(after) < (done.flown_s - since_s) * _IMU_HZ:
-        found.append(f"{np.count_nonzero(after)} solutions in {done.flown_s - since_s:.1f} s")
-    return found
+        result.append(f"{np.count_nonzero(after)} solutions in {done.flown_s - since_s:.1f} s")
+    return result
 
 
 def _beyond(
     done: Run, where: np.ndarray, limits: tuple[float, float, float], when: str
 ) -> list[str]:
     names = ("heading deg", "tilt deg", "position m")
-    found = []
+    result = []
     for name, values, limit in zip(names, sizes(done), limits, strict=True):
         worst = values[where].max(initial=0.0)
         if worst > limit:
             at_s = done.errors.t_s[where][values[where].argmax()]
-            found.append(f"{when}: {name} {worst:.3g} > {limit:g} at {at_s:.2f} s")
-    return found
+            result.append(f"{when}: {name} {worst:.3g} > {limit:g} at {at_s:.2f} s")
+    return result
 
 
 def _honesty(row: Row, done: Run) -> list[str]:
@@ -131,10 +131,10 @@ def test_row_smoothed(row: Row):
         for navigation in (Navigation(config), smoothed(config, samples))
     )
     assert [step.verdict for step in smooth] == [step.verdict for step in steps]
-    for one, other in zip(steps, smooth, strict=True):
-        assert (one.solution is None) == (other.solution is None)
+    for item, other in zip(steps, smooth, strict=True):
+        assert (item.solution is None) == (other.solution is None)
         if other.solution is not None:
-            assert one.solution.stamp_ns == other.solution.stamp_ns
+            assert item.solution.stamp_ns == other.solution.stamp_ns
             check_smoothed(other.solution)
 
 

@@ -43,9 +43,9 @@ def test_wrong_for_ever_says_what_to_look_at(degrees):
     assert not done.published
     assert done.status.state is FilterState.ALIGNING
     assert "aircraft.second_antenna_m" in done.status.reason
-    told = re.search(r"differ by (\d+) deg", done.status.reason)
+    reports = re.search(r"differ by (\d+) deg", done.status.reason)
     # The autopilot's heading errs by 1.8 deg rms: five of these.
-    assert float(told.group(1)) == pytest.approx(abs(degrees), abs=9.0)
+    assert float(reports.group(1)) == pytest.approx(abs(degrees), abs=9.0)
 
 
 @pytest.mark.parametrize("degrees", [*WRONG_DEG, 25.0])

@@ -39,14 +39,14 @@ def aircraft_samples(seed, duration_s=180.0, azimuth_deg=AZIMUTH_DEG, delays_s=D
     given = {"rtk.lever_arm_m": ANTENNA_M, "rtk.second_antenna_m": second_m}
     scenario = scenario_from({"duration_s": duration_s, **given, **(values or TURNS)})
     late_ns = {source: round(s * 1e9) for source, s in zip(DELAYS, delays_s, strict=True)}
-    found = []
+    result = []
     for sample in navigation_samples(fly(scenario, seed)):
         source = None if isinstance(sample, ImuSample) else sample.source
         late = replace(sample, stamp_ns=sample.stamp_ns + late_ns.get(source, 0))
         if isinstance(late, HeadingSample):
             late = replace(late, heading_rad=(late.heading_rad + angle) % math.tau)
-        found.append(late)
-    return found
+        result.append(late)
+    return result
 
 
 def recorded(samples):

@@ -24,7 +24,7 @@ class DataflashFile:
         """Define a message: a letter and a column for each field."""
         number = len(self._types) + 1
         self._types[name] = number, letters
-        size = 3 + struct.calcsize("<" + "".join(_LETTERS[one][0] for one in letters))
+        size = 3 + struct.calcsize("<" + "".join(_LETTERS[item][0] for item in letters))
         self._format(number, name, letters, columns, size)
 
     def add(self, name: str, *values: float | str) -> None:
@@ -95,7 +95,7 @@ class UlogFile:
         parts = [MAGIC, struct.pack("<Q", self._boot_us), _message(b"B", bytes(40))]
         for name, fields in self._formats.items():
             parts.append(_message(b"F", f"{name}:{fields};".encode()))
-        parts += [_message(b"P", one) for one in self._parameters]
+        parts += [_message(b"P", item) for item in self._parameters]
         path.write_bytes(b"".join([*parts, *self._data]))
         return path
 

@@ -25,9 +25,9 @@ FINGER_PX = 44
 
 def browser_path() -> str:
     """Return the installed Chromium; skips without one, and fails where one must be there."""
-    found = next(filter(None, map(shutil.which, NAMES)), None)
-    if found:
-        return found
+    result = next(filter(None, map(shutil.which, NAMES)), None)
+    if result:
+        return result
     words = "no Chromium: install the package chromium to test the operator's page in a browser"
     if os.environ.get("TIRGEO_NEED_BROWSER"):
         pytest.fail(words)
@@ -154,16 +154,16 @@ class Screen:
 
         Day and night colours are both looked at, with all rules of axe's.
         """
-        found = self.page.evaluate(_TOO_WIDE) + self.page.evaluate(_TOO_SMALL, FINGER_PX)
+        result = self.page.evaluate(_TOO_WIDE) + self.page.evaluate(_TOO_SMALL, FINGER_PX)
         for theme in ("red", "dark"):
             self.set(theme=theme)
             rules = Axe().run(self.page).response["violations"]
-            found += [
+            result += [
                 f"{theme}: {rule['id']}: {node['html'][:90]}: {node['failureSummary'][-200:]}"
                 for rule in rules
                 for node in rule["nodes"]
             ]
-        return found
+        return result
 
     def close(self) -> None:
         """Close the page and all of it."""

@@ -75,7 +75,7 @@ def read(path: Path, topics: Collection[str]) -> Iterator[Arrived]:
 
 def recorded(path: Path) -> list[Arrived]:
     """The filter's inputs of a bag."""
-    return [one for one in read(path, SAMPLES) if isinstance(one.sample, NAVIGATION_SAMPLES)]
+    return [item for item in read(path, SAMPLES) if isinstance(item.sample, NAVIGATION_SAMPLES)]
 
 
 def simulated(flight: SimulatedFlight) -> list[Arrived]:
@@ -140,11 +140,11 @@ def checked_flight(folder: Path) -> CheckedFlight:
 
 
 def _made(registration: Registration, sample: Any) -> Iterator[tuple[str, Any]]:
-    found = registration.take(sample)
-    if found.body is not None:
+    result = registration.take(sample)
+    if result.body is not None:
         yield "plane", registration.navigation.plane
-        yield "body", found.body
-    for pose in found.cameras:
+        yield "body", result.body
+    for pose in result.cameras:
         yield "pose", pose
 
 
@@ -162,18 +162,18 @@ def picture_findings(
     """
     overlay = overlay or flight.configs.overlay
     checks = PictureChecks(overlay, overlay.ground_height_m if ground is None else ground, None)
-    found, asked_ns = [], 0
+    result, asked_ns = [], 0
     for kind, what, arrival_ns in flight.events:
         if each_second and arrival_ns - asked_ns >= 10**9:
             asked_ns = arrival_ns
-            found += checks.findings()
+            result += checks.findings()
         if kind == "camera":
             checks.camera(lens(what))
         elif kind == "frame":
             checks.frame(*what, arrival_ns)
         elif kind in ("plane", "pose"):
             getattr(checks, kind)(what)
-    return [*found, *checks.findings()]
+    return [*result, *checks.findings()]
 
 
 def recomposed(

@@ -31,13 +31,13 @@ def read_damaged(read: Callable[[Path], Sized], whole: bytes, path: Path, times:
 
     It may raise TirgeoError in one line that names the file, and nothing else.
     """
-    rng, found = random.Random(17), 0
+    rng, result = random.Random(17), 0
     for _ in range(times):
         path.write_bytes(damaged(whole, rng))
         try:
-            found += len(read(path)) > 0
+            result += len(read(path)) > 0
         except TirgeoError as error:
             line = str(error)
             if not line.startswith(f"{path}: ") or "\n" in line:
                 raise
-    return found
+    return result

@@ -58,7 +58,7 @@ def filtered(flown, change=None, *, watched=False, config=None, **values) -> Fil
     ``watched`` asks for the states; ``values`` are parameters.
     """
     start_ns = flown.truth.stamp_ns[0]
-    navigation, found, states = Navigation(config or config_for(flown, **values)), [], []
+    navigation, result, states = Navigation(config or config_for(flown, **values)), [], []
     for given in navigation_samples(flown):
         t_s = (given.stamp_ns - start_ns) * 1e-9
         sample = given if change is None else change(given, t_s)
@@ -66,10 +66,10 @@ def filtered(flown, change=None, *, watched=False, config=None, **values) -> Fil
             continue
         solution = navigation.process(sample).solution
         if solution is not None:
-            found.append(solution)
+            result.append(solution)
         if watched and isinstance(sample, ImuSample):
             states.append((t_s, navigation.status().state))
-    return Filtered(errors(flown, found) if found else None, states, navigation)
+    return Filtered(errors(flown, result) if result else None, states, navigation)
 
 
 def without(*sources, begin_s=-1.0, end_s=1e9):

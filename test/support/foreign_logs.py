@@ -128,24 +128,26 @@ def relposned(**changed):
 
 def by_topic(contents):
     """Return the samples of a log by topic, in its order."""
-    found = defaultdict(list)
+    result = defaultdict(list)
     for sample in contents.samples:
-        found[topic_of(sample)].append(sample)
-    return found
+        result[topic_of(sample)].append(sample)
+    return result
 
 
 def samples(path, topics=None):
     """Return the samples of a bag by topic (of these; None: all), in order of log time."""
-    found = defaultdict(list)
+    result = defaultdict(list)
     for message in BagReader(path).messages(topics and [f"/{topic}" for topic in topics]):
         topic = message.topic.removeprefix("/")
-        found[topic].append(SENSED_SAMPLES[topic](CDR.deserialize(message.data, message.typename)))
-    return found
+        result[topic].append(
+            SENSED_SAMPLES[topic](CDR.deserialize(message.data, message.typename))
+        )
+    return result
 
 
 def by_source(contents):
     """Return a log's samples by their source, in the order of the log."""
-    found = defaultdict(list)
+    result = defaultdict(list)
     for sample in contents.samples:
-        found[sample.source].append(sample)
-    return found
+        result[sample.source].append(sample)
+    return result

@@ -73,8 +73,8 @@ class Stranger:
         for array in reversed(self.received["/diagnostics"]):
             for status in array.status:
                 if status.name == name:
-                    told = {"": status.message, "level": str(status.level[0])}
-                    return told | {pair.key: pair.value for pair in status.values}
+                    reports = {"": status.message, "level": str(status.level[0])}
+                    return reports | {pair.key: pair.value for pair in status.values}
         return {}
 
     def send(self, messages: dict[str, list], done) -> None:
@@ -128,13 +128,13 @@ def sockets(pid: int) -> list[IPv4Address | IPv6Address]:
     """Local addresses of the UDP and TCP sockets of a process."""
     links = (str(link.readlink()) for link in Path(f"/proc/{pid}/fd").iterdir())
     inodes = {link[8:-1] for link in links if link.startswith("socket:[")}
-    found = []
+    outcome = []
     for table in ("udp", "udp6", "tcp", "tcp6"):
         for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
             words = line.split()
             if words[9] in inodes:
-                found.append(address(words[1].partition(":")[0]))
-    return found
+                outcome.append(address(words[1].partition(":")[0]))
+    return outcome
 
 
 def address(words: str) -> IPv4Address | IPv6Address:
@@ -146,8 +146,8 @@ def address(words: str) -> IPv4Address | IPv6Address:
 def stamps_of(bag: Path, topic: str) -> list[int]:
     """The stamps of a topic's messages in a bag (ns)."""
     cdr = Cdr()
-    found = BagReader(bag).messages([topic])
-    return [stamp_ns(cdr.deserialize(item.data, item.typename)) for item in found]
+    outcome = BagReader(bag).messages([topic])
+    return [stamp_ns(cdr.deserialize(item.data, item.typename)) for item in outcome]
 
 
 class KeptLog:

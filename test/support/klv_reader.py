@@ -109,9 +109,9 @@ def by_klvdata(packet: bytes) -> dict[int, str]:
     """What klvdata makes of a packet, by tag: all of its items."""
     (parsed,) = klvdata.StreamParser(packet)
     assert packet_checksum(packet) == packet[-2:]
-    found = {tag: words[3] for tag, words in parsed.MetadataList().items()}
-    assert found.keys() == {tag for tag, _ in items_in(packet)}
-    return found
+    result = {tag: words[3] for tag, words in parsed.MetadataList().items()}
+    assert result.keys() == {tag for tag, _ in items_in(packet)}
+    return result
 
 
 class Demuxed(NamedTuple):
@@ -124,21 +124,21 @@ class Demuxed(NamedTuple):
 
 def demuxed(path, most=None) -> Demuxed:
     """The times of frames and packets, in the file or at the address, in their order."""
-    found = Demuxed([], [], [])
+    result = Demuxed([], [], [])
     with av.open(str(path)) as container:
-        assert [one.type for one in container.streams] == ["video", "data"]
-        for one in container.demux():
-            if one.pts is None:
+        assert [item.type for item in container.streams] == ["video", "data"]
+        for item in container.demux():
+            if item.pts is None:
                 continue
-            if one.stream.type == "data":
-                found.packet_s.append(float(one.pts * one.time_base))
-                found.packets.append(bytes(one))
+            if item.stream.type == "data":
+                result.packet_s.append(float(item.pts * item.time_base))
+                result.packets.append(bytes(item))
             else:
-                found.frame_s.append(float(one.pts * one.time_base))
-            if most is not None and min(len(found.frame_s), len(found.packets)) >= most:
+                result.frame_s.append(float(item.pts * item.time_base))
+            if most is not None and min(len(result.frame_s), len(result.packets)) >= most:
                 break
-    found.frame_s.sort()
-    return found
+    result.frame_s.sort()
+    return result
 
 
 def live_packet(address: str) -> dict[int, str]:

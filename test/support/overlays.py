@@ -91,5 +91,5 @@ def assert_on(image, pose):
     # Half the diagonal of a pixel and the ink's own width to each side.
     assert distances(pixels, true_outline(pose)).max() < 1.5
     outline = true_outline(pose)
-    seen = outline[(outline > 2).all(axis=1) & (outline < [637, 487]).all(axis=1)]
-    assert distances(seen[::40], pixels).max() < 1.5
+    observed = outline[(outline > 2).all(axis=1) & (outline < [637, 487]).all(axis=1)]
+    assert distances(observed[::40], pixels).max() < 1.5

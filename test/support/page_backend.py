@@ -85,8 +85,8 @@ class SimulatedBackend:
             }
             for k, ring in enumerate(rings)
         ]
-        found = {"type": "FeatureCollection", "features": features}
-        self._map = json.dumps(found).encode()
+        result = {"type": "FeatureCollection", "features": features}
+        self._map = json.dumps(result).encode()
 
     async def click(self, click: Click) -> Located | str:
         await asyncio.sleep(self._answer_s)

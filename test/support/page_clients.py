@@ -91,8 +91,8 @@ class ServedApart:
 
     def __enter__(self):
         for line in self.process.stdout:
-            if found := re.match(r"http://127.0.0.1:(\d+)", line):
-                self.url, self.port = found[0], int(found[1])
+            if result := re.match(r"http://127.0.0.1:(\d+)", line):
+                self.url, self.port = result[0], int(result[1])
                 return self
         raise AssertionError("the page did not start")
 
@@ -151,12 +151,12 @@ class StateClient:
         return await asyncio.wait_for(self._until(kind, good), LIMIT_S)
 
     async def _until(self, kind, good):
-        seen = 0
+        observed = 0
         while True:
-            for at in range(seen, len(self._told)):
+            for at in range(observed, len(self._told)):
                 if self._told[at]["type"] == kind and good(self._told[at]):
                     return self._told.pop(at)
-            seen = len(self._told)
+            observed = len(self._told)
             self._told.append(json.loads((await self.socket.receive()).data))
 
     async def ask(self, kind, /, **fields):
@@ -208,11 +208,11 @@ def raw_answer(port, request, wait_s=20.0):
 
 
 def received(own):
-    said = b""
+    message_text = b""
     with contextlib.suppress(ConnectionResetError):
-        while len(said) < 1024 and (part := own.recv(4096)):
-            said += part
-    return said
+        while len(message_text) < 1024 and (part := own.recv(4096)):
+            message_text += part
+    return message_text
 
 
 def http(path, *headers, method="GET"):

@@ -25,10 +25,10 @@ def files(folder):
 
 def located_or_evaluated(verb, sample, folder):
     """The words of ``locate`` or ``evaluate`` over the sample flight, but for its parameters."""
-    bag, survey, seen = files(sample)
+    bag, survey, observed = files(sample)
     if verb == "locate":
-        return [verb, bag, "--pixels", seen, "-o", folder / "points.geojson"]
-    given = ["--survey", survey, "--observations", seen]
+        return [verb, bag, "--pixels", observed, "-o", folder / "points.geojson"]
+    given = ["--survey", survey, "--observations", observed]
     return [verb, bag, *given, "-o", folder / "evaluation"]
 
 
@@ -69,11 +69,11 @@ def write_samples(path, samples):
     return path
 
 
-def write_hover(path, flown, *told):
+def write_hover(path, flown, *reports):
     """A flight without ``rtk/heading`` and the autopilot's attitude, with what else is told."""
     samples = [s for s in navigation_samples(flown) if s.source is not Source.RTK_HEADING]
     samples = [replace(s, autopilot_q_nb=None) if isinstance(s, ImuSample) else s for s in samples]
-    return write_samples(path, [*samples, *told])
+    return write_samples(path, [*samples, *reports])
 
 
 def picture_bag(path, stamps_ns, images, *, info=True, namespace=""):

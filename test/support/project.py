@@ -31,10 +31,10 @@ def verb_parsers(
     inner = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     if not inner:
         return {words: parser}
-    found: dict[str, argparse.ArgumentParser] = {}
-    for name, one in inner[0].choices.items():
-        found |= verb_parsers(one, f"{words} {name}".strip())
-    return found
+    result: dict[str, argparse.ArgumentParser] = {}
+    for name, item in inner[0].choices.items():
+        result |= verb_parsers(item, f"{words} {name}".strip())
+    return result
 
 
 def taken_port(domain: int) -> socket.socket:
@@ -67,11 +67,11 @@ def child_of(pid: int, words: str) -> int:
 
 def children_of(pid: int) -> list[int]:
     """The processes that a process has started, and has not waited for."""
-    found = []
+    result = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         with suppress(OSError):  # that thread has ended meanwhile
-            found += map(int, (task / "children").read_text().split())
-    return found
+            result += map(int, (task / "children").read_text().split())
+    return result
 
 
 def wait_until(
@@ -86,11 +86,11 @@ def wait_until(
     ``running``: what must not end meanwhile; ``tell``: what is said of a failure.
     """
     end_s = time.monotonic() + limit_s
-    while not (found := done()):
+    while not (result := done()):
         assert running is None or running.poll() is None, tell()
         assert time.monotonic() < end_s, tell()
         time.sleep(0.005)
-    return found
+    return result
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:

@@ -61,14 +61,14 @@ def record(folder, parts, storage="mcap", mode="", *, metadata=True):
 
 def write_metadata(folder, names, storage="mcap", mode="", form="zstd"):
     """What rosbag2 says of its files, as far as it is read."""
-    told = {
+    reports = {
         "version": 9,
         "storage_identifier": storage,
         "relative_file_paths": names,
         "compression_format": form if mode else "",
         "compression_mode": mode.upper(),
     }
-    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": told}))
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": reports}))
 
 
 def compressed(path):

@@ -20,17 +20,17 @@ Permissions = dict[str, set[str]]
 
 def allowed(path: Path, namespace: str = "/") -> dict[str, Permissions]:
     """What the policy allows each node, with ``namespace`` in place of every ``ns="/"``."""
-    found: dict[str, Permissions] = {}
+    result: dict[str, Permissions] = {}
     for profile in ET.parse(path).getroot().iter("profile"):
         assert profile.get("ns") == "/"
-        permissions = found.setdefault(profile.get("node", ""), defaultdict(set))
+        permissions = result.setdefault(profile.get("node", ""), defaultdict(set))
         for rule in profile:
             assert {*rule.attrib} <= _RULES[rule.tag]
             for permission, qualifier in rule.attrib.items():
                 assert qualifier == "ALLOW"  # what is not allowed is denied anyway
                 names = {_full(item.text or "", namespace, profile) for item in rule}
                 permissions[permission] |= names
-    return found
+    return result
 
 
 def _full(name: str, namespace: str, profile: ET.Element) -> str:

@@ -35,7 +35,7 @@ class Read(NamedTuple):
 
     @property
     def xmp(self) -> dict:
-        return {key: text for one in self.descriptions for key, text in one.items()}
+        return {key: text for item in self.descriptions for key, text in item.items()}
 
 
 def read_still(path) -> Read:
@@ -50,7 +50,7 @@ def read_still(path) -> Read:
     begin, end = content.find(b"<x:xmpmeta"), content.find(b"</x:xmpmeta>")
     root = ET.fromstring(content[begin : end + len(b"</x:xmpmeta>")])
     return Read(
-        tags, picture, gps, by_gdal, [one.attrib for one in root.iter(f"{_RDF}Description")]
+        tags, picture, gps, by_gdal, [item.attrib for item in root.iter(f"{_RDF}Description")]
     )
 
 
@@ -100,18 +100,18 @@ def by_open_drone_map(read: Read) -> np.ndarray:
 
     A maker DJI would add 90 deg to the pitch.
     """
-    found = {}
-    for one in read.descriptions:
+    result = {}
+    for item in read.descriptions:
         for angle, names in (
             ("yaw", (f"{DJI}FlightYawDegree", f"{PIX4D}Yaw")),
             ("pitch", (f"{DJI}GimbalPitchDegree", f"{PIX4D}Pitch")),
             ("roll", (f"{DJI}GimbalRollDegree", f"{PIX4D}Roll")),
         ):
-            texts = [one[name] for name in names if name in one]
+            texts = [item[name] for name in names if name in item]
             if texts:
-                found[angle] = float(texts[0])
+                result[angle] = float(texts[0])
     assert read.tags[271].lower() not in {"dji", "hasselblad", "sensefly"}
-    return _mapped(found["roll"], found["pitch"], found["yaw"])
+    return _mapped(result["roll"], result["pitch"], result["yaw"])
 
 
 def lens_of(read: Read) -> tuple[np.ndarray, np.ndarray]:

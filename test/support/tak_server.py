@@ -126,8 +126,8 @@ class Member:
                 self.events.append(event)
                 if wanted(event):
                     return event
-        seen = [(one.get("type"), one.get("uid")) for one in self.events]
-        raise AssertionError(f"no such event within {WAIT_S} s; there were {seen}")
+        observed = [(item.get("type"), item.get("uid")) for item in self.events]
+        raise AssertionError(f"no such event within {WAIT_S} s; there were {observed}")
 
     def _read(self) -> None:
         datagrams = self._plug.type == socket.SOCK_DGRAM

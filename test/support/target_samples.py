@@ -35,11 +35,11 @@ def click(east_m=0.0, north_m=0.0, up_m=0.0, *, after_s=0.0, covariance=COVARIAN
     )
 
 
-def target(number=1, *clicks, **said):
+def target(number=1, *clicks, **text):
     """A target, at the place unless there are clicks."""
-    said = {"name": "", "kind": "person", "note": "", "aircraft": ""} | said
+    text = {"name": "", "kind": "person", "note": "", "aircraft": ""} | text
     times = {"created_ns": STAMP_NS, "changed_ns": STAMP_NS + number}
-    return Target(f"{number:032x}", number, **said, **times, clicks=clicks or (click(),))
+    return Target(f"{number:032x}", number, **text, **times, clicks=clicks or (click(),))
 
 
 def east_north_up(one, plane=PLACE):

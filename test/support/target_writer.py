@@ -28,13 +28,13 @@ def edit(store, number):
         picture = rng.choice([None, JPEG])
         store.add(click(number, 3), kind=rng.choice(KINDS), picture=picture, now_ns=number)
     else:
-        one = rng.choice(known)
+        item = rng.choice(known)
         if what == "delete":
-            store.delete(one.id, number)
-        elif what == "edit" or len(one.clicks) > 9:
-            store.edit(one.id, number, name=f"name {number}", note="n" * rng.randrange(2000))
+            store.delete(item.id, number)
+        elif what == "edit" or len(item.clicks) > 9:
+            store.edit(item.id, number, name=f"name {number}", note="n" * rng.randrange(2000))
         else:
-            store.refine(one.id, click(number, 2, after_s=number), number)
+            store.refine(item.id, click(number, 2, after_s=number), number)
 
 
 def state_of(store):

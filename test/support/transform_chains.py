@@ -26,11 +26,11 @@ class Chains:
         self.parents: dict[str, str] = {}
         self._poses: dict[str, dict[int, np.ndarray]] = defaultdict(dict)
         for message in messages:
-            for one in message.transforms:
-                child, parent = one.child_frame_id, one.header.frame_id
+            for item in message.transforms:
+                child, parent = item.child_frame_id, item.header.frame_id
                 assert self.parents.setdefault(child, parent) == parent, f"{child} has two parents"
-                pose = rigid(one.transform.translation, one.transform.rotation)
-                self._poses[child][stamp_ns(one)] = pose
+                pose = rigid(item.transform.translation, item.transform.rotation)
+                self._poses[child][stamp_ns(item)] = pose
 
     def pose(self, child: str, stamp: int) -> np.ndarray:
         """(4, 4) of a frame in the root of its tree."""
@@ -46,8 +46,8 @@ class Chains:
         after = bisect_left(stamps, stamp)
         start, end = stamps[after - 1], stamps[after]
         share, two = (stamp - start) / (end - start), [poses[start], poses[end]]
-        found = np.eye(4)
+        result = np.eye(4)
         turns = Rotation.from_matrix([pose[:3, :3] for pose in two])
-        found[:3, :3] = Slerp([0, 1], turns)(share).as_matrix()
-        found[:3, 3] = two[0][:3, 3] + share * (two[1][:3, 3] - two[0][:3, 3])
-        return found
+        result[:3, :3] = Slerp([0, 1], turns)(share).as_matrix()
+        result[:3, 3] = two[0][:3, 3] + share * (two[1][:3, 3] - two[0][:3, 3])
+        return result

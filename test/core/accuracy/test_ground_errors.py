@@ -50,12 +50,12 @@ def test_equations_19_and_21_are_derivatives_of_the_rotation_matrix_form(
     view = GroundView.of(PINHOLE, looking(depression, heading), height, UV)
     by_height, by_heading = np.zeros((6, 6)), np.zeros((6, 6))
     by_height[2, 2], by_heading[5, 5] = 2.8017**2, 0.03**2
-    found = rms_m(view.covariance(by_height))
+    result = rms_m(view.covariance(by_height))
     paper = paper_height_error_m(RIGHT, DOWN, F, depression, 2.8017)
-    np.testing.assert_allclose(found, paper, rtol=1e-9)
-    found = rms_m(view.covariance(by_heading))
+    np.testing.assert_allclose(result, paper, rtol=1e-9)
+    result = rms_m(view.covariance(by_heading))
     paper = paper_heading_error_m(RIGHT, DOWN, F, depression, height, 0.03)
-    np.testing.assert_allclose(found, paper, rtol=1e-9)
+    np.testing.assert_allclose(result, paper, rtol=1e-9)
 
 
 @given(headings)
@@ -102,12 +102,12 @@ def test_the_whole_covariance_against_monte_carlo(depression_deg, heading_deg):
     uv, _ = pixel_grid(XT2, 64)
     others = {"lens_sigma_px": 0.7, "ground_sigma_m": 0.2, "latency_sigma_s": 0.02}
     view = GroundView.of(XT2, rotation_nc, 20.0, uv)
-    told = rms_m(view.covariance(covariance, rates=rates, **others))
+    reports = rms_m(view.covariance(covariance, rates=rates, **others))
     draws = 20000
     errors = rng.multivariate_normal(np.zeros(6), covariance, draws)
     errors += 0.02 * rng.standard_normal((draws, 1)) * rates
     errors[:, 2] += 0.2 * rng.standard_normal(draws)
-    for k, (pixel, expected) in enumerate(zip(uv, told, strict=True)):
+    for k, (pixel, expected) in enumerate(zip(uv, reports, strict=True)):
         rays_c = XT2.rays(pixel + 0.7 * rng.standard_normal((draws, 2)))
         moved = located(rotation_nc, rays_c, errors, 20.0) - view.points_n[k, :2]
         assert np.sqrt(np.mean(np.sum(moved**2, axis=1))) == pytest.approx(expected, rel=0.03)
@@ -144,11 +144,11 @@ def test_the_circular_error_of_a_known_distribution():
     """Of a round Gaussian it is 2.146 sigma, as the tables of map accuracy say."""
     count, sigma = 40_000, 0.7
     errors = np.random.default_rng(8).normal(scale=sigma, size=(count, 2))
-    found = GroundErrors(["P"] * count, errors)
+    result = GroundErrors(["P"] * count, errors)
     radius = sigma * math.sqrt(-2 * math.log(0.1))
     # 4 sigma of the quantile: sqrt(0.9 * 0.1 / N) over the density 0.1 * radius / sigma2 there
     slack = 4 * math.sqrt(0.09 / count) * sigma**2 / (0.1 * radius)
-    assert found.ce90_m == pytest.approx(radius, abs=slack)
+    assert result.ce90_m == pytest.approx(radius, abs=slack)
 
 
 def test_nothing_located_is_no_number():

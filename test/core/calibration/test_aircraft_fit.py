@@ -40,8 +40,8 @@ def found(flight):
 
 
 def errors(result):
-    told = [PARAMETERS.index(name) for name in result.determined]
-    return ((result.values - truth()) / result.sigma)[told]
+    reports = [PARAMETERS.index(name) for name in result.determined]
+    return ((result.values - truth()) / result.sigma)[reports]
 
 
 @pytest.mark.slow
@@ -79,8 +79,8 @@ def test_an_outlier_hardly_moves_it(flight, found):
         if not isinstance(aids[k], HeadingSample) and aids[k].source is Source.RTK_POSITION:
             aids[k] = replace(aids[k], height_m=aids[k].height_m + 3.0)
     result = fit(FlightRuns(replace(flight, aids=aids), EkfConfig()), ())
-    told = [PARAMETERS.index(name) for name in found.determined]
-    assert (np.abs(result.values - found.values)[told] < 2 * found.sigma[told]).all()
+    reports = [PARAMETERS.index(name) for name in found.determined]
+    assert (np.abs(result.values - found.values)[reports] < 2 * found.sigma[reports]).all()
 
 
 @pytest.mark.slow

@@ -178,12 +178,12 @@ def test_a_bias_that_walks_is_more_than_b():
 
 def test_gauss_markov_variances_against_theory():
     tau_s = np.geomspace(1e-4, 1e6, 200)
-    found = allan.gauss_markov(tau_s, 10.0)
-    assert (found > 0).all()
-    assert found.max() == pytest.approx(0.382, abs=0.002)  # 0.437^2 * 2: IEEE Std 952, C.1.5
-    assert tau_s[np.argmax(found)] == pytest.approx(18.9, rel=0.1)
-    np.testing.assert_allclose(found[tau_s < 0.01], 2 * tau_s[tau_s < 0.01] / 30, rtol=1e-3)
-    np.testing.assert_allclose(found[tau_s > 1e5], 20 / tau_s[tau_s > 1e5], rtol=1e-3)
+    result = allan.gauss_markov(tau_s, 10.0)
+    assert (result > 0).all()
+    assert result.max() == pytest.approx(0.382, abs=0.002)  # 0.437^2 * 2: IEEE Std 952, C.1.5
+    assert tau_s[np.argmax(result)] == pytest.approx(18.9, rel=0.1)
+    np.testing.assert_allclose(result[tau_s < 0.01], 2 * tau_s[tau_s < 0.01] / 30, rtol=1e-3)
+    np.testing.assert_allclose(result[tau_s > 1e5], 20 / tau_s[tau_s > 1e5], rtol=1e-3)
 
 
 def test_a_low_pass_filter_of_the_sensor_does_not_pull_the_random_walk_down():
@@ -209,8 +209,10 @@ def test_a_curve_without_any_of_the_lasting_terms_divides_by_nothing():
 def test_a_drift_is_taken_out():
     record = noise(np.random.default_rng(12), 200_000, 1e-3, 1e-3, 0.0, 0.05)
     drifting = record + 1e-5 * 0.05 * np.arange(len(record))
-    found = allan_curve([drifting[:, None]], 0.05, np.array([1e-5]))
-    np.testing.assert_allclose(found.variances, curve_of(record, step_s=0.05).variances, rtol=1e-6)
+    result = allan_curve([drifting[:, None]], 0.05, np.array([1e-5]))
+    np.testing.assert_allclose(
+        result.variances, curve_of(record, step_s=0.05).variances, rtol=1e-6
+    )
 
 
 FLIGHT_STEP_S = 1 / FLIGHT_HZ
@@ -230,13 +232,13 @@ def measured(values, lost=None):
 def test_lines_are_found_with_frequency_and_amplitude(frequency_hz):
     values = flown(5, DURATION_S)
     values[:, 3] += 2.0 * np.sin(2 * np.pi * frequency_hz * T_S)
-    found = measured(values)
-    (line,) = found.lines(3)
+    result = measured(values)
+    (line,) = result.lines(3)
     assert line.frequency_hz == pytest.approx(frequency_hz, abs=0.2)
     # The noise beneath is within 2 % of the line's power; the median takes it away but for its own
     # scatter.
     assert line.amplitude == pytest.approx(2.0, rel=0.02)
-    assert found.lines(4) == []
+    assert result.lines(4) == []
 
 
 def test_a_wandering_line_is_one():
@@ -267,10 +269,10 @@ def test_a_few_lost_samples_are_bridged_and_gaps_passed_by():
     values = white_noise(13)
     lost = np.random.default_rng(2).random(len(values)) < 0.005
     lost[30 * FLIGHT_HZ : 34 * FLIGHT_HZ] = True
-    found = measured(values, lost)
-    assert len(found.floors) == DURATION_S // PIECE_S - 2
+    result = measured(values, lost)
+    assert len(result.floors) == DURATION_S // PIECE_S - 2
     # A sample on the line between its neighbours lacks part of the noise: 0.5 % of them do.
-    np.testing.assert_allclose(np.median(found.floors, axis=0), DENSITY, rtol=0.045)
+    np.testing.assert_allclose(np.median(result.floors, axis=0), DENSITY, rtol=0.045)
 
 
 @pytest.mark.parametrize("rate_hz", [5, 10, 17, 18])

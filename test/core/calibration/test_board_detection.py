@@ -164,7 +164,7 @@ EXPECTED = {
 @pytest.mark.slow
 def test_no_bad_picture_is_taken_and_reasons_are_right():
     found = {name: find_board(image, BOARD) for name, image in (drawn() | spoilt()).items()}
-    assert [name for name, one in found.items() if not isinstance(one, Refused)] == []
+    assert [name for name, item in found.items() if not isinstance(item, Refused)] == []
     assert {name: found[name].reason for name in EXPECTED} == EXPECTED
 
 

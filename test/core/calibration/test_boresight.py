@@ -95,8 +95,8 @@ def flight_of(path, present_rpy_deg=(0, 0, 0), click_sigma_px=0.5, *, north=Fals
 
 def seen_by(path, rng, *, count=60, latency_s=LATENCY_S, sigma_px=0.5, span_s=60.0, area=1.0):
     """Clicks by the true path: a point for every three, all over the picture."""
-    found = []
-    while len(found) < count:
+    outcome = []
+    while len(outcome) < count:
         t_s = float(rng.uniform(2.0, span_s))
         uv = np.array([320, 330]) + area * rng.uniform([-270, -140], [270, 150])
         pose = path.true_pose(t_s)
@@ -105,8 +105,8 @@ def seen_by(path, rng, *, count=60, latency_s=LATENCY_S, sigma_px=0.5, span_s=60
         exposure_ns = round(t_s * 1e9)
         stamp_ns = exposure_ns + round(latency_s * 1e9)
         noise = sigma_px * rng.standard_normal(2)
-        found.append(PointSighting(f"P{len(found) // 3}", stamp_ns, uv + noise, point_n))
-    return found
+        outcome.append(PointSighting(f"P{len(outcome) // 3}", stamp_ns, uv + noise, point_n))
+    return outcome
 
 
 def test_the_derivatives_are_those_of_differences():
@@ -138,15 +138,15 @@ def test_without_noise_the_truth_comes_out(present, off, late_s):
     true_rpy = np.add(present, off)
     truth, now = Path(rpy_deg=true_rpy), Path(rpy_deg=present)
     seen = seen_by(truth, rng, count=24, latency_s=LATENCY_S + late_s, sigma_px=0.0)
-    found = fit(flight_of(now, present), seen, USUAL)
-    assert found.used.all()
+    outcome = fit(flight_of(now, present), seen, USUAL)
+    assert outcome.used.all()
     # the fit stops at a thousandth of its limits, and its last step is quadratic in that
     np.testing.assert_allclose(
-        np.add(present, np.degrees(found.correction[:3])), true_rpy, atol=1e-3
+        np.add(present, np.degrees(outcome.correction[:3])), true_rpy, atol=1e-3
     )
-    assert found.correction[3] == pytest.approx(late_s, abs=1e-4)
-    assert np.abs(found.after).max() < 0.02  # px
-    assert not found.correction[4:].any()
+    assert outcome.correction[3] == pytest.approx(late_s, abs=1e-4)
+    assert np.abs(outcome.after).max() < 0.02  # px
+    assert not outcome.correction[4:].any()
 
 
 def errors_that_last(rng):
@@ -163,9 +163,9 @@ def test_errors_are_as_large_as_the_covariance_says():
         now = Path()
         seen = seen_by(Path(rpy_deg=(1.0, -0.8, 1.5)), rng, count=30, latency_s=0.07)
         now.errors = errors_that_last(rng)
-        found = fit(flight_of(now), seen, USUAL)
-        error = found.correction[:4] - [*np.radians([1.0, -0.8, 1.5]), 0.02]
-        squares.append(error @ np.linalg.solve(found.covariance, error) / 4)
+        outcome = fit(flight_of(now), seen, USUAL)
+        error = outcome.correction[:4] - [*np.radians([1.0, -0.8, 1.5]), 0.02]
+        squares.append(error @ np.linalg.solve(outcome.covariance, error) / 4)
     # A mean of 64 squares has a sigma of sqrt(2 / 64) = 0.18: three of them. The errors last 4 s
     # and are taken for such of 5 s, by which the mean is a little less than 1.
     assert 0.4 < float(np.mean(squares)) < 1.55
@@ -181,13 +181,13 @@ def test_wrong_clicks_are_left_out_and_change_nothing():
     wrong[30] = dataclasses.replace(seen[30], stamp_ns=seen[30].stamp_ns + 1_500_000_000)
     behind = seen[40].point_n - [300.0, 0, 0]
     wrong[40] = dataclasses.replace(seen[40], point_n=behind)  # never in view
-    found, clean = fit(flight, wrong, USUAL), fit(flight, seen, USUAL)
-    assert np.flatnonzero(~found.used).tolist() == [4, 17, 30, 40]
-    assert np.isnan(found.after[40]).all() or np.abs(found.after[40]).max() > 100
+    outcome, clean = fit(flight, wrong, USUAL), fit(flight, seen, USUAL)
+    assert np.flatnonzero(~outcome.used).tolist() == [4, 17, 30, 40]
+    assert np.isnan(outcome.after[40]).all() or np.abs(outcome.after[40]).max() > 100
     # four of sixty left out: the estimate moves by less than a sigma
-    apart = (found.correction - clean.correction)[:4] / np.sqrt(np.diag(clean.covariance))
+    apart = (outcome.correction - clean.correction)[:4] / np.sqrt(np.diag(clean.covariance))
     assert np.abs(apart).max() < 1
-    assert np.isfinite(found.covariance).all()
+    assert np.isfinite(outcome.covariance).all()
 
 
 def test_too_many_wrong_clicks_are_refused():
@@ -203,13 +203,13 @@ def test_too_many_wrong_clicks_are_refused():
 def test_the_estimate_without_a_point_is_the_fit_without_it():
     rng = np.random.default_rng(7)
     flight, seen = flight_of(Path()), seen_by(Path(rpy_deg=(1, -1, 2)), rng, latency_s=0.07)
-    found = fit(flight, seen, USUAL)
+    outcome = fit(flight, seen, USUAL)
     for name in ("P0", "P7", "P19"):
-        others = fit(flight, [one for one in seen if one.id != name], USUAL)
+        others = fit(flight, [item for item in seen if item.id != name], USUAL)
         sigma = np.sqrt(np.diag(others.covariance))
-        apart = (found.by_point[name] - others.correction)[:4] / sigma
+        apart = (outcome.by_point[name] - others.correction)[:4] / sigma
         assert np.abs(apart).max() < 0.05  # one step from a place a fraction of a sigma away
-        assert np.abs(found.by_point[name] - found.correction).max() > 0
+        assert np.abs(outcome.by_point[name] - outcome.correction).max() > 0
 
 
 def doubt_of(path, seen, names):
@@ -221,11 +221,11 @@ def doubt_of(path, seen, names):
 def test_norths_at_one_tilt_are_refused_and_told_at_two():
     rng = np.random.default_rng(9)
     names = (*USUAL, "gimbal_north")
-    found = doubt_of(Path(), seen_by(Path(), rng), names)
-    assert found is not None
-    assert set(found.names) == {"roll", "yaw", "gimbal_north"}
-    assert "tilt hardly varied" in str(found)
-    assert "--hold it" in str(found)
+    outcome = doubt_of(Path(), seen_by(Path(), rng), names)
+    assert outcome is not None
+    assert set(outcome.names) == {"roll", "yaw", "gimbal_north"}
+    assert "tilt hardly varied" in str(outcome)
+    assert "--hold it" in str(outcome)
     two = {"tilts_deg": (-30.0, -60.0)}
     now, truth = Path(**two), Path(**two, rpy_deg=(1, -1, 2))
     seen = seen_by(truth, rng, count=120)
@@ -246,11 +246,11 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
 
 def test_a_hover_that_does_not_turn_shows_no_latency():
     path = Path(turning=False, speed_m_s=0.0)
-    found = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)
-    assert found is not None
-    assert found.names == ("latency",)
+    outcome = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)
+    assert outcome is not None
+    assert outcome.names == ("latency",)
     assert "latency cannot be found: the camera moved in the same way in all pictures" in str(
-        found
+        outcome
     )
     assert doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL[:3]) is None
 

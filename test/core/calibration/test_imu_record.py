@@ -159,8 +159,8 @@ def test_a_turn_a_tilt_and_a_knock_are_named():
     values[30_000:30_250, 2] += 0.05  # turned by 7 deg within 2.5 s
     values[60_000:, 3] += 9.8 * np.sin(np.radians(2))  # laid down askew
     values[90_050, 4] += 20.0  # a knock of one sample
-    found = movements(in_seconds(values))
-    assert found == [Interval(299, 304), Interval(599, 601), Interval(899, 902)]
+    result = movements(in_seconds(values))
+    assert result == [Interval(299, 304), Interval(599, 601), Interval(899, 902)]
 
 
 def test_a_flight_has_moved_all_along():
@@ -186,8 +186,8 @@ def test_a_slow_drift_is_told_with_its_slope():
 def test_few_random_walks_pass_for_a_drift():
     """A drift explains nine tenths of one random walk in twenty or so."""
     rng = np.random.default_rng(4)
-    found = 0
+    result = 0
     for _ in range(60):
         means = np.stack([walk(rng, 1200, 1.0, 1.0) for _ in range(6)], axis=1)
-        found += drifts(Seconds(np.arange(1200.0), means, means))[1].sum()
-    assert found < 0.15 * 360
+        result += drifts(Seconds(np.arange(1200.0), means, means))[1].sum()
+    assert result < 0.15 * 360

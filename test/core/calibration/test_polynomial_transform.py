@@ -37,22 +37,22 @@ def spread(number, seed=1):
 @given(order=st.sampled_from([1, 2, 3]), seed=st.integers(0, 1000))
 def test_what_is_a_polynomial_is_found_exactly(order, seed):
     pixels, others = spread(25, seed), spread(300, seed + 1) * 1.3 - 0.15 * SIZE_PX
-    found, residuals = fit_polynomial(pixels, warped(pixels, order, seed), order)
+    result, residuals = fit_polynomial(pixels, warped(pixels, order, seed), order)
     # Numbers of 4e6 m hold 9e-10 m.
-    np.testing.assert_allclose(found(others), warped(others, order, seed), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(result(others), warped(others, order, seed), rtol=0, atol=1e-6)
     assert residuals.lengths_m.max() < 1e-7
 
 
 @pytest.mark.parametrize("order", TERMS)
 def test_the_jacobian_against_differences(order):
     pixels = spread(30)
-    found, _ = fit_polynomial(pixels, warped(pixels, order), order)
+    result, _ = fit_polynomial(pixels, warped(pixels, order), order)
     h = 1.0
     for axis in (0, 1):
         step = h * np.eye(2)[axis]
-        slopes = (found(pixels + step) - found(pixels - step)) / (2 * h)
+        slopes = (result(pixels + step) - result(pixels - step)) / (2 * h)
         # The third derivative of a bend of 20 px over 3500 px moves them by 1e-10 px.
-        np.testing.assert_allclose(found.jacobian(pixels)[:, :, axis], slopes, atol=1e-8)
+        np.testing.assert_allclose(result.jacobian(pixels)[:, :, axis], slopes, atol=1e-8)
 
 
 def test_noise_gives_the_residuals_and_errors_that_statistics_expect():
@@ -63,19 +63,19 @@ def test_noise_gives_the_residuals_and_errors_that_statistics_expect():
     squares, sigmas, misses, left_out = [], [], [], []
     for _ in range(300):
         noisy = true + rng.normal(0, sigma_m, true.shape)
-        found, residuals = fit_polynomial(pixels, noisy, 3)
+        result, residuals = fit_polynomial(pixels, noisy, 3)
         squares.append((residuals.metres**2).sum())
         sigmas.append(residuals.sigma_m**2)
-        misses.append((found(checks) - true_checks) ** 2)
+        misses.append((result(checks) - true_checks) ** 2)
         left_out.append(residuals.left_out_m**2)
     # 300 x 20 degrees of freedom: 1.8 % in a variance, 4 sigma of it.
     assert np.mean(squares) == pytest.approx((20 - 10) * 2 * sigma_m**2, rel=0.075)
     assert np.mean(sigmas) == pytest.approx(sigma_m**2, rel=0.075)
     # The errors of points that were not used are the leverage times the noise.
-    ratio = np.mean(misses, axis=(0, 2)) / (found.leverage(checks) * sigma_m**2)
+    ratio = np.mean(misses, axis=(0, 2)) / (result.leverage(checks) * sigma_m**2)
     assert ratio.mean() == pytest.approx(1, abs=0.1)
     # A point left out errs by its own noise and the fit's: 1 / (1 - leverage) times the variance.
-    wanted = 2 * sigma_m**2 / (1 - found.leverage(pixels))
+    wanted = 2 * sigma_m**2 / (1 - result.leverage(pixels))
     assert (np.mean(left_out, axis=0) / wanted).mean() == pytest.approx(1, abs=0.1)
 
 
@@ -85,8 +85,8 @@ def test_left_out_is_what_a_fit_without_the_point_gives():
     _, residuals = fit_polynomial(pixels, plane, 3)
     for k in range(14):
         rest = np.arange(14) != k
-        found, _ = fit_polynomial(pixels[rest], plane[rest], 3)
-        miss = np.hypot(*(plane[k] - found(pixels[k : k + 1])[0]))
+        result, _ = fit_polynomial(pixels[rest], plane[rest], 3)
+        miss = np.hypot(*(plane[k] - result(pixels[k : k + 1])[0]))
         assert residuals.left_out_m[k] == pytest.approx(miss, rel=1e-6)
 
 
@@ -119,15 +119,15 @@ def test_points_that_determine_nothing(pixels, order):
 
 def test_the_hull():
     pixels = np.array([[0.0, 0], [100, 0], [100, 50], [0, 50], [50, 25], [20, 10]])
-    found, _ = fit_polynomial(pixels, warped(pixels, 1), 1)
+    result, _ = fit_polynomial(pixels, warped(pixels, 1), 1)
     asked = np.array([[50.0, 49], [0, 0], [100, 25], [50, 51], [-1, 20], [101, 51], [1e6, 1e6]])
-    assert found.inside(asked).tolist() == [True, True, True, False, False, False, False]
+    assert result.inside(asked).tolist() == [True, True, True, False, False, False, False]
 
 
 def test_a_cubic_folds_far_outside():
     pixels = spread(20) * 0.2
     plane = warped(pixels, 3) + np.random.default_rng(5).normal(0, 0.3, (20, 2))
-    found, _ = fit_polynomial(pixels, plane, 3)
-    assert not found.folded(pixels).any()
+    result, _ = fit_polynomial(pixels, plane, 3)
+    assert not result.folded(pixels).any()
     far = spread(400, 6) * 30 - 15 * SIZE_PX
-    assert found.folded(far).any()
+    assert result.folded(far).any()

@@ -138,9 +138,9 @@ def blank_of(camera):
         [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], -1
     )
     uv, valid = camera.project(rays.reshape(-1, 3))
-    seen = valid & (uv >= -0.5).all(axis=1)
-    seen &= (uv <= [camera.width - 0.5, camera.height - 0.5]).all(axis=1)
-    return ~seen.reshape(v.shape)
+    observed = valid & (uv >= -0.5).all(axis=1)
+    observed &= (uv <= [camera.width - 0.5, camera.height - 0.5]).all(axis=1)
+    return ~observed.reshape(v.shape)
 
 
 def test_a_camera_of_too_many_pixels_is_refused():
@@ -156,9 +156,9 @@ def test_a_dot_comes_to_its_straight_place(camera):
         rows, columns = np.indices((512, 640))
         blob = 200 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 3.0**2))
         image = cv2.merge([np.rint(blob).astype(np.uint8)] * 3)
-        found = rectifier.rectified(image)[..., 0].astype(float)
-        found[blank_of(camera)] = 0
-        centre = np.array([(found * columns).sum(), (found * rows).sum()]) / found.sum()
+        result = rectifier.rectified(image)[..., 0].astype(float)
+        result[blank_of(camera)] = 0
+        centre = np.array([(result * columns).sum(), (result * rows).sum()]) / result.sum()
         uv, _ = rectifier.camera.project(camera.rays(np.array([[u, v]])))
         np.testing.assert_allclose(centre, uv[0], atol=0.1)
 

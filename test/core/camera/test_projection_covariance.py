@@ -67,7 +67,7 @@ def moved(pose, error):
     return dataclasses.replace(pose, position_n=pose.position_n + error[:3], q_nc=q)
 
 
-def seen(camera, pose, points_n):
+def observed(camera, pose, points_n):
     return camera.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))[0]
 
 
@@ -84,11 +84,11 @@ def test_jacobians_against_differences(camera, down_deg, yaw_deg, seed):
     by_pose, by_point = pixel_jacobian(camera, pose, points_n)
     step = 1e-5
     for k, turn in enumerate(step * np.eye(6)):
-        ends = [seen(camera, moved(pose, sign * turn), points_n) for sign in (1, -1)]
+        ends = [observed(camera, moved(pose, sign * turn), points_n) for sign in (1, -1)]
         # third derivatives below 1e4 px leave 1e-6, rounding 1e3 px * 1e-16 / 1e-5 leaves 1e-8
         assert by_pose[:, :, k] == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
     for k, shift in enumerate(step * np.eye(3)):
-        ends = [seen(camera, pose, points_n + sign * shift) for sign in (1, -1)]
+        ends = [observed(camera, pose, points_n + sign * shift) for sign in (1, -1)]
         assert by_point[:, :, k] == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
 
 
@@ -196,8 +196,8 @@ def test_a_covariance_that_is_none_trusts_nothing():
     for covariance in (wrong, tangled):
         pose = pose_at(covariance=covariance)
         point_n = ground_at(XT2, pose, [[320.0, 256.0]])
-        found, linear = screen_covariance(XT2, pose, point_n, ConfidenceConfig())
-        assert np.isnan(found).all()
+        result, linear = screen_covariance(XT2, pose, point_n, ConfidenceConfig())
+        assert np.isnan(result).all()
         assert not linear.any()
 
 
@@ -206,8 +206,8 @@ def test_ellipses_of_known_axes(a, b, angle):
     major, minor = max(a, b), min(a, b)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     covariance = turn @ np.diag([major**2, minor**2]) @ turn.T
-    semi, found = ellipse_95(covariance)
+    semi, result = ellipse_95(covariance)
     # the minor axis is a difference of squares up to 500 apart
     assert semi[0] == pytest.approx(np.sqrt(5.991465) * np.array([major, minor]), rel=1e-6)
     if major > 1.01 * minor:
-        assert math.sin(found[0] - angle) == pytest.approx(0, abs=1e-9)
+        assert math.sin(result[0] - angle) == pytest.approx(0, abs=1e-9)

@@ -39,7 +39,7 @@ def turned(axis):
 pitch_turned, yaw_turned, roll_turned = map(turned, ("pitch_rad", "yaw_rad", "roll_rad"))
 
 
-def found(sample, fault, *, reported=True, autopilot=True, config=None, given=None):
+def result(sample, fault, *, reported=True, autopilot=True, config=None, given=None):
     checks = GimbalChecks(config or GimbalConfig(), given)
     for kind, what, _ in checked_flight(sample).events:
         if kind == "gimbal/joint_states":
@@ -55,7 +55,7 @@ def found(sample, fault, *, reported=True, autopilot=True, config=None, given=No
 
 @pytest.mark.parametrize("reported", [True, False])
 def test_a_flight_that_is_right_says_nothing(sample, reported):
-    assert not found(sample, right, reported=reported)
+    assert not result(sample, right, reported=reported)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_a_flight_that_is_right_says_nothing(sample, reported):
 )
 @pytest.mark.parametrize("autopilot", [True, False])
 def test_a_mistake_in_the_joints_is_named(sample, fault, words, autopilot):
-    [finding] = found(sample, fault, autopilot=autopilot)
+    [finding] = result(sample, fault, autopilot=autopilot)
     assert finding.check == "joint_angles"
     assert finding.severity is Severity.STOP
     assert words in finding.evidence
@@ -92,12 +92,12 @@ def of_order(order):
     "order", ["yaw-pitch-roll", "roll-pitch-yaw", "pitch-yaw-roll", "pitch-roll-yaw"]
 )
 def test_joints_of_another_order_are_named_and_may_be_configured(sample, order):
-    [finding] = found(sample, of_order(order))
+    [finding] = result(sample, of_order(order))
     assert (finding.check, finding.severity) == ("joint_order", Severity.STOP)
     assert f"a gimbal {order}, not yaw-roll-pitch" in finding.evidence
     assert finding.parameter == "gimbal_node joint_order"
-    assert not found(sample, of_order(order), config=GimbalConfig(joint_order=order))
-    [back] = found(sample, right, config=GimbalConfig(joint_order=order))
+    assert not result(sample, of_order(order), config=GimbalConfig(joint_order=order))
+    [back] = result(sample, right, config=GimbalConfig(joint_order=order))
     assert "set it to yaw-roll-pitch" in back.mend
 
 
@@ -105,7 +105,7 @@ def test_a_joint_with_a_wrong_zero_is_told_with_its_size(sample):
     def pitch_off(joints):
         return replace(joints, pitch_rad=joints.pitch_rad + math.radians(6.0))
 
-    [finding] = found(sample, pitch_off)
+    [finding] = result(sample, pitch_off)
     # The sample's reported pitch is within 0.5 deg (Table 8's wander) of the encoder's.
     mean_deg = float(finding.evidence.split(")")[0].split(",")[2])
     assert mean_deg == pytest.approx(6.0, abs=0.7)
@@ -116,7 +116,7 @@ def test_a_yaw_joint_far_off_stops(sample):
     def yaw_off(joints):
         return replace(joints, yaw_rad=joints.yaw_rad + math.radians(25.0))
 
-    [finding] = found(sample, yaw_off)
+    [finding] = result(sample, yaw_off)
     assert (finding.check, finding.severity) == ("joints_unlike", Severity.STOP)
 
 
@@ -129,7 +129,7 @@ def test_yaw_counted_from_north_is_named(sample):
         body = min(np.searchsorted(stamps_ns, joints.stamp_ns), len(bodies) - 1)
         return replace(joints, yaw_rad=wrapped(joints.yaw_rad + headings_rad[body]))
 
-    [finding] = found(sample, from_north)
+    [finding] = result(sample, from_north)
     assert (finding.check, finding.severity) == ("joint_angles", Severity.STOP)
     assert "are gimbal_yaw_joint, gimbal_roll_joint, gimbal_pitch_joint, yaw" in finding.evidence
     assert "yaw counted from north:" in finding.evidence
@@ -141,7 +141,7 @@ def test_joints_of_another_time_are_told_with_their_delay(sample, late_s, report
     def restamped(joints):
         return replace(joints, stamp_ns=joints.stamp_ns + round(late_s * 1e9))
 
-    [finding] = found(sample, restamped, reported=reported)
+    [finding] = result(sample, restamped, reported=reported)
     assert (finding.check, finding.severity) == ("joints_late", Severity.STOP)
     told_s = float(finding.evidence.split("stamped ")[1].split()[0])
     # Half a step between joints, 10 ms, and as much between attitudes of the autopilot.
@@ -151,11 +151,11 @@ def test_joints_of_another_time_are_told_with_their_delay(sample, late_s, report
 
 
 def test_computed_joints_are_no_witness(sample):
-    assert not found(sample, lambda joints: replace(exchanged(joints), computed=True))
+    assert not result(sample, lambda joints: replace(exchanged(joints), computed=True))
 
 
 def test_a_boresight_that_nobody_gave_is_told(sample):
-    [finding] = found(sample, right, given=())
+    [finding] = result(sample, right, given=())
     assert finding.check == "boresight_default"
-    assert not found(sample, right, given={"boresight_rpy_deg"})
-    assert not found(sample, right, config=GimbalConfig(boresight_rpy_deg=(1.0, 0, 0)), given=())
+    assert not result(sample, right, given={"boresight_rpy_deg"})
+    assert not result(sample, right, config=GimbalConfig(boresight_rpy_deg=(1.0, 0, 0)), given=())

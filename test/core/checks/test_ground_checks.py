@@ -74,10 +74,10 @@ def test_nothing_is_wrong_with_a_map_of_the_place():
     ],
 )
 def test_a_map_of_another_place(place, severity, evidence):
-    found = only(map_findings(laid(at(*place)), GROUND_M))
-    assert (found.check, found.severity) == ("map_elsewhere", severity)
-    assert found.parameter == "overlay_node map"
-    assert found.evidence.startswith(f"map is {evidence}")
+    result = only(map_findings(laid(at(*place)), GROUND_M))
+    assert (result.check, result.severity) == ("map_elsewhere", severity)
+    assert result.parameter == "overlay_node map"
+    assert result.evidence.startswith(f"map is {evidence}")
 
 
 @pytest.mark.parametrize(
@@ -90,9 +90,9 @@ def test_a_map_of_another_place(place, severity, evidence):
     ],
 )
 def test_a_model_of_another_place(north_m, east_m, severity):
-    found = only(dem_findings(model(north_m, east_m), PLANE))
-    assert (found.check, found.severity) == ("dem_elsewhere", severity)
-    assert found.parameter == "overlay_node dem"
+    result = only(dem_findings(model(north_m, east_m), PLANE))
+    assert (result.check, result.severity) == ("dem_elsewhere", severity)
+    assert result.parameter == "overlay_node dem"
 
 
 def test_a_map_beside_the_model():
@@ -107,18 +107,18 @@ def test_a_file_that_names_no_system_is_noted(tmp_path):
     place = np.degrees([PLANE.longitude_rad, PLANE.latitude_rad])
     write_shapefile(tmp_path / "m.shp", [[(*place, 25.0), (*place + STEP_DEG, 25.0)]], prj=None)
     layers = load_layers(str(tmp_path / "m.shp"))
-    found = only(map_findings(drape_layers(layers, PLANE, GROUND_M), GROUND_M))
-    assert (found.check, found.severity) == ("map_system_unknown", Severity.NOTE)
-    assert "names no known system" in found.evidence
+    result = only(map_findings(drape_layers(layers, PLANE, GROUND_M), GROUND_M))
+    assert (result.check, result.severity) == ("map_system_unknown", Severity.NOTE)
+    assert "names no known system" in result.evidence
 
 
 def test_the_checks_of_a_flight_follow_its_plane_and_its_map():
     checks = MapChecks(model(gap=True))
     assert checks.findings() == []
     checks.plane(PLANE)
-    assert [found.check for found in checks.findings()] == ["dem_elsewhere"]
+    assert [result.check for result in checks.findings()] == ["dem_elsewhere"]
     checks.map(laid(at(34.4, 114.3), ground=model(gap=True)))
-    assert {found.check for found in checks.findings()} == {
+    assert {result.check for result in checks.findings()} == {
         "dem_elsewhere",
         "map_elsewhere",
         "map_empty",
@@ -132,13 +132,13 @@ def test_the_checks_of_a_flight_follow_its_plane_and_its_map():
 def test_a_map_that_cannot_be_read_stops_where_there_is_none_and_is_forgotten_once_it_is_right():
     checks, whole = MapChecks(GROUND_M), laid(geo(SQUARE_N))
     checks.failed("park.geojson: not JSON")
-    (found,) = checks.findings()
-    assert (found.severity, found.parameter) == (Severity.STOP, "overlay_node map")
+    (result,) = checks.findings()
+    assert (result.severity, result.parameter) == (Severity.STOP, "overlay_node map")
     checks.map(whole)
     assert checks.findings() == []
     checks.failed("park.geojson: not JSON")
-    (found,) = checks.findings()
-    assert found.severity is Severity.CAUTION
+    (result,) = checks.findings()
+    assert result.severity is Severity.CAUTION
 
 
 HOME_M = 150.0  # ellipsoidal height of the place of take-off
@@ -205,7 +205,7 @@ def test_a_model_above_sea_level_is_told_at_rest():
 @pytest.mark.parametrize("ground", [HOME_M + GEOID_M, level(HOME_M + GEOID_M)])
 def test_below_the_ground_stops_whatever(ground):
     findings = heights_found(ground, [40.0] * 60)
-    assert [(one.check, one.severity) for one in findings] == [("below_ground", Severity.STOP)]
+    assert [(item.check, item.severity) for item in findings] == [("below_ground", Severity.STOP)]
     assert "7.0 m below" in findings[0].evidence
 
 

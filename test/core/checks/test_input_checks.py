@@ -28,11 +28,11 @@ from tirgeo_ros.core.types.finding import Severity
     ],
 )
 def test_no_parameters_matter_where_there_is_a_picture(given, pictures, checks):
-    found = parameter_findings(given, (), "", pictures=pictures)
-    assert [one.check for one in found] == checks
-    for one in found:
-        assert (one.severity, one.parameter) == (Severity.CAUTION, "--params")
-        assert ("ground" in one.evidence) == ("ground_height_m" not in given)
+    result = parameter_findings(given, (), "", pictures=pictures)
+    assert [item.check for item in result] == checks
+    for item in result:
+        assert (item.severity, item.parameter) == (Severity.CAUTION, "--params")
+        assert ("ground" in item.evidence) == ("ground_height_m" not in given)
 
 
 def test_sections_of_another_aircraft():
@@ -77,8 +77,8 @@ def test_what_cannot_be_is_told(changes, check):
 
 def test_a_matrix_of_pictures_twice_as_large_stops():
     twice = replace(BOSON, fx=2 * BOSON.fx, fy=2 * BOSON.fy, cx=2 * BOSON.cx, cy=2 * BOSON.cy)
-    [found] = lens_findings(twice, "")
-    assert (found.check, found.severity) == ("principal_point", Severity.STOP)
+    [result] = lens_findings(twice, "")
+    assert (result.check, result.severity) == ("principal_point", Severity.STOP)
 
 
 CONTRACT = {
@@ -130,8 +130,8 @@ OF_UAV1 = {f"/uav1{name}": kind for name, kind in WHOLE.items()}
     ],
 )
 def test_what_is_absent_is_a_fault(topics, values, expected):
-    found = recording_findings(RecordedTopics(topics, CONTRACT, **values))
-    assert "; ".join(f"{one.severity.name} {one.parameter}" for one in found) == expected
+    result = recording_findings(RecordedTopics(topics, CONTRACT, **values))
+    assert "; ".join(f"{item.severity.name} {item.parameter}" for item in result) == expected
 
 
 def test_another_namespace_is_one_fault_that_says_which():
@@ -155,8 +155,8 @@ def test_a_topic_under_another_name_is_told_where_it_is():
 def test_messages_that_cannot_be_used(read, refused, severity):
     topic = "thermal/camera_info"
     items = unreadable_findings({topic: read}, {topic: refused}, {topic: "K is zero"})
-    assert [one.severity.name for one in items] == ([severity] if severity else [])
-    for one in items:
-        assert (one.parameter, one.check) == (topic, "unreadable_thermal_camera_info")
-        said = f"{refused} of {read + refused} messages of {topic} cannot be used: K is zero"
-        assert one.evidence == said
+    assert [item.severity.name for item in items] == ([severity] if severity else [])
+    for item in items:
+        assert (item.parameter, item.check) == (topic, "unreadable_thermal_camera_info")
+        text = f"{refused} of {read + refused} messages of {topic} cannot be used: K is zero"
+        assert item.evidence == text

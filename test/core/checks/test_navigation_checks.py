@@ -191,7 +191,7 @@ def test_a_planted_fault_is_named_first(fault, flight, config):
     assert parameter in first.parameter
     assert words in first.line
     # One fault is told once; only axes that are turned are so for both sensors.
-    assert all(one.severity is NOTE or check == "force_axes" for one in others)
+    assert all(item.severity is NOTE or check == "force_axes" for item in others)
 
 
 @pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["heading_turns"])])
@@ -202,7 +202,7 @@ def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, found):
         checks.block(ImuMean(k * 50_000_000, 0.05, forces_b, rates_b, None, joined=True))
         turned_rad = sign * 0.015 * min(k, 600)
         checks.heading(HeadingSample(k * 50_000_000, wrapped(turned_rad), 1e-4))
-    assert [one.check for one in checks.findings()] == found
+    assert [item.check for item in checks.findings()] == found
 
 
 @pytest.mark.parametrize(("every", "found"), [(16, []), (3, ["heading_turns"])])
@@ -214,7 +214,7 @@ def test_single_outliers_among_headings_are_no_fault(every, found):
         checks.block(ImuMean(k * 50_000_000, 0.05, forces_b, rates_b, None, joined=True))
         off_rad = 2.4 if k // 20 % every == 8 % every else 0.0
         checks.heading(HeadingSample(k * 50_000_000, wrapped(0.005 * k + off_rad), 1e-4))
-    assert [one.check for one in checks.findings()] == found
+    assert [item.check for item in checks.findings()] == found
 
 
 @pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["rtk_vel_up"])])
@@ -225,7 +225,7 @@ def test_climbs_with_the_wrong_sign_are_named(sign, found):
         climbs = np.array([0.0, 0.0, sign * 1.5 * np.cos(turn)])
         checks.velocity(VelocitySample(stamp_ns, Source.RTK_VELOCITY, climbs, np.eye(3)))
         checks.position(stamp_ns, np.array([0.0, 0.0, 3 * np.sin(turn)]))
-    assert [one.check for one in checks.findings()] == found
+    assert [item.check for item in checks.findings()] == found
 
 
 def over_ground(noise_m, change):
@@ -237,7 +237,7 @@ def over_ground(noise_m, change):
         checks.velocity(VelocitySample(stamp_ns, Source.GPS_VELOCITY, sent, np.eye(3)))
         place = 15.0 * np.array([np.sin(turn), -np.cos(turn), 0.0])
         checks.position(stamp_ns, place + rng.normal(0, noise_m, 3) * (1, 1, 0))
-    return [(one.check, one.mend) for one in checks.findings()]
+    return [(item.check, item.mend) for item in checks.findings()]
 
 
 UNITS = {"km/h": 3.6, "knots": 3600 / 1852, "mph": 2.237, "cm/s": 100.0}
@@ -273,7 +273,7 @@ def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):
         later = arrived.topic in RTK.split() and arrived.arrival_ns > middle_ns
         return stamps(RTK, 0.3)(arrived) if later else arrived
 
-    found = {one.check: one for one in checked(flight, config, change)}
+    found = {item.check: item for item in checked(flight, config, change)}
     assert "jumped by -0.30 s" in found["stamp_jump"].evidence
 
 
@@ -288,14 +288,14 @@ def test_places_that_nobody_gave(flight):
     assert "aircraft.rtk_antenna_m" in known.parameter
     assert unknown.severity is NOTE
     # Somebody says that it is at zero: that contradicts the flight.
-    (said,) = checked(flight, EkfConfig(), given=("aircraft.rtk_antenna_m",))
-    assert (said.check, said.severity) == ("antenna_place", CAUTION)
-    assert "not at (+0.00, +0.00, +0.00)" in said.evidence
+    (text,) = checked(flight, EkfConfig(), given=("aircraft.rtk_antenna_m",))
+    assert (text.check, text.severity) == ("antenna_place", CAUTION)
+    assert "not at (+0.00, +0.00, +0.00)" in text.evidence
 
 
 def test_without_the_autopilots_attitude_the_course_tells(flight, config):
     bare = changed("imu/data", autopilot_q_nb=lambda _: None)
-    assert [one.check for one in checked(flight, config, bare)] == ["imu_tilt"]  # not known
+    assert [item.check for item in checked(flight, config, bare)] == ["imu_tilt"]  # not known
 
     def change(arrived):
         return heading(plus_deg=180)(bare(arrived))
@@ -310,7 +310,7 @@ def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight,
         arrived = changed("imu/data", autopilot_q_nb=lambda _: None)(arrived)
         return changed("imu/data", angular_rate_b=lambda w: np.degrees(w) * 0.7)(arrived)
 
-    found = {one.check: one for one in checked(flight, config, change)}
+    found = {item.check: item for item in checked(flight, config, change)}
     assert found["heading_turns"].severity is STOP
     assert "imu/data angular_velocity" in found["heading_turns"].parameter
 
@@ -328,8 +328,8 @@ def test_numbers_that_are_none_do_no_harm(flight, config):
     headless = heading(lambda _: math.nan)
 
     def change(arrived: Arrived) -> Arrived:
-        for one in (noise, nowhere, still, headless):
-            arrived = one(arrived)
+        for item in (noise, nowhere, still, headless):
+            arrived = item(arrived)
         return arrived
 
     assert checked(flight[:2000], config, change) == []
@@ -347,4 +347,4 @@ def test_a_gap_of_the_imu_is_over_in_flight_and_counts_in_a_log(counts_s, severi
 
 
 def severity_of(checks, name):
-    return next(one.severity for one in checks.findings() if one.check == name)
+    return next(item.severity for item in checks.findings() if item.check == name)

@@ -60,15 +60,15 @@ def later(flight, by_s, kind="frame"):
     return CheckedFlight(
         flight.configs,
         tuple(
-            one._replace(sample=restamped(one.sample)) if one.topic == kind else one
-            for one in flight.events
+            item._replace(sample=restamped(item.sample)) if item.topic == kind else item
+            for item in flight.events
         ),
     )
 
 
 def told_latency(findings):
     """The latency and its sigma, s, in the finding of a wrong one."""
-    [finding] = (one for one in findings if one.check == "video_latency")
+    [finding] = (item for item in findings if item.check == "video_latency")
     assert finding.parameter == "overlay_node video_latency_s"
     told_s, _, _, sigma_s = finding.evidence.split(" by ")[1].split()[:4]
     return float(told_s), float(sigma_s.rstrip("),"))
@@ -86,7 +86,7 @@ def test_a_wrong_latency_is_told_with_the_right_one(flight, latency_s):
 @pytest.mark.parametrize("late_s", [1.3, 2.0, -0.8])
 def test_pictures_that_are_later_still_contradict_the_poses(flight, late_s):
     assert ("picture_motion", Severity.STOP) in [
-        (one.check, one.severity) for one in picture_findings(later(flight, late_s))
+        (item.check, item.severity) for item in picture_findings(later(flight, late_s))
     ]
 
 
@@ -105,9 +105,9 @@ def test_a_straight_flight_tells_a_latency_with_the_sigma_that_it_has(flight):
     straight = CheckedFlight(
         flight.configs,
         tuple(
-            one
-            for one in flight.events
-            if one.topic == "camera" or 0 <= one.arrival_ns - begin_ns < 12.5e9
+            item
+            for item in flight.events
+            if item.topic == "camera" or 0 <= item.arrival_ns - begin_ns < 12.5e9
         ),
     )
     overlay = replace(flight.configs.overlay, video_latency_s=0.25)
@@ -140,8 +140,8 @@ def test_a_young_filter_that_turns_is_no_latency(pairs, off_s, checks):
     """The soak's good flight: 0.05 s off by 34 pairs, at 7 sigma, 0.013 by 50."""
     values, sigmas = np.array([off_s, *[0.0] * 5]), np.array([0.007, *[0.001] * 5])
     young = replace(UNTOLD, pairs=pairs, values=values, sigmas=sigmas, assumed=(False,) * 6)
-    found = motion_findings(replace(young, without=(0.6,) * 4), 0.05, 800.0, "", "")
-    assert [one.check for one in found] == checks
+    result = motion_findings(replace(young, without=(0.6,) * 4), 0.05, 800.0, "", "")
+    assert [item.check for item in result] == checks
 
 
 def test_a_flight_that_does_not_tell_the_latency_says_so():
@@ -151,8 +151,8 @@ def test_a_flight_that_does_not_tell_the_latency_says_so():
     assert "does not tell the latency" in finding.evidence
     vague = replace(untold, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
     assert motion_findings(vague, 0.05, 800.0, "", "") == [finding]
-    told = replace(untold, assumed=(False,) * 6)
-    assert motion_findings(told, 0.05, 800.0, "", "") == []
+    reports = replace(untold, assumed=(False,) * 6)
+    assert motion_findings(reports, 0.05, 800.0, "", "") == []
 
 
 @pytest.mark.parametrize(
@@ -231,8 +231,8 @@ def test_a_camera_askew_is_told_with_the_boresight_that_mends_it(flight):
     faulty = recomposed(flight, askew)
     [finding] = picture_findings(faulty)
     assert finding.check == "boresight_by_motion"
-    told = finding.evidence.split("yaw ")[1].split(";")[0].split(", ")
-    boresight = replace(flight.configs.gimbal, boresight_rpy_deg=tuple(map(float, told)))
+    reports = finding.evidence.split("yaw ")[1].split(";")[0].split(", ")
+    boresight = replace(flight.configs.gimbal, boresight_rpy_deg=tuple(map(float, reports)))
     assert picture_findings(recomposed(flight, askew, boresight)) == []
 
 
@@ -272,8 +272,8 @@ def cut(right, down, width=640, height=512):
 
 def taken(*pictures, step_ns=STEP_NS):
     tracker = PictureTracker()
-    found = [tracker.take(10**9 + k * step_ns, one) for k, one in enumerate(pictures)]
-    return tracker, [one for one in found if one is not None]
+    result = [tracker.take(10**9 + k * step_ns, item) for k, item in enumerate(pictures)]
+    return tracker, [item for item in result if item is not None]
 
 
 @pytest.mark.parametrize("size", [(640, 512), (336, 256), (1280, 1024), (500, 400)])
@@ -289,9 +289,9 @@ def test_a_shift_is_followed(size, shift):
 
 def test_a_crosshair_stays_and_is_left_out():
     first, second = cut(0, 0).copy(), cut(20, 8).copy()
-    for one in (first, second):
-        one[250:262, 300:340] = 255
-        one[236:276, 314:326] = 255
+    for item in (first, second):
+        item[250:262, 300:340] = 255
+        item[236:276, 314:326] = 255
     _, [tracks] = taken(first, second)
     assert (np.linalg.norm(tracks.second - tracks.first, axis=1) > 5.0).all()
 

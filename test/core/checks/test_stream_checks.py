@@ -42,7 +42,7 @@ def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
             imu.add(at(arrival_ns), arrival_ns)
             rtk.add(at(arrival_ns - round(age_s * 1e9)), arrival_ns)
             checks.take("rtk/fix", rtk, imu)
-    return {one.check: one for one in checks.findings()}
+    return {item.check: item for item in checks.findings()}
 
 
 def test_delays_that_a_link_has_are_no_fault():
@@ -69,8 +69,8 @@ def test_two_publishers_are_told_by_their_order():
     for k in range(100):
         stream.add(at(k * S // 100), k * S // 100)
         stream.add(at(k * S // 100 - 1), k * S // 100)
-    found = stream_findings({"imu/data": stream}, EkfConfig(), S, math.inf)
-    assert "stamp_order" in [one.check for one in found]
+    result = stream_findings({"imu/data": stream}, EkfConfig(), S, math.inf)
+    assert "stamp_order" in [item.check for item in result]
 
 
 @pytest.mark.parametrize("off_s", [-20.0, 20.0])
@@ -82,10 +82,10 @@ def test_a_stamp_that_jumps_alone_is_no_gap(off_s):
         )
     assert (stream.gaps, stream.alone) == (0, 1)
     assert stream.rate_hz == pytest.approx(100, rel=0.01)  # one sample of 200 is missing
-    (found,) = lone_findings({"imu/data": stream}, math.inf)
-    assert (found.check, found.severity) == ("stamp_alone", Severity.CAUTION)
-    assert "imu/data (1 of 200)" in found.evidence
-    assert found in stream_findings({"imu/data": stream}, EkfConfig(), S, math.inf)
+    (result,) = lone_findings({"imu/data": stream}, math.inf)
+    assert (result.check, result.severity) == ("stamp_alone", Severity.CAUTION)
+    assert "imu/data (1 of 200)" in result.evidence
+    assert result in stream_findings({"imu/data": stream}, EkfConfig(), S, math.inf)
 
 
 def test_a_gap_and_a_clock_that_is_set_are_no_lone_jumps():
@@ -112,5 +112,5 @@ def test_a_gap_and_a_clock_that_is_set_are_no_lone_jumps():
 def test_topics_that_a_method_needs(method, present, absent):
     config, streams = replace(EkfConfig(), method=method), dict.fromkeys(present, Stream(1.0))
     assert stream_findings(streams, config, 5 * S, math.inf) == []  # it may still come
-    found = stream_findings(streams, config, 10 * S, math.inf)
-    assert [one.check for one in found] == absent
+    result = stream_findings(streams, config, 10 * S, math.inf)
+    assert [item.check for item in result] == absent

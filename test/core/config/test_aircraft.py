@@ -122,8 +122,8 @@ def test_a_turned_imu_flies_as_a_straight_one(method):
     ]
     straight = solutions(flight, fitting_config(flight, method=method))
     config = fitting_config(flight, method=method, aircraft__imu_rpy_deg=rpy_deg)
-    found = solutions(flight, config, turned)
-    assert len(found) == len(straight) > 100
+    result = solutions(flight, config, turned)
+    assert len(result) == len(straight) > 100
     for name in ("velocity_n", "q_nb", "angular_rate_b"):
-        one, other = (np.array([getattr(s, name) for s in of]) for of in (found, straight))
-        np.testing.assert_allclose(one, other, atol=1e-9)
+        item, other = (np.array([getattr(s, name) for s in of]) for of in (result, straight))
+        np.testing.assert_allclose(item, other, atol=1e-9)

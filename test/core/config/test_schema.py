@@ -227,7 +227,7 @@ def test_two_frames_of_one_name_are_refused(name):
 def test_a_command_refuses_nodes_that_name_their_frames_differently(tmp_path):
     path = tmp_path / "frames.yaml"
     path.write_text("/**: {ros__parameters: {map_frame: field}}\n")
-    assert {one.map_frame for one in node_configs(path)[:3]} == {"field"}
+    assert {item.map_frame for item in node_configs(path)[:3]} == {"field"}
     path.write_text("/**/ekf_node: {ros__parameters: {map_frame: field}}\n")
     with pytest.raises(ConfigError, match=r"differently: set map_frame.* once, under /\*\*"):
         node_configs(path)

@@ -103,9 +103,9 @@ def test_known_attitudes():
 
 @given(angles, st.floats(-1.5, 1.5), angles)
 def test_euler_angles_come_back(roll, pitch, yaw):
-    found = att.euler_from_quat(att.quat_from_euler(roll, pitch, yaw))
+    result = att.euler_from_quat(att.quat_from_euler(roll, pitch, yaw))
     # Rounding over cos(1.5 rad) = 0.07.
-    np.testing.assert_allclose(wrap_pi(found - [roll, pitch, yaw]), 0, atol=2e-13)
+    np.testing.assert_allclose(wrap_pi(result - [roll, pitch, yaw]), 0, atol=2e-13)
 
 
 @given(
@@ -116,9 +116,9 @@ def test_euler_angles_come_back(roll, pitch, yaw):
 )
 def test_euler_angles_give_the_matrix_at_gimbal_lock(roll, sign, off, yaw):
     matrix = att.matrix_from_euler(roll, sign * (math.pi / 2 - off), yaw)
-    found = att.euler_from_matrix(matrix)
-    np.testing.assert_allclose(att.matrix_from_euler(*found), matrix, atol=ROUNDING)
-    assert abs(found[1]) <= math.pi / 2
+    result = att.euler_from_matrix(matrix)
+    np.testing.assert_allclose(att.matrix_from_euler(*result), matrix, atol=ROUNDING)
+    assert abs(result[1]) <= math.pi / 2
 
 
 @given(quats(), vectors, st.floats(0, 1), st.sampled_from([-1, 1]))
@@ -126,12 +126,12 @@ def test_slerp_is_a_fraction_of_the_turn(q, turn, fraction, sign):
     assume(np.linalg.norm(turn) < math.pi - 1e-3)
     end = sign * att.quat_multiply(q, att.quat_from_rotvec(turn))
     expected = att.quat_multiply(q, att.quat_from_rotvec(fraction * turn))
-    found = att.slerp(q, end, fraction)
+    result = att.slerp(q, end, fraction)
     # The direction across is known to rounding over its length, at worst sin(half of 1e-3).
     np.testing.assert_allclose(
-        att.matrix_from_quat(found), att.matrix_from_quat(expected), atol=1e-12
+        att.matrix_from_quat(result), att.matrix_from_quat(expected), atol=1e-12
     )
-    assert math.sqrt(found @ found) == pytest.approx(1, abs=1e-15)
+    assert math.sqrt(result @ result) == pytest.approx(1, abs=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -171,17 +171,17 @@ def test_batches_equal_their_elements(function, shape):
         values = values / np.linalg.norm(values, axis=-1, keepdims=True)
     if function in OF_MATRICES:
         values = att.matrix_from_quat(values)
-    found = function(values)
-    assert found.shape[: len(shape)] == shape
+    result = function(values)
+    assert result.shape[: len(shape)] == shape
     for index in np.ndindex(*shape):
-        np.testing.assert_allclose(found[index], function(values[index]), atol=ROUNDING)
+        np.testing.assert_allclose(result[index], function(values[index]), atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("p_shape", "q_shape"), [((), (4,)), ((4,), ()), ((4, 4), (4, 4))])
 def test_products_of_batches(p_shape, q_shape):
     rng = np.random.default_rng(2)
     p, q = rng.normal(size=(*p_shape, 4)), rng.normal(size=(*q_shape, 4))
-    found = att.quat_multiply(p, q)
-    both = (np.broadcast_to(each, found.shape) for each in (p, q))
-    for one, left, right in zip(*(each.reshape(-1, 4) for each in (found, *both)), strict=True):
-        np.testing.assert_allclose(one, att.quat_multiply(left, right), atol=2 * ROUNDING)
+    result = att.quat_multiply(p, q)
+    both = (np.broadcast_to(each, result.shape) for each in (p, q))
+    for item, left, right in zip(*(each.reshape(-1, 4) for each in (result, *both)), strict=True):
+        np.testing.assert_allclose(item, att.quat_multiply(left, right), atol=2 * ROUNDING)

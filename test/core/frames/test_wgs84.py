@@ -52,8 +52,8 @@ def axes_by_differences(lat, lon, height):
 
 @given(latitudes, longitudes, heights)
 def test_earth_fixed_position_is_projs(lat, lon, height):
-    found = geodesy.ecef_from_geodetic(lat, lon, height)
-    np.testing.assert_allclose(found, proj_ecef(lat, lon, height), rtol=0, atol=ECEF_M)
+    result = geodesy.ecef_from_geodetic(lat, lon, height)
+    np.testing.assert_allclose(result, proj_ecef(lat, lon, height), rtol=0, atol=ECEF_M)
 
 
 @given(latitudes, longitudes, heights)
@@ -61,10 +61,10 @@ def test_earth_fixed_position_is_projs(lat, lon, height):
 @example(-HALF_PI, -math.pi, 0.0)
 @example(-0.0, -math.pi, 0.0)
 def test_geodetic_position_comes_back(lat, lon, height):
-    found = geodesy.geodetic_from_ecef(geodesy.ecef_from_geodetic(lat, lon, height))
-    assert float(found[0]) == pytest.approx(lat, abs=1e-15)  # 1e-15 rad are 6 nm
-    assert float(found[2]) == pytest.approx(height, abs=ECEF_M)
-    aside_m = 6.4e6 * math.cos(lat) * math.remainder(float(found[1]) - lon, 2 * math.pi)
+    result = geodesy.geodetic_from_ecef(geodesy.ecef_from_geodetic(lat, lon, height))
+    assert float(result[0]) == pytest.approx(lat, abs=1e-15)  # 1e-15 rad are 6 nm
+    assert float(result[2]) == pytest.approx(height, abs=ECEF_M)
+    aside_m = 6.4e6 * math.cos(lat) * math.remainder(float(result[1]) - lon, 2 * math.pi)
     assert abs(aside_m) < ECEF_M
 
 
@@ -73,13 +73,13 @@ def test_batches_equal_their_elements(shape):
     rng = np.random.default_rng(1)
     lat, lon = rng.uniform(-1.5, 1.5, shape), rng.uniform(-3, 3, shape)
     height = rng.uniform(-400, 9000, shape)
-    found = geodesy.ecef_from_geodetic(lat, lon, height)
-    assert found.shape == (*shape, 3)
-    back = np.stack(geodesy.geodetic_from_ecef(found), -1)
+    result = geodesy.ecef_from_geodetic(lat, lon, height)
+    assert result.shape == (*shape, 3)
+    back = np.stack(geodesy.geodetic_from_ecef(result), -1)
     assert back.shape == (*shape, 3)
     for index in np.ndindex(*shape):
-        one = geodesy.ecef_from_geodetic(lat[index], lon[index], height[index])
-        np.testing.assert_allclose(found[index], one, rtol=0, atol=ECEF_M)
+        item = geodesy.ecef_from_geodetic(lat[index], lon[index], height[index])
+        np.testing.assert_allclose(result[index], item, rtol=0, atol=ECEF_M)
         assert back[index] == pytest.approx([lat[index], lon[index], height[index]], abs=ECEF_M)
 
 
@@ -105,9 +105,9 @@ def test_gravity_on_the_ellipsoid_as_published(lat_deg, expected):
 
 @given(st.floats(-1.5, 1.5), longitudes, heights)
 def test_local_axes_are_the_ways_of_the_coordinates(lat, lon, height):
-    found = geodesy.rotation_ecef_from_ned(lat, lon)
+    result = geodesy.rotation_ecef_from_ned(lat, lon)
     # Rounding 1e-9 m over 2 x 4.5 m (east at 1.5 rad).
-    np.testing.assert_allclose(found, axes_by_differences(lat, lon, height), atol=1e-9)
+    np.testing.assert_allclose(result, axes_by_differences(lat, lon, height), atol=1e-9)
 
 
 @given(latitudes, longitudes, heights, near, near, st.floats(-400, 400))
@@ -117,13 +117,13 @@ def test_local_axes_are_the_ways_of_the_coordinates(lat, lon, height):
 def test_plane_is_projs_topocentric_frame(lat, lon, height, north, east, down):
     plane = TangentPlane(lat, lon, height)
     place = plane.geodetic_from_ned(np.array([north, east, down]))
-    found = plane.ned_from_geodetic(*place)
-    np.testing.assert_allclose(found, [north, east, down], rtol=0, atol=2 * ECEF_M)
+    result = plane.ned_from_geodetic(*place)
+    np.testing.assert_allclose(result, [north, east, down], rtol=0, atol=2 * ECEF_M)
     degrees = math.degrees(float(place[1])), math.degrees(float(place[0]))
     east_north_up = proj_topocentric(plane).transform(*degrees, float(place[2]))
     expected = [east_north_up[1], east_north_up[0], -east_north_up[2]]
     # Two chains of coordinates of 6.4e6 m, and degrees: 180 deg hold 1.4e-14 deg = 1.6e-9 m.
-    np.testing.assert_allclose(found, expected, rtol=0, atol=4 * ECEF_M)
+    np.testing.assert_allclose(result, expected, rtol=0, atol=4 * ECEF_M)
 
 
 def solution_at(plane, ned, euler, covariance):

@@ -86,7 +86,7 @@ def test_reported_is_equation_12(body_euler, autopilot_yaw, camera_euler, bias):
 def test_looking_straight_down_only_the_heading_turns(body_yaw, autopilot_yaw, camera_yaw, roll):
     body = body_at((0.01, 0.02, body_yaw))
     autopilot = quat_from_euler(0.01, 0.02, autopilot_yaw)
-    found = []
+    result = []
     for pitch in (-np.pi / 2, -np.pi / 2 + 1e-6):
         reported = quat_from_euler(roll, pitch, camera_yaw)
         sample = CameraAttitudeSample(7, reported)
@@ -94,9 +94,9 @@ def test_looking_straight_down_only_the_heading_turns(body_yaw, autopilot_yaw, c
         turned = rotation_z(body_yaw - autopilot_yaw) @ matrix_from_quat(reported)
         np.testing.assert_allclose(rotation_ng(pose), turned, atol=1e-9)
         assert np.linalg.eigvalsh(pose.covariance)[0] > -1e-15
-        found.append(pose)
+        result.append(pose)
     # continuous there: a pitch of 1e-6 moves the axes by as much and the covariance's axes too
-    np.testing.assert_allclose(rotation_ng(found[0]), rotation_ng(found[1]), atol=1.1e-6)
+    np.testing.assert_allclose(rotation_ng(result[0]), rotation_ng(result[1]), atol=1.1e-6)
 
 
 @given(attitudes, camera_attitudes)
@@ -213,9 +213,9 @@ def test_covariance_against_differences(composed, euler, camera, heading, seed):
     body = body_at((*euler[:2], heading), covariance=some_covariance(seed))
     compose, variances = composed(euler, np.array(camera))
     expected = covariance_by_differences(compose, body, variances)
-    found = compose(body, np.zeros(len(variances))).covariance
-    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
-    np.testing.assert_array_equal(found, found.T)
+    result = compose(body, np.zeros(len(variances))).covariance
+    np.testing.assert_allclose(result, expected, atol=DIFFERENCE_TOLERANCE)
+    np.testing.assert_array_equal(result, result.T)
 
 
 def test_nose_straight_up_has_no_heading():
@@ -246,9 +246,9 @@ def by_name(order, first, middle, last):
 @given(orders, angles, st.floats(-math.pi / 2, math.pi / 2), angles)
 def test_joint_angles_give_the_matrix_anywhere(order, first, middle, last):
     matrix = body_from_gimbal(order, **by_name(order, first, middle, last))
-    said = dict(zip(TURNS, joint_angles(matrix, order), strict=True))
-    np.testing.assert_allclose(body_from_gimbal(order, **said), matrix, atol=ROUNDING)
-    assert abs(said[order.split("-")[1]]) <= math.pi / 2
+    text = dict(zip(TURNS, joint_angles(matrix, order), strict=True))
+    np.testing.assert_allclose(body_from_gimbal(order, **text), matrix, atol=ROUNDING)
+    assert abs(text[order.split("-")[1]]) <= math.pi / 2
 
 
 @given(orders, angles, angles, angles)

@@ -40,13 +40,13 @@ def test_constant_motion_is_met_at_every_instant(velocity_n, rate_b, rotvec, sta
     for k in range(21):
         history.add(constant_motion(k * STEP_NS, velocity_n, rate_b, start_q))
     truth = constant_motion(stamp_ns, velocity_n, rate_b, start_q)
-    found = history.at(stamp_ns)
-    assert isinstance(found, BodyPose)
-    assert found.stamp_ns == stamp_ns
+    result = history.at(stamp_ns)
+    assert isinstance(result, BodyPose)
+    assert result.stamp_ns == stamp_ns
     # arithmetic on numbers of order one
-    np.testing.assert_allclose(found.position_n, truth.position_n, atol=1e-12)
-    np.testing.assert_allclose(found.covariance, truth.covariance, atol=1e-12)
-    assert angle_between(found.q_nb, truth.q_nb) < 1e-7  # 2 atan2 near zero: root of epsilon
+    np.testing.assert_allclose(result.position_n, truth.position_n, atol=1e-12)
+    np.testing.assert_allclose(result.covariance, truth.covariance, atol=1e-12)
+    assert angle_between(result.q_nb, truth.q_nb) < 1e-7  # 2 atan2 near zero: root of epsilon
 
 
 def test_never_outside_the_poses():

@@ -140,7 +140,7 @@ def _phases(config, seed):
     centre_deg = rng.normal(0.0, config.centred_sigma_deg)
     north = YawBiasFilter(config)
     north.advance(0)
-    found, t_s = [], 0
+    result, t_s = [], 0
     for kind, count in (("none", 100), ("centred", 3), ("centred", 60), ("none", 200), ("j", 20)):
         for _ in range(count):
             t_s += 1
@@ -151,8 +151,8 @@ def _phases(config, seed):
                 reading = math.radians(shown + rng.normal(0.0, 0.2))
                 north.take(t_s * S, reading, NOISE, centred=kind == "centred")
         error = math.remainder(math.radians(bias_deg) - north.bias_rad, math.tau)
-        found.append(error / math.sqrt(north.variance))
-    return found
+        result.append(error / math.sqrt(north.variance))
+    return result
 
 
 MS = 1_000_000

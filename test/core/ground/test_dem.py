@@ -64,19 +64,19 @@ HILLS = terrain_of(hills)
 @given(pitch=st.floats(-85, -8), yaw=st.floats(-180, 180), height=st.floats(15, 70))
 def test_smooth_hills_are_met_within_a_centimetre(pitch, yaw, height):
     position_n, ray_n = np.array([3.0, -7.0, 5.0 - height]), ray_of(pitch, yaw)
-    found = first_hit(HILLS, PLANE, position_n, ray_n)
+    result = first_hit(HILLS, PLANE, position_n, ray_n)
     truth = first_below(hills, position_n, ray_n, 500.0)
-    if isinstance(found, Reason) or math.isnan(truth):
-        assert isinstance(found, Reason) or found > 350  # beyond the model, where truth ends too
+    if isinstance(result, Reason) or math.isnan(truth):
+        assert isinstance(result, Reason) or result > 350  # beyond the model, where truth ends too
         return
     # 0.2 mm of height are 1.4 mm along the flattest ray, but for one that touches a hilltop: it
     # may pass it by, and neither is wrong. Then it must have come within that height of it.
-    if abs(found - truth) > 0.01:
-        ways = np.linspace(min(found, truth) - 2, min(found, truth) + 2, 400)
+    if abs(result - truth) > 0.01:
+        ways = np.linspace(min(result, truth) - 2, min(result, truth) + 2, 400)
         lat, lon, h = PLANE.geodetic_from_ned(position_n + ways[:, None] * ray_n)
         assert np.abs(h - hills(lat, lon)).min() < 5e-4
         return
-    assert abs(found - truth) <= 0.01  # the figure required
+    assert abs(result - truth) <= 0.01  # the figure required
 
 
 @given(pitch=st.floats(-80, 5), yaw=st.floats(-180, 180), seed=st.integers(0, 2**31))
@@ -87,17 +87,17 @@ def test_the_bilinear_surface_is_met_first_and_exactly(pitch, yaw, seed):
     start = np.radians([SOUTH_WEST_DEG[k] + 30.3 * STEP_DEG[k] for k in (0, 1)])
     position_n = PLANE.ned_from_geodetic(*start, 14.0)
     ray_n = ray_of(pitch, yaw)
-    found = first_hit(rough, PLANE, position_n, ray_n)
+    result = first_hit(rough, PLANE, position_n, ray_n)
     truth = first_below(rough.height_m, position_n, ray_n, 60.0, 0.01)
-    if isinstance(found, Reason):
+    if isinstance(result, Reason):
         assert math.isnan(truth)
         return
-    lat, lon, height = PLANE.geodetic_from_ned(position_n + found * ray_n)
+    lat, lon, height = PLANE.geodetic_from_ned(position_n + result * ray_n)
     # parabolas along pieces of 2 km are true to 0.1 mm
     assert abs(height - rough.height_m(lat, lon)) < 1e-4
     # steps of 1 cm may pass over a corner that is thinner
-    assert found <= truth + 1e-3 or math.isnan(truth)
-    ways = np.arange(0.0, found - 1e-3, 0.01)
+    assert result <= truth + 1e-3 or math.isnan(truth)
+    ways = np.arange(0.0, result - 1e-3, 0.01)
     lat, lon, heights = PLANE.geodetic_from_ned(position_n + ways[:, None] * ray_n)
     assert (heights > rough.height_m(lat, lon)).all()
 
@@ -106,8 +106,8 @@ def test_a_ridge_one_cell_wide_is_not_passed_over():
     heights = np.full((SIZE, SIZE), 20.0)
     heights[300] = 45.0  # 100 rows north of the middle row, 400
     ridge = Terrain(heights, graticule(SOUTH_WEST_DEG, STEP_DEG, SIZE))
-    found = first_hit(ridge, PLANE, np.array([0.0, 0.0, -10.0]), ray_of(-3, 0))
-    assert 98 < found < 102  # behind it the plain begins 400 m away
+    result = first_hit(ridge, PLANE, np.array([0.0, 0.0, -10.0]), ray_of(-3, 0))
+    assert 98 < result < 102  # behind it the plain begins 400 m away
 
 
 @pytest.mark.parametrize(

@@ -215,10 +215,10 @@ def test_accuracies_are_the_spread_of_the_angles():
     spreads = place.covariance_l[3:, 3:]
     errors = np.random.default_rng(3).multivariate_normal(np.zeros(3), spreads, 4000)
     turned = [
-        dataclasses.replace(place, rotation_lc=matrix_from_rotvec(one) @ place.rotation_lc)
-        for one in errors
+        dataclasses.replace(place, rotation_lc=matrix_from_rotvec(item) @ place.rotation_lc)
+        for item in errors
     ]
-    spread = np.std([one.mapping_rpy for one in turned], axis=0)
+    spread = np.std([item.mapping_rpy for item in turned], axis=0)
     # The standard deviation of 4000 samples is good to 1.1 %: four times that.
     assert_allclose(place.mapping_sigmas_rad, spread, rtol=0.045)
 

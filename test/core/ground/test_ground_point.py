@@ -72,8 +72,8 @@ def drawn(rng, pose):
 def test_the_covariance_against_monte_carlo(kind, uv):
     pose = pose_at([10.0, -20.0, -60.0], 4, -40, 70)
     ground = 5.0 if kind == "level" else slope_terrain()
-    found = place(XT2, pose, uv, PLANE, ground, CONFIG, RATES)
-    assert isinstance(found, Located)
+    result = place(XT2, pose, uv, PLANE, ground, CONFIG, RATES)
+    assert isinstance(result, Located)
     rng = np.random.default_rng(3)
     truth = []
     base = slope_terrain() if kind == "terrain" else None
@@ -86,14 +86,14 @@ def test_the_covariance_against_monte_carlo(kind, uv):
         points, reasons = locate(XT2, true, np.array([uv]) + shift, PLANE, under)
         assert reasons == [None]
         truth.append(points[0])
-    errors = np.array(truth) - found.point_n
-    inverse = np.linalg.inv(found.covariance_n[:2, :2])
+    errors = np.array(truth) - result.point_n
+    inverse = np.linalg.inv(result.covariance_n[:2, :2])
     squares = np.einsum("ni,ij,nj->n", errors[:, :2], inverse, errors[:, :2])
     # 95 % of 1200 with a standard deviation of 0.63 %: the range asked for is 3.2 of them
     assert 0.93 < np.mean(squares < CHI2_95) < 0.97
     # a variance from 1200 draws is known to 4.1 %; three and a half of that
-    np.testing.assert_allclose(np.var(errors, axis=0), found.covariance_n.diagonal(), rtol=0.15)
-    assert np.linalg.eigvalsh(found.covariance_n)[0] > -1e-12
+    np.testing.assert_allclose(np.var(errors, axis=0), result.covariance_n.diagonal(), rtol=0.15)
+    assert np.linalg.eigvalsh(result.covariance_n)[0] > -1e-12
 
 
 @given(seed=st.integers(0, 2**31))
@@ -113,36 +113,36 @@ def test_the_covariance_is_that_of_the_pixels_derivatives(seed):
     known[2, 2] = CONFIG.ground_sigma_m**2
     inverse = np.linalg.inv(np.vstack([by_point, up_n]))
     expected = inverse @ known @ inverse.T
-    found = point_covariance(XT2, pose, COVARIANCE, point_n, PLANE, 5.0, CONFIG)
+    result = point_covariance(XT2, pose, COVARIANCE, point_n, PLANE, 5.0, CONFIG)
     # the pixels' derivatives are 1 px/m and less, the normal 1: the inverse loses three digits
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.trace(expected))
+    np.testing.assert_allclose(result, expected, rtol=0, atol=1e-9 * np.trace(expected))
 
 
 def test_the_answer_says_where_and_how_sure():
     pose = pose_at([10.0, -20.0, -60.0], 4, -40, 70)
-    found = place(XT2, pose, (320.0, 256.0), PLANE, 5.0, CONFIG)
-    back = PLANE.ned_from_geodetic(found.latitude_rad, found.longitude_rad, found.height_m)
-    np.testing.assert_allclose(back, found.point_n, atol=1e-7)
-    assert found.stamp_ns == 7
-    latitude, longitude, sign = found.label.split(" ")[:3]
-    assert float(latitude) == pytest.approx(math.degrees(found.latitude_rad), abs=5e-7)
-    assert float(longitude) == pytest.approx(math.degrees(found.longitude_rad), abs=5e-7)
-    assert sign == f"±{found.ellipse.major_m:.1f}"
+    result = place(XT2, pose, (320.0, 256.0), PLANE, 5.0, CONFIG)
+    back = PLANE.ned_from_geodetic(result.latitude_rad, result.longitude_rad, result.height_m)
+    np.testing.assert_allclose(back, result.point_n, atol=1e-7)
+    assert result.stamp_ns == 7
+    latitude, longitude, sign = result.label.split(" ")[:3]
+    assert float(latitude) == pytest.approx(math.degrees(result.latitude_rad), abs=5e-7)
+    assert float(longitude) == pytest.approx(math.degrees(result.longitude_rad), abs=5e-7)
+    assert sign == f"±{result.ellipse.major_m:.1f}"
 
 
 def test_flatter_rays_are_less_sure_and_then_refused():
     pose = pose_at([0.0, 0.0, -20.0], 0, -12, 0)
     rows = np.arange(500, 60, -4.0)
     answers = [place(XT2, pose, (320.0, row), PLANE, 30.0, CONFIG) for row in rows]
-    kinds = [isinstance(one, Located) for one in answers]
-    lengths = [one.ellipse.major_m for one in answers if isinstance(one, Located)]
+    kinds = [isinstance(item, Located) for item in answers]
+    lengths = [item.ellipse.major_m for item in answers if isinstance(item, Located)]
     assert lengths == sorted(lengths)
     assert kinds == sorted(kinds, reverse=True)
-    assert {one.reason for one in answers if isinstance(one, Refusal)} == {
+    assert {item.reason for item in answers if isinstance(item, Refusal)} == {
         Reason.GRAZING,
         Reason.ABOVE_HORIZON,
     }
-    last = [one for one in answers if isinstance(one, Located)][-1]
+    last = [item for item in answers if isinstance(item, Located)][-1]
     assert last.ellipse.major_m <= MOST_SHARE * np.linalg.norm(last.point_n - pose.position_n)
 
 
@@ -188,8 +188,8 @@ def test_inverts_the_projection(roll, pitch, yaw, height, ground, far, camera, s
     points, uv = points[met], uv[met]
     # earth-fixed coordinates of 6e6 m are rounded by 1e-9 m, some times over
     np.testing.assert_allclose(LEVEL_PLANE.geodetic_from_ned(points)[2], ground, atol=2e-8)
-    back, seen = pixels_of(camera, pose, points)
-    assert seen.all()
+    back, observed = pixels_of(camera, pose, points)
+    assert observed.all()
     np.testing.assert_allclose(back, uv, rtol=0, atol=1e-6)  # the figure required
 
 

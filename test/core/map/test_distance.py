@@ -45,11 +45,13 @@ def test_the_nearest_feature_of_a_large_map():
         steps = rng.normal(0, 30, (int(rng.integers(1, 4)), 3)) * [1, 1, 0]
         middle = np.append(rng.uniform(300, 3000, 2), 0.0)
         features_n.append(middle + np.cumsum(steps, axis=0))
-    seen = map_of(*(GeoFeature("", False, geo(p).points) for p in features_n))
+    observed = map_of(*(GeoFeature("", False, geo(p).points) for p in features_n))
     for at in ([0.0, 0, -60], [1500, 1500, -60], [3000, -200, -120], [-5000, 900, -20]):
-        found = nearest_feature(seen, np.array(at))
+        result = nearest_feature(observed, np.array(at))
         # the Earth bends by 2 m at 5 km, the dense points are 10 cm apart
-        assert found.distance_m == pytest.approx(nearest_of_all(features_n, np.array(at)), abs=0.1)
+        assert result.distance_m == pytest.approx(
+            nearest_of_all(features_n, np.array(at)), abs=0.1
+        )
 
 
 def test_a_map_90_degrees_away_is_10_000_km_away():
@@ -57,9 +59,9 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
     south_rad = HERE.latitude_rad - math.pi / 2
     point = GeoFeature("", False, np.array([[south_rad, HERE.longitude_rad, 0.0]]))
     laid = drape_layers([MapLayer("m", [point])], HERE, 0.0)
-    found = nearest_feature(laid.map, np.zeros(3))
+    result = nearest_feature(laid.map, np.zeros(3))
     assert nearest_feature(map_of(), np.zeros(3)) is None
-    assert found.distance_m == pytest.approx(10_002_000, rel=5e-3)
+    assert result.distance_m == pytest.approx(10_002_000, rel=5e-3)
 
 
 @pytest.mark.parametrize(

@@ -102,8 +102,8 @@ def test_every_level_is_within_its_tolerance_and_keeps_its_ends():
 def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
     details = Details.of(walks(3000, 4), np.zeros(3000, int))
     normals, offsets = np.array([[1.0, 0, 0], [0.0, 0.6, 0.8]]), np.array([100.0, -50.0])
-    found, whole = details.in_view(normals, offsets)
-    np.testing.assert_array_equal(found, details.boxes.in_view(normals, offsets)[0])
+    result, whole = details.in_view(normals, offsets)
+    np.testing.assert_array_equal(result, details.boxes.in_view(normals, offsets)[0])
     least = normals @ details.boxes.centres - np.abs(normals) @ details.boxes.halves
-    np.testing.assert_array_equal(whole, (least >= offsets[:, None]).all(axis=0)[found])
-    assert 100 < len(found) < 2900
+    np.testing.assert_array_equal(whole, (least >= offsets[:, None]).all(axis=0)[result])
+    assert 100 < len(result) < 2900

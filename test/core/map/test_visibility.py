@@ -51,14 +51,14 @@ def test_what_is_seen_knows_its_place_on_the_map(camera):
     rng = np.random.default_rng(5)
     line = np.column_stack([rng.uniform(-50, 200, 40), rng.uniform(-80, 80, 40), np.zeros(40)])
     pose = pose_at(pitch=-20, roll=5)
-    seen = View(camera).lines(map_of(line, [[35, 0, 0]]), pose)
-    x, y, nearness = seen.rays
+    observed = View(camera).lines(map_of(line, [[35, 0, 0]]), pose)
+    x, y, nearness = observed.rays
     points_c = np.stack([x, y, np.ones_like(x)]) / nearness
     points_n = matrix_from_quat(pose.q_nc) @ points_c + pose.position_n[:, None]
-    assert points_n.shape == (3, seen.points.shape[1])
+    assert points_n.shape == (3, observed.points.shape[1])
     uv, valid = camera.project((points_n.T - pose.position_n) @ matrix_from_quat(pose.q_nc))
     assert valid.mean() > 0.9  # but those cut at a limit itself
-    np.testing.assert_allclose(uv[valid], seen.points.T[valid], atol=1e-6)
+    np.testing.assert_allclose(uv[valid], observed.points.T[valid], atol=1e-6)
     # A tangent plane point at 200 m comes back to 1e-7 m; times 200 / 20 of slant.
     np.testing.assert_allclose(points_n[2], 0.0, atol=1e-5)
 
@@ -82,8 +82,8 @@ def test_a_crowd_is_drawn_with_few_vertices_and_the_same_ink():
     places = rng.uniform([100, -1500, 0], [4000, 1500, 0], (10_000, 3))
     vector_map = map_of(*(place + corners for place in places))
     pose = pose_at(120, pitch=-5)
-    seen = View(PINHOLE).lines(vector_map, pose)
-    assert seen.points.shape[1] < 0.4 * vector_map.lines.points.shape[1]
+    observed = View(PINHOLE).lines(vector_map, pose)
+    assert observed.points.shape[1] < 0.4 * vector_map.lines.points.shape[1]
     middle = corners[:4].mean(axis=0)
     truth, valid = PINHOLE.project(
         (places + middle - pose.position_n) @ matrix_from_quat(pose.q_nc)
@@ -91,7 +91,7 @@ def test_a_crowd_is_drawn_with_few_vertices_and_the_same_ink():
     truth = truth[valid]
     truth = truth[View(PINHOLE).inside(truth.T)]
     drawn = np.zeros((PINHOLE.height, PINHOLE.width), np.uint8)
-    runs = [np.rint(run * 16).astype(np.int32) for run in seen.split()]
+    runs = [np.rint(run * 16).astype(np.int32) for run in observed.split()]
     cv2.polylines(drawn, runs, False, (255,), 1, cv2.LINE_AA, 4)
     off = cv2.distanceTransform((drawn == 0).astype(np.uint8), cv2.DIST_L2, 5)
     column, row = np.floor(truth.T + 0.5).astype(int)
@@ -270,8 +270,8 @@ def by_points(camera, lines, pose):
         uv, _ = cv2.projectPoints(points_c, zero, zero, camera.matrix, distortion)
         column, row = np.rint(uv[:, 0].T).astype(int) + RIM_PX
         height, width = image.shape
-        seen = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        image[row[seen], column[seen]] = 255
+        observed = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        image[row[observed], column[observed]] = 255
     return image
 
 
@@ -300,8 +300,10 @@ def assert_no_ghost_and_nothing_lost(case, reach, name):
 
 
 def assert_views(seeds, reach=REACH_PX):
-    seen = [assert_no_ghost_and_nothing_lost(random_case(k), reach, f"seed {k}") for k in seeds]
-    assert sum(seen) > len(seeds) / 2
+    observed = [
+        assert_no_ghost_and_nothing_lost(random_case(k), reach, f"seed {k}") for k in seeds
+    ]
+    assert sum(observed) > len(seeds) / 2
 
 
 def test_no_ghost_and_nothing_lost():

@@ -40,15 +40,15 @@ HILLS = terrain_of(lambda north, east: 1.5 * np.sin(north / 12.0) * np.cos(east 
 def off_px(ground, pose):
     """How far each seen pixel is off, (n, 2) pixels: the place that it shows less its own."""
     picture, corner = coded(pose, ground)
-    found = []
+    result = []
     view = FrameView(tiles_of(ground, PIXEL_M), CAMERA, pose, picture, GRAZING)
     for key, patch in view.patches():
         numbers = np.arange(TILE_PX) + np.array(key)[:, None] * TILE_PX + 0.5
         x, y = np.meshgrid(numbers[0, patch.columns], -numbers[1, patch.rows])
         inner = patch.seen & (patch.values[..., 2] == WHOLE)
         own_m = np.stack([x, y], axis=2)[inner] * PIXEL_M - corner
-        found.append((patch.values[inner][:, :2] * CODE_M - own_m) / PIXEL_M)
-    return np.concatenate(found)
+        result.append((patch.values[inner][:, :2] * CODE_M - own_m) / PIXEL_M)
+    return np.concatenate(result)
 
 
 @pytest.mark.parametrize(
@@ -76,13 +76,13 @@ def test_a_pixel_shows_its_own_place(ground, pose):
 def test_flat_views_are_left_out():
     pose = camera_pose([0, 0, -20.0], 0.0, -10.0, 0.0)  # the horizon is in the picture
     white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
-    seen = []
+    observed = []
     for key, patch in FrameView(tiles_of(GROUND_M), CAMERA, pose, white, GRAZING).patches():
         rows = np.arange(TILE_PX)[patch.rows] + key[1] * TILE_PX
-        seen.append(-rows[patch.seen.any(axis=1)] * PIXEL_M)
+        observed.append(-rows[patch.seen.any(axis=1)] * PIXEL_M)
         assert np.isfinite(patch.score[patch.seen]).all()
         assert (patch.score[patch.seen] > 0).all()
-    north_m = np.concatenate(seen)
+    north_m = np.concatenate(observed)
     # 20 m / tan 15 deg to the north of the camera, to a node of four pixels.
     reach_m = north_m.max() - north_m.min()
     steepest_m = 20.0 / math.tan(math.radians(10.0) + math.atan(CAMERA.height / 2 / CAMERA.fy))
@@ -102,7 +102,7 @@ def test_a_ridge_hides_what_is_behind_it():
     areas = [
         sum(int(patch.seen.sum()) for _, patch in view.patches())
         for view in (
-            FrameView(tiles_of(one), CAMERA, pose, white, GRAZING) for one in (GROUND_M, ridge)
+            FrameView(tiles_of(item), CAMERA, pose, white, GRAZING) for item in (GROUND_M, ridge)
         )
     ]
     assert areas[1] < 0.85 * areas[0]
@@ -111,8 +111,8 @@ def test_a_ridge_hides_what_is_behind_it():
 def test_ground_sample_distance_of_a_pixel():
     """In the middle of a level view it is the height over the focal length."""
     points = seeds(CAMERA, NADIR, PLANE, GROUND_M)
-    found = level_gsd_m(CAMERA, NADIR, PLANE, points, GRAZING)
-    assert np.median(found) == pytest.approx(20.0 / math.sqrt(CAMERA.fx * CAMERA.fy), rel=0.01)
+    result = level_gsd_m(CAMERA, NADIR, PLANE, points, GRAZING)
+    assert np.median(result) == pytest.approx(20.0 / math.sqrt(CAMERA.fx * CAMERA.fy), rel=0.01)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     assert len(points) == 25
     assert np.isnan(level_gsd_m(CAMERA, NADIR, PLANE, 1e3 * corners[1:] @ np.eye(2, 3), 0.2)).all()
@@ -131,7 +131,7 @@ def test_a_coarse_raster_shows_means():
             GRAZING,
             nearest=nearest,
         )
-        values[nearest] = np.concatenate([one.values[one.seen] for _, one in view.patches()])
+        values[nearest] = np.concatenate([item.values[item.seen] for _, item in view.patches()])
     assert values[True].std() == pytest.approx(noise.std(), rel=0.1)
     assert values[False].std() < 0.35 * noise.std()  # of 16 pixels a quarter
 
@@ -203,8 +203,8 @@ def test_the_best_view_is_on_top_and_the_seam_is_feathered(patches):
     tile = MosaicTile.empty(1)
     for patch in patches:
         tile.add(patch)
-    values, seen = tile.values()
-    assert seen.all()
+    values, observed = tile.values()
+    assert observed.all()
     row = values[300, :, 0]
     assert row[:200] == pytest.approx(100, abs=0.1)
     assert row[-200:] == pytest.approx(200, abs=0.1)
@@ -229,11 +229,11 @@ def test_hard_values_are_those_of_the_best_view(patches):
 
 def test_what_nobody_sees_is_unknown():
     tile = MosaicTile.empty(3)
-    values, seen = tile.values()
-    assert not seen.any()
+    values, observed = tile.values()
+    assert not observed.any()
     assert np.isfinite(values).all()
     part = patch_of(7, 1.0, slice(10, 20), slice(30, 50))
     tile.add(part._replace(values=np.dstack([part.values] * 3)))
-    values, seen = tile.values()
-    assert seen.sum() == 200
-    assert (values[seen] == 7).all()
+    values, observed = tile.values()
+    assert observed.sum() == 200
+    assert (values[observed] == 7).all()

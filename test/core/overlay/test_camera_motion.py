@@ -44,12 +44,12 @@ def test_steady_motion_goes_on(velocity_n, rate_n, rotvec, ahead_s, step_s):
     q_nc = quat_from_rotvec(rotvec)
     poses = moving(np.arange(0, 1.21, step_s), velocity_n, rate_n, q_nc)
     time_s = poses[-1].stamp_ns * 1e-9 + ahead_s
-    found = predicted(poses, round(time_s * 1e9), GAP_S)
-    assert isinstance(found, CameraPose)
-    assert found.stamp_ns == round(time_s * 1e9)
-    truth = moving([found.stamp_ns * 1e-9], velocity_n, rate_n, q_nc)[0]
+    result = predicted(poses, round(time_s * 1e9), GAP_S)
+    assert isinstance(result, CameraPose)
+    assert result.stamp_ns == round(time_s * 1e9)
+    truth = moving([result.stamp_ns * 1e-9], velocity_n, rate_n, q_nc)[0]
     # slopes of sums near 1 over a tenth of a second, and 2 atan2 near zero: root of epsilon
-    assert np.abs(error_of(found, truth)).max() < 1e-7
+    assert np.abs(error_of(result, truth)).max() < 1e-7
 
 
 def wandering(rng, number):
@@ -61,7 +61,7 @@ def wandering(rng, number):
     q = [quat_from_rotvec(place[3:] * 0.5) for place in places]
     truth = [pose_of(i * STEP_S, places[i, :3], q[i]) for i in range(number)]
     noise = rng.normal(0, 1, (number, 6)) @ np.sqrt(COVARIANCE)
-    seen = [
+    observed = [
         pose_of(
             i * STEP_S,
             places[i, :3] + noise[i, :3],
@@ -69,7 +69,7 @@ def wandering(rng, number):
         )
         for i in range(number)
     ]
-    return truth, seen
+    return truth, observed
 
 
 @pytest.mark.slow
@@ -84,23 +84,23 @@ def test_the_covariance_is_what_the_error_is(steps_ahead):
     rng = np.random.default_rng(steps_ahead)
     ratios = []
     for _ in range(300):
-        truth, seen = wandering(rng, 61 + steps_ahead)
+        truth, observed = wandering(rng, 61 + steps_ahead)
         met = truth[-1]
-        found = predicted(seen[:61], met.stamp_ns, GAP_S)
-        ratios.append(error_of(found, met) ** 2 / np.diag(found.covariance))
+        result = predicted(observed[:61], met.stamp_ns, GAP_S)
+        ratios.append(error_of(result, met) ** 2 / np.diag(result.covariance))
     assert 0.4 < np.mean(ratios) < 1.3
-    assert np.linalg.eigvalsh(found.covariance)[0] > 0
-    np.testing.assert_allclose(found.covariance, found.covariance.T, rtol=1e-12)
+    assert np.linalg.eigvalsh(result.covariance)[0] > 0
+    np.testing.assert_allclose(result.covariance, result.covariance.T, rtol=1e-12)
 
 
 def test_few_poses_are_trusted_less():
     """With three poses no trial is possible: both ends of the line may be wrong."""
     q_nc = np.array([1.0, 0, 0, 0])
     poses = moving([0, 0.03, 0.06], np.array([3.0, 0, 0]), np.zeros(3), q_nc)
-    found = predicted(poses, 160_000_000, GAP_S)
-    assert found.position_n[0] == pytest.approx(0.48, abs=1e-9)
+    result = predicted(poses, 160_000_000, GAP_S)
+    assert result.position_n[0] == pytest.approx(0.48, abs=1e-9)
     # A slope over 50 ms between two ends of 1 cm each, over 100 ms: 2.83 cm; and the pose's own.
-    assert found.covariance[0, 0] >= SIGMA_M**2 * (1 + 2 * 2**2)
+    assert result.covariance[0, 0] >= SIGMA_M**2 * (1 + 2 * 2**2)
 
 
 def test_poses_before_a_gap_do_not_count():
@@ -108,5 +108,5 @@ def test_poses_before_a_gap_do_not_count():
     q_nc = np.array([1.0, 0, 0, 0])
     before = moving(np.arange(0, 0.5, 0.02), np.array([9.0, 0, 0]), np.zeros(3), q_nc)
     after = moving(np.arange(2, 2.2, 0.02), np.array([-3.0, 0, 0]), np.zeros(3), q_nc)
-    found = predicted([*before, *after], 2_280_000_000, GAP_S)
-    assert found.position_n[0] == pytest.approx(-3 * 2.28, abs=1e-6)
+    result = predicted([*before, *after], 2_280_000_000, GAP_S)
+    assert result.position_n[0] == pytest.approx(-3 * 2.28, abs=1e-6)

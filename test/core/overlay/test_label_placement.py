@@ -94,11 +94,11 @@ def test_a_label_of_a_line_is_at_its_middle_on_the_line():
 
 
 def test_a_mark_is_not_hidden_by_its_label():
-    found = Scene([feature("Tree", (300, 200))]).place()["Tree"]
-    box = found.box
+    result = Scene([feature("Tree", (300, 200))]).place()["Tree"]
+    box = result.box
     assert box.left >= 300 + 5
     assert box.top < 200 < box.bottom
-    assert found.anchor == pytest.approx((300, 200), abs=1e-6)
+    assert result.anchor == pytest.approx((300, 200), abs=1e-6)
 
 
 def test_an_anchor_knows_where_on_the_map_it_is():
@@ -107,9 +107,9 @@ def test_an_anchor_knows_where_on_the_map_it_is():
     bay = [(100, 200), (350, 200), (350, 230), (140, 230), (140, 400), (350, 400), (350, 430)]
     scene = Scene([*features, feature("Bay", *bay, (100, 430), closed=True)])
     for at in (pose(), pose(north=-60.0, down_deg=50.0)):
-        found = scene.place(at).values()
-        assert len(found) == 3
-        for label in found:
+        result = scene.place(at).values()
+        assert len(result) == 3
+        for label in result:
             x, y, nearness = label.ray
             point_c = np.array([[x, y, 1.0]]) / nearness
             np.testing.assert_allclose(CAMERA.project(point_c)[0][0], label.anchor, atol=1e-6)
@@ -126,9 +126,9 @@ def test_upper_layers_come_first():
     """On one place there is room for some of many labels: those of the upper layer."""
     low = [feature(f"low {i}", (300, 200)) for i in range(20)]
     high = [feature(f"high {i}", (300, 200)) for i in range(2)]
-    found = Scene(low, high).place()
-    assert {"high 0", "high 1"} <= set(found)
-    assert len(found) < 22
+    result = Scene(low, high).place()
+    assert {"high 0", "high 1"} <= set(result)
+    assert len(result) < 22
 
 
 def test_labels_are_calm_in_a_slow_pan():
@@ -137,14 +137,14 @@ def test_labels_are_calm_in_a_slow_pan():
     jumps = shown = flickers = 0
     last, gone = {}, {}
     for frame in range(60):
-        found = scene.place(pose(east=-0.1 * frame))
-        offset = {name: middle(label) - label.anchor for name, label in found.items()}
-        shown += len(found)
+        result = scene.place(pose(east=-0.1 * frame))
+        offset = {name: middle(label) - label.anchor for name, label in result.items()}
+        shown += len(result)
         for name, at in offset.items():
             if name in last:
                 jumps += np.abs(at - last[name]).max() > 2.5  # two roundings, and the edge's slide
             flickers += name in gone and frame - gone[name] < 10
-        gone |= dict.fromkeys(last.keys() - found.keys(), frame)
+        gone |= dict.fromkeys(last.keys() - result.keys(), frame)
         last = offset
     assert shown > 60 * 20
     assert jumps <= 6  # a label that another one, or the edge, drives away: one in ten

@@ -196,8 +196,8 @@ def test_nothing_that_is_written_meets_another(width):
         image = np.full((camera.height, width, 3), 90, np.uint8)
         verdict = DrawingVerdict(Severity(number % 3), WORDS)
         drawn = drawing.draw(image, pose_of(rng), None, clicked(rng), verdict)
-        for one, other in combinations(drawn.boxes, 2):
-            assert not one.meets(other), (number, one, other)
+        for item, other in combinations(drawn.boxes, 2):
+            assert not item.meets(other), (number, item, other)
         for box in drawn.boxes:
             assert 0 <= box.left < box.right <= width
             assert 0 <= box.top < box.bottom <= camera.height
@@ -268,9 +268,9 @@ def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
         overlay.add_pose(pose_at(START + k * MS))
         overlay.add_frame(START + LATENCY + k * MS, GREY, START)
         pictures.append(overlay.take(START).image.astype(int))
-    plain, told = (np.abs(image - [80, 200, 255]).max(axis=2) < 20 for image in pictures)
+    plain, reports = (np.abs(image - [80, 200, 255]).max(axis=2) < 20 for image in pictures)
     assert plain[:30].sum() > 100  # letters
     red = np.abs(pictures[1] - [60, 140, 255]).max(axis=2) < 20
     assert red[:30].sum() > 30  # the verdict has the first line
-    assert told[:20].sum() == 0 < told[20:60].sum()
+    assert reports[:20].sum() == 0 < reports[20:60].sum()
     assert red[480:].sum() > 10  # and leads the status line

@@ -69,10 +69,10 @@ def test_no_bar_where_no_ground_is_seen():
 @given(yaw=st.floats(0, 359.9), down=st.floats(75, 105))
 def test_the_heading_is_steady_through_straight_down(yaw, down):
     """Past it the picture's upper edge still looks the same way."""
-    found = math.degrees(camera_heading_rad(pose(yaw=yaw, down=down)))
+    result = math.degrees(camera_heading_rad(pose(yaw=yaw, down=down)))
     if down <= 95:
-        assert (found - yaw + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
-    assert 0 <= found < 360
+        assert (result - yaw + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+    assert 0 <= result < 360
 
 
 def white(image):

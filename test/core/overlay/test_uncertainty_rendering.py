@@ -76,8 +76,8 @@ def faded(sigma_m, pose=None, **changes):
 )
 def test_opacity_falls_to_the_faintest_at_the_configured_radius(share, opacity):
     fade_px = 37.0
-    lines, found = faded(share * fade_px / radius_px(1.0), fade_px=fade_px)
-    assert found.tolist() == [opacity]
+    lines, result = faded(share * fade_px / radius_px(1.0), fade_px=fade_px)
+    assert result.tolist() == [opacity]
     assert len(lines) == 1
 
 
@@ -125,12 +125,12 @@ def test_cut_lines_are_the_same_lines():
             for v in range(some.vertex[k], some.vertex[k + 1]):
                 key = tuple(lines.points[:, v]) + tuple(lines.points[:, v + 1])
                 expected[key] = (some.line[k], value[k])
-        found = {}
+        result = {}
         for run, owner, way in zip(runs.split(), runs.owner, first, strict=True):
             for a, b in itertools.pairwise(run):
-                assert (*a, *b) not in found
-                found[(*a, *b)] = (owner, value[way])
-        assert found == expected
+                assert (*a, *b) not in result
+                result[(*a, *b)] = (owner, value[way])
+        assert result == expected
 
 
 def ellipses_of(one, pose, anchors, sigma_m=None):
@@ -147,13 +147,13 @@ def test_ellipses_are_the_covariances():
     covariance = np.diag([0.2**2, 0.4**2, 0.0, 0.0, 0.0, 0.0])  # north is up in the picture
     pose = pose_at(covariance=covariance)
     one = confidence()
-    found = ellipses_of(one, pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
-    assert not found.uncertain.any()
-    dashes = len(found.outlines) // 2
-    assert found.outlines.owner.tolist() == [0] * dashes + [1] * dashes
+    result = ellipses_of(one, pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
+    assert not result.uncertain.any()
+    dashes = len(result.outlines) // 2
+    assert result.outlines.owner.tolist() == [0] * dashes + [1] * dashes
     assert dashes > 5
     middles = np.repeat([(319.5, 255.5), (100, 80)], dashes, axis=0)
-    for line, middle in zip(found.outlines.split(), middles, strict=True):
+    for line, middle in zip(result.outlines.split(), middles, strict=True):
         off = (line - middle) / (np.array([0.4, 0.2]) * PX_PER_M)
         np.testing.assert_allclose((off**2).sum(axis=1), 5.991465, rtol=1e-6)
 
@@ -163,15 +163,15 @@ def test_an_ellipse_as_large_as_the_picture_is_a_hint():
     one = confidence()
     sigma_m = np.array([127.0, 129.0, 1e4]) / radius_px(1.0)
     anchors = anchors_at(pose, [(200, 200), (300, 200), (400, 200)])
-    found = ellipses_of(one, pose, anchors, sigma_m)
-    assert found.uncertain.tolist() == [False, True, True]
-    dashes = np.bincount(found.outlines.owner)
+    result = ellipses_of(one, pose, anchors, sigma_m)
+    assert result.uncertain.tolist() == [False, True, True]
+    dashes = np.bincount(result.outlines.owner)
     assert dashes[0] == dashes[1] == dashes[2] > 3
-    points = np.diff(found.outlines.starts)
-    assert points[found.outlines.owner > 0].max() < points[found.outlines.owner == 0].min()
+    points = np.diff(result.outlines.starts)
+    assert points[result.outlines.owner > 0].max() < points[result.outlines.owner == 0].min()
     off = (
-        found.outlines.points.T
-        - anchors.uv.T[np.repeat(found.outlines.owner, np.diff(found.outlines.starts))]
+        result.outlines.points.T
+        - anchors.uv.T[np.repeat(result.outlines.owner, np.diff(result.outlines.starts))]
     )
     assert np.hypot(*off.T).max() <= 128 + 1e-9  # a quarter of 512 rows
 
@@ -183,9 +183,9 @@ def test_what_the_first_order_does_not_tell_is_uncertain():
     one = confidence()
     assert ellipses_of(one, pose, anchors_at(pose, [(330, 256)])).uncertain.all()
     none = pose_at(covariance=-np.eye(6))
-    found = ellipses_of(one, none, anchors_at(none, [(330, 256)]))
-    assert found.uncertain.all()
-    assert len(found.outlines) == 0
+    result = ellipses_of(one, none, anchors_at(none, [(330, 256)]))
+    assert result.uncertain.all()
+    assert len(result.outlines) == 0
 
 
 def test_labels_have_their_ellipses_before_other_marks():

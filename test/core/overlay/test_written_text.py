@@ -74,13 +74,13 @@ def test_what_is_known_is_shown():
 @pytest.mark.parametrize("state", list(FilterState))
 def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
     """640 px and the text as large as it is there: the words that matter stay."""
-    told = status(
+    reports = status(
         state=state,
         reason="rtk/fix, rtk/vel, rtk/heading, gps/fix",
         state_s=5999.0,
         heading_sigma_rad=0.17,
     )
-    kept = texts(fitted(status_line(told, 9.999, 60.0), 640, 15))
+    kept = texts(fitted(status_line(reports, 9.999, 60.0), 640, 15))
     assert {"filter", "RTK fixed", "heading sigma 9.74 deg"} <= set(kept)
 
 
@@ -132,8 +132,8 @@ def test_a_text_from_outside_is_cut_before_it_is_measured(letters):
     """It took a second for every few hundred letters; now a frame's time and no more."""
     image = np.zeros((512, 640, 3), np.uint8)
     begin_s = time.monotonic()
-    told = status(method=letters, state=FilterState.LOST, reason=letters, state_s=1.0)
-    paint_status(image, status_line(told, 0.1, 8.0))
+    reports = status(method=letters, state=FilterState.LOST, reason=letters, state_s=1.0)
+    paint_status(image, status_line(reports, 0.1, 8.0))
     paint_notice(image, f"NO MAP: {letters}")
     assert time.monotonic() - begin_s < 5.0
     assert image.any()

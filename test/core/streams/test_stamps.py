@@ -27,11 +27,11 @@ def test_share_of_a_hundred_hertz(rate_hz, expected):
 def test_schedule_begins_anew_after_a_pause_and_when_stamps_go_back():
     first = [10 * MS * k for k in range(50)]
     later = [5_000 * MS + stamp for stamp in first]
-    found = due(10.0, [*first, *later, *first])
+    result = due(10.0, [*first, *later, *first])
     # In each run of half a second: the first stamp, then one 80 ms on (the schedule's 100 ms less
     # the jitter that is let pass), then one each 100 ms.
     run = [0, 80 * MS, 180 * MS, 280 * MS, 380 * MS, 480 * MS]
-    assert found == [*run, *(5_000 * MS + stamp for stamp in run), *run]
+    assert result == [*run, *(5_000 * MS + stamp for stamp in run), *run]
 
 
 def steady(period_ms=20, from_ms=0):
@@ -63,12 +63,12 @@ def test_gone_after_two_seconds_of_silence_and_steady_again():
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(-3000, 3000)), max_size=60))
 def test_becoming_and_ending_take_turns(events):
-    presence, now_ms, told = StreamPresence(), 0, []
+    presence, now_ms, reports = StreamPresence(), 0, []
     for is_sample, elapsed_ms in events:
         now_ms += elapsed_ms
         if is_sample and presence.heard(now_ms * MS):
-            told.append("there")
+            reports.append("there")
         elif not is_sample and presence.gone(now_ms * MS):
-            told.append("gone")
-    assert told == [("there", "gone")[k % 2] for k in range(len(told))]
-    assert presence.steady == (len(told) % 2 == 1)
+            reports.append("gone")
+    assert reports == [("there", "gone")[k % 2] for k in range(len(reports))]
+    assert presence.steady == (len(reports) % 2 == 1)

@@ -68,23 +68,23 @@ def test_the_order_of_the_clicks_does_not_matter(some):
 @given(planes, st.lists(st.tuples(offsets, offsets, covariances), min_size=1, max_size=8))
 def test_the_average_is_always_a_place_with_a_covariance(plane, parts):
     some = [click(e, n, covariance=c, plane=plane) for e, n, c in parts]
-    found = averaged(some)
-    covariance = np.reshape(found.covariance_enu, (3, 3))
-    numbers = [found.latitude_deg, found.longitude_deg, found.height_m, *found.covariance_enu]
+    result = averaged(some)
+    covariance = np.reshape(result.covariance_enu, (3, 3))
+    numbers = [result.latitude_deg, result.longitude_deg, result.height_m, *result.covariance_enu]
     assert np.isfinite(numbers).all()
     assert math.isfinite(disagreement(some))
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9, atol=1e-9)
     # eigenvalues to the rounding of the largest
     assert np.linalg.eigvalsh(covariance).min() >= -1e-12 * max(1.0, np.abs(covariance).max())
-    assert np.isfinite(found.ellipse).all()
-    assert np.isfinite(found.outline()).all()
+    assert np.isfinite(result.ellipse).all()
+    assert np.isfinite(result.outline()).all()
 
 
 @given(clicks, st.integers(2, 6))
 def test_clicks_of_the_same_moment_are_no_better_than_one(one, number):
-    found = averaged([one] * number)
-    np.testing.assert_allclose(found.covariance_enu, one.covariance_enu, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(east_north_up(found), east_north_up(one), atol=1e-6)
+    result = averaged([one] * number)
+    np.testing.assert_allclose(result.covariance_enu, one.covariance_enu, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(east_north_up(result), east_north_up(one), atol=1e-6)
 
 
 def test_many_clicks_far_apart_in_time_leave_what_they_share():
@@ -118,8 +118,10 @@ def test_errors_over_sigma_of_clicks_that_share_what_is_assumed():
             click(*error, after_s=t, covariance=c)
             for error, t, c in zip(errors, times_s, axes, strict=True)
         ]
-        found = averaged(some)
-        squares.append(mahalanobis(east_north_up(found), np.reshape(found.covariance_enu, (3, 3))))
+        result = averaged(some)
+        squares.append(
+            mahalanobis(east_north_up(result), np.reshape(result.covariance_enu, (3, 3)))
+        )
     # a chi-square of two degrees of freedom has the mean 2 and the standard deviation 2
     assert np.mean(squares) == pytest.approx(2, abs=4 * 2 / math.sqrt(RUNS))
     inside = np.mean(np.array(squares) < CHI2_95)
@@ -138,9 +140,9 @@ def test_clicks_that_share_less_stay_within_the_ellipse(share):
             click(*(root(COVARIANCE) @ (common + one)), after_s=100.0 * k)
             for k, one in enumerate(own)
         ]
-        found = averaged(some)
-        covariance = np.reshape(found.covariance_enu, (3, 3))
-        inside += mahalanobis(east_north_up(found), covariance) < CHI2_95
+        result = averaged(some)
+        covariance = np.reshape(result.covariance_enu, (3, 3))
+        inside += mahalanobis(east_north_up(result), covariance) < CHI2_95
     assert inside / RUNS >= 0.95 - 4 * math.sqrt(0.05 * 0.95 / RUNS)
 
 
@@ -164,12 +166,12 @@ def test_clicks_of_one_place_rarely_disagree(number):
 def test_clicks_of_two_places_disagree_and_the_ellipse_holds_both():
     near = averaged([click(0, 0), click(0, 1, after_s=100)])
     some = [click(0, 0), click(0, 20, after_s=100)]
-    found = averaged(some)
+    result = averaged(some)
     assert disagreement(some) > 1
-    assert found.ellipse.major_m > 2 * near.ellipse.major_m
-    covariance = np.reshape(found.covariance_enu, (3, 3))
+    assert result.ellipse.major_m > 2 * near.ellipse.major_m
+    covariance = np.reshape(result.covariance_enu, (3, 3))
     for one in some:
-        off = east_north_up(found) - east_north_up(one)
+        off = east_north_up(result) - east_north_up(one)
         assert mahalanobis(off, covariance) < CHI2_95
     assert not target(1, *some).clicks_agree
     assert target(1, some[0]).clicks_agree
@@ -239,13 +241,13 @@ RAYS_N = np.array([[60.0, 0, 60.0], [0, 60.0, 60.0]])  # 45 deg down, from 60 m 
 def ground_errors(seed):
     """The errors (4, N) of two ground points, north and east, each second of a flight."""
     flown = flight(seed, 200.0)
-    found = errors(flown, solutions(flown, config_for(flown))).after(40.0)
+    result = errors(flown, solutions(flown, config_for(flown))).after(40.0)
     times_s = np.arange(41.0, 198.0, STEP_S)
     rows = []
     for ray_n in RAYS_N:
-        ends_n = found.state[:, :3] - np.cross(found.state[:, 3:6], ray_n)
+        ends_n = result.state[:, :3] - np.cross(result.state[:, 3:6], ray_n)
         on_ground_n = ends_n - ends_n[:, 2:] / ray_n[2] * ray_n
-        rows += [np.interp(times_s, found.t_s, on_ground_n[:, axis]) for axis in (0, 1)]
+        rows += [np.interp(times_s, result.t_s, on_ground_n[:, axis]) for axis in (0, 1)]
     return np.array(rows)
 
 
@@ -258,8 +260,8 @@ def test_the_filter_s_error_on_the_ground_lasts_no_longer_than_assumed():
         both = every[..., : every.shape[-1] - lag] * every[..., lag:]
         return float((both.mean((0, 2)) / np.square(every).mean((0, 2))).mean())
 
-    found = {lag_s: correlation(lag_s) for lag_s in (8, 15, 30, 60)}
+    result = {lag_s: correlation(lag_s) for lag_s in (8, 15, 30, 60)}
     # four flights of 160 s hold some 20 spans of half a minute: a correlation is known to 0.2
-    for lag_s, share in found.items():
-        assert share <= COMMON + (1 - COMMON) * np.exp(-lag_s / MEMORY_S), found
-    assert found[8] > 0.4, found  # clicks in a row are not independent
+    for lag_s, share in result.items():
+        assert share <= COMMON + (1 - COMMON) * np.exp(-lag_s / MEMORY_S), result
+    assert result[8] > 0.4, result  # clicks in a row are not independent

@@ -11,7 +11,7 @@ def finding(check, severity, evidence="it is 2, not 1"):
     return Finding(check, severity, evidence, "a_node a_parameter", "set it to 1")
 
 
-NOTE, CAUTION, STOP = (finding(one.name.lower(), one) for one in Severity)
+NOTE, CAUTION, STOP = (finding(item.name.lower(), item) for item in Severity)
 
 
 def test_the_worst_comes_first_and_each_check_once():

@@ -79,10 +79,10 @@ def test_frames_without_account_are_missed():
 def test_what_was_written_is_read_again(tmp_path):
     ledger = tmp_path / "ledger.txt"
     ledger.write_text("epoch 3 20000003\nframe 1000000003 5.25\nframe 1050000003 5.5\nframe 11000")
-    found = read_ledger(ledger)
-    assert found.shift_ns == {3: 20000003}
-    assert found.stamps_ns == [1000000003, 1050000003]  # the last one was cut by a kill
-    assert found.sent_s == [5.25, 5.5]
+    outcome = read_ledger(ledger)
+    assert outcome.shift_ns == {3: 20000003}
+    assert outcome.stamps_ns == [1000000003, 1050000003]  # the last one was cut by a kill
+    assert outcome.sent_s == [5.25, 5.5]
     record = tmp_path / "record.jsonl"
     pose = ["pose", 1.5, 1000000003, *range(13)]
     lines = [pose, ["picture", 1.75, 1000000003, 88], ["frames", 2.0, 1000000003, 2, {"drawn": 1}]]
@@ -128,19 +128,19 @@ def row(k, *, rounds=0, shift=0, error_m=(0, 0, 0), error_rad=(0, 0, 0)):
     return 1.0, START + k * STEP + rounds * PERIOD + shift, numbers
 
 
-def found(*rows, shifts=None):
+def outcome(*rows, shifts=None):
     return deviations(poses_of(rows), CAMERAS, shifts or {0: 0}, PERIOD, START)
 
 
 def test_errors_come_out_in_sigmas_axis_by_axis():
-    sigmas = found(row(3, error_m=(0.02, 0, -0.1), error_rad=(0, 0.002, 0))).sigmas
+    sigmas = outcome(row(3, error_m=(0.02, 0, -0.1), error_rad=(0, 0.002, 0))).sigmas
     # Sums of rotations are not their product: the second order is 1e-6 of them.
     assert sigmas == pytest.approx(np.array([[1, 0, 5, 0, 2, 0]]), abs=1e-6)
 
 
 def test_rounds_and_epochs_are_taken_out():
     shift = 300_000_000_000 + 7
-    result = found(
+    result = outcome(
         row(3), row(4, rounds=5), row(5, rounds=2, shift=shift), shifts={0: 0, 7: shift}
     )
     assert result.sigmas == pytest.approx(np.zeros((3, 6)), abs=1e-6)
@@ -149,7 +149,7 @@ def test_rounds_and_epochs_are_taken_out():
 
 def test_a_pose_of_no_epoch_or_of_no_instant_is_a_stranger():
     between = (1.0, START + STEP // 2, row(3)[2])
-    assert found(row(3), row(3, shift=5), between).strangers == 2
+    assert outcome(row(3), row(3, shift=5), between).strangers == 2
 
 
 def picture(exposure_ns, pixels=1000, came_s=2.0):
@@ -221,9 +221,9 @@ def report(came_s, place, sent, waiting=0, refused=0, player_from=100, **fates):
     ],
 )
 def test_all_frames_have_a_fate_or_are_missing_by_name(reports, lives, unaccounted):
-    found = balance(ledger(), reports, lives)
-    assert found.unaccounted == unaccounted
-    assert not found.contradictions
+    outcome = balance(ledger(), reports, lives)
+    assert outcome.unaccounted == unaccounted
+    assert not outcome.contradictions
 
 
 def test_a_sender_that_is_killed_takes_frames_with_it():
@@ -234,15 +234,15 @@ def test_a_sender_that_is_killed_takes_frames_with_it():
 
 def test_what_could_not_be_read_or_used_is_refused():
     given = report(5.0, 99, 100, drawn=90, invalid=4, out_of_order=1, refused=5)
-    found = balance(ledger(), [given], LIVED)
-    assert found.fates["invalid"] == 9
-    assert not found.contradictions
+    outcome = balance(ledger(), [given], LIVED)
+    assert outcome.fates["invalid"] == 9
+    assert not outcome.contradictions
 
 
 def test_a_frame_without_a_fate_shows():
-    found = balance(ledger(), [report(5.5, 99, 100, drawn=99)], LIVED)
-    assert len(found.contradictions) == 1
-    assert "1 of 100" in found.contradictions[0]
+    outcome = balance(ledger(), [report(5.5, 99, 100, drawn=99)], LIVED)
+    assert len(outcome.contradictions) == 1
+    assert "1 of 100" in outcome.contradictions[0]
 
 
 @pytest.mark.parametrize(("drawn", "blind"), [(0, 1), (3, 0)])

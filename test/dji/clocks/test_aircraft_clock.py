@@ -226,8 +226,8 @@ def test_ticks_of_2_5_ms_are_seen_before_the_clock_settles(rate_hz, seen_s, star
     errors = errors_ms(stamps, flown, seen_s)
     assert -2.5 < errors.min() < errors.max() < 10
     assert np.abs(errors_ms(stamps, flown, seen_s + 1)).max() < 2.5
-    found = clock.diagnostics
-    assert (found["clock tick [ms]"], found["clock state"]) == ("2.5", "settled")
+    result = clock.diagnostics
+    assert (result["clock tick [ms]"], result["clock state"]) == ("2.5", "settled")
 
 
 def test_a_settled_counter_keeps_its_milliseconds():

@@ -59,8 +59,8 @@ def test_what_is_polled_goes_out_once_an_epoch(poll_hz):
     meant = interpreter()
     samples = taken(meant, polled(10.0, poll_hz))
     for kind in (PositionSample, VelocitySample, HeadingSample):
-        found = of(kind, samples)
-        assert [t_ms(s) for s in found] == pytest.approx([200.0 * k for k in range(50)])
+        result = of(kind, samples)
+        assert [t_ms(s) for s in result] == pytest.approx([200.0 * k for k in range(50)])
     assert meant.counts.get("rtk_repeated", 0) == 10 * poll_hz - 50
 
 
@@ -221,8 +221,8 @@ def test_only_a_fixed_yaw_is_a_heading(yaw_flag):
 def test_a_flag_of_another_message_holds_for_a_while():
     meant = interpreter()
     assert meant.take(rtk(0, position_flag=50)) == []
-    found = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
-    assert found == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
+    result = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
+    assert result == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
 
 
 SIGMAS = {"horizontal_sigma_m": 0.8, "vertical_sigma_m": 1.6, "velocity_sigma_m_s": 0.09}
@@ -328,11 +328,11 @@ def flight(seconds):
 def test_a_flight():
     meant = Interpreter(DjiConfig(geoid_undulation_m=40.0, aircraft=KIT))
     samples = [*taken(meant, flight(20.0)), *meant.flush()]
-    found: dict[str, int] = {}
+    result: dict[str, int] = {}
     for sample in samples:
         topic, _ = sensed(MESSAGES, sample)
-        found[topic] = found.get(topic, 0) + 1
-    assert found == {
+        result[topic] = result.get(topic, 0) + 1
+    assert result == {
         "imu/data": 1000,
         "gps/fix": 100,
         "rtk/fix": 100,
@@ -343,8 +343,8 @@ def test_a_flight():
     }
     assert meant.warnings == []
     assert meant.counts == {"gimbal_without_joints": 1, "gps_repeated": 900, "rtk_repeated": 900}
-    said = meant.diagnostics
-    assert said["imu_source"] == "broadcast"
-    assert said["acceleration_unit"] == "g (by its size, 1.000)"
-    assert said["rtk_flag"] == said["rtk_yaw_flag"] == "50"
-    assert said["geoid_undulation_m"] == "40"
+    message_text = meant.diagnostics
+    assert message_text["imu_source"] == "broadcast"
+    assert message_text["acceleration_unit"] == "g (by its size, 1.000)"
+    assert message_text["rtk_flag"] == message_text["rtk_yaw_flag"] == "50"
+    assert message_text["geoid_undulation_m"] == "40"

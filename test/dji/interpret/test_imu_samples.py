@@ -292,9 +292,9 @@ def test_yaw_from_the_nose(tilt, nose, camera):
     assume(pitch > -1.5)  # where the camera's yaw is defined
     meant = interpreter(gimbal_reference="body")
     given_camera, joints = at(meant, gimbal(100, roll, pitch, yaw), wxyz(tilt, -tilt, nose))
-    said = euler_from_quat(given_camera.q_ng)
+    text = euler_from_quat(given_camera.q_ng)
     # Over the cosine of the pitch, 0.07.
-    np.testing.assert_allclose(wrap_pi(said - [roll, pitch, nose + yaw]), 0, atol=2e-13)
+    np.testing.assert_allclose(wrap_pi(text - [roll, pitch, nose + yaw]), 0, atol=2e-13)
     expected = matrix_from_quat(np.array(wxyz(tilt, -tilt, nose))).T @ matrix_from_quat(
         given_camera.q_ng
     )

@@ -91,7 +91,7 @@ FRAME = encode_frame(bytes((2, 0, 0, 0)))
 
 def test_from_no_device_to_receiving_and_back(tmp_path):
     """What a person reads, while the aircraft sends at any time but the first."""
-    path, told = tmp_path / "aircraft", []
+    path, reports = tmp_path / "aircraft", []
     with PseudoTerminal(path, WATCHED_BAUD) as cable:
         link, watch = SerialLink(str(path), WATCHED_BAUD), LinkWatch(str(path), WATCHED_BAUD)
         reader = FrameReader()
@@ -100,13 +100,13 @@ def test_from_no_device_to_receiving_and_back(tmp_path):
         def wait_for(condition, sends=True):
             end_s = time.monotonic() + 4.0
             while watch.report is None or watch.report.condition != condition:
-                assert time.monotonic() < end_s, told
+                assert time.monotonic() < end_s, reports
                 if sends:
                     cable.write(FRAME)
                 reader.feed(link.read(0.02))
                 counts = reader.counts["bytes"], reader.counts["frames"]
                 report = watch.look(time.monotonic(), link.state, link.message, *counts)
-                told.extend([report.condition] if report else [])
+                reports.extend([report.condition] if report else [])
 
         wait_for("no_device")
         cable.plug()
@@ -117,7 +117,7 @@ def test_from_no_device_to_receiving_and_back(tmp_path):
         cable.plug()
         wait_for("receiving")
         link.close()
-    assert told == [
+    assert reports == [
         *("no_device", "waiting", "silent", "receiving", "lost", "waiting", "receiving")
     ]
 

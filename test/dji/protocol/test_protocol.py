@@ -113,10 +113,10 @@ def lengths_of(layout):
 
 
 def test_no_length_fits_two_layouts_that_mean_different_things():
-    one, other = Layout
+    item, other = Layout
     masks = np.arange(1 << 15)
-    same = (lengths_of(one) == lengths_of(other)) & (lengths_of(one) > 0)
-    differing = sum(1 << bit for bit in range(15) if FORMS[one].get(bit) != FORMS[other].get(bit))
+    same = (lengths_of(item) == lengths_of(other)) & (lengths_of(item) > 0)
+    differing = sum(1 << bit for bit in range(15) if FORMS[item].get(bit) != FORMS[other].get(bit))
     assert same.any()
     assert not (masks[same] & differing).any()
 
@@ -124,17 +124,17 @@ def test_no_length_fits_two_layouts_that_mean_different_things():
 @given(st.integers(0, 0xFFFF), st.integers(0, 300))
 def test_a_length_of_no_layout_is_refused(mask, length):
     fits = any(broadcast_length(layout, mask) == length for layout in Layout)
-    found = decode_broadcast(struct.pack("<H", mask).ljust(length, b"\0")[:length])
-    assert (found is not None) == fits
+    result = decode_broadcast(struct.pack("<H", mask).ljust(length, b"\0")[:length])
+    assert (result is not None) == fits
 
 
 @pytest.mark.parametrize("layout", Layout)
 @given(data=st.data())
 def test_what_is_decoded_encodes_to_the_same_bytes(layout, data):
     value = data.draw(values(layout))
-    found = decode_broadcast(value)
-    assert encode_broadcast(found) == value
-    assert decode_broadcast(encode_broadcast(found)) == found
+    result = decode_broadcast(value)
+    assert encode_broadcast(result) == value
+    assert decode_broadcast(encode_broadcast(result)) == result
 
 
 def test_the_old_layout_of_the_m600():
@@ -152,19 +152,19 @@ def test_the_old_layout_of_the_m600():
         2,
         36,
     ]
-    found = decode_broadcast(struct.pack(form_of(Layout.LEGACY, mask), mask, *numbers))
-    assert found.layout is Layout.LEGACY
-    assert found.time == Time(98760, 741636, None, None, 1)
-    assert found.velocity == Velocity((1.5, -2.5, 3.5), 0b10101)
-    assert found.position == Position(0.9, 0.1, 28.5, 25.0, 4)
-    assert found.relative_position is None
-    assert found.gps.vel_ned_cmps == (732.0, 2.0, -51.0)
-    assert found.gps.detail is None
-    assert (found.rtk.yaw_deg, found.rtk.pos_flag, found.rtk.yaw_flag) == (-90, 50, 34)
-    assert found.mag == (-828, 1248, -1047)
-    assert found.status == Status(2)
-    assert found.battery == Battery(None, None, None, 36)
-    assert found.mask == mask
+    result = decode_broadcast(struct.pack(form_of(Layout.LEGACY, mask), mask, *numbers))
+    assert result.layout is Layout.LEGACY
+    assert result.time == Time(98760, 741636, None, None, 1)
+    assert result.velocity == Velocity((1.5, -2.5, 3.5), 0b10101)
+    assert result.position == Position(0.9, 0.1, 28.5, 25.0, 4)
+    assert result.relative_position is None
+    assert result.gps.vel_ned_cmps == (732.0, 2.0, -51.0)
+    assert result.gps.detail is None
+    assert (result.rtk.yaw_deg, result.rtk.pos_flag, result.rtk.yaw_flag) == (-90, 50, 34)
+    assert result.mag == (-828, 1248, -1047)
+    assert result.status == Status(2)
+    assert result.battery == Battery(None, None, None, 36)
+    assert result.mask == mask
 
 
 def test_the_usual_packages_have_the_lengths_of_their_pushes():

@@ -44,25 +44,25 @@ def rtk(at_ms: int, status=FixStatus.FIXED, source=Source.RTK_POSITION) -> Posit
     )
 
 
-def told(samples):
+def reports(samples):
     """Broadcasts that an aircraft makes of samples, sorted by arrival."""
     frames = list(frames_of(Aircraft(), sorted(samples, key=lambda pair: pair[0])))
-    found = FrameReader().feed(b"".join(frame.data for frame in frames))
-    assert [frame.sequence for frame in found] == [k & 0xFFFF for k in range(1, len(found) + 1)]
-    assert all(frame.session == 0 for frame in found)
-    broadcasts = [decode_broadcast(frame.value) for frame in found if frame.cmd_id == 0]
-    assert all(said is not None and said.layout is Layout.MODERN for said in broadcasts)
+    result = FrameReader().feed(b"".join(frame.data for frame in frames))
+    assert [frame.sequence for frame in result] == [k & 0xFFFF for k in range(1, len(result) + 1)]
+    assert all(frame.session == 0 for frame in result)
+    broadcasts = [decode_broadcast(frame.value) for frame in result if frame.cmd_id == 0]
+    assert all(text is not None and text.layout is Layout.MODERN for text in broadcasts)
     return broadcasts
 
 
 def test_a_flight_that_starts_again_switches_it_on_anew():
-    said = told([imu(k) for k in range(300)])
-    assert said[-1].time.time_ms == 60_000 + 2990
+    text = reports([imu(k) for k in range(300)])
+    assert text[-1].time.time_ms == 60_000 + 2990
     aircraft = Aircraft()
     back = [(START + 5_000 * MS + k * 10 * MS, imu(k)[1]) for k in range(3)]
     frames = list(frames_of(aircraft, [*(imu(k) for k in range(300)), *back]))
-    found = FrameReader().feed(frames[-3].data)
-    assert decode_broadcast(found[0].value).time.time_ms == 60_000
+    result = FrameReader().feed(frames[-3].data)
+    assert decode_broadcast(result[0].value).time.time_ms == 60_000
 
 
 def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
@@ -78,8 +78,8 @@ def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
     frames = list(frames_of(aircraft, samples))
     assert [f.time_ns for f in frames] == sorted(f.time_ns for f in frames)
     table = PackageTable(USUAL_PACKAGES)
-    found = [(f, FrameReader().feed(f.data)[0]) for f in frames]
-    pushes = [(f, decode_push(frame.value, table)) for f, frame in found if frame.cmd_id == 5]
+    result = [(f, FrameReader().feed(f.data)[0]) for f in frames]
+    pushes = [(f, decode_push(frame.value, table)) for f, frame in result if frame.cmd_id == 5]
     sync = [(f, push) for f, push in pushes if push.package.id == 3]
     assert len(sync) == 401  # a second of 400 Hz, both ends
     for k, (frame, push) in enumerate(sync):
@@ -97,8 +97,8 @@ def test_parts_are_polled_in_step_with_any_imu(rate_hz):
     step_ns = 1_000_000_000 // rate_hz
     samples = [(START + k * step_ns, replace(imu(0)[1], stamp_ns=START + k * step_ns))
                for k in range(rate_hz)]  # fmt: skip
-    said = told(samples)
-    polled_ms = [1000 * k // rate_hz for k, part in enumerate(said) if part.rtk is not None]
+    text = reports(samples)
+    polled_ms = [1000 * k // rate_hz for k, part in enumerate(text) if part.rtk is not None]
     assert polled_ms == list(range(0, 1000, 20))
 
 

@@ -117,11 +117,11 @@ class Flight:
         for composition in ("paper", "encoders"):
             gimbal = replace(self._gimbal, composition=composition)
             flown = Registration(self._ekf, gimbal)
-            found = [flown.take(sample) for sample in samples]
+            outcome = [flown.take(sample) for sample in samples]
             cameras[composition] = PoseBuffer(1e9)
-            for pose in (pose for one in found for pose in one.cameras):
+            for pose in (pose for entry in outcome for pose in entry.cameras):
                 cameras[composition].add(pose)
-        bodies = [one.body for one in found if one.body is not None]
+        bodies = [entry.body for entry in outcome if entry.body is not None]
         errors = body_errors(bodies, self._truth, SETTLED_S)
         ground = {
             composition: locate_observations(
@@ -148,7 +148,7 @@ def flight(sample):
 
 @pytest.fixture(scope="module")
 def bag(flight):
-    return flight.judged([found for _, found in flight.samples])
+    return flight.judged([outcome for _, outcome in flight.samples])
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def test_each_measurement_comes_once(flight, by_joints):
 
     samples, interpreter = by_joints
     assert interpreter.warnings == []
-    assert number(samples) == number(found for _, found in flight.samples)
+    assert number(samples) == number(outcome for _, outcome in flight.samples)
 
 
 def imu_stamps(samples):
@@ -188,8 +188,8 @@ def test_stamps_are_the_measurements_own(flight, by_joints):
 
     75 bytes take 0.81 ms at 921600 baud, and the fastest of some thousand reads none more.
     """
-    said = imu_stamps([found for _, found in flight.samples])
-    settled = (imu_stamps(by_joints[0]) - said)[500:] / 1e6
+    text = imu_stamps([outcome for _, outcome in flight.samples])
+    settled = (imu_stamps(by_joints[0]) - text)[500:] / 1e6
     assert settled.min() > -0.5
     assert np.median(settled) == pytest.approx(0.8, abs=0.3)
     assert settled.max() < 2.0

@@ -68,8 +68,8 @@ def attitude(stamp_ns: int, w: float) -> Message:
 def readings(name, message, record_ns=START + LAG, setup=None):
     """What one message gives, epochs that are not over included."""
     road = Ros1Decoder(setup or Ros1Setup())
-    found = road.take(name, message, record_ns)
-    return [arrived.reading for arrived in found + road.flush()]
+    result = road.take(name, message, record_ns)
+    return [arrived.reading for arrived in result + road.flush()]
 
 
 def test_imu_is_turned_to_ned_and_frd():
@@ -206,13 +206,13 @@ def part(name: str, number: int, stamp_ns: int) -> RtkReading:
     return RtkReading(stamp_ns, **{name: values.get(name, number)})
 
 
-def told(events):
+def reports(events):
     """Readings of (arrival, part)."""
     epochs = RtkEpochs()
-    found = []
+    result = []
     for arrival_ns, given_part in events:
-        found += epochs.take(given_part, arrival_ns)
-    return found + epochs.flush()
+        result += epochs.take(given_part, arrival_ns)
+    return result + epochs.flush()
 
 
 @settings(max_examples=60, deadline=None)
@@ -233,9 +233,9 @@ def test_any_order_within_an_epoch_and_any_delay_below_half_of_one(orders, delay
             stamps = {"place": number * PERIOD, "velocity_n": number * PERIOD + 1}
             events.append((at_ns, part(name, number, stamps.get(name, at_ns + 2))))
     events.sort(key=lambda event: event[0])
-    found = told(events)
-    assert [reading.stamp_ns for _, reading in found] == [k * PERIOD for k in range(len(orders))]
-    for number, (_, reading) in enumerate(found):
+    result = reports(events)
+    assert [reading.stamp_ns for _, reading in result] == [k * PERIOD for k in range(len(orders))]
+    for number, (_, reading) in enumerate(result):
         assert reading == RtkReading(
             number * PERIOD,
             GeodeticPlace(0.9, 0.1, float(number)),
@@ -254,14 +254,14 @@ def test_a_lost_part_costs_itself_alone(lost):
         for k, name in enumerate(PARTS)
         if (number, name) != (1, lost)
     ]
-    found = [reading for _, reading in told(events)]
-    assert len(found) == 3
-    for number, reading in enumerate(found):
+    result = [reading for _, reading in reports(events)]
+    assert len(result) == 3
+    for number, reading in enumerate(result):
         absent = {name for name in PARTS if getattr(reading, name) is None}
         assert absent == ({lost} if number == 1 else set())
 
 
 def test_a_whole_epoch_does_not_wait():
     epochs = RtkEpochs()
-    found = [epochs.take(part(name, 1, k), k) for k, name in enumerate(PARTS)]
-    assert [len(each) for each in found] == [0, 0, 0, 0, 1]
+    result = [epochs.take(part(name, 1, k), k) for k, name in enumerate(PARTS)]
+    assert [len(each) for each in result] == [0, 0, 0, 0, 1]

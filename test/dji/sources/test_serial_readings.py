@@ -171,8 +171,8 @@ def test_a_gps_position_with_its_latitude_first_is_found_out(clocks, known_by):
         raw, latitude, longitude = parts.GpsPosition(469480000, 1000000000, 0), 46.948, 100.0
     value = encode_push(Push(GPS_ALONE, 5000, 0, {"GPS_POSITION": raw}))
     (gps,) = telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
-    found = gps.place.latitude_rad, gps.place.longitude_rad
-    assert found == pytest.approx((math.radians(latitude), math.radians(longitude)), abs=1e-9)
+    result = gps.place.latitude_rad, gps.place.longitude_rad
+    assert result == pytest.approx((math.radians(latitude), math.radians(longitude)), abs=1e-9)
     assert telemetry.counts["axes_swapped"] == 1
 
 
@@ -239,7 +239,7 @@ def test_a_wrong_key_is_named(key, words):
     """
     road = SerialDecoder(DjiConfig(key=key), PackageTable())
     watch = LinkWatch("/dev/ttyUSB0", 230400, has_key=bool(key))
-    told = []
+    reports = []
     for k in range(1, 500):
         data = frame(20 * k, KEY)
         if k % 50 == 0:
@@ -248,8 +248,8 @@ def test_a_wrong_key_is_named(key, words):
         road.take(data, NOW_NS + k * 20_000_000, now_s)
         counts = road.counts["bytes"], road.counts["frames"], road.locked
         report = watch.look(now_s, LinkState.OPEN, "", *counts)
-        told += [report.condition] if report else []
-    assert told == ["waiting", "wrong_key"]
+        reports += [report.condition] if report else []
+    assert reports == ["waiting", "wrong_key"]
     assert watch.report.level is LinkLevel.ERROR
     assert words in watch.report.message
     assert "/dev/ttyUSB0" in watch.report.message

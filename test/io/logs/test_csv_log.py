@@ -67,20 +67,20 @@ def test_broken_lines_repeats_and_a_clock_without_a_date(shared):
 
 def test_vectornav_receiver_whose_heading_is_not_of_its_antennas(shared):
     path, contents = read_real(shared, "ins/vn310_gnss_16s.csv", "vectornav_gnss")
-    table, found = pd.read_csv(path), by_topic(contents)
-    assert {topic: len(s) for topic, s in found.items()} == {"rtk/fix": 80, "rtk/vel": 80}
+    table, result = pd.read_csv(path), by_topic(contents)
+    assert {topic: len(s) for topic, s in result.items()} == {"rtk/fix": 80, "rtk/vel": 80}
     assert contents.refused == {("rtk_heading", "no row fits rtk_heading.where"): 80}
-    places = np.degrees([(p.latitude_rad, p.longitude_rad) for p in found["rtk/fix"]])
+    places = np.degrees([(p.latitude_rad, p.longitude_rad) for p in result["rtk/fix"]])
     columns = ["GNSS1::PosLla::latitude [deg]", "GNSS1::PosLla::longitude [deg]"]
     np.testing.assert_allclose(places, table[columns], rtol=1e-15)
     np.testing.assert_array_equal(
-        [p.height_m for p in found["rtk/fix"]], table["GNSS1::PosLla::altitude [m]"]
+        [p.height_m for p in result["rtk/fix"]], table["GNSS1::PosLla::altitude [m]"]
     )
-    sigmas = np.sqrt([p.covariance_n.diagonal() for p in found["rtk/fix"]])
+    sigmas = np.sqrt([p.covariance_n.diagonal() for p in result["rtk/fix"]])
     np.testing.assert_allclose(sigmas, table[[f"GNSS1::PosU::{axis} [m]" for axis in "NED"]])
-    assert {p.status for p in found["rtk/fix"]} == {FixStatus.FLOAT}  # with SBAS
+    assert {p.status for p in result["rtk/fix"]} == {FixStatus.FLOAT}  # with SBAS
     columns = [f"GNSS1::VelNed::{axis} [m/s]" for axis in "NED"]
-    np.testing.assert_array_equal([v.velocity_n for v in found["rtk/vel"]], table[columns])
+    np.testing.assert_array_equal([v.velocity_n for v in result["rtk/vel"]], table[columns])
 
 
 def test_a_week_that_counts_to_1023_is_refused(shared, tmp_path):
@@ -100,9 +100,9 @@ def test_a_week_that_counts_to_1023_is_refused(shared, tmp_path):
 @pytest.mark.parametrize("name", ["airdata_2023-12-22_with_DJI_0031", "airdata_2024-01-04_120s"])
 def test_airdata_in_feet_and_miles_per_hour(shared, name):
     path, contents = read_real(shared, f"dji/{name}.csv", "airdata")
-    table, found = pd.read_csv(path, skipinitialspace=True), by_topic(contents)
+    table, result = pd.read_csv(path, skipinitialspace=True), by_topic(contents)
     assert not contents.refused
-    fixes, speeds = found["gps/fix"], found["gps/vel"]
+    fixes, speeds = result["gps/fix"], result["gps/vel"]
     places = np.degrees([(p.latitude_rad, p.longitude_rad) for p in fixes])
     np.testing.assert_allclose(places, table[["latitude", "longitude"]], rtol=1e-15)
     heights = table["height_above_takeoff(feet)"] * 0.3048 + OPTIONS.takeoff_height_m
@@ -119,7 +119,7 @@ def test_airdata_in_feet_and_miles_per_hour(shared, name):
     written = pd.to_datetime(table["datetime(utc)"], utc=True).astype("datetime64[ns, UTC]")
     off_s = (stamps(fixes) - written.astype("int64")) * 1e-9
     assert -0.5 < off_s.min() < off_s.max() < 1.5  # whole seconds, of a clock of its own
-    angles = np.degrees([euler_from_quat(s.q_ng) for s in found["gimbal/attitude"]])
+    angles = np.degrees([euler_from_quat(s.q_ng) for s in result["gimbal/attitude"]])
     expected = table["gimbal_pitch(degrees)"]
     np.testing.assert_allclose(angles[:, 1], expected, atol=1e-9)
 
@@ -128,17 +128,17 @@ def test_rows_of_several_kinds(shared):
     """PX4's replay file: the second column tells the kind, longitude stands before latitude."""
     path, contents = read_real(shared, "px4/ecl_replay_iris_gps_20s.csv", "px4_replay")
     rows = [line.split(",") for line in path.read_text().splitlines()]
-    found = by_topic(contents)
+    result = by_topic(contents)
     imu = np.array([row[2:8] for row in rows if row[1] == "imu"], float)
     gps = np.array([row[2:8] for row in rows if row[1] == "gps"], float)
-    np.testing.assert_array_equal(forces(found["imu/data"]), imu[:, :3])
-    np.testing.assert_array_equal(rates(found["imu/data"]), imu[:, 3:])
-    places = np.degrees([(p.longitude_rad, p.latitude_rad) for p in found["gps/fix"]])
+    np.testing.assert_array_equal(forces(result["imu/data"]), imu[:, :3])
+    np.testing.assert_array_equal(rates(result["imu/data"]), imu[:, 3:])
+    places = np.degrees([(p.longitude_rad, p.latitude_rad) for p in result["gps/fix"]])
     np.testing.assert_allclose(places, gps[:, 1:3] * 1e-7, rtol=1e-14)
     assert places.mean(axis=0) == pytest.approx([8.546, 47.398], abs=1e-3)  # Zurich
     heights = gps[:, 0] * 1e-3 + OPTIONS.geoid_undulation_m
-    np.testing.assert_allclose([p.height_m for p in found["gps/fix"]], heights)
-    np.testing.assert_array_equal([v.velocity_n for v in found["gps/vel"]], gps[:, 3:])
+    np.testing.assert_allclose([p.height_m for p in result["gps/fix"]], heights)
+    np.testing.assert_array_equal([v.velocity_n for v in result["gps/vel"]], gps[:, 3:])
     assert not contents.refused
 
 
@@ -239,13 +239,13 @@ ALL_VALUES = (
 
 def test_the_template_takes_every_quantity(tmp_path):
     table = f"# a comment\n{ALL_TITLES}\n{ALL_VALUES}\n"
-    found = by_topic(read_table(tmp_path, table, (COLUMNS / "template.yaml").read_text()))
-    assert all(len(samples) == 1 for samples in found.values())
-    assert set(found) == {
+    result = by_topic(read_table(tmp_path, table, (COLUMNS / "template.yaml").read_text()))
+    assert all(len(samples) == 1 for samples in result.values())
+    assert set(result) == {
         *("imu/data", "rtk/fix", "rtk/vel", "rtk/heading", "baro/pressure"),
         *("gimbal/joint_states", "gimbal/attitude"),
     }
-    first = {topic: samples[0] for topic, samples in found.items()}
+    first = {topic: samples[0] for topic, samples in result.items()}
     assert {sample.stamp_ns for sample in first.values()} == {STAMP_NS}
     imu, fix = first["imu/data"], first["rtk/fix"]
     np.testing.assert_allclose(imu.specific_force_b, [0.1, -0.2, -9.7])

@@ -54,7 +54,7 @@ def test_every_field_is_the_source_readers(shared):
     from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415
 
     path = shared / "foreign_logs" / "ardupilot" / "plane_1s.BIN"
-    found, rows = by_source(read_dataflash(path, OPTIONS)), defaultdict(list)
+    result, rows = by_source(read_dataflash(path, OPTIONS)), defaultdict(list)
     log = DFReader_binary(str(path))
     while message := log.recv_msg():
         rows[message.get_type()].append(message)
@@ -67,11 +67,11 @@ def test_every_field_is_the_source_readers(shared):
         assert [s.stamp_ns // 1000 - shift_us for s in samples] == [m.TimeUS for m in rows[name]]
         return zip(samples, rows[name], strict=True)
 
-    for sample, message in same(found[Source.IMU], "IMU"):
+    for sample, message in same(result[Source.IMU], "IMU"):
         assert sample.specific_force_b.tolist() == [message.AccX, message.AccY, message.AccZ]
         assert sample.angular_rate_b.tolist() == [message.GyrX, message.GyrY, message.GyrZ]
     accuracies = {message.TimeUS: message for message in rows["GPA"]}
-    for sample, message in same(found[Source.GPS_POSITION], "GPS"):
+    for sample, message in same(result[Source.GPS_POSITION], "GPS"):
         place = math.degrees(sample.latitude_rad), math.degrees(sample.longitude_rad)
         assert place == pytest.approx((message.Lat, message.Lng), abs=1e-13)
         assert sample.height_m == pytest.approx(message.Alt + UNDULATION_M, abs=1e-12)
@@ -79,16 +79,16 @@ def test_every_field_is_the_source_readers(shared):
         accuracy = accuracies[message.TimeUS]
         sigmas = np.sqrt(sample.covariance_n.diagonal())
         assert sigmas == pytest.approx((accuracy.HAcc, accuracy.HAcc, accuracy.VAcc))
-    for sample, message in same(found[Source.GPS_VELOCITY], "GPS"):
+    for sample, message in same(result[Source.GPS_VELOCITY], "GPS"):
         north, east, down = sample.velocity_n
         assert math.hypot(north, east) == pytest.approx(message.Spd)
         assert math.degrees(math.atan2(east, north)) % 360 == pytest.approx(message.GCrs)
         assert down == message.VZ
         sigma = accuracies[message.TimeUS].SAcc
         assert math.sqrt(sample.covariance_n[0, 0]) == pytest.approx(sigma)
-    for sample, message in same(found[Source.BAROMETER], "BARO"):
+    for sample, message in same(result[Source.BAROMETER], "BARO"):
         assert sample.pressure_pa == message.Press
-    attitudes = sum(sample.autopilot_q_nb is not None for sample in found[Source.IMU])
+    attitudes = sum(sample.autopilot_q_nb is not None for sample in result[Source.IMU])
     assert attitudes == len(rows["IMU"]) - 1  # the first is before the first attitude
 
 
@@ -99,20 +99,20 @@ def test_the_first_of_each_is_taken_with_rtk_and_yaw(tmp_path):
     fix(log, 80_300_000, 5, 0.0)  # 0 where the receiver has no yaw
     fix(log, 80_400_000, 2, 0.0)
     contents = read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS)
-    found = by_source(contents)
-    first, second = found[Source.RTK_POSITION]
+    result = by_source(contents)
+    first, second = result[Source.RTK_POSITION]
     assert (first.status, second.status) == (FixStatus.FIXED, FixStatus.FLOAT)
     utc = datetime(2017, 10, 29, 1, 47, 10, 100_000, tzinfo=timezone.utc)
     assert first.stamp_ns == round(utc.timestamp() * 1e6) * 1000
     assert first.height_m == pytest.approx(588.82 + UNDULATION_M)
     assert np.sqrt(first.covariance_n.diagonal()) == pytest.approx((0.02, 0.02, 0.03))
-    (heading,) = found[Source.RTK_HEADING]
+    (heading,) = result[Source.RTK_HEADING]
     assert math.degrees(heading.heading_rad) == pytest.approx(123.0)
     assert math.sqrt(heading.variance_rad2) == pytest.approx(math.radians(0.5))
-    assert found[Source.RTK_VELOCITY][0].velocity_n == pytest.approx(
+    assert result[Source.RTK_VELOCITY][0].velocity_n == pytest.approx(
         (5 * math.cos(math.radians(30)), 2.5, -1.5)
     )
-    assert {sample.specific_force_b[1] for sample in found[Source.IMU]} == {np.float32(0.2)}
+    assert {sample.specific_force_b[1] for sample in result[Source.IMU]} == {np.float32(0.2)}
     assert contents.refused == {
         ("IMU", "of another instance than the one taken"): 101,
         ("GPS", "of another instance than the one taken"): 1,
@@ -154,27 +154,27 @@ def test_a_log_as_text_gives_the_same(tmp_path):
     text = tmp_path / "a.log"
     text.write_text("\n".join(lines) + "\n")
     assert is_dataflash(text.read_bytes()[:64])
-    given, found = (by_source(read_dataflash(one, OPTIONS)) for one in (path, text))
-    assert found.keys() == given.keys()
+    given, result = (by_source(read_dataflash(one, OPTIONS)) for one in (path, text))
+    assert result.keys() == given.keys()
     for source, samples in given.items():
-        assert list(map(repr, found[source])) == list(map(repr, samples))
+        assert list(map(repr, result[source])) == list(map(repr, samples))
 
 
 def test_heights_need_the_geoid_and_velocities_their_vertical_part(tmp_path):
     log = small_log()
     fix(log, 80_100_000, 3, 0.0, vertical=0)
     path = log.write(tmp_path / "a.BIN")
-    found = by_source(read_dataflash(path, OPTIONS))
-    assert len(found[Source.GPS_POSITION]) == 1
-    assert Source.GPS_VELOCITY not in found
+    result = by_source(read_dataflash(path, OPTIONS))
+    assert len(result[Source.GPS_POSITION]) == 1
+    assert Source.GPS_VELOCITY not in result
     with pytest.raises(TirgeoError, match=r"above mean sea level: .*--geoid-undulation$"):
         read_dataflash(path, LogOptions())
 
 
 def test_the_attitude_is_roll_pitch_and_yaw(tmp_path):
-    found = by_source(read_dataflash(small_log().write(tmp_path / "a.BIN"), OPTIONS))
+    result = by_source(read_dataflash(small_log().write(tmp_path / "a.BIN"), OPTIONS))
     for k in (0, 20, 33):
-        w, x, y, z = found[Source.IMU][k].autopilot_q_nb
+        w, x, y, z = result[Source.IMU][k].autopilot_q_nb
         nose_n = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
         assert math.degrees(math.atan2(nose_n[1], nose_n[0])) == pytest.approx(k, abs=0.01)
         assert math.degrees(math.asin(-nose_n[2])) == pytest.approx(-10.0, abs=0.01)
@@ -220,8 +220,8 @@ def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):
     fix(log, 80_100_000, 6, 123.0)
     whole = log.write(tmp_path / "a.BIN").read_bytes()
     path = tmp_path / "b.BIN"
-    found = read_damaged(lambda one: read_dataflash(one, OPTIONS).samples, whole, path, 80)
-    assert 15 < found < 80
+    result = read_damaged(lambda one: read_dataflash(one, OPTIONS).samples, whole, path, 80)
+    assert 15 < result < 80
     assert capfd.readouterr() == ("", "")
 
 
@@ -237,5 +237,5 @@ def test_a_damaged_byte_costs_its_record_or_two(tmp_path):
             path.write_bytes(whole[:at] + bytes([value]) + whole[at + 1 :])
             contents = read_dataflash(path, OPTIONS)
             assert len(contents.samples) >= count - 2
-            told = contents.damaged
-            assert told == (at < begun + 3)
+            reports = contents.damaged
+            assert reports == (at < begun + 3)

@@ -46,32 +46,32 @@ NUMBER = r"(-?[\d.]+)"
 
 def places(text, name):
     """Latitudes and longitudes, deg, in the order of the file."""
-    found = []
+    result = []
     for line in text.splitlines():
         brackets = re.search(rf"latitude ?: {NUMBER}\] \[longt?itude ?: {NUMBER}\]", line)
         gps = re.search(rf"GPS ?\({NUMBER}, ?{NUMBER},", line)
         if brackets:
-            found.append((float(brackets[1]), float(brackets[2])))
+            result.append((float(brackets[1]), float(brackets[2])))
         elif gps and name == "matrice_300":
-            found.append((float(gps[1]), float(gps[2])))
+            result.append((float(gps[1]), float(gps[2])))
         elif gps:
-            found.append((float(gps[2]), float(gps[1])))
-    return found
+            result.append((float(gps[2]), float(gps[1])))
+    return result
 
 
 def heights(text, takeoff_m, undulation_m):
     """Ellipsoidal heights: above the take-off where it is written, else above sea level."""
-    found = []
+    result = []
     for line in text.splitlines():
         relative = re.search(rf"(?:rel_alt: |BAROMETER:|Hb:| H ){NUMBER}", line)
         plain = re.search(rf"\[altitude: {NUMBER}\]", line)
         if "GPS(N/A" in line:
             continue
         if relative:
-            found.append(float(relative[1]) + takeoff_m)
+            result.append(float(relative[1]) + takeoff_m)
         elif plain:
-            found.append(float(plain[1]) + undulation_m)
-    return found
+            result.append(float(plain[1]) + undulation_m)
+    return result
 
 
 def read(folder, text, **options):
@@ -94,8 +94,8 @@ def test_each_real_variant(shared, name):
     assert (contents.read["cue"], len(positions), len(attitudes)) == FILES[name]
     assert contents.refused.total() == FILES[name][0] - len(positions)
     if positions:
-        found = np.degrees([(p.latitude_rad, p.longitude_rad) for p in positions])
-        np.testing.assert_allclose(found, places(text, name), atol=1e-12)
+        result = np.degrees([(p.latitude_rad, p.longitude_rad) for p in positions])
+        np.testing.assert_allclose(result, places(text, name), atol=1e-12)
         expected = heights(text, OPTIONS.takeoff_height_m, OPTIONS.geoid_undulation_m)
         np.testing.assert_allclose([p.height_m for p in positions], expected[: len(positions)])
     gimbals = re.findall(rf"G\.PRY \({NUMBER}°, {NUMBER}°, {NUMBER}°\)", text)
@@ -155,10 +155,10 @@ def test_what_it_leaves_open_is_asked_for(tmp_path, text, options, message):
 )
 def test_ways_to_write_a_place(tmp_path, line):
     text = f"1\n00:00:00,000 --> 00:00:01,000\n{line}\n"
-    (found,) = of(read(tmp_path, text, start_ns=0, takeoff_height_m=100.0), PositionSample)
-    assert math.degrees(found.latitude_rad) == pytest.approx(-30.213635)
-    assert math.degrees(found.longitude_rad) == pytest.approx(120.083799)
-    assert found.height_m == pytest.approx(176.2)
+    (result,) = of(read(tmp_path, text, start_ns=0, takeoff_height_m=100.0), PositionSample)
+    assert math.degrees(result.latitude_rad) == pytest.approx(-30.213635)
+    assert math.degrees(result.longitude_rad) == pytest.approx(120.083799)
+    assert result.height_m == pytest.approx(176.2)
 
 
 def test_other_subtitles_are_none(tmp_path):
@@ -177,11 +177,13 @@ def test_one_byte_that_is_not_utf_8_costs_its_cue_alone(shared, tmp_path, byte):
     content[content.index("°".encode(), content.index(b"G.PRY"))] = byte
     path = tmp_path / "damaged.srt"
     path.write_bytes(content)
-    found, right = read_srt(path, OPTIONS), read_srt(whole, OPTIONS)
-    assert len(of(found, CameraAttitudeSample)) == 54
-    assert found.refused == {("cue", "its gimbal angles cannot be read"): 1}
+    result, right = read_srt(path, OPTIONS), read_srt(whole, OPTIONS)
+    assert len(of(result, CameraAttitudeSample)) == 54
+    assert result.refused == {("cue", "its gimbal angles cannot be read"): 1}
     for kind, lost in ((CameraAttitudeSample, 1), (PositionSample, 0)):
-        assert [repr(one) for one in of(found, kind)] == [repr(s) for s in of(right, kind)[lost:]]
+        assert [repr(item) for item in of(result, kind)] == [
+            repr(s) for s in of(right, kind)[lost:]
+        ]
 
 
 def test_one_wrong_digit_in_the_first_date_or_begin_moves_no_other_cue(shared, tmp_path):
@@ -195,9 +197,9 @@ def test_one_wrong_digit_in_the_first_date_or_begin_moves_no_other_cue(shared, t
         path = tmp_path / f"{name}.srt"
         path.write_text(text.replace(right, wrong, 1))
         moved = [
-            abs(found.stamp_ns - expected.stamp_ns)
+            abs(result.stamp_ns - expected.stamp_ns)
             > 100_000_000  # dates and video differ by 40 ms
-            for found, expected in zip(
+            for result, expected in zip(
                 of(read_srt(path, OPTIONS), PositionSample),
                 of(read_srt(folder / f"{name}.srt", OPTIONS), PositionSample),
                 strict=True,

@@ -69,9 +69,9 @@ def test_the_change_is_at_the_leap_second_itself():
     ],
 )
 def test_written_times(text, local, offset_s):
-    found = written_time(text)
+    result = written_time(text)
     *fields, micros = local
-    assert found == (unix_ns(*fields) + micros * 1000, offset_s)
+    assert result == (unix_ns(*fields) + micros * 1000, offset_s)
 
 
 @pytest.mark.parametrize(
@@ -89,12 +89,12 @@ def test_what_is_no_time(text):
 def test_what_is_written_is_read(moment, nanos):
     moment = moment.replace(microsecond=0)
     text = f"{moment:%Y/%m/%d %H:%M:%S}.{nanos:09}"
-    found = written_time(text)
+    result = written_time(text)
     expected = (moment.replace(tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(
         seconds=1
     )
-    assert found is not None
-    assert found.local_ns == expected * SECOND_NS + nanos
+    assert result is not None
+    assert result.local_ns == expected * SECOND_NS + nanos
 
 
 def test_offsets():
@@ -138,14 +138,14 @@ def test_the_dates_of_most_rows_decide(shared, tmp_path, row, column, spoil):
     lines[row] = ",".join(cells)
     path = tmp_path / "damaged.csv"
     path.write_text("\n".join(lines))
-    found, right = airdata(path), airdata(whole)
+    result, right = airdata(path), airdata(whole)
     for topic in ("gps/fix", "gps/vel", "gimbal/attitude"):
         expected = stamps(right, topic)
         assert len(expected) == 651
-        assert stamps(found, topic) == expected[: row - 1] + expected[row:]
+        assert stamps(result, topic) == expected[: row - 1] + expected[row:]
     reason = "its date and count contradict those of most rows"
     names = ("gps_position", "gps_velocity", "gimbal_attitude")
-    assert {found.refused[name, reason] for name in names} == {1}
+    assert {result.refused[name, reason] for name in names} == {1}
 
 
 @pytest.mark.parametrize("off_ms", [-20_000, -500, 20_000])
@@ -154,16 +154,16 @@ def test_a_wrong_count_in_the_first_row_does_not_move_the_others(tmp_path, off_m
     counts = [5000 + 10 * k for k in range(50)]
     counts[0] += off_ms
     table = "t,p\n" + "".join(f"{t},{1e5 + t}\n" for t in counts)
-    found = stamps(read_table(tmp_path, table, FROM_START), "baro/pressure")
-    assert found[-49:] == [OPTIONS.start_ns + 10_000_000 * k for k in range(1, 50)]
+    result = stamps(read_table(tmp_path, table, FROM_START), "baro/pressure")
+    assert result[-49:] == [OPTIONS.start_ns + 10_000_000 * k for k in range(1, 50)]
 
 
 def test_a_pause_after_the_first_rows_is_none(tmp_path):
     """Of a log whose rows come unevenly the first one has the start time."""
     counts = [0, 13, 14, 40, 45, 300, 302, 309, 310, 333]
     table = "t,p\n" + "".join(f"{t},{1e5 + t}\n" for t in counts)
-    found = stamps(read_table(tmp_path, table, FROM_START), "baro/pressure")
-    assert found == [OPTIONS.start_ns + 1_000_000 * t for t in counts]
+    result = stamps(read_table(tmp_path, table, FROM_START), "baro/pressure")
+    assert result == [OPTIONS.start_ns + 1_000_000 * t for t in counts]
 
 
 @pytest.mark.parametrize("place", [0, 1, 2, 50, 97, 98, 99])

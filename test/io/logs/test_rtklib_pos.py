@@ -132,13 +132,13 @@ def test_columns_with_another_separator(tmp_path, separator, header):
     lines[0] = POS.splitlines()[0]
     path = written(tmp_path, "\ufeff" + "\n".join(lines if header else lines[2:]))
     assert form_of(path, columns=True).name == "RTKLIB .pos"
-    found = read_pos(path, LogOptions(time_scale="gpst", height="ellipsoidal"))
+    result = read_pos(path, LogOptions(time_scale="gpst", height="ellipsoidal"))
     expected = read_pos(written(tmp_path, POS), LogOptions())
-    assert not found.refused
-    for one, other in zip(found.samples, expected.samples, strict=True):
-        assert (one.stamp_ns, one.latitude_rad) == (other.stamp_ns, other.latitude_rad)
-        assert one.height_m == other.height_m
-        np.testing.assert_array_equal(one.covariance_n, other.covariance_n)
+    assert not result.refused
+    for item, other in zip(result.samples, expected.samples, strict=True):
+        assert (item.stamp_ns, item.latitude_rad) == (other.stamp_ns, other.latitude_rad)
+        assert item.height_m == other.height_m
+        np.testing.assert_array_equal(item.covariance_n, other.covariance_n)
 
 
 def test_a_solution_in_utf16(tmp_path):

@@ -46,12 +46,12 @@ def hpposllh(i_tow, height):
 
 def judged(path):
     """The messages of pyubx2's reader over the whole stream, by identity."""
-    found = {}
+    result = {}
     with path.open("rb") as stream:
         for _, message in pyubx2.UBXReader(stream, protfilter=2, quitonerror=0):
             if message is not None:
-                found.setdefault(message.identity, []).append(message)
-    return found
+                result.setdefault(message.identity, []).append(message)
+    return result
 
 
 @pytest.mark.parametrize("name", LOGS)

@@ -179,8 +179,8 @@ def test_one_file_in_several_layers_by_a_property(kinds, styled):
     assert [[f.group for f in layer.features] for layer in layers] == [[0], [1], [1, 2]]
     assert layers[0].style.line_bgr == RED
     where = f"{kinds}: layer kinds"
-    told = f"{where}: feature 4 (9): a LineString of 1 positions is too short; left out"
-    assert [layer.left_out for layer in layers] == [(told,), (), ()]  # of the file, so once
+    reports = f"{where}: feature 4 (9): a LineString of 1 positions is too short; left out"
+    assert [layer.left_out for layer in layers] == [(reports,), (), ()]  # of the file, so once
 
 
 def test_a_condition_on_what_is_not_there(kinds, styled):

@@ -51,12 +51,12 @@ def child():
 def test_the_map_is_the_one_that_this_process_would_lay(child, config):
     contents = child.read(config)
     assert (contents.features, contents.left_out) == (1, ())
-    found, own = child.lay(PLANE), drape_layers(load_layers(config.map), PLANE, 30.0)
-    np.testing.assert_array_equal(found.map.lines.points, own.map.lines.points)
-    assert (found.plane, found.features) == (PLANE, contents.features)
+    result, own = child.lay(PLANE), drape_layers(load_layers(config.map), PLANE, 30.0)
+    np.testing.assert_array_equal(result.map.lines.points, own.map.lines.points)
+    assert (result.plane, result.features) == (PLANE, contents.features)
     # Half and a whole thousandth of a degree to the north, at 110.85 km a degree there (WGS84).
-    np.testing.assert_allclose(found.map.lines.points[0][-1], 110.85, rtol=1e-3)
-    assert math.isnan(found.level_m)
+    np.testing.assert_allclose(result.map.lines.points[0][-1], 110.85, rtol=1e-3)
+    assert math.isnan(result.level_m)
 
 
 def test_the_middle_of_own_heights_comes_with_the_map(child, config):
@@ -138,12 +138,12 @@ HOLE = ((48.05, 16.1), (48.05, 16.15), (48.1, 16.15))
 
 
 def drawn(*features):
-    found = json.loads(page_map([MapLayer("beds", features)]))
-    return [(one["geometry"], one["properties"]) for one in found["features"]]
+    result = json.loads(page_map([MapLayer("beds", features)]))
+    return [(item["geometry"], item["properties"]) for item in result["features"]]
 
 
 def test_points_lines_and_areas_are_longitude_and_latitude():
-    (point, _), (line, _), (area, told) = drawn(
+    (point, _), (line, _), (area, reports) = drawn(
         part((48.123456789, 16.5), label="hydrant"),
         part(*SQUARE[:2]),
         part(*SQUARE, label="bed", closed=True),
@@ -152,7 +152,7 @@ def test_points_lines_and_areas_are_longitude_and_latitude():
     assert line == {"type": "LineString", "coordinates": [[16.0, 48.0], [16.2, 48.0]]}
     ring = [[16.0, 48.0], [16.2, 48.0], [16.2, 48.2], [16.0, 48.0]]
     assert area == {"type": "Polygon", "coordinates": [ring]}
-    assert told == {"layer": "beds", "name": "bed"}
+    assert reports == {"layer": "beds", "name": "bed"}
 
 
 def test_the_outlines_of_a_feature_are_one_area_with_holes():
@@ -177,12 +177,12 @@ def test_a_large_map_is_simplified_to_what_a_browser_draws(monkeypatch):
     houses = [circle(rng, 5.0, 4) for _ in range(1000)]
     lakes = [circle(rng, 100.0, 64) for _ in range(30)]
     layers = [MapLayer("houses", houses), MapLayer("lakes", lakes)]
-    found = json.loads(page_map(layers))
-    shapes = [one["geometry"]["coordinates"][0] for one in found["features"]]
-    names = [one["properties"]["layer"] for one in found["features"]]
+    result = json.loads(page_map(layers))
+    shapes = [item["geometry"]["coordinates"][0] for item in result["features"]]
+    names = [item["properties"]["layer"] for item in result["features"]]
     assert names == ["houses"] * 270 + ["lakes"] * 30
     assert {len(ring) for ring in shapes[:270]} == {5}  # an outline ends where it begins
-    words = re.fullmatch("300 of 1,030 shapes, lines within (.*) m", found["simplified"])
+    words = re.fullmatch("300 of 1,030 shapes, lines within (.*) m", result["simplified"])
     for lake, ring in zip(lakes, shapes[270:], strict=True):
         assert 5 < len(ring) < 64
         kept_rad = np.radians(ring)[:, ::-1]
@@ -198,8 +198,8 @@ def test_a_large_map_is_simplified_to_what_a_browser_draws(monkeypatch):
 def test_the_process_that_reads_maps_makes_it(sample):
     child = MapProcess()
     try:
-        found = json.loads(child.answer("map", "page", str(sample / "map.geojson")))
+        result = json.loads(child.answer("map", "page", str(sample / "map.geojson")))
     finally:
         child.close()
-    names = {one["properties"]["name"] for one in found["features"]}
+    names = {item["properties"]["name"] for item in result["features"]}
     assert "Peony D8" in names

@@ -65,9 +65,9 @@ def test_a_map_is_read_where_it_lies(tmp_path, case):
     path = written(tmp_path, name, write)
     before = sorted(tmp_path.iterdir())
     check_same(drawn(path), places)
-    told = [note for layer in read_layers(str(path)) for note in layer.left_out]
-    assert len(told) == len(notes), told
-    for note, pattern in zip(told, notes, strict=True):
+    reports = [note for layer in read_layers(str(path)) for note in layer.left_out]
+    assert len(reports) == len(notes), reports
+    for note, pattern in zip(reports, notes, strict=True):
         assert note.startswith(f"{path}: ")
         assert re.search(pattern, note), note
     assert sorted(tmp_path.iterdir()) == before  # nothing is left beside the map

@@ -110,8 +110,8 @@ WRAPPED.__cause__ = WRONG_NAME
     ],
 )
 def test_failures_are_one_line_with_what_to_do(error, words):
-    said = words_of(error, "tls://tak.example:8089")
-    assert re.search(words, said)
-    assert said.startswith("tls://tak.example:8089: ")
-    assert "PYTAK" not in said
-    assert said.isprintable()
+    text = words_of(error, "tls://tak.example:8089")
+    assert re.search(words, text)
+    assert text.startswith("tls://tak.example:8089: ")
+    assert "PYTAK" not in text
+    assert text.isprintable()

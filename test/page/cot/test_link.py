@@ -133,14 +133,14 @@ def test_what_cannot_be_said_is_counted_and_holds_nothing_up():
 
 
 def test_changes_are_told_once_and_not_each_attempt_and_it_ends_at_once():
-    told = []
+    reports = []
     CotLink(CotParameters("tcp://127.0.0.1")).stop()  # never started
-    link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"), told.append)
+    link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"), reports.append)
     link.start()
     link.share(on=True)
     wait_until(lambda: link.status.error)
     time.sleep(2.5)  # one or two attempts more
-    assert len(told) == 1
-    assert "is the TAK server running" in told[0]
+    assert len(reports) == 1
+    assert "is the TAK server running" in reports[0]
     link.stop()
     assert not link._thread.is_alive()

@@ -24,8 +24,8 @@ def serve(tmp_path):
         return served[-1]
 
     yield begin
-    for one in served:
-        one.stop()
+    for item in served:
+        item.stop()
 
 
 @pytest.fixture

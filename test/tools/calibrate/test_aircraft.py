@@ -32,8 +32,8 @@ def errors(result):
     """Found less planted by parameter, in its unit."""
     planted = dict(zip(PARAMETERS, truth(), strict=True))
     return {
-        name: one["found"] - planted[name] / PER_UNIT[one["unit"]]
-        for name, one in result["parameters"].items()
+        name: item["found"] - planted[name] / PER_UNIT[item["unit"]]
+        for name, item in result["parameters"].items()
         if name in planted
     }
 
@@ -63,7 +63,7 @@ def test_what_it_finds_is_written_under_the_nodes_names(found):
     result, out = found
     nodes, head = written(out)
     everywhere, ekf = nodes["/**"], nodes["/**/ekf_node"]
-    sigma = {name: one["sigma"] for name, one in result["parameters"].items()}
+    sigma = {name: item["sigma"] for name, item in result["parameters"].items()}
     for k, axis in enumerate(("forward", "left", "up")):
         off_m = everywhere["aircraft.rtk_antenna_m"][k] - ANTENNA_M[k]
         assert abs(off_m) < 4 * sigma[f"antenna_{axis}"] + 0.01  # level: some 0.1 deg, 1 mm
@@ -112,10 +112,10 @@ def test_a_hover_is_refused_with_what_to_fly(tmp_path, capsys):
     flight = write_samples(tmp_path / "hover.mcap", samples)
     out = tmp_path / "out.yaml"
     assert command(["calibrate", "aircraft", str(flight), "-o", str(out)]) == 1
-    said = capsys.readouterr().err
-    assert "shows no parameter: antenna_forward (aircraft.rtk_antenna_m)" in said
-    assert "fly legs in several directions" in said
-    assert said.count("\n") == 1
+    message_text = capsys.readouterr().err
+    assert "shows no parameter: antenna_forward (aircraft.rtk_antenna_m)" in message_text
+    assert "fly legs in several directions" in message_text
+    assert message_text.count("\n") == 1
     assert not out.exists()
 
 

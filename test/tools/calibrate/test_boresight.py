@@ -64,8 +64,8 @@ class Flown:
     def errors(self, result):
         """By parameter: found less true, and sigma."""
         return {
-            name: (one["found"] - self.truth[name], one["sigma"])
-            for name, one in result["parameters"].items()
+            name: (item["found"] - self.truth[name], item["sigma"])
+            for name, item in result["parameters"].items()
         }
 
 
@@ -120,18 +120,18 @@ def test_what_was_found_makes_poses_that_have_no_more_of_it(flown, held):
     assert again["ground_rmse_m"]["before"] == pytest.approx(
         held["ground_rmse_m"]["after"], abs=2e-3
     )
-    for one in again["parameters"].values():
-        assert abs(one["found"] - one["before"]) < 0.02 * one["sigma"]
+    for item in again["parameters"].values():
+        assert abs(item["found"] - item["before"]) < 0.02 * item["sigma"]
 
 
 def test_the_file_is_what_the_nodes_take_and_says_how_well(flown, held):
     path = flown.folder / "held.yaml"
-    found = held["parameters"]
+    outcome = held["parameters"]
     gimbal = load_config(path, "gimbal_node", GimbalConfig)
-    rpy = [found[name]["found"] for name in ("roll", "pitch", "yaw")]
+    rpy = [outcome[name]["found"] for name in ("roll", "pitch", "yaw")]
     np.testing.assert_allclose(gimbal.boresight_rpy_deg, rpy, rtol=1e-8)
     overlay = load_config(path, "overlay_node", OverlayConfig)
-    assert overlay.video_latency_s == pytest.approx(found["latency"]["found"] / 1e3, rel=1e-8)
+    assert overlay.video_latency_s == pytest.approx(outcome["latency"]["found"] / 1e3, rel=1e-8)
     assert set(yaml.safe_load(path.read_text())) == {"/**/gimbal_node", "/**/overlay_node"}
     head = [line for line in path.read_text().splitlines() if line.startswith("#")]
     assert any("13 points" in line for line in head)
@@ -247,10 +247,10 @@ def test_a_ground_height_is_found_if_asked_for(tmp_path):
     (tmp_path / "survey.geojson").write_text(json.dumps(survey))
     names = ["roll", "pitch", "yaw", "latency", "ground_height"]
     result = flown.calibrate(estimate=names, click_sigma_px=0.5)
-    one = result["parameters"]["ground_height"]
-    assert one["before"] == pytest.approx(13.0, abs=0.03)  # 11.5 m and 1.5, surveyed to 2 cm
-    assert abs(one["found"] - 11.5) <= 4 * one["sigma"]
-    assert one["sigma"] < 0.2
+    item = result["parameters"]["ground_height"]
+    assert item["before"] == pytest.approx(13.0, abs=0.03)  # 11.5 m and 1.5, surveyed to 2 cm
+    assert abs(item["found"] - 11.5) <= 4 * item["sigma"]
+    assert item["sigma"] < 0.2
 
 
 def test_what_is_held_wrong_shows_in_the_residuals(flown):

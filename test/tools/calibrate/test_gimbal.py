@@ -65,11 +65,13 @@ def test_table_8_and_the_time_series_come_out_within_the_noise(video, tmp_path):
     assert next(iter(result["refused"].values())).startswith("no board")
     with table.open() as file:
         rows = list(csv.DictReader(file))
-    found = np.array([[float(row[f"{a}_deg"]) for a in ("roll", "pitch", "yaw")] for row in rows])
+    outcome = np.array(
+        [[float(row[f"{a}_deg"]) for a in ("roll", "pitch", "yaw")] for row in rows]
+    )
     sigma = np.array(
         [[float(row[f"sigma_{a}_deg"]) for a in ("roll", "pitch", "yaw")] for row in rows]
     )
-    assert np.abs((found - kept) / sigma).max() < 4.5
+    assert np.abs((outcome - kept) / sigma).max() < 4.5
     assert [float(row["time_s"]) for row in rows][5:9] == [0.5, 0.6, 0.8, 0.9]
 
 
@@ -113,15 +115,17 @@ def test_a_damaged_bag_is_used_as_far_as_it_can_be_read(video, tmp_path, capsys)
     segments = segments_of(bag)
     damage(bag, segments[3:4])
     assert main(words) == 1
-    told = capsys.readouterr()
-    assert "pictures used, over" in told.out
-    assert f"wall.mcap: the chunk at byte {segments[3].offset} is cut off or damaged" in told.err
-    assert told.err.count("\n") == 1
+    reports = capsys.readouterr()
+    assert "pictures used, over" in reports.out
+    assert (
+        f"wall.mcap: the chunk at byte {segments[3].offset} is cut off or damaged" in reports.err
+    )
+    assert reports.err.count("\n") == 1
     damage(bag, segments)
     assert main(words) == 1
-    told = capsys.readouterr()
-    assert "wall.mcap: no /thermal/camera_info in what can be read; give --camera" in told.err
-    assert (told.out, told.err.count("\n")) == ("", 1)
+    reports = capsys.readouterr()
+    assert "wall.mcap: no /thermal/camera_info in what can be read; give --camera" in reports.err
+    assert (reports.out, reports.err.count("\n")) == ("", 1)
 
 
 def damage(bag, segments):

@@ -200,7 +200,7 @@ def test_what_is_written_makes_no_flight_worse(name, shared, tmp_path):
     before, after = (fly_bag(config, samples) for config in configs)
     # The share of fixes used may change by two fixes, the error after 5 s without them by a tenth.
     assert after.used >= before.used - 2
-    cuts = [[misses[-1] for misses in hidden_fixes(one, samples)] for one in configs]
+    cuts = [[misses[-1] for misses in hidden_fixes(item, samples)] for item in configs]
     errors_m = [np.median([cut.error_m for cut in some]) for some in cuts]
     assert errors_m[1] <= 1.1 * errors_m[0]
     assert sum(cut.within(3) for cut in cuts[1]) >= sum(cut.within(3) for cut in cuts[0])

@@ -32,8 +32,8 @@ def write(folder, images):
 
 def off_sigmas(result):
     assert tuple(result["parameters"]) == NAMES
-    found = np.array([result["parameters"][name] for name in NAMES])
-    return (found - TRUTH) / [result["sigma"][name] for name in NAMES]
+    outcome = np.array([result["parameters"][name] for name in NAMES])
+    return (outcome - TRUTH) / [result["sigma"][name] for name in NAMES]
 
 
 @pytest.fixture(scope="module")

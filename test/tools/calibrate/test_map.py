@@ -84,7 +84,7 @@ def test_features_land_where_they_are(tmp_path):
     written = json.loads((tmp_path / "map.geojson").read_text())
     assert "crs" not in written
     bed, path, tree, none = written["features"]
-    assert [one["properties"]["name"] for one in written["features"]][:2] == ["bed", "path"]
+    assert [item["properties"]["name"] for item in written["features"]][:2] == ["bed", "path"]
     assert [len(ring) for ring in bed["geometry"]["coordinates"]] == [4, 4]
     # Nine decimals of a degree are 0.1 mm; marks are written to 1e-4 px.
     assert metres_apart(bed["geometry"]["coordinates"][0], BED).max() < 5e-4
@@ -95,7 +95,7 @@ def test_features_land_where_they_are(tmp_path):
     assert result["pixel_m"] == pytest.approx(GSD_M, rel=0.02)
     assert result["mean_residual_px"] < 0.01
     assert result["warning"] is None
-    labels = [one.label for one in load_layers(str(tmp_path / "map.geojson"))[0].features]
+    labels = [item.label for item in load_layers(str(tmp_path / "map.geojson"))[0].features]
     assert set(labels) == {"bed", "path", "tree"}
 
 
@@ -125,8 +125,8 @@ def test_qgis_points_and_upward_rows_give_the_same_map(tmp_path):
     given |= {"points": tmp_path / "o.points", "survey": None, "output": tmp_path / "b.geojson"}
     calibrate_map(**given)
     a, b = (json.loads(text)["features"] for text in (plain, given["output"].read_text()))
-    for one, other in zip(a[:2], b[:2], strict=True):
-        first, second = (np.ravel(x["geometry"]["coordinates"][0]) for x in (one, other))
+    for item, other in zip(a[:2], b[:2], strict=True):
+        first, second = (np.ravel(x["geometry"]["coordinates"][0]) for x in (item, other))
         np.testing.assert_allclose(first, second, rtol=0, atol=3e-9)
 
 

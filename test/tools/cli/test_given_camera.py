@@ -68,8 +68,8 @@ def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
         write_parameters(tmp_path / "more.yaml", {"overlay_node": {"camera": str(camera)}}, "")
         params = [sample / "params.yaml", tmp_path / "more.yaml"]
         out = tmp_path / "out.geojson"
-        found = locate_pixels(flight, tmp_path / "pixels.csv", out, params=params)
-        assert found["located"] == 2
+        result = locate_pixels(flight, tmp_path / "pixels.csv", out, params=params)
+        assert result["located"] == 2
         features = json.loads(out.read_text())["features"]
         points = [
             f["geometry"]["coordinates"] for f in features if f["geometry"]["type"] == "Point"
@@ -88,7 +88,7 @@ def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys
     (tmp_path / "half.yaml").write_text(camera_yaml(half), encoding="utf-8")
     given = ["--camera", tmp_path / "half.yaml", "--params", sample / "params.yaml"]
     arguments = [*located_or_evaluated(verb, sample, tmp_path), *given]
-    assert main([str(one) for one in arguments]) == 1
+    assert main([str(entry) for entry in arguments]) == 1
     assert capsys.readouterr().err.endswith(
         "the calibration is of 320x256 pixels and the pictures have 640x512: give the "
         "calibration of these pictures (--camera, or thermal/camera_info)\n"

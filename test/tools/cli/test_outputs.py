@@ -40,9 +40,9 @@ PARAMETERS = {"params", "boresight"}  # are read first, for what they name
 VERBS = verb_parsers()
 OUTPUTS = {
     verb: [
-        one.dest
-        for one in parser._actions
-        if one.dest in WRITTEN and (one.type is Path or one.dest == "output")
+        item.dest
+        for item in parser._actions
+        if item.dest in WRITTEN and (item.type is Path or item.dest == "output")
     ]
     for verb, parser in VERBS.items()
     if verb not in IN_FOLDERS
@@ -76,12 +76,12 @@ def words(verb, folder, **places):
 
 def refused(argv, capsys, *names):
     assert command.main(argv) == 1
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("\n") == 1
+    reports = capsys.readouterr()
+    assert reports.out == ""
+    assert reports.err.count("\n") == 1
     for name in names:
-        assert str(name) in told.err
-    return told.err
+        assert str(name) in reports.err
+    return reports.err
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_an_input_in_the_folder_is_not_replaced(tmp_path, capsys, verb, name, ta
     before = path.read_bytes()
     assert "would overwrite the input" in refused(argv, capsys, path)
     assert path.read_bytes() == before
-    assert [one.name for one in path.parent.iterdir()] == [name]
+    assert [item.name for item in path.parent.iterdir()] == [name]
 
 
 @pytest.mark.parametrize(
@@ -198,15 +198,15 @@ def files_below(size: int) -> Iterator[None]:
 
 def test_a_flight_that_does_not_fit(sample, tmp_path, capsys):
     (tmp_path / "flight.mcap").write_bytes((sample / "flight.mcap").read_bytes()[:2_000_000])
-    before = sorted(one.name for one in tmp_path.iterdir())
+    before = sorted(item.name for item in tmp_path.iterdir())
     words = ["process", str(tmp_path / "flight.mcap"), "-o", str(tmp_path / "out.mcap")]
     words += ["--map", str(sample / "map.geojson"), "--params", str(sample / "params.yaml")]
     with files_below(500_000):
         assert main([*words, "--video", str(tmp_path / "out.mp4")]) == 1
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert f"{tmp_path / 'out.mcap'}: cannot be written: File too large" in told
-    assert sorted(one.name for one in tmp_path.iterdir()) == before
+    reports = capsys.readouterr().err
+    assert reports.count("\n") == 1
+    assert f"{tmp_path / 'out.mcap'}: cannot be written: File too large" in reports
+    assert sorted(item.name for item in tmp_path.iterdir()) == before
 
 
 def frames(video, count=40):
@@ -230,7 +230,7 @@ def test_a_video_whose_disk_is_full_for_a_moment(tmp_path):
     with pytest.raises(VideoError, match=r"out\.mp4: cannot be written: File too large"):
         full_for_a_moment()
     assert path.read_bytes() == b"what was there"
-    assert [one.name for one in tmp_path.iterdir()] == ["out.mp4"]
+    assert [item.name for item in tmp_path.iterdir()] == ["out.mp4"]
 
 
 def test_a_name_that_is_no_utf8(tmp_path, capsys):

@@ -60,10 +60,10 @@ def tirgeo_dump(tmp_path, capsys):
 
 
 def test_the_example_frames_print_as_told(shared, tirgeo_dump):
-    told = (shared / "dji" / "frames.jsonl").read_text().splitlines()
+    reports = (shared / "dji" / "frames.jsonl").read_text().splitlines()
     code, records, err = tirgeo_dump((shared / "dji" / "frames.bin").read_bytes())
-    assert records == [json.loads(line) for line in told]
-    assert [list(record) for record in records] == [list(json.loads(line)) for line in told]
+    assert records == [json.loads(line) for line in reports]
+    assert [list(record) for record in records] == [list(json.loads(line)) for line in reports]
     assert (code, err) == (0, "tirgeo dump: 32 frames (26 broadcast, 6 subscription)\n")
 
 
@@ -84,10 +84,10 @@ def test_nan_is_null(tirgeo_dump):
     velocity = Velocity((math.nan, 0.5, 0.0), 1)
     _, (record,), _ = tirgeo_dump(broadcast(rtk=rtk, velocity=velocity))
     assert record["fields"]["velocity"] == {"xyz_mps": [None, 0.5, 0.0], "health": 1}
-    found = record["fields"]["rtk"]
-    assert (found["lon_deg"], found["lon_rad"], found["hfsl_m"]) == (None, None, None)
-    assert (found["vel_cmps"], found["vel_mps"]) == ([1.0, None, 0.0], [0.01, None, 0.0])
-    assert found["lat_deg"] == 52.0
+    result = record["fields"]["rtk"]
+    assert (result["lon_deg"], result["lon_rad"], result["hfsl_m"]) == (None, None, None)
+    assert (result["vel_cmps"], result["vel_mps"]) == ([1.0, None, 0.0], [0.01, None, 0.0])
+    assert result["lat_deg"] == 52.0
 
 
 def test_a_broadcast_of_no_layout_has_its_mask(dump, tirgeo_dump):

@@ -94,8 +94,8 @@ def framed(parts):
 
 def test_every_topic_with_its_type(imported):
     path, summary = imported
-    found = BagReader(path).topics()
-    assert found == {f"/{name}": convert.TOPIC_TYPES[name] for name in DJI_TOPICS}
+    result = BagReader(path).topics()
+    assert result == {f"/{name}": convert.TOPIC_TYPES[name] for name in DJI_TOPICS}
     assert summary["frames"]["skipped_bytes"] == 0
     assert "GMT+8" in summary["time"]
 
@@ -104,9 +104,9 @@ def test_the_time_is_that_of_the_receivers(imported, flight):
     """Stamps lie a constant from the recorded ones, within what a whole second can tell."""
     path, _ = imported
     true = np.array([s.stamp_ns for _, s in flight if type(s).__name__ == "ImuSample"])
-    found = stamps(path, "/imu/data")
-    off_ns = found - true[-len(found) :]  # the first are held back till the unit is known
-    assert len(true) - len(found) <= 1
+    result = stamps(path, "/imu/data")
+    off_ns = result - true[-len(result) :]  # the first are held back till the unit is known
+    assert len(true) - len(result) <= 1
     assert np.ptp(off_ns) <= 1_000_000  # the aircraft counts milliseconds
     assert abs(np.median(off_ns)) <= DATE_NS
 
@@ -135,9 +135,9 @@ def test_the_zone_of_an_old_copy_is_as_documented_and_told(capture, imported, sa
 
 def test_without_a_date_times_count_from_power_up(capture, import_changed):
     dateless = (parts._replace(gps=None, rtk=None) for parts in broadcasts(capture.read_bytes()))
-    found, summary = import_changed(framed(dateless))
+    result, summary = import_changed(framed(dateless))
     assert "the capture has no date" in summary["warning"]
-    assert found[0] == 60_000_000_000  # what its clock shows
+    assert result[0] == 60_000_000_000  # what its clock shows
 
 
 def test_garbage_and_cuts_cost_what_they_hit(capture, imported, import_changed):
@@ -148,13 +148,13 @@ def test_garbage_and_cuts_cost_what_they_hit(capture, imported, import_changed):
     noisy = bytearray(data[: frames[-1].offset + 40])
     noisy[hit.offset + 20] ^= 1
     noisy[middle.offset : middle.offset] = b"\xaa\x55garbage"
-    found, summary = import_changed(noisy)
+    result, summary = import_changed(noisy)
     assert summary["frames"]["frames"] == len(frames) - 2
     lost = hit.length + 40 + len(b"\xaa\x55garbage")
     assert f"{lost} bytes are in no frame" in summary["warning"]
     whole = stamps(imported[0], "/imu/data")
-    assert set(found) <= set(whole)
-    assert len(found) >= len(whole) - 2
+    assert set(result) <= set(whole)
+    assert len(result) >= len(whole) - 2
 
 
 def test_encrypted_frames_need_the_key(capture, imported, import_changed, tmp_path):
@@ -181,26 +181,26 @@ def test_a_counter_of_long_ticks_is_told_by_the_seconds(capture, imported, impor
         parts._replace(time=parts.time._replace(time_ms=parts.time.time_ms * 2 // 5))
         for parts in broadcasts(capture.read_bytes())
     )
-    found, _ = import_changed(framed(ticking), capture=CaptureOptions(start_ns=given))
-    apart = found - stamps(imported[0], "/imu/data")
+    result, _ = import_changed(framed(ticking), capture=CaptureOptions(start_ns=given))
+    apart = result - stamps(imported[0], "/imu/data")
     assert np.ptp(apart) <= 2_500_000  # a tick
     assert given is not None or abs(np.median(apart)) <= 2_500_000
 
 
 def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, import_changed):
     """The time of what stands before is not moved by the seconds that are said after it."""
-    said = broadcasts(capture.read_bytes())
-    half = len(said) // 2
-    begun_ms = said[half].time.time_ms
-    second = (said[half].rtk or said[half].gps or said[half + 1].rtk).time
+    text = broadcasts(capture.read_bytes())
+    half = len(text) // 2
+    begun_ms = text[half].time.time_ms
+    second = (text[half].rtk or text[half].gps or text[half + 1].rtk).time
     later = [
         parts._replace(
             time=parts.time._replace(time_ms=parts.time.time_ms - begun_ms + 300),
             gps=parts.gps and parts.gps._replace(time=second + 100),
             rtk=parts.rtk and parts.rtk._replace(time=second + 100 + (number > 100)),
         )
-        for number, parts in enumerate(said[half:])
+        for number, parts in enumerate(text[half:])
     ]
-    found, summary = import_changed(framed([*said[:half], *later]))
+    result, summary = import_changed(framed([*text[:half], *later]))
     assert "the aircraft's clock started again 1 times" in summary["warning"]
-    assert abs(found[0] - stamps(imported[0], "/imu/data")[0]) <= DATE_NS
+    assert abs(result[0] - stamps(imported[0], "/imu/data")[0]) <= DATE_NS

@@ -41,7 +41,7 @@ def test_logs_of_one_flight_are_merged_by_their_stamps(folder):
     columns = [folder / "imu.yaml"]
     names = ("rover.pos", "imu.csv", "clip.srt")
     result = imported(folder, *names, columns=columns, logs=options)
-    assert {topic: seen["messages"] for topic, seen in result["written"].items()} == {
+    assert {topic: observed["messages"] for topic, observed in result["written"].items()} == {
         "/imu/data": 19,
         "/rtk/fix": 2,
         "/gps/fix": 2,
@@ -50,9 +50,9 @@ def test_logs_of_one_flight_are_merged_by_their_stamps(folder):
     }
     logged = [m.log_time_ns for m in BagReader(folder / "out.mcap").messages()]
     assert logged == sorted(logged)
-    found = samples(folder / "out.mcap")
-    assert found["ekf_node/set_heading"][0].heading_rad == pytest.approx(1.0)
-    for each in found.values():
+    outcome = samples(folder / "out.mcap")
+    assert outcome["ekf_node/set_heading"][0].heading_rad == pytest.approx(1.0)
+    for each in outcome.values():
         assert {s.stamp_ns for s in each} <= set(logged)
     forms = [log["form"] for log in result["files"]]
     assert forms == ["RTKLIB .pos", "CSV", "DJI subtitles (SRT)"]
@@ -70,8 +70,8 @@ def test_a_topic_comes_from_the_first_log_that_has_it(folder):
     result = imported(folder, "base.pos", "rover.pos")
     assert "rover.pos: refused 2 rtk/fix: " in result["warning"]
     assert "base.pos, named before, has it" in result["warning"]
-    found = samples(folder / "out.mcap")["rtk/fix"]
-    assert [math.degrees(s.latitude_rad) > 48.138 for s in found] == [True, True]
+    outcome = samples(folder / "out.mcap")["rtk/fix"]
+    assert [math.degrees(s.latitude_rad) > 48.138 for s in outcome] == [True, True]
     (folder / "part2.pos").write_text(POS.replace("07:44:5", "07:45:0"))
     result = imported(folder, "rover.pos", "part2.pos")  # parts of one recording
     assert result["written"]["/rtk/fix"]["messages"] == 4
@@ -95,9 +95,9 @@ def test_the_parameters_give_undulation_and_baseline(folder):
     (folder / "rover.ubx").write_bytes(pvt() + relposned() + pvt(second=40))
     params, options = folder / "params.yaml", LogOptions(utc_offset_s=7200)
     result = imported(folder, "rover.ubx", "clip.srt", params=params, logs=options)
-    found = samples(folder / "out.mcap")
-    assert found["gps/fix"][0].height_m == pytest.approx(585.25)
-    assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(110.0)
+    outcome = samples(folder / "out.mcap")
+    assert outcome["gps/fix"][0].height_m == pytest.approx(585.25)
+    assert math.degrees(outcome["rtk/heading"][0].heading_rad) % 360 == pytest.approx(110.0)
     assert "aircraft.second_antenna_m is not set" not in str(result["warning"])
 
 
@@ -113,9 +113,9 @@ def test_whose_antenna_a_position_is_of(folder):
     assert warned not in imported(folder, "rover.ubx", logs=options)["warning"]
     result = imported(folder, "base.ubx", "rover.ubx")
     assert warned not in result["warning"]
-    found = samples(folder / "out.mcap")
-    assert math.degrees(found["rtk/fix"][0].latitude_rad) == pytest.approx(48.2)
-    assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(200.0)
+    outcome = samples(folder / "out.mcap")
+    assert math.degrees(outcome["rtk/fix"][0].latitude_rad) == pytest.approx(48.2)
+    assert math.degrees(outcome["rtk/heading"][0].heading_rad) % 360 == pytest.approx(200.0)
 
 
 def test_impossible_samples_are_refused(folder):
@@ -123,7 +123,7 @@ def test_impossible_samples_are_refused(folder):
     (folder / "clip.srt").write_text(text)
     result = imported(folder, "clip.srt")
     refused = result["files"][0]["refused"]
-    assert [(one["record"], one["count"]) for one in refused] == [("gps/fix", 1)]
+    assert [(item["record"], item["count"]) for item in refused] == [("gps/fix", 1)]
     assert refused[0]["reason"].startswith("position is 0, 0")
     (folder / "clip.srt").write_text(SRT.replace("2024-06", "1960-06"))
     with pytest.raises(LogError, match=r"nothing in it can be used: .* not between 1970 and 2038"):
@@ -134,8 +134,8 @@ def test_times_that_go_back_are_told(folder):
     first, *rest = IMU.splitlines(keepends=True)
     (folder / "imu.csv").write_text("".join([*rest, first]))
     result = imported(folder, "imu.csv", columns=[folder / "imu.yaml"])
-    told = "imu/data: its time goes back 1 times; it is sorted by time"
-    assert told in result["files"][0]["notes"]
+    reports = "imu/data: its time goes back 1 times; it is sorted by time"
+    assert reports in result["files"][0]["notes"]
     stamps = [s.stamp_ns for s in samples(folder / "out.mcap")["imu/data"]]
     assert stamps == sorted(stamps)
 
@@ -207,15 +207,15 @@ def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s
     assert "refused 1 imu/data: its time jumps alone" in capsys.readouterr().err
     expected = samples(folder / "right.mcap")["imu/data"]
     del expected[9]
-    found = samples(folder / "out.mcap")["imu/data"]
-    assert [s.stamp_ns for s in found] == [s.stamp_ns for s in expected]
+    outcome = samples(folder / "out.mcap")["imu/data"]
+    assert [s.stamp_ns for s in outcome] == [s.stamp_ns for s in expected]
 
 
 @pytest.mark.parametrize(
     ("head", "package"), [(MAGIC + bytes(9), "pyulog"), (b"\xa3\x95\x80" + bytes(86), "pymavlink")]
 )
 def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, head, package):
-    for name in [one for one in sys.modules if one.partition(".")[0] == package] + [package]:
+    for name in [item for item in sys.modules if item.partition(".")[0] == package] + [package]:
         monkeypatch.setitem(sys.modules, name, None)
     (tmp_path / "a.log").write_bytes(head)
     assert main(["import", str(tmp_path / "a.log"), "-o", str(tmp_path / "a.mcap")]) == 1
@@ -268,7 +268,7 @@ def test_no_real_log_fails_otherwise_than_in_one_line(shared, tmp_path):
         except TirgeoError as error:
             lines[path] = str(error)
             continue
-        written = sum(seen["messages"] for seen in result["written"].values())
+        written = sum(observed["messages"] for observed in result["written"].values())
         assert written == sum(map(len, samples(output).values())) > 0
         reasons = {row["reason"] for row in result["files"][0]["refused"]}
         assert not any("jump" in why or "contradict" in why for why in reasons), path

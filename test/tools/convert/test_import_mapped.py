@@ -105,9 +105,9 @@ def test_pictures_and_gimbal_go_on_byte_by_byte_into_a_namespace(sample, tmp_pat
     path, out = sample / "flight.mcap", tmp_path / "out.mcap"
     mapped = MappedTopics(tuple((name, name) for name in names))
     import_flight(path, out, namespace="uav1", mapped=mapped)
-    whole = [one for one in BagReader(path).messages() if one.topic.strip("/") in names]
-    found = [one._replace(topic=one.topic[5:]) for one in BagReader(out).messages()]
-    assert sorted(found) == sorted(whole)
+    whole = [item for item in BagReader(path).messages() if item.topic.strip("/") in names]
+    outcome = [item._replace(topic=item.topic[5:]) for item in BagReader(out).messages()]
+    assert sorted(outcome) == sorted(whole)
 
 
 def test_an_odometry_becomes_a_velocity_east_north_up(mapped, tmp_path):
@@ -303,14 +303,14 @@ def test_every_form_of_a_recording_gives_the_same_bag(bags, tmp_path):
     """Ten forms of the same messages, under other names: the same bytes out."""
     names = {"imu/data": "imu/data", "rtk/fix": "gps/fix", "rtk/vel": "gps/vel"}
     mapped = MappedTopics(tuple((f"/{own}", name) for own, name in names.items()))
-    found = set()
+    outcome = set()
     for path in recordings(bags):
         if path.name.startswith("made_"):
             result = import_flight(path, tmp_path / "out.mcap", mapped=mapped)
             assert result["error"] is None
             assert result["written"]["/imu/data"]["messages"] == 600
-            found.add((tmp_path / "out.mcap").read_bytes())
-    assert len(found) == 1
+            outcome.add((tmp_path / "out.mcap").read_bytes())
+    assert len(outcome) == 1
 
 
 MAPPED = MappedTopics((("/xsens/imu", "imu/data"),))
@@ -331,7 +331,7 @@ def two_recordings(tmp_path_factory):
     ros1 = ros1_bag(folder / "imu.bag")
     import_flight(ros1, folder / "imu.mcap", mapped=MAPPED)
     messages = [
-        one._replace(topic="/xsens/imu") for one in BagReader(folder / "imu.mcap").messages()
+        item._replace(topic="/xsens/imu") for item in BagReader(folder / "imu.mcap").messages()
     ]
     mcap, sqlite = (record(folder / form, [messages], form) for form in ("mcap", "sqlite3"))
     return ros1, next(mcap.glob("*.mcap")), next(sqlite.glob("*.db3"))

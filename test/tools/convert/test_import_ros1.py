@@ -77,10 +77,10 @@ def imported(request, folder):
 @pytest.mark.slow
 def test_every_topic_with_its_type(imported):
     path, summary = imported
-    found = BagReader(path).topics()
-    assert found == {f"/{name}": convert.TOPIC_TYPES[name] for name in [*SENSED, "gps/vel"]}
+    outcome = BagReader(path).topics()
+    assert outcome == {f"/{name}": convert.TOPIC_TYPES[name] for name in [*SENSED, "gps/vel"]}
     assert summary["kind"] == "ros1"
-    counted = {name: seen["messages"] for name, seen in summary["written"].items()}
+    counted = {name: observed["messages"] for name, observed in summary["written"].items()}
     counted.pop("/gps/vel")
     assert counted == {f"/{name}": number for name, number in SENSED.items()}
 
@@ -99,9 +99,9 @@ def test_imu(imported):
 
 def test_rtk_position_is_ellipsoidal_and_fixed(imported):
     path, _ = imported
-    found = by_time(path, "/rtk/fix")
-    assert [round(t_s, 3) for t_s, _ in found] == pytest.approx(FLIGHT.times(5), abs=1e-9)
-    for t_s, message in found:
+    outcome = by_time(path, "/rtk/fix")
+    assert [round(t_s, 3) for t_s, _ in outcome] == pytest.approx(FLIGHT.times(5), abs=1e-9)
+    for t_s, message in outcome:
         state = FLIGHT.at(math.floor(t_s * 5) / 5)
         assert message.latitude == pytest.approx(state.latitude_deg, abs=POSITION_DEG)
         assert message.longitude == pytest.approx(state.longitude_deg, abs=POSITION_DEG)
@@ -114,9 +114,9 @@ def test_rtk_position_is_ellipsoidal_and_fixed(imported):
 
 def test_heading_is_the_baselines_less_its_offset(imported):
     path, _ = imported
-    found = by_time(path, "/rtk/heading")
-    assert len(found) == 30
-    for t_s, message in found:
+    outcome = by_time(path, "/rtk/heading")
+    assert len(outcome) == 30
+    for t_s, message in outcome:
         epoch_s = math.floor(t_s * 5 + 1e-6) / 5
         heading_deg = FLIGHT.yaw_deg(epoch_s) - PARAMETERS.baseline_deg
         made = rotation(message.orientation)
@@ -149,7 +149,7 @@ def test_log_times_are_those_of_the_record_and_in_order(imported):
     times = {}
     for m in BagReader(path).messages():
         times.setdefault(m.topic, []).append(m.log_time_ns)
-    assert all(found == sorted(found) for found in times.values())
+    assert all(outcome == sorted(outcome) for outcome in times.values())
     lag_ns = FLIGHT.record_lag_ns
     assert times["/imu/data"][-1] == FLIGHT.at(FLIGHT.duration_s - 0.01).stamp_ns + lag_ns
     assert times["/rtk/fix"][3] == FLIGHT.at(0.6).stamp_ns + lag_ns + 5_000_000
@@ -244,13 +244,13 @@ def test_what_is_wrong_is_told_and_the_rest_imported(empty_folder, capsys):
         *("/imu/data", "/gps/fix", "/gps/vel", "/rtk/fix", "/rtk/vel"),
     }
     assert err.count("\n") == 1
-    for told in (
+    for reports in (
         "no usable messages of rtk_yaw, of gimbal_angle",
         "/dji_sdk/rtk_yaw: 7 of type std_msgs/msg/Float32, not std_msgs/msg/Int16",
         "/dji_sdk/rtk_position: 7 of 12 refused (no position yet: 0, 0 deg)",
         "geoid_undulation_m is not set",
     ):
-        assert told in err
+        assert reports in err
 
 
 def test_pictures_go_on_as_they_are(empty_folder):
@@ -267,9 +267,9 @@ def test_pictures_go_on_as_they_are(empty_folder):
     path = bag.write(empty_folder / "pictures.bag")
     target = empty_folder / "pictures.mcap"
     result = import_flight(path, target, pictures=Pictures("flir/image"))
-    found = by_time(target, "/thermal/image_raw")
-    assert [round(t_s, 9) for t_s, _ in found] == [0.0, 0.1, 0.2]
-    assert [m.data.tolist() for _, m in found] == [(pixels + k).tolist() for k in range(3)]
+    outcome = by_time(target, "/thermal/image_raw")
+    assert [round(t_s, 9) for t_s, _ in outcome] == [0.0, 0.1, 0.2]
+    assert [m.data.tolist() for _, m in outcome] == [(pixels + k).tolist() for k in range(3)]
     logged = [m.log_time_ns for m in BagReader(target).messages(["/thermal/image_raw"])]
     assert logged == [BEGUN_NS + k * 100_000_000 + 5 for k in range(3)]
     assert result["not_read"] == {"/flir/image/compressed": "sensor_msgs/msg/CompressedImage"}

@@ -58,8 +58,8 @@ def test_a_good_flight_goes(sample, capsys):
     assert main(["check", str(sample / "flight.mcap"), *files]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    told = "checked over 30.0 s: 10 topics, filter ekf_heading running; --json has each"
-    assert out == f"GO\n\n{told}\n"
+    reports = "checked over 30.0 s: 10 topics, filter ekf_heading running; --json has each"
+    assert out == f"GO\n\n{reports}\n"
     assert main(["check", str(sample / "flight.mcap"), *files, "--json"]) == 0
     checked = json.loads(capsys.readouterr().out)["checked"]
     imu = checked["topics"]["imu/data"]
@@ -86,7 +86,7 @@ def test_the_datum_comes_before_the_ground_that_is_wrong_by_it(short, sample, st
     ground = Finding("below_ground", Severity.STOP, "7 m below", "ground_height_m", "lower it")
     stand_ins["Navigation"].found, stand_ins["Picture"].found = [CAUTION, datum], [ground]
     found = check(short, params=sample / "params.yaml")["findings"]
-    assert [(one["check"], one["severity"]) for one in found] == [
+    assert [(entry["check"], entry["severity"]) for entry in found] == [
         ("height_datum", "stop"),
         ("below_ground", "stop"),
         ("late", "caution"),
@@ -140,7 +140,7 @@ def test_another_namespace(short, tmp_path, capsys):
 def test_a_flight_without_a_pose_says_why(short, tmp_path):
     path, keep = tmp_path / "short.mcap", {"/imu/data", "/rtk/fix"}
     rewritten(short, path, lambda item: same(item) if item.topic in keep else None, seconds=1)
-    found = {one["check"]: one for one in check(path)["findings"]}
+    found = {entry["check"]: entry for entry in check(path)["findings"]}
     assert found["no_pose"]["severity"] == "stop"
     assert "filter made no pose: " in found["no_pose"]["evidence"]
 
@@ -149,26 +149,26 @@ def test_a_damaged_bag_is_checked_as_far_as_it_goes(short, tmp_path):
     path = tmp_path / "cut.mcap"
     path.write_bytes(short.read_bytes()[: short.stat().st_size // 2])
     result = check(path)
-    assert "damaged_bag" in [one["check"] for one in result["findings"]]
+    assert "damaged_bag" in [entry["check"] for entry in result["findings"]]
     assert result["checked"]["topics"]["imu/data"]["messages"] > 0
 
 
 def test_process_tells_of_them_and_writes_the_same(short, sample, stand_ins, tmp_path, capsys):
     outs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
-    said = []
+    text = []
     for out, found in zip(outs, ([], [STOP, CAUTION, NOTE]), strict=True):
         stand_ins["Navigation"].found = found
         arguments = ["process", str(short), "-o", str(out), *given(sample), "--no-images"]
         assert main(arguments) == (1 if found else 0)
-        said.append(capsys.readouterr())
+        text.append(capsys.readouterr())
     assert outs[0].read_bytes() == outs[1].read_bytes()
-    assert said[0].err == ""
-    assert said[1].err == (
+    assert text[0].err == ""
+    assert text[1].err == (
         "tirgeo process: STOP: gravity is 1.0: imu/data: give m/s2\n"
         "tirgeo process: CAUTION: 0.6 s late: rtk.delay_s: set it to 0.6\n"
         "tirgeo process: NO GO: gravity is 1.0: imu/data (and 1 more)\n"
     )
-    assert "findings" not in said[1].out
+    assert "findings" not in text[1].out
 
 
 @pytest.mark.parametrize("composition", ["auto", "encoders"])
@@ -212,7 +212,7 @@ def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, cap
     arguments = [*map(str, words), *given(sample), "--json"]
     assert main(arguments) == 1
     out, err = capsys.readouterr()
-    checks = [one["check"] for one in json.loads(out)["findings"]]
+    checks = [entry["check"] for entry in json.loads(out)["findings"]]
     assert checks == ["gravity", "late", "vibration"]
     written = "points.geojson" if verb == "locate" else "evaluation/report.html"
     assert (tmp_path / written).exists()

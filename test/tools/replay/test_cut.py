@@ -81,7 +81,7 @@ def _transform(number):
     )
 
 
-def said():
+def text():
     """Each message: log time, topic, bytes; in order of time."""
     every = [
         (START_NS + round(at_s * 1e9), topic, payload(typename, number))
@@ -108,7 +108,7 @@ def recorded(folder, *, version=9, storage=StoragePlugin.MCAP, mode=CompressionM
             )
             for topic, (typename, durability, _) in TOPICS.items()
         }
-        for log_ns, topic, data in said():
+        for log_ns, topic, data in text():
             writer.write(connections[topic], log_ns, data)
     return folder
 
@@ -131,9 +131,9 @@ def bag(tmp_path_factory):
 def contents(path):
     """What MCAP's own reader finds: (log time, topic, bytes), and channel and schema by topic."""
     with path.open("rb") as file:
-        found = [*make_reader(file, validate_crcs=True).iter_messages()]
-    messages = [(one.log_time, channel.topic, one.data) for _, channel, one in found]
-    return messages, {channel.topic: (channel, schema) for schema, channel, _ in found}
+        outcome = [*make_reader(file, validate_crcs=True).iter_messages()]
+    messages = [(one.log_time, channel.topic, one.data) for _, channel, one in outcome]
+    return messages, {channel.topic: (channel, schema) for schema, channel, _ in outcome}
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
@@ -142,7 +142,7 @@ def test_a_part_of_every_form(tmp_path, form):
     result = cut(bag, out, begin=FROM_S, end=TO_S)
     messages, channels = contents(out)
     start_ns, end_ns = (START_NS + round(at_s * 1e9) for at_s in (FROM_S, TO_S))
-    inside = [one for one in said() if start_ns <= one[0] <= end_ns]
+    inside = [one for one in text() if start_ns <= one[0] <= end_ns]
     carried = [
         ("/robot_description", 0),
         ("/thermal/camera_info", 0),
@@ -156,8 +156,8 @@ def test_a_part_of_every_form(tmp_path, form):
         topic: TOPICS[topic][0] for topic in channels
     }
     for topic, (channel, _) in channels.items():
-        (found,) = parse_qos(channel.metadata["offered_qos_profiles"])
-        assert (found.durability is LATCHED) is (TOPICS[topic][1] is LATCHED)
+        (outcome,) = parse_qos(channel.metadata["offered_qos_profiles"])
+        assert (outcome.durability is LATCHED) is (TOPICS[topic][1] is LATCHED)
         assert "history: keep_last" in channel.metadata["offered_qos_profiles"]
     schema = channels["/thing"][1]
     assert (schema.name, schema.encoding, schema.data) == (THING, "ros2msg", THING_TEXT.encode())
@@ -204,7 +204,7 @@ def test_a_part_from_the_start_needs_nothing_carried(bag, tmp_path):
     result = cut(bag, tmp_path / "part.mcap", end=TO_S)
     assert result["carried"] == {}
     assert contents(tmp_path / "part.mcap")[0] == [
-        one for one in said() if one[0] <= START_NS + round(TO_S * 1e9)
+        one for one in text() if one[0] <= START_NS + round(TO_S * 1e9)
     ]
 
 
@@ -218,8 +218,8 @@ def test_what_cannot_be_cut(bag, tmp_path):
 def test_the_command(bag, tmp_path, capsys):
     argv = ["--from", "2021-10-20T12:00:36.5", "--to", "2.2"]
     assert main(["cut", str(bag), "-o", str(tmp_path / "part.mcap"), *argv]) == 0
-    said = capsys.readouterr().out
-    assert "from utc  2021-10-20T12:00:36.500Z\n" in said
-    assert "messages  /imu/data: 71; /other/camera_info: 2; /thing: 8\n" in said
+    text = capsys.readouterr().out
+    assert "from utc  2021-10-20T12:00:36.500Z\n" in text
+    assert "messages  /imu/data: 71; /other/camera_info: 2; /thing: 8\n" in text
     cut(bag, tmp_path / "seconds.mcap", begin=FROM_S, end=TO_S)
     assert (tmp_path / "seconds.mcap").read_bytes() == (tmp_path / "part.mcap").read_bytes()

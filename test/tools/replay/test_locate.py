@@ -71,15 +71,15 @@ def test_the_errors_are_those_that_evaluate_finds(sample, tmp_path):
         params=params,
     )
     expected = evaluation.method("ekf_heading")
-    found = list(errors_of(tmp_path / "points.geojson", sample))
-    assert len(found) == len(expected.located) == summary["located"] == 24
+    result = list(errors_of(tmp_path / "points.geojson", sample))
+    assert len(result) == len(expected.located) == summary["located"] == 24
     assert summary["refused"] == {expected.refused[0].reason: len(expected.refused)}
     turn = evaluation.experiment.projection.local_axes(*np.radians([39.85, 116.7]))
-    for (name, error_n, _), other in zip(found, expected.located, strict=True):
+    for (name, error_n, _), other in zip(result, expected.located, strict=True):
         assert name == other.id
         # nine decimals of a degree are 0.1 mm
         np.testing.assert_allclose(turn @ error_n, other.error_en, atol=2e-4)
-    rms_m = math.sqrt(np.mean([np.sum(error_n**2) for _, error_n, _ in found]))
+    rms_m = math.sqrt(np.mean([np.sum(error_n**2) for _, error_n, _ in result]))
     assert rms_m == pytest.approx(expected.errors.rmse_m, abs=2e-4)
 
 
@@ -111,11 +111,11 @@ def test_the_command_and_its_json(sample, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_each_refusal_is_written_with_its_reason(sample, tmp_path):
-    seen = load_observations(sample / "observations.csv")[-1]
+    observed = load_observations(sample / "observations.csv")[-1]
     asked = [
-        dataclasses.replace(seen, id="there"),
-        dataclasses.replace(seen, id="beside", u=640.2),
-        dataclasses.replace(seen, id="early", stamp_ns=seen.stamp_ns - 10**12),
+        dataclasses.replace(observed, id="there"),
+        dataclasses.replace(observed, id="beside", u=640.2),
+        dataclasses.replace(observed, id="early", stamp_ns=observed.stamp_ns - 10**12),
         Observation("negative", -1, 3.0, 4.0),
     ]
     save_observations(tmp_path / "asked.csv", asked)

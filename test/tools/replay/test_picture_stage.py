@@ -46,8 +46,8 @@ def outputs(flown, folder, cores, options, **more):
     folder.mkdir()
     files = {"raw_images": True, "video": folder / "out.ts"}
     summary = process(flown, folder / "out.mcap", cores=cores, **files, **options, **more)
-    told = {name: summary[name] for name in summary.keys() - _CLOCK}
-    return {one.name: one.read_bytes() for one in folder.iterdir()}, told
+    reports = {name: summary[name] for name in summary.keys() - _CLOCK}
+    return {one.name: one.read_bytes() for one in folder.iterdir()}, reports
 
 
 def test_the_same_bytes_on_any_number_of_cores(flown, options, sample, tmp_path):

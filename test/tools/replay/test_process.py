@@ -51,9 +51,9 @@ def test_an_output_that_cannot_be_written_stops_the_run(cut, options, tmp_path, 
 
 
 def test_poses_are_the_same_with_and_without_pictures(whole, poses_only):
-    found = data_of(poses_only[0], "/tirgeo/odometry", CAMERA_POSE)
-    assert found == data_of(whole[0] / "out.mcap", "/tirgeo/odometry", CAMERA_POSE)
-    assert len(found) > 300
+    outcome = data_of(poses_only[0], "/tirgeo/odometry", CAMERA_POSE)
+    assert outcome == data_of(whole[0] / "out.mcap", "/tirgeo/odometry", CAMERA_POSE)
+    assert len(outcome) > 300
 
 
 def test_one_picture_for_each_frame(whole, cut):
@@ -61,8 +61,8 @@ def test_one_picture_for_each_frame(whole, cut):
     frames = [convert.stamp_ns(m) for _, m in messages_of(cut, IMAGES)]
     for form in ("", "/compressed"):
         topic = f"/tirgeo/overlay/image{form}"
-        found = [m for _, m in messages_of(folder / "out.mcap", topic)]
-        assert [convert.stamp_ns(m) for m in found] == frames
+        outcome = [m for _, m in messages_of(folder / "out.mcap", topic)]
+        assert [convert.stamp_ns(m) for m in outcome] == frames
     assert summary["overlay"]["drawn"] + summary["overlay"]["notices"] == len(frames)
     assert summary["overlay"]["drawn"] >= 0.6 * len(frames)  # a quarter passes in alignment
     capture = cv2.VideoCapture(str(folder / "out.mp4"))
@@ -101,10 +101,10 @@ def test_camera_against_the_truth(sample, options, tmp_path):
         for path in (tmp_path / "out.mcap", sample / "truth.mcap")
     )
     settled = [p for p in poses if p.stamp_ns > truth[0].stamp_ns + 20e9]
-    found = differences(settled, truth)
-    assert len(found.stamp_ns) > 400
-    sigmas = np.sqrt([np.diag(pose.covariance) for pose in settled[: len(found.stamp_ns)]])
-    errors = np.hstack([found.position_n, found.rotation_n])
+    outcome = differences(settled, truth)
+    assert len(outcome.stamp_ns) > 400
+    sigmas = np.sqrt([np.diag(pose.covariance) for pose in settled[: len(outcome.stamp_ns)]])
+    errors = np.hstack([outcome.position_n, outcome.rotation_n])
     assert np.abs(errors / sigmas).max() < 5
 
 
@@ -116,8 +116,8 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     process(moved, tmp_path / "out.mcap", images=False, namespace="/uav1", **options)
     topics = set(BagReader(tmp_path / "out.mcap").topics())
     assert topics == {*GLOBAL, *(f"/uav1/tirgeo/{name}" for name in WITHOUT_PICTURES)}
-    found = data_of(tmp_path / "out.mcap", f"/uav1{CAMERA_POSE}")
-    assert found == data_of(poses_only[0], CAMERA_POSE)
+    outcome = data_of(tmp_path / "out.mcap", f"/uav1{CAMERA_POSE}")
+    assert outcome == data_of(poses_only[0], CAMERA_POSE)
     with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*is there a --namespace"):
         process(moved, tmp_path / "none.mcap", images=False, **options)
 
@@ -201,6 +201,6 @@ def test_an_absent_part_is_told(cut, options, tmp_path, capsys):
     (folder / "bag_1.mcap").unlink()
     words = ["process", str(folder), "-o", str(tmp_path / "out.mcap"), "--no-images"]
     assert main([*words, "--params", str(options["params"])]) == 1
-    told = capsys.readouterr().err
-    assert "bag: bag_1.mcap, named in metadata.yaml, is absent; " in told
-    assert told.count("\n") == 1
+    reports = capsys.readouterr().err
+    assert "bag: bag_1.mcap, named in metadata.yaml, is absent; " in reports
+    assert reports.count("\n") == 1

@@ -104,9 +104,9 @@ def test_poses_of_the_body_need_no_gimbal(cut, options, tmp_path, poses_only):
     assert summary["notes"] == ["the bag has no gimbal topic: no camera poses"]
     assert summary["error"] is None
     assert CAMERA_POSE not in summary["written"]
-    found = data_of(tmp_path / "out.mcap", "/tirgeo/odometry")
-    assert len(found) > 200
-    assert found == data_of(poses_only[0], "/tirgeo/odometry")
+    result = data_of(tmp_path / "out.mcap", "/tirgeo/odometry")
+    assert len(result) > 200
+    assert result == data_of(poses_only[0], "/tirgeo/odometry")
 
 
 def unstamped(item, topics):
@@ -129,11 +129,11 @@ def test_samples_without_a_stamp_are_of_their_arrival_less_the_delay(
     number = {topic: summary["read"][topic] for topic in topics}
     assert summary["stamped_at_arrival"] == {t.lstrip("/"): n for t, n in number.items()}
     for topic in ("/tirgeo/odometry", CAMERA_POSE):
-        found = data_of(tmp_path / "out.mcap", topic)
-        assert len(found) > 100
-        assert found == data_of(poses_only[0], topic)
-    told = [m for _, m in messages_of(tmp_path / "out.mcap", "/diagnostics")][-1].status[0]
-    values = {pair.key: pair.value for pair in told.values}
+        result = data_of(tmp_path / "out.mcap", topic)
+        assert len(result) > 100
+        assert result == data_of(poses_only[0], topic)
+    reports = [m for _, m in messages_of(tmp_path / "out.mcap", "/diagnostics")][-1].status[0]
+    values = {pair.key: pair.value for pair in reports.values}
     assert values["stamped_at_arrival.rtk/fix"] == str(number["/rtk/fix"])
 
 
@@ -222,13 +222,13 @@ def test_damaged_bag_is_processed_as_far_as_it_goes(cut, options, tmp_path, caps
     bag.write_bytes(cut.read_bytes()[: cut.stat().st_size * 7 // 10])
     arguments = [f"--{key}={value}" for key, value in options.items()]
     code = main(["process", str(bag), "-o", str(out), "--no-images", "--json", *arguments])
-    said = capsys.readouterr()
+    message_text = capsys.readouterr()
     assert code == 1
-    assert said.err.count("\n") == 1
-    assert said.err.startswith(f"tirgeo process: {bag}: ")
-    assert "messages were read" in said.err
-    summary = json.loads(said.out)
-    assert summary["error"] in said.err
+    assert message_text.err.count("\n") == 1
+    assert message_text.err.startswith(f"tirgeo process: {bag}: ")
+    assert "messages were read" in message_text.err
+    summary = json.loads(message_text.out)
+    assert summary["error"] in message_text.err
     assert BagReader(out).damage is None
     assert summary["written"][CAMERA_POSE] > 50
 

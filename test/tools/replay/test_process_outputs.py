@@ -37,11 +37,11 @@ def test_through_tf_the_camera_is_at_its_pose(whole):
     assert len(poses) > 100
     for pose in poses:
         wanted = rigid(pose.pose.pose.position, pose.pose.pose.orientation)
-        found = chains.pose("tir_optical_frame", convert.stamp_ns(pose))
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=ROUNDING)
+        result = chains.pose("tir_optical_frame", convert.stamp_ns(pose))
+        np.testing.assert_allclose(result, wanted, rtol=0, atol=ROUNDING)
     (fixed,) = contents(bag, "/tf_static")
-    assert {one.header.frame_id for one in fixed.transforms} == {"base_link"}
-    assert "rtk_antenna" in {one.child_frame_id for one in fixed.transforms}
+    assert {entry.header.frame_id for entry in fixed.transforms} == {"base_link"}
+    assert "rtk_antenna" in {entry.child_frame_id for entry in fixed.transforms}
 
 
 def test_each_picture_has_its_calibration_and_some_their_footprint(whole):
@@ -49,16 +49,16 @@ def test_each_picture_has_its_calibration_and_some_their_footprint(whole):
     pictures = contents(bag, "/tirgeo/overlay/image/compressed")
     infos = contents(bag, "/tirgeo/overlay/camera_info")
     assert [*map(convert.stamp_ns, infos)] == [*map(convert.stamp_ns, pictures)]
-    found = convert.camera(infos[0])
-    assert (found.matrix == XT2.matrix).all()
-    assert found.distortion == (*XT2.distortion, 0.0)  # plumb_bob has five
-    stamps = {convert.stamp_ns(one) for one in pictures}
+    result = convert.camera(infos[0])
+    assert (result.matrix == XT2.matrix).all()
+    assert result.distortion == (*XT2.distortion, 0.0)  # plumb_bob has five
+    stamps = {convert.stamp_ns(entry) for entry in pictures}
     outlines = contents(bag, "/tirgeo/footprint")
-    assert {convert.stamp_ns(one) for one in outlines} <= stamps
-    sizes = [len(one.polygon.points) for one in outlines]
+    assert {convert.stamp_ns(entry) for entry in outlines} <= stamps
+    sizes = [len(entry.polygon.points) for entry in outlines]
     assert sizes[0] == 0  # no pose yet
     assert sizes[-1] > 20
-    steps_s = np.diff([convert.stamp_ns(one) for one in outlines]) * 1e-9
+    steps_s = np.diff([convert.stamp_ns(entry) for entry in outlines]) * 1e-9
     assert 0.2 <= np.median(steps_s) < 0.35  # 5 Hz of pictures at 9 Hz: every second or third
 
 
@@ -68,7 +68,7 @@ def test_the_track_follows_the_odometry(whole):
     assert len(path.poses) <= MOST_POINTS + 1
     assert path.poses[0].pose == odometry[0].pose.pose
     assert path.poses[-1].pose == odometry[-1].pose.pose
-    assert {one.header.frame_id for one in path.poses} == {path.header.frame_id} == {"map"}
+    assert {entry.header.frame_id for entry in path.poses} == {path.header.frame_id} == {"map"}
 
 
 def test_names_of_frames_and_without_tf(cut, params, tmp_path):
@@ -98,21 +98,21 @@ def film(cut, options, tmp_path_factory):
 
 
 def test_a_packet_to_each_frame_at_its_exposure(film, cut):
-    summary, found = film
+    summary, result = film
     stamps = [convert.stamp_ns(m) for _, m in messages_of(cut, IMAGES)]
-    assert summary["video"]["frames"] == len(stamps) == len(found.frame_s)
-    assert found.packet_s == found.frame_s
-    times = [values_in(one)[2] for one in found.packets]
+    assert summary["video"]["frames"] == len(stamps) == len(result.frame_s)
+    assert result.packet_s == result.frame_s
+    times = [values_in(entry)[2] for entry in result.packets]
     assert times == [(stamp - LATENCY_NS) // 1000 for stamp in stamps]
 
 
 def test_everything_of_drawn_frames_and_nothing_of_others(film):
-    summary, found = film
-    tags = [values_in(one).keys() - {2} for one in found.packets]
-    assert [one for one in tags if one] == [DRAWN] * summary["overlay"]["drawn"]
+    summary, result = film
+    tags = [values_in(entry).keys() - {2} for entry in result.packets]
+    assert [entry for entry in tags if entry] == [DRAWN] * summary["overlay"]["drawn"]
     assert tags.count(set()) == summary["overlay"]["notices"] > 0
-    for one in found.packets:
-        by_klvdata(one)
+    for entry in result.packets:
+        by_klvdata(entry)
 
 
 def test_places_are_those_of_the_flight(film, sample):
@@ -122,7 +122,7 @@ def test_places_are_those_of_the_flight(film, sample):
     plane = convert.tangent_plane(origin)
     poses = [convert.camera_pose(message) for _, message in messages_of(truth, CAMERA_POSE)]
     stamps = np.array([pose.stamp_ns for pose in poses])
-    placed = [one for one in map(values_in, film[1].packets) if 13 in one]
+    placed = [entry for entry in map(values_in, film[1].packets) if 13 in entry]
     for values in placed:
         nearest = poses[np.abs(stamps - values[2] * 1000).argmin()]
         here_n = plane.ned_from_geodetic(*np.radians([values[13], values[14]]), values[75])
@@ -199,15 +199,15 @@ SIGMA = math.radians(2.0)
 def test_a_set_heading_in_a_bag_begins_the_filter(tmp_path):
     flown = flight(1, 6.0, "hover")
     begin_ns, true_rad = flown.truth.stamp_ns[0], heading_of(flown.truth.q_nb[0])
-    told = SetHeading(begin_ns + 3_000_000_000, true_rad + SIGMA, SIGMA**2)
+    reports = SetHeading(begin_ns + 3_000_000_000, true_rad + SIGMA, SIGMA**2)
     poses = []
-    for name, given in (("without", ()), ("with", (told,))):
+    for name, given in (("without", ()), ("with", (reports,))):
         bag = write_hover(tmp_path / f"{name}.mcap", flown, *given)
         out = tmp_path / f"{name}_out.mcap"
         process(bag, out, method="ekf", images=False)
-        poses.append([body_pose(one) for _, one in messages_of(out, "/tirgeo/odometry")])
+        poses.append([body_pose(entry) for _, entry in messages_of(out, "/tirgeo/odometry")])
     silent, flying = poses
     assert not silent
-    assert flying[0].stamp_ns - told.stamp_ns < 1_500_000_000
+    assert flying[0].stamp_ns - reports.stamp_ns < 1_500_000_000
     off_rad = wrapped(heading_of(flying[0].q_nb) - true_rad)
     assert abs(off_rad - SIGMA) < 0.5 * SIGMA  # it is what was said, turned with the aircraft

@@ -23,7 +23,7 @@ def test_poses_alone_differ_and_are_more_certain(nine_s, params, tmp_path):
         name: process(nine_s, tmp_path / f"{name}.mcap", **given, smooth=name == "smoother")
         for name in ("filter", "smoother")
     }
-    assert [one["smoothed"] for one in both.values()] == [False, True]
+    assert [item["smoothed"] for item in both.values()] == [False, True]
     for key in ("written", "verdicts", "states_s", "read", "gimbal", "state"):
         assert both["smoother"][key] == both["filter"][key]
     of_filter, of_smoother = (
@@ -34,8 +34,8 @@ def test_poses_alone_differ_and_are_more_certain(nine_s, params, tmp_path):
     assert [m.header.stamp for m in of_smoother] == stamps
     middle = slice(len(stamps) // 4, len(stamps) // 2)
     variances = [
-        np.mean([m.pose.covariance.reshape(6, 6).diagonal() for m in found[middle]], axis=0)
-        for found in (of_filter, of_smoother)
+        np.mean([m.pose.covariance.reshape(6, 6).diagonal() for m in result[middle]], axis=0)
+        for result in (of_filter, of_smoother)
     ]
     assert (variances[1] < 0.8 * variances[0]).all()
 
@@ -44,7 +44,7 @@ def test_poses_alone_differ_and_are_more_certain(nine_s, params, tmp_path):
 def test_a_method_without_filter_is_refused_in_one_line(nine_s, sample, tmp_path, capsys, method):
     out = tmp_path / "out.mcap"
     args = ["process", nine_s, "-o", out, "--params", sample / "params.yaml", "--no-images"]
-    assert main([str(one) for one in (*args, "--method", method, "--smooth")]) == 1
+    assert main([str(item) for item in (*args, "--method", method, "--smooth")]) == 1
     expected = (
         f"tirgeo process: method {method} has no filter to smooth: choose ekf or ekf_heading, or "
         "do not smooth\n"
@@ -71,9 +71,9 @@ def test_every_verb_takes_it(sample, tmp_path):
     assert locate_pixels(flight, points[1], out, **options)["smoothed"]
     with pytest.raises(ConfigError, match="method rtk has no filter to smooth"):
         locate_pixels(flight, points[1], out, method="rtk", **options)
-    found = summary(evaluate(flight, *points, **options))
-    assert found["smoothed"]
-    assert any(note.startswith("raw and rtk are as they are") for note in found["notes"])
+    result = summary(evaluate(flight, *points, **options))
+    assert result["smoothed"]
+    assert any(note.startswith("raw and rtk are as they are") for note in result["notes"])
     usual = [flight, "--survey", points[0], "--observations", points[1], "--params", params]
     args = ("calibrate", "boresight", *usual, "-o", tmp_path / "boresight.yaml", "--smooth")
-    assert main([str(one) for one in args]) == 0
+    assert main([str(item) for item in args]) == 0

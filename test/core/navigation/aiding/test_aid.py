@@ -87,17 +87,17 @@ def test_position_design(optional, source, roll, pitch, yaw):
     estimate = moved(estimate_of(state_of(roll, pitch, yaw), states_of(config)), error)
     sample = antenna_fix(estimate.state, SHIFT_N, source)
     aid = AIDS[source](config)
-    found = aid.measured(sample, estimate, ZERO)[0].measurement
+    result = aid.measured(sample, estimate, ZERO)[0].measurement
 
     def innovation(b: StateEstimate) -> np.ndarray:
         return aid.measured(sample, b, ZERO)[0].measurement.innovation
 
     # Rounding of 1.4e-9 m over the step of 1e-4 rad gives 1e-5; metres to radians second order
     # in (3 m + 1 m) / 6.4e6 m.
-    assert found.design == pytest.approx(-differences(innovation, estimate), abs=3e-5)
+    assert result.design == pytest.approx(-differences(innovation, estimate), abs=3e-5)
     own_n = error[GPS_ERROR] * (source is Source.GPS_POSITION)
     # Curvature over 4 m: 16 / (2 x 6.4e6) = 1.3e-6 m.
-    assert found.innovation == pytest.approx(SHIFT_N - own_n, abs=2e-6)
+    assert result.innovation == pytest.approx(SHIFT_N - own_n, abs=2e-6)
 
 
 @with_and_without_more_states
@@ -116,10 +116,10 @@ def test_velocity_design(optional, source, roll, pitch, yaw):
         swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + found_b)
         return sample.velocity_n - (np.array(b.state.velocity_n) + swing_n)
 
-    found = AIDS[source](config).measured(sample, estimate, tuple(RATE_B))[0].measurement
-    assert found.innovation == pytest.approx(innovation(estimate), abs=1e-12)
+    result = AIDS[source](config).measured(sample, estimate, tuple(RATE_B))[0].measurement
+    assert result.innovation == pytest.approx(innovation(estimate), abs=1e-12)
     # Second order: lever x rate x step squared is 1e-8 / 2e-4.
-    assert found.design == pytest.approx(-differences(innovation, estimate), abs=1e-4)
+    assert result.design == pytest.approx(-differences(innovation, estimate), abs=1e-4)
 
 
 @with_and_without_more_states
@@ -143,15 +143,15 @@ def test_heading_design(optional, baseline_m, roll, pitch, yaw):
 
     measured = reported(estimate) + 0.3
     # 0.6 rad of roll and pitch leave a baseline mostly horizontal.
-    found = HeadingAid(config).measured(HeadingSample(NOW_NS, measured, 1e-4), estimate, ZERO)[0]
+    result = HeadingAid(config).measured(HeadingSample(NOW_NS, measured, 1e-4), estimate, ZERO)[0]
 
     def innovation(b: StateEstimate) -> np.ndarray:
         return np.array([math.remainder(measured - reported(b), 2 * math.pi)])
 
-    assert found.measurement.innovation == pytest.approx([0.3], abs=1e-12)
+    assert result.measurement.innovation == pytest.approx([0.3], abs=1e-12)
     # Third order in 1e-4 rad, and rounding 1e-16 over it.
     numeric = differences(innovation, estimate)
-    assert found.measurement.design == pytest.approx(-numeric, abs=1e-6)
+    assert result.measurement.design == pytest.approx(-numeric, abs=1e-6)
 
 
 def heading_aid(state, heading_rad, **values):
@@ -170,10 +170,10 @@ def test_heading_innovation_wraps(turns):
 def test_baseline_of_the_parameters():
     """Second antenna behind, to the left and higher; where the IMU is does not matter."""
     places = {"aircraft__second_antenna_m": second((-1.0, 0.5, 0.25))}
-    found = Baseline.from_config(armed_config(**places, aircraft__imu_m=(5.0, 6.0, 7.0)).aircraft)
+    result = Baseline.from_config(armed_config(**places, aircraft__imu_m=(5.0, 6.0, 7.0)).aircraft)
     length = math.sqrt(1 + 0.25 + 0.0625)
-    assert found.direction_b == pytest.approx((-1 / length, -0.5 / length, -0.25 / length))
-    assert found.reported_less_azimuth_rad == pytest.approx(-math.atan2(-0.5, -1.0))
+    assert result.direction_b == pytest.approx((-1 / length, -0.5 / length, -0.25 / length))
+    assert result.reported_less_azimuth_rad == pytest.approx(-math.atan2(-0.5, -1.0))
 
 
 def test_upright_baseline_has_no_heading():

@@ -103,13 +103,13 @@ def test_reference_follows_the_state_beside_a_position_and_stays_without():
         assert fused.verdict.outcome is Outcome.STANDBY
         assert fused.estimate.covariance is estimate.covariance
         estimate = fused.estimate
-    found = reference_of(estimate)
-    assert found.offset_m == pytest.approx(OFFSET_M + 0.5, abs=0.01)
+    result = reference_of(estimate)
+    assert result.offset_m == pytest.approx(OFFSET_M + 0.5, abs=0.01)
     # White noise of 0.2 m that a walk of 0.05 m in 0.1 s limits: sqrt(0.05 x 0.2) m.
-    assert math.sqrt(found.variance_m2) == pytest.approx(0.1, abs=0.02)
+    assert math.sqrt(result.variance_m2) == pytest.approx(0.1, abs=0.02)
     for t_s in np.arange(20.0, 30.0, 0.1):  # RTK is gone
         estimate = fusion.fuse(pressure(t_s, 1.0), estimate, ZERO).estimate
-    assert reference_of(estimate)[:4] == found[:4]
+    assert reference_of(estimate)[:4] == result[:4]
 
 
 @pytest.mark.parametrize("sigma_m", [2.0, 5.0, 30.0])
@@ -129,15 +129,15 @@ def test_innovations_scatter_as_the_filter_says():
     """NIS of 400 draws of the state's error and of each of the barometer's, 10 s after RTK."""
     rng, fusion, t_s, sigma_m = np.random.default_rng(33), Fusion(CONFIG), 10.0, 1.5
     kept = math.exp(-t_s / BAROMETER.time_s)
-    found = []
+    result = []
     for state, known, walk, white, slow, fresh in rng.standard_normal((400, 6)):
         changed = BAROMETER.sigma_m * ((kept - 1) * slow + math.sqrt(1 - kept**2) * fresh)
         weather = BAROMETER.drift * math.sqrt(t_s) * walk
         off_m = sigma_m * state + 0.1 * known + weather + changed + BAROMETER.noise_m * white
-        found.append(fusion.fuse(pressure(t_s, off_m), estimate_of(sigma_m), ZERO).verdict)
+        result.append(fusion.fuse(pressure(t_s, off_m), estimate_of(sigma_m), ZERO).verdict)
     # Chi-square with 400 degrees of freedom: 95 % of the means are in 1 +- 1.96 sqrt(2 / 400).
-    assert np.mean([verdict.nis for verdict in found]) == pytest.approx(1.0, abs=0.139)
-    assert {verdict.outcome for verdict in found} == {Outcome.USED}
+    assert np.mean([verdict.nis for verdict in result]) == pytest.approx(1.0, abs=0.139)
+    assert {verdict.outcome for verdict in result} == {Outcome.USED}
 
 
 @pytest.mark.parametrize(
@@ -223,10 +223,10 @@ def test_height_after_sixty_seconds_without_satellites():
         silent = without(*RTK, *GPS, begin_s=40.0, end_s=100.0)
         for barometer in (True, False):
             change = silent if barometer else without_barometer(silent)
-            found = filtered(flight, change, **DRIFTING).errors
-            row = int(np.searchsorted(found.t_s, 99.9)) - 1
-            off[barometer].append(found.state[row, 2])
-            sigmas[barometer].append(found.sigma[row, 2])
+            result = filtered(flight, change, **DRIFTING).errors
+            row = int(np.searchsorted(result.t_s, 99.9)) - 1
+            off[barometer].append(result.state[row, 2])
+            sigmas[barometer].append(result.sigma[row, 2])
     assert rms(np.array(off[False])) == pytest.approx(5.1, abs=0.1)
     assert rms(np.array(off[True])) == pytest.approx(1.1, abs=0.1)
     # Both are honest: the mean of six squares of errors over sigma, 99 % of chi-square / 6.
@@ -236,10 +236,10 @@ def test_height_after_sixty_seconds_without_satellites():
 
 def test_a_barometer_changes_nothing_on_a_clean_flight():
     flight = flown(7, duration_s=40.0)
-    found, _, navigation = filtered(flight)
+    result, _, navigation = filtered(flight)
     plain, status = filtered(flight, without_barometer(unspoilt)).errors, navigation.status()
     # The readings have stamps of the IMU, so only the sums' rounding differs.
-    assert np.abs(found.state - plain.state).max() < 1e-12
+    assert np.abs(result.state - plain.state).max() < 1e-12
     counted = Counter({o: n for (s, o), n in status.counts.items() if s == "barometer"})
     assert set(counted) == {"standby", "waiting"}
     # A slow error that is exactly as configured: 300 readings, correlated over a second or two.
@@ -256,9 +256,9 @@ def test_a_barometer_that_walks_away_beside_rtk_does_no_harm():
         height_m = standard_height_m(sample.pressure_pa) + t_s / 12 + 20.0 * (t_s > 25)
         return replace(sample, pressure_pa=standard_pressure_pa(height_m))
 
-    found, _, navigation = filtered(flight, spoiled)
+    result, _, navigation = filtered(flight, spoiled)
     plain = filtered(flight, without_barometer(unspoilt)).errors
     status = navigation.status()
-    assert np.abs(found.state[:, 2] - plain.state[:, 2]).max() < 1e-3
+    assert np.abs(result.state[:, 2] - plain.state[:, 2]).max() < 1e-3
     assert status.counts["barometer", "gated"] >= 18
     assert status.resets["barometer"] == 1

@@ -60,8 +60,8 @@ def fused(estimate, sample, q_nb=None):
     ("fixed_s", "reason"), [(0.999, "rtk/fix has been fixed for only 1.0 s"), (1.0, "")]
 )
 def test_headings_start_after_a_while_of_fixed_positions(fixed_s, reason):
-    found = fused(fixed_estimate(fixed_s, 5.0), heading(5.0)).verdict
-    assert (found.outcome is Outcome.NOT_FIXED, found.reason) == (bool(reason), reason)
+    result = fused(fixed_estimate(fixed_s, 5.0), heading(5.0)).verdict
+    assert (result.outcome is Outcome.NOT_FIXED, result.reason) == (bool(reason), reason)
 
 
 def test_headings_go_on_where_they_were_used_lately():
@@ -91,9 +91,9 @@ def agreed(seconds: float) -> StateEstimate:
     estimate = fixed_estimate(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
         estimate = estimate._replace(aids=heard(estimate.aids, 0.2 * k))
-        found = fused(estimate, heading(0.2 * k))
-        assert found.verdict.used
-        estimate = with_sigma(found.estimate)
+        result = fused(estimate, heading(0.2 * k))
+        assert result.verdict.used
+        estimate = with_sigma(result.estimate)
     return estimate
 
 
@@ -111,11 +111,11 @@ def given_up_after(estimate: StateEstimate, start_s: float, offs_deg, autopilot_
     for k, degrees in enumerate(offs_deg):
         t_s = start_s + 0.2 * k
         estimate = estimate._replace(aids=heard(estimate.aids, t_s))
-        found = fused(estimate, heading(t_s, degrees), q_nb)
-        estimate = with_sigma(found.estimate)
-        if found.verdict.outcome is Outcome.RESET:
+        result = fused(estimate, heading(t_s, degrees), q_nb)
+        estimate = with_sigma(result.estimate)
+        if result.verdict.outcome is Outcome.RESET:
             return t_s - first_s
-        if found.verdict.outcome is Outcome.GATED and first_s is None:
+        if result.verdict.outcome is Outcome.GATED and first_s is None:
             first_s = t_s
     return None
 
@@ -134,8 +134,8 @@ def given_up_after(estimate: StateEstimate, start_s: float, offs_deg, autopilot_
 def test_headings_that_step_away_are_the_antennas_unless_the_autopilot_has_seen_it_too(
     off_deg, autopilot_deg, patience_s
 ):
-    found = given_up_after(agreed(100.0), 100.2, [off_deg] * 400, autopilot_deg)
-    assert found == (None if patience_s is None else pytest.approx(patience_s, abs=0.2001))
+    result = given_up_after(agreed(100.0), 100.2, [off_deg] * 400, autopilot_deg)
+    assert result == (None if patience_s is None else pytest.approx(patience_s, abs=0.2001))
 
 
 @pytest.mark.parametrize(
@@ -149,9 +149,9 @@ def test_headings_that_step_away_are_the_antennas_unless_the_autopilot_has_seen_
 def test_what_has_drifted_away_must_last_as_long_as_the_agreement(agreed_s, patience_s):
     """Gyroscopes that fail turn the state by degrees: the headings are right then."""
     ramp = list(np.arange(0.0, 12.0, 1.0))
-    found = given_up_after(agreed(agreed_s), agreed_s + 0.2, ramp + [12.0] * 400)
+    result = given_up_after(agreed(agreed_s), agreed_s + 0.2, ramp + [12.0] * 400)
     # On the ramp, which lasts 2.4 s, they do not agree with each other.
-    assert patience_s <= found + 1e-9 <= patience_s + 2.4
+    assert patience_s <= result + 1e-9 <= patience_s + 2.4
 
 
 def test_headings_that_come_late_and_far_off_do_not_win():
@@ -166,9 +166,9 @@ def test_contradictions_that_do_not_agree_prove_nothing():
     for k in range(500):
         t_s = 10.2 + 0.2 * k
         estimate = estimate._replace(aids=heard(estimate.aids, t_s))
-        found = fused(estimate, heading(t_s, 60.0 + (37.0 * k) % 240.0))
-        assert found.verdict.outcome is Outcome.GATED
-        estimate = found.estimate
+        result = fused(estimate, heading(t_s, 60.0 + (37.0 * k) % 240.0))
+        assert result.verdict.outcome is Outcome.GATED
+        estimate = result.estimate
     assert estimate.state.q_nb == pytest.approx(LEVEL.q_nb, abs=1e-6)
 
 
@@ -203,7 +203,7 @@ def begun(
 
     ``autopilot_rad`` is the error of the autopilot's heading; None: it has no attitude.
     """
-    verdicts, first, said = [], None, False
+    verdicts, first, text = [], None, False
     navigation = Navigation(config_for(flown, method=method), verdicts.append)
     begin_ns, by_hand = flown.truth.stamp_ns[0], None
     for recorded in navigation_samples(flown):
@@ -218,9 +218,9 @@ def begun(
         t_s = (sample.stamp_ns - begin_ns) * 1e-9
         if by_hand is None and t_s >= at_s and sample.stamp_ns in flown.truth.stamp_ns:
             by_hand = SetHeading(sample.stamp_ns, heading_at(flown, sample) + off_rad, variance)
-        if by_hand is not None and not said and t_s >= at_s + late_s:
+        if by_hand is not None and not text and t_s >= at_s + late_s:
             navigation.process(by_hand)
-            said = True
+            text = True
         solution = navigation.process(sample).solution
         first = first or solution
     return [v for v in verdicts if v.source is Source.SET_HEADING], first, navigation
@@ -236,7 +236,7 @@ def test_error_over_sigma_of_a_filter_that_begins_with_it():
         flown = flight(seed, HOVER_S, "hover")
         off_rad = SIGMA * np.random.default_rng(seed).standard_normal()
         verdicts, first, navigation = begun(flown, off_rad=off_rad)
-        assert [one.outcome for one in verdicts] == [Outcome.WAITING, Outcome.USED]
+        assert [item.outcome for item in verdicts] == [Outcome.WAITING, Outcome.USED]
         status = navigation.status()
         assert status.state is FilterState.RUNNING
         assert status.counts["set_heading", "used"] == 1
@@ -258,8 +258,8 @@ def test_where_two_antennas_are_awaited_it_counts_before_the_autopilot():
 
 def test_without_a_variance_it_has_that_of_the_parameter_and_may_come_late():
     flown = flight(1, HOVER_S, "hover")
-    found = [begun(flown, variance=0.0, late_s=late_s)[1] for late_s in (0.0, 0.3)]
-    first, later = found
+    result = [begun(flown, variance=0.0, late_s=late_s)[1] for late_s in (0.0, 0.3)]
+    first, later = result
     assert math.degrees(math.sqrt(first.covariance[5, 5])) == pytest.approx(5.0, rel=0.1)
     assert later.stamp_ns - first.stamp_ns < SECOND_NS
     off_rad = wrapped(heading_of(first.q_nb) - heading_at(flown, first))
@@ -297,8 +297,8 @@ def test_what_is_refused_says_why(values, outcome, reason):
 def test_a_filter_that_runs_takes_it_where_its_own_is_worse(own_deg, off_deg, outcome):
     estimate = estimate_of(state_of(0.0, 0.0, 0.0))
     estimate.covariance[2, 2] = math.radians(own_deg) ** 2
-    told = SetHeading(SECOND_NS, math.radians(off_deg), SIGMA**2)
-    verdict, after = Fusion(EkfConfig()).fuse(told, estimate, (0.0, 0.0, 0.0))
+    reports = SetHeading(SECOND_NS, math.radians(off_deg), SIGMA**2)
+    verdict, after = Fusion(EkfConfig()).fuse(reports, estimate, (0.0, 0.0, 0.0))
     assert verdict.outcome is outcome
     turned = math.degrees(heading_of(np.array(after.state.q_nb)))
     # Afterwards it is as certain as was said, 3 deg, and saying it again changes nothing.
@@ -306,7 +306,7 @@ def test_a_filter_that_runs_takes_it_where_its_own_is_worse(own_deg, off_deg, ou
     assert turned == pytest.approx(share * off_deg, abs=1e-2)
     left_deg = math.degrees(math.sqrt(after.covariance[2, 2]))
     assert left_deg == pytest.approx(own_deg * math.sqrt(1 - share), rel=1e-3)
-    again, same = Fusion(EkfConfig()).fuse(told, after, (0.0, 0.0, 0.0))
+    again, same = Fusion(EkfConfig()).fuse(reports, after, (0.0, 0.0, 0.0))
     assert again.outcome is (Outcome.GATED if outcome is Outcome.GATED else Outcome.STANDBY)
     assert same.covariance[2, 2] == after.covariance[2, 2]
     if outcome is Outcome.GATED:
@@ -317,4 +317,4 @@ def test_it_is_no_stream_that_the_checks_could_miss():
     checks, topic = NavigationChecks(EkfConfig(), None), Source.SET_HEADING.topic
     for stamp_ns in (SECOND_NS, 60 * SECOND_NS, 61 * SECOND_NS):
         checks.take(topic, SetHeading(stamp_ns, 1.0, SIGMA**2), stamp_ns)
-    assert not any(topic in one.line for one in checks.findings())
+    assert not any(topic in item.line for item in checks.findings())

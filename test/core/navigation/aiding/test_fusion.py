@@ -117,10 +117,10 @@ def test_floor_of_a_covariance(variances, expected):
 def test_floor_only_adds(variances, correlation):
     covariance = np.diag(variances)
     covariance[0, 1] = covariance[1, 0] = correlation * math.sqrt(variances[0] * variances[1])
-    found = floored(covariance, 0.1)
-    assert (np.diag(found) >= 0.01 * (1 - 1e-12)).all()
-    assert np.linalg.eigvalsh(found - covariance)[0] >= -1e-15
-    assert found[0, 1] == covariance[0, 1]
+    result = floored(covariance, 0.1)
+    assert (np.diag(result) >= 0.01 * (1 - 1e-12)).all()
+    assert np.linalg.eigvalsh(result - covariance)[0] >= -1e-15
+    assert result[0, 1] == covariance[0, 1]
 
 
 # Positions that come back after a silence
@@ -139,9 +139,9 @@ def test_position_comes_back_in_equal_steps():
     fusion, estimate = Fusion(MEASURED), drifted()
     places, sigmas = [], []
     for k in range(6):
-        found = fusion.fuse(fix(12.0 + 0.2 * k, (0.8, 0, 0)), estimate, ZERO)
-        assert found.verdict.used
-        estimate = found.estimate
+        result = fusion.fuse(fix(12.0 + 0.2 * k, (0.8, 0, 0)), estimate, ZERO)
+        assert result.verdict.used
+        estimate = result.estimate
         places.append(estimate.state.correction_n[0])
         sigmas.append(math.sqrt(estimate.covariance[6, 6]))
     # Equal but for the noise's share, 1e-4 of the state's variance, five times.
@@ -159,8 +159,8 @@ def test_position_that_was_used_lately_is_not_eased():
     estimate = drifted()
     aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(11.5)))
     aids = aids.with_status(FixStatus.FIXED, ns(11.5), ns(12) - ns(0))
-    found = Fusion(MEASURED).fuse(fix(12.0, (0.8, 0, 0)), estimate._replace(aids=aids), ZERO)
-    assert found.estimate.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
+    result = Fusion(MEASURED).fuse(fix(12.0, (0.8, 0, 0)), estimate._replace(aids=aids), ZERO)
+    assert result.estimate.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
 
 
 def test_covariance_of_an_eased_position_is_honest():
@@ -175,10 +175,10 @@ def test_covariance_of_an_eased_position_is_honest():
             estimate = fusion.fuse(sample, estimate, ZERO).estimate
             left = truth - estimate.state.correction_n[0]
             ratios.append(left / math.sqrt(estimate.covariance[6, 6]))
-    found = np.sqrt(np.mean(np.square(np.reshape(ratios, (-1, 6))), axis=0))
+    result = np.sqrt(np.mean(np.square(np.reshape(ratios, (-1, 6))), axis=0))
     # 300 draws: 4 % one sigma. On the way it is on the safe side: each fix says more than it may.
-    assert (found < 1.16).all()
-    assert found[5] == pytest.approx(1.0, abs=0.16)
+    assert (result < 1.16).all()
+    assert result[5] == pytest.approx(1.0, abs=0.16)
 
 
 def test_float_positions_weigh_what_their_slow_error_leaves():
@@ -252,8 +252,8 @@ def test_velocities_are_spare_while_rtk_s_are_used(rtk_s, spare):
 
 def test_a_fix_that_is_none_is_not_used():
     estimate = StateEstimate(HOVER, np.eye(18), aids_used())
-    found = Fusion(CONFIG).fuse(gps_fix(10.0, status=FixStatus.NONE), estimate, ZERO)
-    assert (found.verdict.outcome, found.verdict.reason) == (Outcome.NOT_FIXED, "status none")
+    result = Fusion(CONFIG).fuse(gps_fix(10.0, status=FixStatus.NONE), estimate, ZERO)
+    assert (result.verdict.outcome, result.verdict.reason) == (Outcome.NOT_FIXED, "status none")
 
 
 @pytest.mark.parametrize(
@@ -275,9 +275,9 @@ def test_what_the_receiver_admits_beyond_its_slow_error_is_noise(
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
     estimate = StateEstimate(HOVER, np.eye(18), aids_used(rtk_s, gps_s))
     sample = gps_fix(10.0, variances=share * known + more)
-    found = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)[0].measurement.noise
+    result = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)[0].measurement.noise
     expected = np.eye(3) * (gps.position_noise_m**2 + beyond)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(result, expected, rtol=1e-9)
 
 
 def with_error(covariance):
@@ -297,9 +297,9 @@ def test_learned_error_fades_with_time_alone(looked_at_s):
     for t_s in looked_at_s:
         verdict, estimate = fusion.fuse(gps_fix(t_s, (50.0, 0.0, 0.0)), estimate, ZERO)
         assert verdict.outcome is Outcome.GATED
-    found = fusion.fuse(gps_fix(30.0), estimate, ZERO).verdict.innovation
+    result = fusion.fuse(gps_fix(30.0), estimate, ZERO).verdict.innovation
     # Metres through radians at 6.4e6 m: 1e-9.
-    assert found == pytest.approx([-3.0 * fade(30), 0.0, 6.0 * fade(30)], abs=1e-6)
+    assert result == pytest.approx([-3.0 * fade(30), 0.0, 6.0 * fade(30)], abs=1e-6)
 
 
 def test_fading_does_not_depend_on_how_often_something_is_used():
@@ -308,9 +308,9 @@ def test_fading_does_not_depend_on_how_often_something_is_used():
     fusion, estimate = Fusion(CONFIG), with_error(covariance)
     for k in range(1, 21):
         sample = velocity(0.5 * k, source=Source.GPS_VELOCITY, variance=0.01)
-        found = fusion.fuse(sample, estimate, ZERO)
-        assert found.verdict.used
-        estimate = found.estimate._replace(covariance=covariance, state=HOVER)
+        result = fusion.fuse(sample, estimate, ZERO)
+        assert result.verdict.used
+        estimate = result.estimate._replace(covariance=covariance, state=HOVER)
     expected = (3.0 * fade(10), 0.0, -6.0 * fade(10))
     assert estimate.aids.receivers.gps_error_n == pytest.approx(expected, abs=1e-12)
 
@@ -320,11 +320,11 @@ def test_learned_while_rtk_is_there_to_its_noise():
     covariance = np.diag(np.r_[np.full(15, 1e-8), np.square(CONFIG.gps.position_sigma_m)])
     estimate = StateEstimate(HOVER, covariance, aids_used(rtk_s=9.9))
     shift = (0.8, -1.0, 2.5)
-    found = Fusion(CONFIG).fuse(gps_fix(10.0, shift), estimate, ZERO).estimate
-    sigma = np.sqrt(np.diag(found.covariance)[GPS_ERROR])
+    result = Fusion(CONFIG).fuse(gps_fix(10.0, shift), estimate, ZERO).estimate
+    sigma = np.sqrt(np.diag(result.covariance)[GPS_ERROR])
     assert sigma == pytest.approx([CONFIG.gps.position_noise_m] * 3, rel=0.01)
-    assert found.aids.receivers.gps_error_n == pytest.approx(shift, abs=0.02)
-    assert np.abs(found.state.correction_n).max() < 1e-6
+    assert result.aids.receivers.gps_error_n == pytest.approx(shift, abs=0.02)
+    assert np.abs(result.state.correction_n).max() < 1e-6
 
 
 # Outages of RTK in flight

@@ -85,8 +85,8 @@ def test_position_is_set_where_it_is_measured():
     assert_covariance(after.covariance)
     assert after.aids.resets[0] == sum(after.aids.resets) == 1
     # The ordinary GPS stands: its error was against the position that was wrong.
-    found = after.aids.receivers.gps_error_n
-    assert found == pytest.approx((0.5 - 3.0, -0.2 + 4.0, 2.0 - 1.0), abs=0.15)  # 2 s of 45 fade
+    result = after.aids.receivers.gps_error_n
+    assert result == pytest.approx((0.5 - 3.0, -0.2 + 4.0, 2.0 - 1.0), abs=0.15)  # 2 s of 45 fade
 
 
 def wandering(t_s):
@@ -145,10 +145,12 @@ def test_gps_reset_changes_its_error_and_says_nothing_of_the_position():
     # A second one measures the same once more: it finds the sum to the noise of both, no more.
     again = Fusion(CONFIG).fuse(by_gps(2.2), after, ZERO)
     assert again.verdict.used
-    found = again.estimate.covariance
+    result = again.estimate.covariance
     # Of the fix's noise of 0.05 m a part of 1e-3 of the 4 m2 may go to either.
-    np.testing.assert_allclose(np.diag(found)[POSITION], position_m2, rtol=5e-3)
-    sums = found[POSITION, POSITION] + 2 * found[POSITION, GPS_ERROR] + found[GPS_ERROR, GPS_ERROR]
+    np.testing.assert_allclose(np.diag(result)[POSITION], position_m2, rtol=5e-3)
+    sums = (
+        result[POSITION, POSITION] + 2 * result[POSITION, GPS_ERROR] + result[GPS_ERROR, GPS_ERROR]
+    )
     assert np.diag(sums) == pytest.approx([0.05**2 / 2] * 3, rel=0.01)
 
 

@@ -42,9 +42,9 @@ def test_error_over_sigma_at_starts_in_motion(shape):
         config = config_for(flown, **SIMULATED)
         for start_s in np.arange(5.3, 45.0, 4.0):
             samples = samples_from(flown, start_s, length_s=2.0)
-            found, _ = aligned(samples, config)
-            assert duration_s(samples, found) <= 1.4
-            ratios.append(error(flown, found) / np.sqrt(np.diag(found.covariance)))
+            result, _ = aligned(samples, config)
+            assert duration_s(samples, result) <= 1.4
+            ratios.append(error(flown, result) / np.sqrt(np.diag(result.covariance)))
     rms = np.sqrt(np.mean(np.square(ratios), axis=0))
     # Forty draws: rms 1 +- 0.11. The heading's sigma stands on a floor and may be too large.
     assert (rms[:9] > 0.65).all()
@@ -59,9 +59,9 @@ def test_the_covariance_is_that_of_the_errors_cross_terms_too():
         flown = fly(scenario_from(values), 1000 + seed)
         samples, config = samples_from(flown, 0.9), config_for(flown, **SIMULATED)
         for prior in (None, known_biases(flown, 1.4)):
-            found, _ = aligned(samples, config, prior=prior)
-            wrong = error(flown, found)
-            distances.append(wrong @ np.linalg.solve(found.covariance, wrong))
+            result, _ = aligned(samples, config, prior=prior)
+            wrong = error(flown, result)
+            distances.append(wrong @ np.linalg.solve(result.covariance, wrong))
     # Mean of chi-square with 15 degrees over 100 draws: 15 +- 0.55; less for the heading's floor,
     # up to one degree of freedom.
     for mean in np.mean(np.reshape(distances, (100, 2)), axis=0):
@@ -91,9 +91,9 @@ def test_anywhere_at_any_rate(values, longest_s):
     flown = fly(scenario_from({"duration_s": 26.0, "route.shape": "figure_eight", **values}), 5)
     for start_s in (0.0, 7.3, 15.3):
         samples = samples_from(flown, start_s)
-        found, _ = aligned(samples, config_for(flown))
-        assert_right(flown, found)
-        assert duration_s(samples, found) <= longest_s
+        result, _ = aligned(samples, config_for(flown))
+        assert_right(flown, result)
+        assert duration_s(samples, result) <= longest_s
 
 
 @pytest.mark.parametrize(
@@ -112,9 +112,9 @@ def test_what_serves_after_a_while_where_the_best_is_missing(missing, use_headin
     flown = flight(6, 50.0, "figure_eight")
     for start_s in (0.0, 17.3):
         samples = samples_from(flown, start_s, missing)
-        found, _ = aligned(samples, config_for(flown), use_heading=use_heading)
-        assert_right(flown, found)
-        assert WAIT_S - 0.3 < duration_s(samples, found) < WAIT_S + 1.6
+        result, _ = aligned(samples, config_for(flown), use_heading=use_heading)
+        assert_right(flown, result)
+        assert WAIT_S - 0.3 < duration_s(samples, result) < WAIT_S + 1.6
 
 
 def test_ordinary_gps_has_its_own_lever_arm():
@@ -128,18 +128,18 @@ def test_ordinary_gps_has_its_own_lever_arm():
         "route.shape": "figure_eight",
     }
     flown = fly(scenario_from(perfect), 1)
-    found, _ = aligned(samples_from(flown, 4.3, RTK), config_for(flown))
+    result, _ = aligned(samples_from(flown, 4.3, RTK), config_for(flown))
     # With the autopilot's heading 1.8 deg off, an arm of 1.8 m moves by 6 cm.
-    assert np.abs(error(flown, found)[6:9]).max() < 0.1
+    assert np.abs(error(flown, result)[6:9]).max() < 0.1
 
 
 def test_without_antennas_the_autopilot_gives_the_heading_at_once():
     flown = flight(4, 50.0, "figure_eight")
     samples = samples_from(flown, 11.3)
-    found, _ = aligned(samples, config_for(flown), use_heading=False)
-    assert_right(flown, found)
-    assert duration_s(samples, found) <= 1.4
-    sigma_deg = math.degrees(math.sqrt(found.covariance[2, 2]))
+    result, _ = aligned(samples, config_for(flown), use_heading=False)
+    assert_right(flown, result)
+    assert duration_s(samples, result) <= 1.4
+    sigma_deg = math.degrees(math.sqrt(result.covariance[2, 2]))
     assert sigma_deg == pytest.approx(1.7972, rel=0.1)
 
 
@@ -150,8 +150,8 @@ def test_velocity_is_no_heading(q_nb, use_heading):
     flown = flight(4, 50.0, "figure_eight")
     samples = samples_from(flown, 5.0, [Source.RTK_HEADING])
     samples = spoilt(samples, Source.IMU, lambda s: replace(s, autopilot_q_nb=q_nb))
-    found, aligner = aligned(samples, config_for(flown), use_heading=use_heading)
-    assert found is None
+    result, aligner = aligned(samples, config_for(flown), use_heading=use_heading)
+    assert result is None
     assert "orientation in imu/data" in aligner.reason
     assert "velocity tells no heading while hovering" in aligner.reason
     assert ("rtk/heading" in aligner.reason) == use_heading
@@ -169,8 +169,8 @@ def test_velocity_is_no_heading(q_nb, use_heading):
 )
 def test_what_is_missing_is_named(missing, length_s, reason):
     flown = flight(4, 50.0, "figure_eight")
-    found, aligner = aligned(samples_from(flown, 0.0, missing, length_s), config_for(flown))
-    assert found is None
+    result, aligner = aligned(samples_from(flown, 0.0, missing, length_s), config_for(flown))
+    assert result is None
     assert reason in aligner.reason
 
 
@@ -182,8 +182,8 @@ def test_a_fault_of_the_imu_is_not_called_a_lack_of_what_is_there():
         replace(s, specific_force_b=s.specific_force_b / 9.81) if isinstance(s, ImuSample) else s
         for s in samples
     ]
-    found, aligner = aligned(in_g, config_for(flown))
-    assert found is None
+    result, aligner = aligned(in_g, config_for(flown))
+    assert result is None
     assert aligner.reason == "imu/data: a mean force of 1.0 m/s2 is not gravity"
 
 
@@ -191,12 +191,12 @@ def test_what_came_after_the_stamp_is_kept():
     """Ordinary GPS comes at once, RTK 150 ms later: that is ahead of the window's end."""
     flown = fly(scenario_from({"duration_s": 3.0, "rtk.arrival_delay_s": 0.15}), 1)
     samples = samples_from(flown)
-    found, _ = aligned(samples, config_for(flown))
-    end_ns = found.imu[-1].stamp_ns
-    after = [s for s in samples if found.stamp_ns < s.stamp_ns <= end_ns]
-    assert [s for s in after if isinstance(s, ImuSample)] == list(found.imu[1:])
-    assert {s.source for s in found.later} == {Source.GPS_POSITION, Source.GPS_VELOCITY}
-    assert found.imu[0].stamp_ns <= found.stamp_ns < found.imu[1].stamp_ns
+    result, _ = aligned(samples, config_for(flown))
+    end_ns = result.imu[-1].stamp_ns
+    after = [s for s in samples if result.stamp_ns < s.stamp_ns <= end_ns]
+    assert [s for s in after if isinstance(s, ImuSample)] == list(result.imu[1:])
+    assert {s.source for s in result.later} == {Source.GPS_POSITION, Source.GPS_VELOCITY}
+    assert result.imu[0].stamp_ns <= result.stamp_ns < result.imu[1].stamp_ns
 
 
 @pytest.mark.parametrize("before", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
@@ -209,19 +209,19 @@ def test_headings_count_only_once_rtk_is_fixed_for_a_while(before):
         (Source.RTK_POSITION, lambda s: replace(s, status=before)),
     ):
         samples = spoilt(samples, source, change, to_s=1.99)
-    found, _ = aligned(samples, config_for(flown))
-    assert_right(flown, found)
+    result, _ = aligned(samples, config_for(flown))
+    assert_right(flown, result)
     # start_after_s, then three headings of 5 Hz
-    assert 2.0 + 1.0 < duration_s(samples, found) < 2.0 + 1.0 + 1.2
+    assert 2.0 + 1.0 < duration_s(samples, result) < 2.0 + 1.0 + 1.2
 
 
 def test_float_positions_do_not_average_to_nothing():
     flown = flight(4, 50.0, "figure_eight")
     floating = samples_from(flown, 5.0)
     samples = spoilt(floating, RTK[0], lambda s: replace(s, status=FixStatus.FLOAT))
-    found, _ = aligned(samples, config_for(flown))
-    assert_right(flown, found)
-    sigma_m = np.sqrt(np.diag(found.covariance)[6:9])
+    result, _ = aligned(samples, config_for(flown))
+    assert_right(flown, result)
+    sigma_m = np.sqrt(np.diag(result.covariance)[6:9])
     assert (sigma_m > 0.3 / math.sqrt(2)).all()  # the half of the variance that lasts
     assert (sigma_m < 0.3).all()
 
@@ -252,8 +252,8 @@ def test_attitude_right_way_up():
 
     samples = spoilt(samples_from(flown, 0.0, length_s=4.0), Source.IMU, turned)
     config = config_for(flown, aircraft__rtk_antenna_m=(0.0, 0.0, 0.0))
-    found, aligner = aligned(samples, config)
-    assert found is None
+    result, aligner = aligned(samples, config)
+    assert result is None
     assert "upside down: check its axes" in aligner.reason
 
 
@@ -324,18 +324,18 @@ def test_one_wrong_measurement_does_no_harm(shape, kind, change, at_s):
     clean = samples_from(flown, 9.3)
     samples = spoilt(clean, kind, change, at_s, at_s + 0.19)
     assert sum(a is not b for a, b in zip(samples, clean, strict=True)) == 1
-    found, _ = aligned(samples, config_for(flown))
-    assert_right(flown, found)
-    assert duration_s(samples, found) < 3.0  # once it has left the window of 1 s
+    result, _ = aligned(samples, config_for(flown))
+    assert_right(flown, result)
+    assert duration_s(samples, result) < 3.0  # once it has left the window of 1 s
 
 
 def test_flipped_headings_wait_for_the_autopilot_to_agree():
     """Two seconds of headings turned round: longer than the window, so all in it agree."""
     flown = flight(7, 50.0, "hover")
     samples = spoilt(samples_from(flown, 5.3), Source.RTK_HEADING, turned(180.0), 0.0, 2.0)
-    found, _ = aligned(samples, config_for(flown))
-    assert_right(flown, found)
-    assert 2.0 < duration_s(samples, found) < 4.0
+    result, _ = aligned(samples, config_for(flown))
+    assert_right(flown, result)
+    assert 2.0 < duration_s(samples, result) < 4.0
 
 
 @pytest.mark.parametrize(
@@ -349,12 +349,12 @@ def test_a_wrong_autopilot_delays_but_does_not_block(change, reason):
     flown = flight(7, 50.0, "figure_eight")
     samples = spoilt(samples_from(flown, 5.3), Source.IMU, change)
     early = [s for s in samples if s.stamp_ns < samples[0].stamp_ns + 3_000_000_000]
-    found, aligner = aligned(early, config_for(flown))
-    assert found is None
+    result, aligner = aligned(early, config_for(flown))
+    assert result is None
     assert reason in aligner.reason
-    found, _ = aligned(samples, config_for(flown))
-    assert_right(flown, found)
-    assert WAIT_S < duration_s(samples, found) < WAIT_S + 1.6
+    result, _ = aligned(samples, config_for(flown))
+    assert_right(flown, result)
+    assert WAIT_S < duration_s(samples, result) < WAIT_S + 1.6
 
 
 @pytest.mark.parametrize("yaw_deg", [25.0, -90.0, 180.0])
@@ -362,8 +362,8 @@ def test_a_heading_far_from_the_autopilots_is_never_waited_out(yaw_deg):
     """It is the antennas as likely as the compass: a person must look."""
     flown = flight(7, 50.0, "figure_eight")
     samples = spoilt(samples_from(flown, 5.3), Source.IMU, swung(yaw_deg=yaw_deg))
-    found, aligner = aligned(samples, config_for(flown))
-    assert found is None
+    result, aligner = aligned(samples, config_for(flown))
+    assert result is None
     assert "aircraft.second_antenna_m" in aligner.reason
 
 
@@ -371,8 +371,8 @@ def test_one_glitch_of_the_autopilot_is_no_heading():
     """Method ekf: the last attitude before the window's end is 90 deg off."""
     flown = flight(7, 50.0, "hover")
     samples = spoilt(samples_from(flown, 5.3), Source.IMU, swung(yaw_deg=90.0), 0.995, 1.005)
-    found, _ = aligned(samples, config_for(flown), use_heading=False)
-    assert_right(flown, found)
+    result, _ = aligned(samples, config_for(flown), use_heading=False)
+    assert_right(flown, result)
 
 
 def test_an_attitude_that_stays_while_the_aircraft_turns_is_refused():
@@ -382,8 +382,8 @@ def test_an_attitude_that_stays_while_the_aircraft_turns_is_refused():
     still = spoilt(
         samples, Source.IMU, lambda s: replace(s, autopilot_q_nb=samples[0].autopilot_q_nb)
     )
-    found, aligner = aligned(still, config_for(flown), use_heading=False)
-    assert found is None
+    result, aligner = aligned(still, config_for(flown), use_heading=False)
+    assert result is None
     assert "follows the gyroscopes" in aligner.reason
 
 
@@ -395,9 +395,9 @@ def test_a_velocity_that_never_fits_gives_way_to_positions():
         Source.RTK_VELOCITY,
         lambda s: replace(s, velocity_n=-s.velocity_n),
     )
-    found, _ = aligned(samples, config_for(flown))
-    assert_right(flown, found)
-    assert WAIT_S < duration_s(samples, found) < WAIT_S + 3.0  # doubted from the first window on
+    result, _ = aligned(samples, config_for(flown))
+    assert_right(flown, result)
+    assert WAIT_S < duration_s(samples, result) < WAIT_S + 3.0  # doubted from the first window on
 
 
 def test_a_frozen_imu_does_not_align():
@@ -408,13 +408,13 @@ def test_a_frozen_imu_does_not_align():
     # It has lived for a moment: the same from the first sample on is a bench without noise.
     frozen = spoilt(samples, Source.IMU, lambda s: replace(s, **same), 0.05, 4.0)
     early = [s for s in frozen if s.stamp_ns < first.stamp_ns + 4_000_000_000]
-    found, aligner = aligned(early, config_for(flown))
-    assert found is None
+    result, aligner = aligned(early, config_for(flown))
+    assert result is None
     assert "frozen" in aligner.reason
-    found, aligner = aligned(frozen, config_for(flown))
-    assert_right(flown, found)
-    assert 4.0 + 1.0 < duration_s(samples, found) < 4.0 + 1.0 + 0.5
-    assert found.imu[0].stamp_ns > first.stamp_ns + 4_000_000_000
+    result, aligner = aligned(frozen, config_for(flown))
+    assert_right(flown, result)
+    assert 4.0 + 1.0 < duration_s(samples, result) < 4.0 + 1.0 + 0.5
+    assert result.imu[0].stamp_ns > first.stamp_ns + 4_000_000_000
 
 
 @pytest.mark.parametrize(("end_s", "begins_s"), [(0.95, 0.95), (0.85, 0.0)])
@@ -428,9 +428,9 @@ def test_no_window_spans_a_gap_of_the_imu(end_s, begins_s):
         for s in samples
         if not (isinstance(s, ImuSample) and 0.7 < (s.stamp_ns - first) * 1e-9 < end_s)
     ]
-    found, _ = aligned(holed, config_for(flown))
-    assert_right(flown, found)
-    assert begins_s + 1.0 <= duration_s(samples, found) < begins_s + 1.0 + 0.5
+    result, _ = aligned(holed, config_for(flown))
+    assert_right(flown, result)
+    assert begins_s + 1.0 <= duration_s(samples, result) < begins_s + 1.0 + 0.5
 
 
 def test_headings_that_disagree_wait():
@@ -445,6 +445,6 @@ def test_headings_that_disagree_wait():
         return turned(180.0)(sample) if count % 2 else sample
 
     samples = [every_other(s) if isinstance(s, HeadingSample) else s for s in samples]
-    found, aligner = aligned(samples, config_for(flown))
-    assert found is None
+    result, aligner = aligned(samples, config_for(flown))
+    assert result is None
     assert "rtk/heading disagree" in aligner.reason

@@ -38,8 +38,8 @@ def test_perfect_measurements_give_the_state_back(rate_hz):
     """Left over: the earth's rate and Coriolis, and the steps of the integration."""
     flown = fly(scenario_from({**PERFECT, "imu.rate_hz": rate_hz, "duration_s": 24.0}), 1)
     for start_s in (0.0, 9.3, 20.3):
-        found, _ = aligned(samples_from(flown, start_s), config_for(flown))
-        wrong = error(flown, found)
+        result, _ = aligned(samples_from(flown, start_s), config_for(flown))
+        wrong = error(flown, result)
         # Coriolis at 3 m/s is 4e-4 m/s2, a 4e-5 of gravity; the earth turns 7e-5 rad in 1 s.
         assert np.abs(wrong[0:3]).max() < 2e-4
         assert np.abs(wrong[3:6]).max() < 1e-3
@@ -60,11 +60,11 @@ def observations(first_ns):
 def test_partials_by_the_biases_are_those_of_differences():
     flown = fly(scenario_from({"duration_s": 14.0, "route.shape": "figure_eight"}), 2)
     imu = [s for s in samples_from(flown, 10.0, length_s=1.0) if isinstance(s, ImuSample)]
-    seen = observations(imu[0].stamp_ns)
-    stamps = [o.stamp_ns for o in seen]
+    observed = observations(imu[0].stamp_ns)
+    stamps = [o.stamp_ns for o in observed]
 
     def terms(biases):
-        return _Terms(integrate(imu, stamps, biases), seen, STILL)
+        return _Terms(integrate(imu, stamps, biases), observed, STILL)
 
     wanted = terms(np.zeros(6)).of_biases
     for k, size in enumerate([1e-4] * 3 + [1e-2] * 3):
@@ -91,8 +91,8 @@ def readings(headings_deg):
     ],
 )
 def test_whole_degrees_average_as_far_as_they_scatter(headings_deg, lasting_deg):
-    seen = heading_observations(readings(headings_deg), EkfConfig())
-    for observation in seen:
+    observed = heading_observations(readings(headings_deg), EkfConfig())
+    for observation in observed:
         assert math.degrees(observation.slow_sigma[0]) == pytest.approx(lasting_deg, abs=1e-6)
         assert math.degrees(math.sqrt(observation.white[0, 0])) == pytest.approx(0.6)
 

@@ -30,23 +30,23 @@ def estimates(count, truth_scale=1.0):
         design[:, 4:] *= 1e-3
         covariance = np.linalg.inv(design.T @ design + np.linalg.inv(prior.covariance))
         truth = truth_scale * sigma * rng.standard_normal(6)
-        seen = design @ truth + rng.standard_normal(4)
-        yield covariance @ design.T @ seen, covariance, prior
+        observed = design @ truth + rng.standard_normal(4)
+        yield covariance @ design.T @ observed, covariance, prior
 
 
 def test_surprise_is_normal_where_the_prior_is_true():
     """Two of the directions are not seen, and would make it smaller."""
-    found = np.array([surprise(*estimate) for estimate in estimates(1000)])
+    result = np.array([surprise(*estimate) for estimate in estimates(1000)])
     # Four sigma of a mean and of a standard deviation; the cube root is good to some hundredths.
-    assert found.mean() == pytest.approx(0.0, abs=4 / np.sqrt(1000) + 0.03)
-    assert found.std() == pytest.approx(1.0, abs=4 / np.sqrt(2000) + 0.03)
-    assert found.max() < 5.0
+    assert result.mean() == pytest.approx(0.0, abs=4 / np.sqrt(1000) + 0.03)
+    assert result.std() == pytest.approx(1.0, abs=4 / np.sqrt(2000) + 0.03)
+    assert result.max() < 5.0
 
 
 def test_biases_ten_times_the_prior_are_beyond_chance():
-    found = [surprise(*estimate) > 4.0 for estimate in estimates(300, truth_scale=10.0)]
+    result = [surprise(*estimate) > 4.0 for estimate in estimates(300, truth_scale=10.0)]
     # Four directions of ten sigma each: one draw in 100 has less than four in all.
-    assert np.mean(found) > 0.9
+    assert np.mean(result) > 0.9
 
 
 def biased(samples, gyro_b, accel_b):
@@ -82,8 +82,8 @@ def leaning(samples):
 )
 def test_at_rest_it_waits_and_names_the_parameters(resting, change, use_heading):
     samples = change(samples_from(resting))
-    found, aligner = aligned(samples, config_for(resting), use_heading=use_heading)
-    assert found is None
+    result, aligner = aligned(samples, config_for(resting), use_heading=use_heading)
+    assert result is None
     assert "needs motion" in aligner.reason
     assert all(key in aligner.reason for key in KEYS)
 
@@ -92,11 +92,11 @@ def test_larger_turn_on_sigmas_start_at_rest(resting):
     """With an honest sigma: 0.5 m/s2 of gravity are 3 deg."""
     larger = {"imu__gyro_turn_on_bias": GYRO_RAD_S, "imu__accel_turn_on_bias": ACCEL_M_S2}
     samples = consumer(samples_from(resting))
-    found, _ = aligned(samples, config_for(resting, **larger))
-    assert duration_s(samples, found) < 1.4
+    result, _ = aligned(samples, config_for(resting, **larger))
+    assert duration_s(samples, result) < 1.4
     # The biases are one and two of their sigmas, at most two and a half together with tilt.
-    assert (np.abs(error(resting, found))[:9] < 3 * np.sqrt(np.diag(found.covariance))[:9]).all()
-    assert np.degrees(np.sqrt(found.covariance[0, 0])) > 2.0
+    assert (np.abs(error(resting, result))[:9] < 3 * np.sqrt(np.diag(result.covariance))[:9]).all()
+    assert np.degrees(np.sqrt(result.covariance[0, 0])) > 2.0
 
 
 def test_what_a_flight_has_learned_starts_at_once(resting):
@@ -105,13 +105,13 @@ def test_what_a_flight_has_learned_starts_at_once(resting):
     sigma = np.repeat([1e-3, 5e-3], 3)
     gyro, accel = GYRO_RAD_S * np.array([1, -1, 1]), ACCEL_M_S2 * np.array([-1, 1, 1])
     prior = Biases(tuple(gyro.tolist()), tuple(accel.tolist()), np.diag(sigma**2))
-    found, _ = aligned(samples, config_for(resting), prior=prior)
-    assert duration_s(samples, found) < 1.4
-    tilt = np.degrees(error(resting, found)[:2])
+    result, _ = aligned(samples, config_for(resting), prior=prior)
+    assert duration_s(samples, result) < 1.4
+    tilt = np.degrees(error(resting, result)[:2])
     assert np.abs(tilt).max() < 0.5  # 0.01 m/s2 of the simulated IMU itself are 0.06 deg
-    found, aligner = aligned(samples_from(resting), config_for(resting), prior=prior)
-    assert found is None or np.abs(np.degrees(error(resting, found)[:2])).max() < 0.5
-    assert found is not None or "needs motion" in aligner.reason
+    result, aligner = aligned(samples_from(resting), config_for(resting), prior=prior)
+    assert result is None or np.abs(np.degrees(error(resting, result)[:2])).max() < 0.5
+    assert result is not None or "needs motion" in aligner.reason
 
 
 @pytest.mark.slow
@@ -119,11 +119,11 @@ def test_what_a_flight_has_learned_starts_at_once(resting):
 def test_a_turn_tells_biases_and_tilt_apart(use_heading):
     flown = flight(5, 50.0, "figure_eight")
     samples = consumer(samples_from(flown, 8.3))
-    found, _ = aligned(samples, config_for(flown), use_heading=use_heading)
-    assert found is not None
-    ratio = error(flown, found)[:9] / np.sqrt(np.diag(found.covariance))[:9]
+    result, _ = aligned(samples, config_for(flown), use_heading=use_heading)
+    assert result is not None
+    ratio = error(flown, result)[:9] / np.sqrt(np.diag(result.covariance))[:9]
     assert np.abs(ratio).max() < 4.5
-    assert np.degrees(np.sqrt(found.covariance[:2, :2].diagonal())).max() <= 1.0
+    assert np.degrees(np.sqrt(result.covariance[:2, :2].diagonal())).max() <= 1.0
 
 
 @pytest.mark.slow
@@ -140,10 +140,10 @@ def test_no_pose_is_far_off_with_a_small_sigma(shape, method, seed):
     }
     flown = fly(scenario_from(values), seed)
     for start_s in (0.0, 10.0):
-        found, states, reasons = run(flown, method, start_s)
+        result, states, reasons = run(flown, method, start_s)
         assert FilterState.LOST not in states
         assert any(all(key in reason for key in KEYS) for reason in reasons)
-        wrong = errors(flown, found)
+        wrong = errors(flown, result)
         assert wrong.t_s[-1] > 39.9  # turns have come: it has started, and goes on
         attitude = np.abs(wrong.state[:, 3:6])
         assert (attitude / wrong.sigma[:, 3:6]).max() < 5.0
@@ -155,14 +155,14 @@ def test_no_pose_is_far_off_with_a_small_sigma(shape, method, seed):
 def run(flown, method, start_s):
     """Poses, states and reasons without a pose, each half second, of a flight from a time on."""
     navigation = Navigation(config_for(flown, method=method))
-    found, states, reasons = [], set(), []
+    result, states, reasons = [], set(), []
     for number, sample in enumerate(samples_from(flown, start_s, length_s=100.0)):
         solution = navigation.process(sample).solution
         if solution is not None:
-            found.append(solution)
+            result.append(solution)
         if number % 50 == 0:
             status = navigation.status()
             states.add(status.state)
             if solution is None and not status.state.navigating:
                 reasons.append(status.reason)
-    return found, states, reasons
+    return result, states, reasons

@@ -31,16 +31,18 @@ def test_states_and_reasons():
     navigation = Navigation(config_for(flown))
     assert navigation.status().state is FilterState.WAITING
     assert "imu/data" in navigation.status().reason
-    seen, imu_ns = {}, 0
+    observed, imu_ns = {}, 0
     for sample in navigation_samples(flown):
         navigation.process(sample)
         imu_ns = sample.stamp_ns if isinstance(sample, ImuSample) else imu_ns
-        seen.setdefault(navigation.state_and_resets()[0], imu_ns)
+        observed.setdefault(navigation.state_and_resets()[0], imu_ns)
         assert navigation.status().state is navigation.state_and_resets()[0]
-    assert list(seen) == [FilterState.WAITING, FilterState.ALIGNING, FilterState.RUNNING]
+    assert list(observed) == [FilterState.WAITING, FilterState.ALIGNING, FilterState.RUNNING]
     status = navigation.status()
     assert status.reason == ""
-    assert status.state_s == pytest.approx((imu_ns - seen[FilterState.RUNNING]) * 1e-9, abs=1e-6)
+    assert status.state_s == pytest.approx(
+        (imu_ns - observed[FilterState.RUNNING]) * 1e-9, abs=1e-6
+    )
     counts = status.counts  # every IMU sample is counted once
     assert counts["imu", "used"] + counts["imu", "waiting"] == len(flown.truth.stamp_ns)
     assert 0 < math.degrees(status.heading_sigma_rad) < 1
@@ -70,10 +72,10 @@ def test_a_bag_played_again_starts_again():
     """Stamps that go back by more than a second: another run, so a new alignment."""
     flown = flight(duration_s=DURATION_S)
     navigation = filtered(flown).navigation
-    found = [navigation.process(s).solution for s in navigation_samples(flown)]
+    result = [navigation.process(s).solution for s in navigation_samples(flown)]
     assert navigation.status().counts["imu", "time_jump"] == 1
     assert navigation.status().state is FilterState.RUNNING
-    late = errors(flown, [s for s in found if s is not None]).after(5.0)
+    late = errors(flown, [s for s in result if s is not None]).after(5.0)
     assert np.degrees(rms(late.rpy)).max() < 0.5
 
 
@@ -126,16 +128,16 @@ def test_a_wrong_start_is_noticed_and_mended():
     def change(sample, t_s):
         return raised(sample, 50.0 if t_s <= 1.3 else 0.0)
 
-    found, _, navigation = filtered(flight(duration_s=20.0), change)
-    found, status = found.after(18.0), navigation.status()
+    result, _, navigation = filtered(flight(duration_s=20.0), change)
+    result, status = result.after(18.0), navigation.status()
     assert status.state is FilterState.RUNNING
     # One reset of that state (none where the start waits its doubt out), and the filter goes on.
     # A position 50 m off makes that of the ordinary GPS an error of 50 m for a while, too.
     assert status.resets.get("rtk_position", 0) <= 1
     assert set(status.resets) <= {"rtk_position", "gps_position"}
     assert ("imu", "restart") not in status.counts
-    assert np.degrees(rms(found.rpy)).max() < 1.0  # as after an alignment with 0.49 deg headings
-    assert rms(found.state[:, :3]).max() < 0.1
+    assert np.degrees(rms(result.rpy)).max() < 1.0  # as after an alignment with 0.49 deg headings
+    assert rms(result.state[:, :3]).max() < 0.1
 
 
 @pytest.mark.parametrize(("gps", "patience_s"), [(False, 2.0), (True, 20.0)])
@@ -147,18 +149,18 @@ def test_a_position_that_stays_away_is_followed_after_a_counted_reset(gps, patie
     def change(sample, t_s):
         return dropped(raised(sample, 3.0 if t_s > 5.0 else 0.0), t_s)
 
-    found, _, navigation = filtered(flight(duration_s=5.0 + patience_s + 4.0), change)
+    result, _, navigation = filtered(flight(duration_s=5.0 + patience_s + 4.0), change)
     status = navigation.status()
     assert status.resets == {"rtk_position": 1}
     assert navigation.state_and_resets() == (status.state, 1)
     assert status.last_reset.startswith("position moved by 3.")
     # Refusals at 5 Hz, the first at 5.2 s; the one after so long sets the state.
     assert status.counts["rtk_position", "gated"] == round(5 * patience_s)
-    before = (found.t_s > 5.4) & (found.t_s < 5.2 + patience_s)
+    before = (result.t_s > 5.4) & (result.t_s < 5.2 + patience_s)
     # What the receiver says of motion is taken, so the state has held: five of 2 cm.
-    assert np.abs(found.state[before, 2]).max() < 0.1
-    assert (found.sigma[before, 2] > 2.9).all()  # but it says that it may be 3 m elsewhere
-    assert found.after(5.5 + patience_s).state[:, 2] == pytest.approx(3.0, abs=0.1)
+    assert np.abs(result.state[before, 2]).max() < 0.1
+    assert (result.sigma[before, 2] > 2.9).all()  # but it says that it may be 3 m elsewhere
+    assert result.after(5.5 + patience_s).state[:, 2] == pytest.approx(3.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -179,11 +181,11 @@ def test_a_position_that_stays_away_is_followed_after_a_counted_reset(gps, patie
     ],
 )
 def test_a_position_that_jumps_is_not_followed(duration_s, change, said, most_m):
-    found, _, navigation = filtered(flight(duration_s=duration_s), change)
+    result, _, navigation = filtered(flight(duration_s=duration_s), change)
     status = navigation.status()
     assert (status.state, status.reason) == said
     assert status.resets == {}
-    assert np.abs(found.after(3.0).state[:, 2]).max() < most_m
+    assert np.abs(result.after(3.0).state[:, 2]).max() < most_m
 
 
 def test_every_verdict_is_heard_also_those_on_samples_that_were_held():
@@ -194,9 +196,9 @@ def test_every_verdict_is_heard_also_those_on_samples_that_were_held():
     samples = sorted(navigation_samples(flown), key=lambda s: s.stamp_ns - 10**7 * is_rtk(s))
     answered = [navigation.process(sample).verdict for sample in samples]
     counts = Counter((v.source.value, v.outcome.value) for v in heard)
-    told = dict(navigation.status().counts)
-    assert told.pop(("imu", "used")) > 0
-    assert counts == told
+    reports = dict(navigation.status().counts)
+    assert reports.pop(("imu", "used")) > 0
+    assert counts == reports
     assert counts["rtk_position", "used"] > counts["rtk_position", "gated"] == 0
     assert not any(v.used for v in answered if v.source is Source.RTK_POSITION)
     fixes = [v for v in heard if v.used and v.source is Source.RTK_POSITION]
@@ -236,11 +238,11 @@ def test_a_long_flight_stays_whole_in_few_points():
     for k in range(5000):
         track.add(pose(k, float(k)))
         longest = max(longest, len(norths(track)))
-    found = norths(track)
+    result = norths(track)
     assert longest <= MOST_POINTS + 1
-    assert (found[0], found[-1]) == (0.0, 4999.0)
-    assert set(np.diff(found[:-1])) == {8.0}
-    assert len(found) > MOST_POINTS / 2
+    assert (result[0], result[-1]) == (0.0, 4999.0)
+    assert set(np.diff(result[:-1])) == {8.0}
+    assert len(result) > MOST_POINTS / 2
 
 
 def test_a_stamp_that_goes_back_begins_a_new_track():

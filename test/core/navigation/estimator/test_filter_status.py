@@ -71,8 +71,8 @@ def test_aids_are_missing_after_their_time_out(age_ns, state):
 
 
 def test_a_float_fix_is_named():
-    found = health().state(aids_used(*RTK[:2], status=FixStatus.FLOAT), NOW_NS)
-    assert found == (FilterState.DEGRADED, "rtk/fix is float, no rtk/heading")
+    result = health().state(aids_used(*RTK[:2], status=FixStatus.FLOAT), NOW_NS)
+    assert result == (FilterState.DEGRADED, "rtk/fix is float, no rtk/heading")
 
 
 def test_what_comes_and_is_refused_is_said_to_be_refused():
@@ -81,14 +81,14 @@ def test_what_comes_and_is_refused_is_said_to_be_refused():
     log = VerdictLog()
     for verdict in (gated, poor):
         log.add(verdict, NOW_NS - TIMEOUT_NS)
-    told = log.unused
-    found = health().state(aids_used(Source.GPS_POSITION), NOW_NS, told)
+    reports = log.unused
+    result = health().state(aids_used(Source.GPS_POSITION), NOW_NS, reports)
     reason = (
         "rtk/vel not used: status single, "
         "rtk/heading refused: 90 deg off; antennas swapped?, no rtk/fix"
     )
-    assert found == (FilterState.DEGRADED, reason)
-    silent = health().state(aids_used(Source.GPS_POSITION), NOW_NS + 1, told)
+    assert result == (FilterState.DEGRADED, reason)
+    silent = health().state(aids_used(Source.GPS_POSITION), NOW_NS + 1, reports)
     assert silent == (FilterState.DEGRADED, "no rtk/fix, rtk/vel, rtk/heading")
 
 
@@ -173,10 +173,10 @@ def test_few_say_nothing(number):
 
 def test_what_is_high_is_named_with_what_to_look_at():
     log, now_ns = filled([4.1] * 100)
-    (told,) = log.warnings(now_ns)
-    assert told.startswith("rtk/vel: innovations are 2.0 times their sigma over 30 s: look at ")
-    assert "rtk.velocity_delay_s" in told
-    assert ";" not in told  # which parts warnings in diagnostics
+    (reports,) = log.warnings(now_ns)
+    assert reports.startswith("rtk/vel: innovations are 2.0 times their sigma over 30 s: look at ")
+    assert "rtk.velocity_delay_s" in reports
+    assert ";" not in reports  # which parts warnings in diagnostics
     assert not list(filled([3.9] * 100)[0].warnings(now_ns))
     assert not list(log.warnings(now_ns + 31 * SECOND_NS))  # silent since
 
@@ -185,16 +185,16 @@ def test_what_is_high_is_named_with_what_to_look_at():
 def test_a_flight_whose_velocities_are_late_is_warned_of():
     """A good one has a NIS of 1 and no warning; 0.15 s at 1.5 m/s2 are 0.22 m/s, 11 sigma."""
     flown = flight(duration_s=45.0)
-    found = filtered(flown).status
+    result = filtered(flown).status
     late = filtered(flown, rtk__velocity_delay_s=-0.15, rtk__gate_sigma=1e3).status
     # 150 velocities of three axes: the mean of squares has a spread of sqrt(2 / 450).
-    assert found.nis["rtk_velocity"] == pytest.approx(1.0, abs=4 * math.sqrt(2 / 450))
-    assert set(found.nis) >= {"rtk_position", "rtk_velocity", "rtk_heading"}
-    assert found.warnings == ()
-    assert np.all(np.array(found.vibration) > 0)
-    assert found.process_noise == "parameters"
-    (told,) = [text for text in late.warnings if text.startswith("rtk/vel")]
-    assert "rtk.velocity_delay_s" in told
+    assert result.nis["rtk_velocity"] == pytest.approx(1.0, abs=4 * math.sqrt(2 / 450))
+    assert set(result.nis) >= {"rtk_position", "rtk_velocity", "rtk_heading"}
+    assert result.warnings == ()
+    assert np.all(np.array(result.vibration) > 0)
+    assert result.process_noise == "parameters"
+    (reports,) = [text for text in late.warnings if text.startswith("rtk/vel")]
+    assert "rtk.velocity_delay_s" in reports
 
 
 def test_vibration_takes_over_from_the_parameters():
@@ -268,8 +268,8 @@ def test_samples_come_out_by_stamp_once_the_imu_is_far_enough():
     assert order.add(position(3 * S)) == []
     assert order.add(position(2 * S)) == []
     assert order.add(imu(int(2.4 * S))) == []
-    found = order.add(imu(int(2.6 * S)))
-    assert [sample.stamp_ns for sample in found] == [2 * S]
+    result = order.add(imu(int(2.6 * S)))
+    assert [sample.stamp_ns for sample in result] == [2 * S]
     assert [s.stamp_ns for s in order.add(position(1 * S))] == [1 * S]  # late, and not lost
     assert [s.stamp_ns for s in order.pop_until()] == [int(2.4 * S), int(2.6 * S), 3 * S]
     assert order.pop_until() == []
@@ -299,11 +299,11 @@ def test_a_flood_beside_an_imu_stays_bounded_and_takes_nothing_from_the_others()
     for k in range(10_000):
         order.add(replace(position(S), stamp_ns=S + k * 10_000))
         order.add(imu(S + k * 1_000))
-    told = Counter(verdict.source for verdict in order.given_up())
+    reports = Counter(verdict.source for verdict in order.given_up())
     held = order.pop_until()
     assert velocity in held
-    assert told[Source.RTK_POSITION] == 10_000 - 120
-    assert told[Source.IMU] == 10_001 - 1200
+    assert reports[Source.RTK_POSITION] == 10_000 - 120
+    assert reports[Source.IMU] == 10_001 - 1200
     assert len(held) == 120 + 1200 + 1
 
 

@@ -71,15 +71,15 @@ def test_longitudes_beyond_180_degrees_are_the_same_places():
     place = PLACES["antimeridian, eastwards"]
     flown = flown_at(place)
     navigation = Navigation(config_at(place))
-    found = []
+    result = []
     for sample in navigation_samples(flown):
         moved = sample
         if isinstance(sample, PositionSample):
             moved = _counted_to_360(sample)
         solution = navigation.process(moved).solution
         if solution is not None:
-            found.append(solution)
-    late = errors(flown, found).after(SETTLED_S)
+            result.append(solution)
+    late = errors(flown, result).after(SETTLED_S)
     # 2 pi has the rounding of a double: 1e-15 rad are 6 nm.
     np.testing.assert_allclose(late.state, errors_at(place).state, atol=1e-6)
 

@@ -114,11 +114,11 @@ def test_covariance_of_a_message_is_taken_or_has_a_default(receiver, told):
     known = told is COVARIANCE
     source, other = receiver
     samples = position(0, source, told), velocity(0, other, told)
-    found = fed(imu(), *samples, source=source).solution().covariance
-    np.testing.assert_allclose(found[:3, :3], told if known else DEFAULTS[receiver])
+    result = fed(imu(), *samples, source=source).solution().covariance
+    np.testing.assert_allclose(result[:3, :3], told if known else DEFAULTS[receiver])
     attitude = np.radians(CONFIG.autopilot.attitude_sigma_deg) ** 2
-    np.testing.assert_allclose(np.diag(found)[3:6], attitude)
-    np.testing.assert_array_equal(found[6:, 6:], told if known else np.eye(3))
+    np.testing.assert_allclose(np.diag(result)[3:6], attitude)
+    np.testing.assert_array_equal(result[6:, 6:], told if known else np.eye(3))
 
 
 @pytest.mark.parametrize("q", [None, np.zeros(4), np.full(4, math.nan), np.ones(4)])

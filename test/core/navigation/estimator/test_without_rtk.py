@@ -47,14 +47,14 @@ def poor(sigma_m=None, begin_s=1e9, end_s=1e9):
     ],
 )
 def test_it_starts_after_its_wait_and_stays_degraded(method, sigma_m, said):
-    found, states, navigation = filtered(
+    result, states, navigation = filtered(
         flight(44, 40.0), poor(sigma_m), watched=True, method=method
     )
     # alignment.wait_s and max_delay_s: 5.5 s
     assert {state for t_s, state in states if t_s > 5.7} == {FilterState.DEGRADED}
     heading = ", rtk/heading" if method == "ekf_heading" else ""
     assert navigation.status().reason == f"no rtk/fix, rtk/vel{heading}{said}"
-    late = found.after(15.0)
+    late = result.after(15.0)
     assert (np.abs(late.state / late.sigma)[:, :3] < 4.0).all()
     assert (late.sigma[:, :3] > 0.5 * np.array(EkfConfig().gps.position_sigma_m)).all()
     assert (np.abs(late.state[:, :2]) < 5.0).all()  # four of the receiver's true 1.28 m
@@ -66,9 +66,9 @@ def test_it_outlasts_a_silence_of_a_poor_receiver():
     """Five seconds on velocities alone: dead reckoning, not lost; what was poor is so still."""
     change = poor((0.9, 1.3, 100.0), 20.0, 25.0)
     states = filtered(flight(44, 40.0), change, watched=True, method="ekf").states
-    seen = Counter(state for _, state in states)
-    assert seen[FilterState.DEAD_RECKONING] > 300
-    assert FilterState.LOST not in seen
+    observed = Counter(state for _, state in states)
+    assert observed[FilterState.DEAD_RECKONING] > 300
+    assert FilterState.LOST not in observed
     assert states[-1][1] is FilterState.DEGRADED
 
 
@@ -80,10 +80,10 @@ def test_the_autopilots_heading_serves_where_nothing_holds_it():
     """Hovering in still air for three minutes: poses all the time, within their sigma."""
     values = CALM | {"duration_s": 180.0, "route.hover_s": 180.0}
     flown = fly(scenario_from(values), 1)
-    found, states, navigation = filtered(flown, poor(), watched=True, method="ekf")
+    result, states, navigation = filtered(flown, poor(), watched=True, method="ekf")
     assert {state for t_s, state in states if t_s > 5.7} == {FilterState.DEGRADED}
     assert navigation.status().counts["autopilot_heading", "used"] >= 1
-    late = found.after(10.0)
+    late = result.after(10.0)
     sigma_deg = np.degrees(late.sigma[:, 5])
     limit_deg = 3 * EkfConfig().autopilot.attitude_sigma_deg[2]
     assert (sigma_deg < 1.1 * limit_deg).all()  # it is looked at ten times a second

@@ -139,10 +139,10 @@ def test_step_is_the_transition_of_the_dynamics():
     noise[3:6, 3:6] = rotation @ np.diag(np.square(IMU.velocity_random_walk)) @ rotation.T
     expected = phi @ before @ phi.T + 0.04 * noise
     step = CovariancePropagation(CONFIG).step
-    found = step(before, state, rates, rates.specific_force_n, 0.04)
+    result = step(before, state, rates, rates.specific_force_n, 0.04)
     scaled = np.outer(scales, scales)
     # The states' sizes out of the way, entries are below 1e3 and round by 1e-16 times a few sums.
-    np.testing.assert_allclose(found / scaled, expected / scaled, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(result / scaled, expected / scaled, rtol=0, atol=1e-10)
 
 
 @given(st.integers(0, 2**32 - 1))

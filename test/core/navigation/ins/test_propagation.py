@@ -67,7 +67,7 @@ def propagated_through(epochs):
 def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
     """Two seconds of turns, against a covariance that follows at 400 Hz."""
     stamps = np.arange(0, 2.0 + 1e-9, 1 / rate_hz)
-    found = propagated_through(epochs_of(stamps))
+    result = propagated_through(epochs_of(stamps))
     state, covariance = estimate()[:2]
     propagation = CovariancePropagation(CONFIG)
     for k in range(800):
@@ -77,8 +77,8 @@ def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
         state = after
     sigmas = np.sqrt(np.diag(covariance))
     # Steps of 50 ms in turns of 1 rad/s: of second order, (0.05)^2 / 2 at each quarter turn.
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sigmas, rtol=5e-3)
-    correlations = (found.covariance - covariance) / np.outer(sigmas, sigmas)
+    np.testing.assert_allclose(np.sqrt(np.diag(result.covariance)), sigmas, rtol=5e-3)
+    correlations = (result.covariance - covariance) / np.outer(sigmas, sigmas)
     assert np.abs(correlations).max() < 0.02
 
 
@@ -105,9 +105,9 @@ def test_parts_of_an_interval_are_the_whole(cuts_s):
 @pytest.mark.parametrize(("gap_s", "bridged"), [(0.02, False), (0.035, False), (0.04, True)])
 def test_lost_samples_make_less_certain(gap_s, bridged):
     """One sample of a 50 Hz IMU with jitter is not a loss, two are."""
-    found = propagated_through(epochs_of([0.0, gap_s]))
+    result = propagated_through(epochs_of([0.0, gap_s]))
     plain = np.diag(estimate().covariance)[:3]
-    widened = np.diag(found.covariance)[:3] - plain > (0.05 * gap_s) ** 2 * 0.9
+    widened = np.diag(result.covariance)[:3] - plain > (0.05 * gap_s) ** 2 * 0.9
     assert widened.all() == bridged
 
 
@@ -139,9 +139,9 @@ def test_monte_carlo_of_lost_samples(gap_s):
             mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
             truth, _ = propagate(truth, *mean, 1 / 400)
         read = {times[k]: (force[k], rate[k]) for k in (begin, end)}
-        found = propagated_through(epochs_of(read, read.get, certain))
-        error = difference(truth, found.state)[:9]
-        ratios.append(error / np.sqrt(np.diag(found.covariance)[:9]))
+        result = propagated_through(epochs_of(read, read.get, certain))
+        error = difference(truth, result.state)[:9]
+        ratios.append(error / np.sqrt(np.diag(result.covariance)[:9]))
     blocks = np.sqrt(np.mean(np.square(ratios), axis=0)).reshape(3, 3)
     assert (blocks <= 1.1).all()
 
@@ -149,9 +149,9 @@ def test_monte_carlo_of_lost_samples(gap_s):
 def test_a_gap_covers_a_clock_that_was_set_forward():
     """Nothing was lost, 0.15 s never were: the state is too far on, and says that it may be."""
     readings = np.array([0.5, 0, -9.8]), np.zeros(3)
-    found = propagated_through(epochs_of([0.0, 0.15], lambda _: readings))
+    result = propagated_through(epochs_of([0.0, 0.15], lambda _: readings))
     moved_m = 0.15 * math.hypot(*START.velocity_n)
-    sigma_m = math.sqrt(max(np.diag(found.covariance)[6:9]))
+    sigma_m = math.sqrt(max(np.diag(result.covariance)[6:9]))
     assert moved_m < 3 * sigma_m
 
 
@@ -181,8 +181,8 @@ MEMORY_SPREAD = 5 * 0.5 * np.sqrt(2 * (1 + 2 * (4 / 6) ** 2 + 2 / 36) / 600)
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 400.0])
 def test_white_noise_is_measured_whatever_the_rate(rate_hz):
-    found = measured(*white(12.0, 1, rate_hz), 1 / rate_hz)
-    assert found == pytest.approx(
+    result = measured(*white(12.0, 1, rate_hz), 1 / rate_hz)
+    assert result == pytest.approx(
         [*GYRO, *ACCEL], rel=MEMORY_SPREAD * np.sqrt(max(100 / rate_hz, 1))
     )
 
@@ -193,9 +193,9 @@ def test_motion_is_no_noise():
     turn = np.outer(np.sin(2 * np.pi * t_s), [1.0, 0.5, 0.6])
     push = np.outer(np.cos(2 * np.pi * t_s), [5.0, 3.0, 2.0])
     imu = ImuConfig()
-    found = measured(turn, push)
-    assert np.all(found[:3] * imu.gyro_vibration_share < imu.angle_random_walk)
-    assert np.all(found[3:] * imu.accel_vibration_share < imu.velocity_random_walk)
+    result = measured(turn, push)
+    assert np.all(result[:3] * imu.gyro_vibration_share < imu.angle_random_walk)
+    assert np.all(result[3:] * imu.accel_vibration_share < imu.velocity_random_walk)
 
 
 def test_calm_is_believed_again_after_some_seconds():
@@ -246,12 +246,14 @@ def problem(seed: int, size: int, gate_sigma: float = 1e6):
 def test_update_is_the_information_form(seed, size):
     """P+ = (P^-1 + H' R^-1 H)^-1, error = P+ H' R^-1 innovation."""
     covariance, measurement = problem(seed, size)
-    found = update(covariance, measurement)
+    result = update(covariance, measurement)
     weight = measurement.design.T @ np.linalg.inv(measurement.noise)
     expected = np.linalg.inv(np.linalg.inv(covariance) + weight @ measurement.design)
     # Inversions of matrices whose condition is below 1e4: 1e4 roundings of 1e-16.
-    np.testing.assert_allclose(found.covariance, expected, atol=1e-10)
-    np.testing.assert_allclose(found.error, expected @ weight @ measurement.innovation, atol=1e-10)
+    np.testing.assert_allclose(result.covariance, expected, atol=1e-10)
+    np.testing.assert_allclose(
+        result.error, expected @ weight @ measurement.innovation, atol=1e-10
+    )
 
 
 @given(seeds, sizes)
@@ -261,9 +263,9 @@ def test_nearly_exact_measurement_stays_positive(seed, size):
     exact = Measurement(
         np.zeros(size), measurement.design, 1e-12 * np.eye(size), measurement.gate_sigma
     )
-    found = update(covariance, exact).covariance
-    np.testing.assert_array_equal(found, found.T)
-    assert np.linalg.eigvalsh(found)[0] > -1e-14
+    result = update(covariance, exact).covariance
+    np.testing.assert_array_equal(result, result.T)
+    assert np.linalg.eigvalsh(result)[0] > -1e-14
 
 
 @given(seeds, sizes, st.floats(1, 10))
@@ -271,10 +273,10 @@ def test_ratio_is_the_squared_distance_over_the_limit(seed, size, gate_sigma):
     covariance, measurement = problem(seed, size, gate_sigma)
     spread = measurement.design @ covariance @ measurement.design.T + measurement.noise
     distance = measurement.innovation @ np.linalg.solve(spread, measurement.innovation)
-    found = update(covariance, measurement)
+    result = update(covariance, measurement)
     limit = chi_square_limit(gate_sigma, size)
-    assert found.test_ratio == pytest.approx(distance / limit, rel=1e-9)
-    assert (found.error is None) == (found.test_ratio > 1)
+    assert result.test_ratio == pytest.approx(distance / limit, rel=1e-9)
+    assert (result.error is None) == (result.test_ratio > 1)
 
 
 @given(seeds, sizes, st.floats(0.1, 10))
@@ -299,19 +301,19 @@ def test_ease_is_more_noise_behind_the_same_gate(seed, size, ease):
 def test_absurd_innovation_is_refused(value, size):
     innovation = np.zeros(size)
     innovation[-1] = value
-    found = update(np.eye(15), Measurement(innovation, np.eye(15)[:size], np.eye(size), 1e6))
-    assert found.error is None
-    assert found.covariance is None
-    assert not found.test_ratio <= 1
+    result = update(np.eye(15), Measurement(innovation, np.eye(15)[:size], np.eye(size), 1e6))
+    assert result.error is None
+    assert result.covariance is None
+    assert not result.test_ratio <= 1
 
 
 def test_noise_that_is_no_covariance_is_refused():
     """Correlation 3 between two axes: the squared distance becomes negative."""
     noise = np.array([[1.0, 3.0], [3.0, 1.0]])
     innovation = np.array([1.0, -1.0])
-    found = update(1e-3 * np.eye(15), Measurement(innovation, np.eye(15)[:2], noise, 5.0))
-    assert found.test_ratio < 0
-    assert found.error is None
+    result = update(1e-3 * np.eye(15), Measurement(innovation, np.eye(15)[:2], noise, 5.0))
+    assert result.test_ratio < 0
+    assert result.error is None
 
 
 @pytest.mark.parametrize("degrees", [1, 2, 3])

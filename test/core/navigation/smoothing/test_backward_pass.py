@@ -58,11 +58,11 @@ class LinearFilter:
         noise = np.diag(self.rng.uniform(0.1, 1.0, rows))
         value = self.rng.normal(size=rows)
         innovation = value - design @ self.estimate
-        found = update(self.covariance, Measurement(innovation, design, noise, NO_GATE, ease))
-        self.seen.append((self.places[-1], design, noise + ease * found.predicted, value))
+        result = update(self.covariance, Measurement(innovation, design, noise, NO_GATE, ease))
+        self.seen.append((self.places[-1], design, noise + ease * result.predicted, value))
         self.places.append(self.places[-1])
-        self.estimate = self.estimate + found.error
-        self.changed(Change(found.covariance, correction=found.correction))
+        self.estimate = self.estimate + result.error
+        self.changed(Change(result.covariance, correction=result.correction))
 
     def reset(self, block):
         """Set some states to a value, with a noise of its own."""
@@ -96,17 +96,17 @@ class LinearFilter:
 
 def flown(seed, steps=20):
     """Propagations and updates of one to three rows, some eased; a reset and a doubt inside."""
-    found = LinearFilter(seed)
+    result = LinearFilter(seed)
     for step in range(steps):
-        found.propagate()
+        result.propagate()
         if step % 3 != 1:
-            found.correct(1 + step % 3, ease=2.0 * (step == 5))
+            result.correct(1 + step % 3, ease=2.0 * (step == 5))
         if step == 8:
-            found.reset(slice(1, 4))
+            result.reset(slice(1, 4))
         if step == 12:
-            found.doubt()
-            found.correct(2)
-    return found
+            result.doubt()
+            result.correct(2)
+    return result
 
 
 def square(record, lower):
@@ -120,35 +120,35 @@ def square(record, lower):
 @pytest.mark.parametrize("block", [4096, 7])
 def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
     monkeypatch.setattr(smoothed_navigation, "_BLOCK", block)
-    found = flown(seed)
-    mean, covariance = found.conditioned()
-    errors = BackwardPass(found.record).smoothed()
-    np.testing.assert_allclose(found.estimates + errors, mean, atol=TOLERANCE)
-    smoothed = square(found.record, found.record.covariances)
+    result = flown(seed)
+    mean, covariance = result.conditioned()
+    errors = BackwardPass(result.record).smoothed()
+    np.testing.assert_allclose(result.estimates + errors, mean, atol=TOLERANCE)
+    smoothed = square(result.record, result.record.covariances)
     np.testing.assert_allclose(smoothed, covariance, atol=TOLERANCE)
 
 
 def test_the_last_is_that_of_the_filter():
-    found = flown(7)
-    last = found.covariance
-    errors = BackwardPass(found.record).smoothed()
+    result = flown(7)
+    last = result.covariance
+    errors = BackwardPass(result.record).smoothed()
     assert (errors[-1] == 0).all()
-    smoothed = square(found.record, found.record.covariances)[-1]
+    smoothed = square(result.record, result.record.covariances)[-1]
     np.testing.assert_allclose(smoothed, last, atol=1e-15)  # one half of it is stored
 
 
 def test_rauch_tung_and_striebel_find_the_same():
     """Their recursion inverts every predicted covariance, which without resets can be done."""
-    found = LinearFilter(3)
-    steps = [("", None, found.covariance, np.zeros(STATES))]  # change, F, covariance, correction
+    result = LinearFilter(3)
+    steps = [("", None, result.covariance, np.zeros(STATES))]  # change, F, covariance, correction
     for step in range(15):
-        found.propagate()
-        change = found.record.transitions[-1].copy()
-        steps.append(("moved", change, found.covariance, np.zeros(STATES)))
-        before = found.estimate
-        found.correct(1 + step % 3)
-        steps.append(("corrected", None, found.covariance, found.estimate - before))
-    errors, covariance = [np.zeros(STATES)], [found.covariance]
+        result.propagate()
+        change = result.record.transitions[-1].copy()
+        steps.append(("moved", change, result.covariance, np.zeros(STATES)))
+        before = result.estimate
+        result.correct(1 + step % 3)
+        steps.append(("corrected", None, result.covariance, result.estimate - before))
+    errors, covariance = [np.zeros(STATES)], [result.covariance]
     for (kind, transition, predicted, correction), (*_, earlier, _) in zip(
         reversed(steps[1:]), reversed(steps[:-1]), strict=True
     ):
@@ -159,8 +159,10 @@ def test_rauch_tung_and_striebel_find_the_same():
             gain = earlier @ transition.T @ np.linalg.inv(predicted)
             errors.append(gain @ errors[-1])
             covariance.append(earlier + gain @ (covariance[-1] - predicted) @ gain.T)
-    np.testing.assert_allclose(BackwardPass(found.record).smoothed(), errors[::-1], atol=TOLERANCE)
-    smoothed = square(found.record, found.record.covariances)
+    np.testing.assert_allclose(
+        BackwardPass(result.record).smoothed(), errors[::-1], atol=TOLERANCE
+    )
+    smoothed = square(result.record, result.record.covariances)
     np.testing.assert_allclose(smoothed, covariance[::-1], atol=TOLERANCE)
 
 

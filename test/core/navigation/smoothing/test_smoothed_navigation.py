@@ -25,16 +25,16 @@ SILENT = (*RTK, *GPS)
 
 def changed(*, lost=(), lost_s=(0.0, 0.0), moved_m=0.0, moved_from_s=1e9):
     """Samples of a flight; some sources are lost for a while, RTK's height has a step."""
-    flown, found = flight(5, LENGTH_S), []
+    flown, result = flight(5, LENGTH_S), []
     for sample in navigation_samples(flown):
         t_s = (sample.stamp_ns - flown.truth.stamp_ns[0]) * 1e-9
         if sample.source in lost and lost_s[0] <= t_s < lost_s[1]:
             continue
         if sample.source is Source.RTK_POSITION and t_s > moved_from_s:
-            found.append(replace(sample, height_m=sample.height_m + moved_m))
+            result.append(replace(sample, height_m=sample.height_m + moved_m))
         else:
-            found.append(sample)
-    return found
+            result.append(sample)
+    return result
 
 
 #: Ordinary; without any position, velocity or heading for 6 s; a step of RTK that is followed at
@@ -57,7 +57,7 @@ def both(way, **values):
     config = config_for(flight(5, LENGTH_S), **values)
     samples = changed(**WAYS[way])
     pair = Navigation(config), smoothed(config, samples)
-    return *(run(one, samples) for one in pair), *pair
+    return *(run(item, samples) for item in pair), *pair
 
 
 def solutions(steps):
@@ -79,8 +79,8 @@ def test_verdicts_status_and_plane_are_the_filters(way):
 def test_the_filter_is_not_changed_by_being_recorded():
     steps = both("ordinary")[0]
     recorded = run(RecordingNavigation(config_for(flight(5, LENGTH_S))), changed())
-    for one, other in zip(solutions(recorded), solutions(steps), strict=True):
-        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    for item, other in zip(solutions(recorded), solutions(steps), strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(item, other, strict=True))
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -98,23 +98,23 @@ def test_it_ends_as_the_filter_does(way):
     """At the last IMU sample nothing comes later; measurements that came late are in both."""
     navigation, samples = both(way)[2], changed(**WAYS[way])
     last_ns = max(sample.stamp_ns for sample in samples if isinstance(sample, ImuSample))
-    found = next(one for one in solutions(both(way)[1]) if one.stamp_ns == last_ns)
+    result = next(item for item in solutions(both(way)[1]) if item.stamp_ns == last_ns)
     expected = navigation._ekf.solution()
     assert expected.stamp_ns == last_ns
-    for one, other in zip(found, expected, strict=True):
+    for item, other in zip(result, expected, strict=True):
         # 1e-15: the feedback of an error of zero normalises the attitude once more.
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(item, other, rtol=1e-9, atol=1e-15)
 
 
 def test_it_is_nearer_to_the_truth_and_says_so():
     """Half of the variance is a filter's loss to a smoother in the middle of white noise."""
-    found = {}
+    result = {}
     for name, steps in zip(("filter", "smoother"), both("ordinary"), strict=False):
         late = errors(flight(5, LENGTH_S), solutions(steps)).after(8.0)
-        found[name] = late
+        result[name] = late
         assert np.abs(late.state / late.sigma).max() < 5
-    assert (found["smoother"].sigma.mean(0) < 0.8 * found["filter"].sigma.mean(0)).all()
-    off = {name: np.linalg.norm(one.state[:, :3]) for name, one in found.items()}
+    assert (result["smoother"].sigma.mean(0) < 0.8 * result["filter"].sigma.mean(0)).all()
+    off = {name: np.linalg.norm(item.state[:, :3]) for name, item in result.items()}
     assert off["smoother"] < 0.7 * off["filter"]
 
 
@@ -124,15 +124,15 @@ def test_an_outage_is_bridged_from_both_ends():
         errors(flight(5, LENGTH_S), solutions(steps)) for steps in both("outage")[:2]
     )
     inside = (of_filter.t_s > 12.0) & (of_filter.t_s < 18.0)
-    for found, worst_s in ((of_filter, (17.9, 18.0)), (of_smoother, (13.9, 16.1))):
-        sigma = found.sigma[inside, 0]
-        assert worst_s[0] <= found.t_s[inside][sigma.argmax()] <= worst_s[1]
-        assert np.abs(found.state / found.sigma)[inside].max() < 4
+    for result, worst_s in ((of_filter, (17.9, 18.0)), (of_smoother, (13.9, 16.1))):
+        sigma = result.sigma[inside, 0]
+        assert worst_s[0] <= result.t_s[inside][sigma.argmax()] <= worst_s[1]
+        assert np.abs(result.state / result.sigma)[inside].max() < 4
     off_m = [
-        np.linalg.norm(one.state[inside, :3], axis=1).max() for one in (of_filter, of_smoother)
+        np.linalg.norm(item.state[inside, :3], axis=1).max() for item in (of_filter, of_smoother)
     ]
     assert off_m[1] < 0.3 * off_m[0]
-    sigma_m = [one.sigma[inside, 0].max() for one in (of_filter, of_smoother)]
+    sigma_m = [item.sigma[inside, 0].max() for item in (of_filter, of_smoother)]
     assert sigma_m[1] < 0.3 * sigma_m[0]
 
 
@@ -142,13 +142,13 @@ def test_before_a_reset_nothing_of_it_is_known():
     outcomes = [step.verdict.outcome for step in steps]
     assert Outcome.RESET in outcomes
     reset_ns = next(s for s in solutions(steps[: outcomes.index(Outcome.RESET)][::-1])).stamp_ns
-    found = errors(flight(5, LENGTH_S), solutions(smooth))
+    result = errors(flight(5, LENGTH_S), solutions(smooth))
     start_ns = flight(5, LENGTH_S).truth.stamp_ns[0]
     reset_s = (reset_ns - start_ns) * 1e-9
-    usual = (found.t_s > 8.0) & (found.t_s < reset_s - 1.0)
-    assert np.abs(found.state[usual, 2]).max() < 0.3
-    after = found.t_s > reset_s + 1.0
-    assert np.abs(found.state[after, 2] - 6.0).max() < 0.3
+    usual = (result.t_s > 8.0) & (result.t_s < reset_s - 1.0)
+    assert np.abs(result.state[usual, 2]).max() < 0.3
+    after = result.t_s > reset_s + 1.0
+    assert np.abs(result.state[after, 2] - 6.0).max() < 0.3
 
 
 def test_each_run_is_smoothed_by_itself():
@@ -159,8 +159,8 @@ def test_each_run_is_smoothed_by_itself():
     again_ns = flight(5, LENGTH_S).truth.stamp_ns[0] + 13_500_000_000
     first = [sample for sample in samples if sample.stamp_ns < again_ns]
     alone = solutions(run(smoothed(config, first), first))
-    for one, other in zip(alone, solutions(smooth), strict=False):
-        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    for item, other in zip(alone, solutions(smooth), strict=False):
+        assert all(np.array_equal(a, b) for a, b in zip(item, other, strict=True))
     assert len(alone) < len(solutions(smooth))
 
 
@@ -172,17 +172,17 @@ def test_late_measurements_stand_at_their_own_time():
     late_ns = dict.fromkeys(RTK, 500000000)
     late = sorted(timely, key=lambda s: s.stamp_ns + late_ns.get(s.source, 0))
     end_ns = timely[-1].stamp_ns - 1_000_000_000  # some of the last would come after the end
-    found = [
+    result = [
         {s.stamp_ns: s for s in solutions(run(smoothed(config, order), order))}
         for order in (timely, late)
     ]
-    common = [ns for ns in found[0] if ns in found[1] and ns < end_ns]
+    common = [ns for ns in result[0] if ns in result[1] and ns < end_ns]
     assert len(common) > 1000
     for stamp_ns in common[::50]:
-        one, other = found[0][stamp_ns], found[1][stamp_ns]
-        assert math.isclose(one.latitude_rad, other.latitude_rad, rel_tol=1e-12)
-        np.testing.assert_allclose(one.q_nb, other.q_nb, atol=1e-9)
-        np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-4, atol=1e-12)
+        item, other = result[0][stamp_ns], result[1][stamp_ns]
+        assert math.isclose(item.latitude_rad, other.latitude_rad, rel_tol=1e-12)
+        np.testing.assert_allclose(item.q_nb, other.q_nb, atol=1e-9)
+        np.testing.assert_allclose(item.covariance, other.covariance, rtol=1e-4, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -43,12 +43,12 @@ def polled(seconds, poll_hz=50.0, receiver_hz=5.0, jitter_s=0.0, seed=1):
 )
 def test_polled_positions_and_velocities_are_taken_once(make, source, jitter_s):
     repeats = DuplicateDetector()
-    found = [
+    result = [
         repeats.compared(make(t_s, 0.6 * epoch, source))
         for t_s, epoch in polled(10.0, jitter_s=jitter_s)
     ]
     # With the first stamp, which is the one nearest to the measurement.
-    assert found == [NEW, *[AGAIN] * 9] * 50
+    assert result == [NEW, *[AGAIN] * 9] * 50
 
 
 @pytest.mark.parametrize(("jitter_s", "burst"), [(0.0, False), (0.004, False), (0.0, True)])
@@ -103,7 +103,7 @@ def test_the_same_position_with_a_worse_fix_is_news(worse):
         ([heading(0.0, 20.0), heading(0.02, 20.0 + 1e-9)], [NEW, NEW]),
         # Whole degrees of a receiver that is not polled: every heading is a new one.
         (
-            [one for k in range(9) for one in (position(0.2 * k, k), heading(0.2 * k, 20.0))],
+            [item for k in range(9) for item in (position(0.2 * k, k), heading(0.2 * k, 20.0))],
             [NEW, NEW, *[NEW, VALUE] * 8],
         ),
     ],

@@ -38,9 +38,9 @@ def test_angular_rate_is_within_its_own_sigma():
     """The rate's variance: white noise of one sample and the bias's; per axis over a flight."""
     flown = flight(duration_s=40.0)
     index = {stamp: i for i, stamp in enumerate(flown.truth.stamp_ns)}
-    found = [s for s in solutions(flown, config_for(flown)) if index[s.stamp_ns] > 2000]
-    error = [s.angular_rate_b - flown.truth.angular_rate_b[index[s.stamp_ns]] for s in found]
-    ratio = rms(np.array(error) / np.sqrt([s.rate_variance_b for s in found]))
+    result = [s for s in solutions(flown, config_for(flown)) if index[s.stamp_ns] > 2000]
+    error = [s.angular_rate_b - flown.truth.angular_rate_b[index[s.stamp_ns]] for s in result]
+    ratio = rms(np.array(error) / np.sqrt([s.rate_variance_b for s in result]))
     # 2000 white samples: 1.6 % one sigma; the slow bias adds little beside the white noise.
     assert ratio == pytest.approx([1.0] * 3, abs=0.08)
 
@@ -91,15 +91,15 @@ def spoilt(rng, sample):
 def flown_through(seed, aid_share, imu_share):
     flown = flight(duration_s=END_S)
     start_ns, rng = flown.truth.stamp_ns[0], np.random.default_rng(seed)
-    navigation, found = Navigation(config_for(flown, publish_rate_hz=20.0)), []
+    navigation, result = Navigation(config_for(flown, publish_rate_hz=20.0)), []
     for given in navigation_samples(flown):
         share = imu_share if isinstance(given, ImuSample) else aid_share
         faulty = (given.stamp_ns - start_ns) * 1e-9 < FAULTS_S and rng.random() < share
         for sample in disordered(rng, given) if faulty else [given]:
             solution = navigation.process(sample).solution
             if solution is not None:
-                found.append(solution)
-    return flown, navigation, found
+                result.append(solution)
+    return flown, navigation, result
 
 
 @pytest.mark.slow
@@ -108,8 +108,8 @@ def flown_through(seed, aid_share, imu_share):
 )
 def test_disorder_ends_in_running(aid_share, imu_share):
     for seed in range(5):
-        flown, navigation, found = flown_through(seed, aid_share, imu_share)
-        for solution in found:
+        flown, navigation, result = flown_through(seed, aid_share, imu_share)
+        for solution in result:
             place = solution.latitude_rad, solution.longitude_rad, solution.height_m
             assert np.isfinite([*place, *solution.velocity_n, *solution.q_nb]).all()
             covariance = solution.covariance
@@ -120,6 +120,6 @@ def test_disorder_ends_in_running(aid_share, imu_share):
             assert np.linalg.eigvalsh(scaled)[0] > -1e-10
         assert navigation.status().state is FilterState.RUNNING
         known = set(flown.truth.stamp_ns)
-        late = errors(flown, [s for s in found if s.stamp_ns in known]).after(FAULTS_S + 10.0)
+        late = errors(flown, [s for s in result if s.stamp_ns in known]).after(FAULTS_S + 10.0)
         assert len(late.t_s) > 30
         assert np.abs(late.state[:, :3]).max() < 0.1  # five sigma of RTK's height

@@ -116,13 +116,13 @@ def test_a_clock_that_goes_back(back_s, number):
     steady = [live(k, start_s + 0.01 * k) for k in range(300)]
     assert set(outcomes(clock, steady)) == {Outcome.USED}
     newest_s = start_s + 2.99
-    found = [clock.check(live(k, newest_s - back_s + 0.01 * k)) for k in range(1, 20)]
-    jump = [c.begins for c in found].index(True)
-    assert [c.outcome for c in found[:jump]] == [Outcome.OUT_OF_ORDER] * jump
-    assert found[jump].outcome is Outcome.TIME_JUMP
+    result = [clock.check(live(k, newest_s - back_s + 0.01 * k)) for k in range(1, 20)]
+    jump = [c.begins for c in result].index(True)
+    assert [c.outcome for c in result[:jump]] == [Outcome.OUT_OF_ORDER] * jump
+    assert result[jump].outcome is Outcome.TIME_JUMP
     assert jump + 1 == pytest.approx(number, abs=1)
-    assert "went back by" in found[jump].reason
-    assert {(c.outcome, c.begins) for c in found[jump + 1 :]} == {(Outcome.USED, False)}
+    assert "went back by" in result[jump].reason
+    assert {(c.outcome, c.begins) for c in result[jump + 1 :]} == {(Outcome.USED, False)}
 
 
 # A frozen sensor
@@ -135,10 +135,10 @@ def frozen(begin, end):
 
 def test_a_frozen_sensor_is_noticed_within_a_tenth_of_a_second():
     clock = started()
-    found = outcomes(clock, frozen(100, 200))
-    first = found.index(Outcome.REPEATED)
+    result = outcomes(clock, frozen(100, 200))
+    first = result.index(Outcome.REPEATED)
     assert 5 <= first + 1 <= 10
-    assert Outcome.USED not in found[first:]
+    assert Outcome.USED not in result[first:]
     assert clock.check(*frozen(199, 200)).use == ()
 
 
@@ -147,9 +147,9 @@ def test_a_sensor_that_thaws_goes_on_or_begins(number, begins):
     """Frozen for a tenth of a second it was a gap to be bridged, for a second another time."""
     clock = started()
     outcomes(clock, frozen(100, 100 + number))
-    found = [clock.check(live(k)) for k in range(100 + number, 140 + number)]
-    assert any(c.begins for c in found) is begins
-    assert {c.outcome for c in found[-30:]} == {Outcome.USED}
+    result = [clock.check(live(k)) for k in range(100 + number, 140 + number)]
+    assert any(c.begins for c in result) is begins
+    assert {c.outcome for c in result[-30:]} == {Outcome.USED}
 
 
 def test_a_simulator_without_noise_is_not_frozen():
@@ -162,8 +162,8 @@ def test_a_simulator_without_noise_is_not_frozen():
 def test_a_400_hz_imu_that_is_filled_up_is_not_frozen():
     """Each reading sent four times at 400 Hz: repeats, but not for long."""
     clock = ImuClock(0.2)
-    found = outcomes(clock, [live(k // 4, 0.0025 * k) for k in range(4000)])
-    assert set(found) == {Outcome.USED}
+    result = outcomes(clock, [live(k // 4, 0.0025 * k) for k in range(4000)])
+    assert set(result) == {Outcome.USED}
 
 
 # Spikes

@@ -31,9 +31,9 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 def started(flown, samples, **values):
     """A filter just aligned, and the samples that come after."""
     config, rest = config_for(flown, **values), iter(samples)
-    found, _ = aligned(rest, config)
-    filter_ = Ekf(config, found)
-    run(filter_, (*found.imu[1:], *found.later))
+    result, _ = aligned(rest, config)
+    filter_ = Ekf(config, result)
+    run(filter_, (*result.imu[1:], *result.later))
     return filter_, list(rest)
 
 
@@ -147,11 +147,11 @@ def test_late_measurements_give_the_timely_result(change):
     for seed in range(3):
         late, _ = started(flown, samples, **VALUES)
         run(late, shuffled_by(np.random.default_rng(seed), by_stamp))
-        found = late.estimate()
+        result = late.estimate()
         # The same operations in the same order: equal to the last bit.
-        np.testing.assert_equal(found.aids, expected.aids)
-        assert found.state == expected.state
-        assert np.array_equal(found.covariance, expected.covariance)
+        np.testing.assert_equal(result.aids, expected.aids)
+        assert result.state == expected.state
+        assert np.array_equal(result.covariance, expected.covariance)
 
 
 def test_a_measurement_before_its_imu_sample_is_held_and_used():
@@ -163,8 +163,8 @@ def test_a_measurement_before_its_imu_sample_is_held_and_used():
     run(filter_, early)
     assert filter_.add_aiding(fix).outcome is Outcome.WAITING
     assert filter_.add_aiding(fix).outcome is Outcome.REPEATED
-    found = run(filter_, imu[len(early) : len(early) + 2])
-    assert [(v.source, v.outcome) for v in found] == [(Source.RTK_POSITION, Outcome.USED)]
+    result = run(filter_, imu[len(early) : len(early) + 2])
+    assert [(v.source, v.outcome) for v in result] == [(Source.RTK_POSITION, Outcome.USED)]
     assert run(filter_, imu[len(early) + 2 : len(early) + 4]) == []
 
 
@@ -270,11 +270,11 @@ def statuses(flown, fed, **values):
     """After each sample up to the last of the IMU: aids go on to come for a while after it."""
     navigation = Navigation(config_for(flown, **values))
     last = max(k for k, sample in enumerate(fed) if isinstance(sample, ImuSample))
-    found = []
+    result = []
     for sample in fed[: last + 1]:
         navigation.process(sample)
-        found.append(navigation.status())
-    return found
+        result.append(navigation.status())
+    return result
 
 
 @pytest.mark.parametrize(
@@ -297,10 +297,10 @@ def test_another_clock_is_named_while_aligning(by_s, outcome, said):
 
 def test_on_ordinary_gps_it_starts_and_goes_on_telling():
     flown = flight(duration_s=12.0)
-    found = statuses(flown, moved(navigation_samples(flown), 18.0))
-    assert {s.state for s in found[-200:]} == {FilterState.DEGRADED}
-    assert "no imu/data" not in " ".join(s.reason for s in found)
-    assert "rtk/fix is 17.9 s ahead of imu/data: same clock?" in found[-1].reason
+    result = statuses(flown, moved(navigation_samples(flown), 18.0))
+    assert {s.state for s in result[-200:]} == {FilterState.DEGRADED}
+    assert "no imu/data" not in " ".join(s.reason for s in result)
+    assert "rtk/fix is 17.9 s ahead of imu/data: same clock?" in result[-1].reason
 
 
 def test_a_delay_longer_than_allowed_is_named_as_such():
@@ -315,10 +315,10 @@ def test_a_clock_that_is_right_again_is_not_named_any_more():
     flown = flight(duration_s=16.0)
     samples = navigation_samples(flown)
     half = len(samples) // 2
-    found = statuses(flown, moved(samples[:half], 18.0) + samples[half:])
-    assert "same clock?" in found[half - 1].reason
-    assert found[-1].reason == ""
-    assert found[-1].state is FilterState.RUNNING
+    result = statuses(flown, moved(samples[:half], 18.0) + samples[half:])
+    assert "same clock?" in result[half - 1].reason
+    assert result[-1].reason == ""
+    assert result[-1].state is FilterState.RUNNING
 
 
 def test_an_aid_of_another_clock_does_not_silence_the_imu():

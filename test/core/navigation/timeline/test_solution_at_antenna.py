@@ -68,16 +68,16 @@ def apart(a, b):
 
 def test_position_and_velocity_are_those_of_the_antenna():
     """``p + R l`` and ``v + R (w x l)``."""
-    found = antennas_solution(np.zeros(STATES))
+    result = antennas_solution(np.zeros(STATES))
     plane = TangentPlane(STATE.latitude_rad, STATE.longitude_rad, STATE.height_m)
     rotation_nb = matrix_from_quat(np.array(STATE.q_nb))
-    place_n = plane.ned_from_geodetic(found.latitude_rad, found.longitude_rad, found.height_m)
+    place_n = plane.ned_from_geodetic(result.latitude_rad, result.longitude_rad, result.height_m)
     # Half a metre on an ellipsoid of 6.4e6: the plane's curvature is 1e-8 m.
     assert place_n == pytest.approx(rotation_nb @ PLACE_B, abs=1e-6)
     swing_n = rotation_nb @ np.cross(RATE_B, PLACE_B)
-    assert found.velocity_n == pytest.approx(STATE.velocity_n + swing_n, abs=1e-12)
-    assert found.q_nb == pytest.approx(STATE.q_nb)
-    assert found.angular_rate_b == pytest.approx(RATE_B)
+    assert result.velocity_n == pytest.approx(STATE.velocity_n + swing_n, abs=1e-12)
+    assert result.q_nb == pytest.approx(STATE.q_nb)
+    assert result.angular_rate_b == pytest.approx(RATE_B)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -89,9 +89,9 @@ def test_the_covariance_is_that_of_the_differences(seed):
     step = 1e-5  # its cube is rounding beside 1
     ahead, behind = (antennas_solution(sign * step * direction) for sign in (1, -1))
     changed = apart(ahead, behind) / (2 * step)
-    found = antennas_solution(np.zeros(STATES), np.outer(direction, direction)).covariance
+    result = antennas_solution(np.zeros(STATES), np.outer(direction, direction)).covariance
     # Rounding of 1 cm in places of 6e6 m counted in rad: 1e-9 m over 2e-5.
-    assert found == pytest.approx(np.outer(changed, changed), abs=1e-3)
+    assert result == pytest.approx(np.outer(changed, changed), abs=1e-3)
 
 
 def flown_with(shape, seed, config, up_m=UP_M):
