@@ -91,14 +91,15 @@ def simulated(flight: SimulatedFlight) -> list[Arrived]:
 def checked(
     flight: Iterable[Arrived],
     config: EkfConfig,
-    change: Change = lambda arrived: arrived,
+    *changes: Change,
     given: Collection[str] | None = None,
 ) -> list[Finding]:
-    """Return what the checks find at the end of a flight."""
+    """Return what the checks find at the end of a flight with these changes, one after another."""
     checks = NavigationChecks(config, given)
-    for arrived in map(change, flight):
-        if arrived is not None:
-            checks.take(*arrived)
+    for change in changes:
+        flight = filter(None, map(change, flight))
+    for arrived in flight:
+        checks.take(*arrived)
     return checks.findings()
 
 

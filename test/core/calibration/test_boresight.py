@@ -246,13 +246,13 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
 
 def test_a_hover_that_does_not_turn_shows_no_latency():
     path = Path(turning=False, speed_m_s=0.0)
-    outcome = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)
+    seen = seen_by(path, np.random.default_rng(10))
+    outcome = doubt_of(path, seen, USUAL)
     assert outcome is not None
     assert outcome.names == ("latency",)
-    assert "latency cannot be found: the camera moved in the same way in all pictures" in str(
-        outcome
-    )
-    assert doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL[:3]) is None
+    words = "latency cannot be found: the camera moved in the same way in all pictures"
+    assert words in str(outcome)
+    assert doubt_of(path, seen, USUAL[:3]) is None
 
 
 @pytest.mark.parametrize(("points", "pictures"), [(1, 60), (2, 60), (20, 1), (20, 2)])

@@ -90,23 +90,18 @@ def test_left_out_is_what_a_fit_without_the_point_gives():
         assert residuals.left_out_m[k] == pytest.approx(miss, rel=1e-6)
 
 
-def _line(number):
-    along = np.linspace(0, 1, number)[:, None]
-    wobble = np.random.default_rng(4).normal(0, 0.5, (number, 2))
-    return along * SIZE_PX + wobble
-
-
-def _circle(number):
-    turn = np.linspace(0, 2 * np.pi, number, endpoint=False)
-    return SIZE_PX / 2 + 3000 * np.stack([np.cos(turn), np.sin(turn)], 1)
+#: A wobbly line, and a circle.
+LINE = np.linspace(0, SIZE_PX, 20) + np.random.default_rng(4).normal(0, 0.5, (20, 2))
+TURN = np.linspace(0, 2 * np.pi, 20, endpoint=False)
+CIRCLE = SIZE_PX / 2 + 3000 * np.stack([np.cos(TURN), np.sin(TURN)], 1)
 
 
 @pytest.mark.parametrize(
     ("pixels", "order"),
     [
-        (_line(20), 1),
-        (_line(20), 3),
-        (_circle(20), 2),
+        (LINE, 1),
+        (LINE, 3),
+        (CIRCLE, 2),
         (np.repeat(spread(4), 5, axis=0), 2),
         (np.ones((5, 2)), 1),
     ],

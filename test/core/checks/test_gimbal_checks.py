@@ -101,22 +101,17 @@ def test_joints_of_another_order_are_named_and_may_be_configured(sample, order):
     assert "set it to yaw-roll-pitch" in back.mend
 
 
-def test_a_joint_with_a_wrong_zero_is_told_with_its_size(sample):
-    def pitch_off(joints):
-        return replace(joints, pitch_rad=joints.pitch_rad + math.radians(6.0))
+def off_by(axis, off_deg):
+    return lambda joints: replace(joints, **{axis: getattr(joints, axis) + math.radians(off_deg)})
 
-    [finding] = result(sample, pitch_off)
+
+def test_a_joint_with_a_wrong_zero_is_told_with_its_size_and_far_off_stops(sample):
+    [finding] = result(sample, off_by("pitch_rad", 6.0))
     # The sample's reported pitch is within 0.5 deg (Table 8's wander) of the encoder's.
     mean_deg = float(finding.evidence.split(")")[0].split(",")[2])
     assert mean_deg == pytest.approx(6.0, abs=0.7)
     assert finding.severity is Severity.CAUTION
-
-
-def test_a_yaw_joint_far_off_stops(sample):
-    def yaw_off(joints):
-        return replace(joints, yaw_rad=joints.yaw_rad + math.radians(25.0))
-
-    [finding] = result(sample, yaw_off)
+    [finding] = result(sample, off_by("yaw_rad", 25.0))
     assert (finding.check, finding.severity) == ("joints_unlike", Severity.STOP)
 
 

@@ -98,6 +98,7 @@ def without(*names):
     return {name: kind for name, kind in WHOLE.items() if name.strip("/") not in names}
 
 
+GIMBAL = ("gimbal/joint_states", "gimbal/attitude")
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 ALONE = {"/imu/data": "Imu", "/rtk/fix": "NavSatFix"}
 OF_UAV1 = {f"/uav1{name}": kind for name, kind in WHOLE.items()}
@@ -112,11 +113,7 @@ OF_UAV1 = {f"/uav1{name}": kind for name, kind in WHOLE.items()}
         (without("gps/fix", "gimbal/attitude", "thermal/image_raw"), {}, ""),
         (without("imu/data"), {}, "STOP imu/data"),
         (without("rtk/fix", "gps/fix"), {}, "STOP rtk/fix or gps/fix"),
-        (
-            without("gimbal/joint_states", "gimbal/attitude"),
-            {},
-            "STOP gimbal/joint_states or gimbal/attitude",
-        ),
+        (without(*GIMBAL), {}, "STOP gimbal/joint_states or gimbal/attitude"),
         (without("thermal/camera_info"), {}, "STOP thermal/camera_info"),
         (without("thermal/camera_info"), {"has_camera": True}, ""),
         (ALONE, {}, "NOTE thermal/image_raw"),  # a flight of the filter alone

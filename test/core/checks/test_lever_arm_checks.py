@@ -159,12 +159,7 @@ def mounted(*rpy_deg):
     )
 
 
-def headings_off(off_deg):
-    return changed("rtk/heading", heading_rad=lambda rad: (rad + math.radians(off_deg)) % math.tau)
-
-
-def bare(arrived):
-    return changed("imu/data", autopilot_q_nb=lambda _: None)(arrived)
+BARE = changed("imu/data", autopilot_q_nb=lambda _: None)
 
 
 def worse(found):
@@ -196,17 +191,16 @@ def test_an_autopilot_that_errs_as_much_as_real_ones_is_no_fault(flown, arrived)
 
 
 def test_without_the_autopilots_attitude_the_tilt_is_not_known(flown, arrived):
-    def change(one):
-        return mounted(0, 10, 0)(bare(one))
-
-    (one,) = checked(arrived, fitting_config(flown), change)
+    (one,) = checked(arrived, fitting_config(flown), BARE, mounted(0, 10, 0))
     assert (one.check, one.severity, one.parameter) == ("imu_tilt", Severity.NOTE, IMU_RPY)
     assert "not known" in one.evidence
 
 
 @pytest.mark.parametrize("off_deg", [4, -4, 7])
 def test_headings_that_are_off_are_named_with_the_angle(off_deg, flown, arrived):
-    (one,) = worse(checked(arrived, fitting_config(flown), headings_off(off_deg)))
+    off_rad = math.radians(off_deg)
+    change = changed("rtk/heading", heading_rad=lambda rad: (rad + off_rad) % math.tau)
+    (one,) = worse(checked(arrived, fitting_config(flown), change))
     assert (one.check, one.severity) == ("heading_offset", Severity.STOP)
     assert one.parameter == "ekf_node aircraft.second_antenna_m"
     off, sigma = map(float, re.search(r"is (.*) deg \(sigma (.*)\)", one.evidence).groups())
@@ -226,10 +220,7 @@ def test_a_turned_imu_is_named_with_its_angles(rpy_deg, flown, arrived):
 
 
 def test_gravity_alone_shows_no_yaw(flown, arrived):
-    def change(one):
-        return mounted(90, 0, 90)(bare(one))
-
-    (one,) = worse(checked(arrived, fitting_config(flown), change))
+    (one,) = worse(checked(arrived, fitting_config(flown), BARE, mounted(90, 0, 90)))
     assert "to [90.0, 0.0, 0.0] (gravity does not show the yaw)" in one.mend
 
 

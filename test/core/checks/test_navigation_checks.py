@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from checked_flights import Arrived, changed, checked, lost, recorded
+from checked_flights import changed, checked, lost, recorded
 
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.inertial_checks import ImuMean
@@ -82,10 +82,9 @@ def ned(velocity_n):
     return np.array([east, north, -down])
 
 
-def in_km_h(velocity_n):
-    return velocity_n * 3.6
-
-
+stopped = velocity("rtk/vel", np.zeros_like)
+in_km_h = velocity("rtk/vel", lambda v: v * 3.6)
+bare = changed("imu/data", autopilot_q_nb=lambda _: None)
 swapped_rates = changed("imu/data", angular_rate_b=lambda w: w[[1, 0, 2]])
 another_base = changed("rtk/fix", latitude_rad=lambda rad: rad + 30 / 6.37e6)
 no_covariance = changed("rtk/fix rtk/vel", covariance_n=np.zeros_like)
@@ -158,14 +157,8 @@ PLANTED = {
     "latitude for longitude": (swapped, STOP, "position_elsewhere", "latitude", "swapped"),
     "rtk/vel NED": (velocity("rtk/vel", ned), STOP, "rtk_vel_axes", "rtk/vel", "NED for ENU"),
     "gps/vel NED": (velocity("gps/vel", ned), STOP, "gps_vel_axes", "gps/vel", "NED for ENU"),
-    "rtk/vel in km/h": (velocity("rtk/vel", in_km_h), STOP, "rtk_vel_unit", "rtk/vel", "km/h"),
-    "rtk/vel always 0": (
-        velocity("rtk/vel", np.zeros_like),
-        STOP,
-        "rtk_vel_zero",
-        "rtk/vel",
-        "0,",
-    ),
+    "rtk/vel in km/h": (in_km_h, STOP, "rtk_vel_unit", "rtk/vel", "km/h"),
+    "rtk/vel always 0": (stopped, STOP, "rtk_vel_zero", "rtk/vel", "0,"),
     "covariances 0": (no_covariance, CAUTION, "covariance_zero", "rtk/fix", "rtk/vel (150 of"),
     "heading's variance 0": (no_variance, CAUTION, "covariance_zero", HEADING, "sigma_floor_deg"),
     "stamps zero": (unstamped(RTK), CAUTION, "stamp_zero", RTK_DELAY, "rtk/fix (150 of 150)"),
@@ -194,27 +187,30 @@ def test_a_planted_fault_is_named_first(fault, flight, config):
     assert all(item.severity is NOTE or check == "force_axes" for item in others)
 
 
+def of_headings(count, rate_of, heading_of):
+    """The findings of headings (rad) at 20 Hz beside yaw rates (rad/s), by number."""
+    checks, forces_b = HeadingChecks(EkfConfig()), np.array([0.0, 0.0, -9.8])
+    for k in range(1, count):
+        rates_b = np.array([0.0, 0.0, rate_of(k)])
+        checks.block(ImuMean(k * 50_000_000, 0.05, forces_b, rates_b, None, joined=True))
+        checks.heading(HeadingSample(k * 50_000_000, wrapped(heading_of(k)), 1e-4))
+    return [item.check for item in checks.findings()]
+
+
 @pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["heading_turns"])])
 def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, found):
-    checks, forces_b = HeadingChecks(EkfConfig()), np.array([0.0, 0.0, -9.8])
-    for k in range(1, 6000):
-        rates_b = np.array([0.0, 0.0, 0.3 if k < 600 else 0.0])
-        checks.block(ImuMean(k * 50_000_000, 0.05, forces_b, rates_b, None, joined=True))
-        turned_rad = sign * 0.015 * min(k, 600)
-        checks.heading(HeadingSample(k * 50_000_000, wrapped(turned_rad), 1e-4))
-    assert [item.check for item in checks.findings()] == found
+    turned = of_headings(6000, lambda k: 0.3 * (k < 600), lambda k: sign * 0.015 * min(k, 600))
+    assert turned == found
 
 
 @pytest.mark.parametrize(("every", "found"), [(16, []), (3, ["heading_turns"])])
 def test_single_outliers_among_headings_are_no_fault(every, found):
     """Of 34 s, two headings are 140 deg off: an rms of 54 deg by the change, there and back."""
-    checks, forces_b = HeadingChecks(EkfConfig()), np.array([0.0, 0.0, -9.8])
-    for k in range(1, 681):
-        rates_b = np.array([0.0, 0.0, 0.1])
-        checks.block(ImuMean(k * 50_000_000, 0.05, forces_b, rates_b, None, joined=True))
-        off_rad = 2.4 if k // 20 % every == 8 % every else 0.0
-        checks.heading(HeadingSample(k * 50_000_000, wrapped(0.005 * k + off_rad), 1e-4))
-    assert [item.check for item in checks.findings()] == found
+
+    def outlying(k):
+        return 0.005 * k + (2.4 if k // 20 % every == 8 % every else 0.0)
+
+    assert of_headings(681, lambda _: 0.1, outlying) == found
 
 
 @pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["rtk_vel_up"])])
@@ -240,14 +236,20 @@ def over_ground(noise_m, change):
     return [(item.check, item.mend) for item in checks.findings()]
 
 
-UNITS = {"km/h": 3.6, "knots": 3600 / 1852, "mph": 2.237, "cm/s": 100.0}
-
-
-@pytest.mark.parametrize(("unit", "factor"), UNITS.items())
-def test_a_unit_is_named_by_its_ratio_alone(unit, factor):
-    ((check, mend),) = over_ground(0.3, lambda v, _: v * factor)
-    assert check == "gps_vel_unit"
-    assert mend.endswith(f" is {unit}")
+@pytest.mark.parametrize(
+    ("change", "check", "end"),
+    [
+        (lambda v, _: v * 3.6, "gps_vel_unit", " is km/h"),
+        (lambda v, _: v * 3600 / 1852, "gps_vel_unit", " is knots"),
+        (lambda v, _: v * 2.237, "gps_vel_unit", " is mph"),
+        (lambda v, _: v * 100.0, "gps_vel_unit", " is cm/s"),
+        (lambda v, _: np.linalg.norm(v) * np.eye(3)[0], "gps_vel_axes", "not in axes of the body"),
+    ],
+)
+def test_a_unit_is_named_by_its_ratio_and_axes_by_directions(change, check, end):
+    ((name, mend),) = over_ground(0.3, change)
+    assert name == check
+    assert mend.endswith(end)
 
 
 @pytest.mark.parametrize("noise_m", [1.0, 1.5, 2.5, 4.0, 8.0])
@@ -255,15 +257,6 @@ def test_a_unit_is_named_by_its_ratio_alone(unit, factor):
 def test_poor_positions_are_no_other_unit(noise_m, factor):
     """They make speeds of 1.5 times and more, and of other directions."""
     assert over_ground(noise_m, lambda v, _: v * factor) == []
-
-
-def test_velocities_in_axes_of_the_body_are_of_other_directions():
-    def body(velocity_n, turn):
-        return np.array([np.linalg.norm(velocity_n), 0.0, 0.0])
-
-    ((check, mend),) = over_ground(0.3, body)
-    assert check == "gps_vel_axes"
-    assert mend.endswith("not in axes of the body")
 
 
 def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):
@@ -294,23 +287,15 @@ def test_places_that_nobody_gave(flight):
 
 
 def test_without_the_autopilots_attitude_the_course_tells(flight, config):
-    bare = changed("imu/data", autopilot_q_nb=lambda _: None)
     assert [item.check for item in checked(flight, config, bare)] == ["imu_tilt"]  # not known
-
-    def change(arrived):
-        return heading(plus_deg=180)(bare(arrived))
-
-    (found,) = checked(flight, config, change)
+    (found,) = checked(flight, config, bare, heading(plus_deg=180))
     assert (found.check, found.severity) == ("heading_offset", STOP)
     assert "the course over ground" in found.evidence
 
 
 def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight, config):
-    def change(arrived):
-        arrived = changed("imu/data", autopilot_q_nb=lambda _: None)(arrived)
-        return changed("imu/data", angular_rate_b=lambda w: np.degrees(w) * 0.7)(arrived)
-
-    found = {item.check: item for item in checked(flight, config, change)}
+    findings = checked(flight, config, bare, imu(rate=DEGREES * 0.7))
+    found = {item.check: item for item in findings}
     assert found["heading_turns"].severity is STOP
     assert "imu/data angular_velocity" in found["heading_turns"].parameter
 
@@ -326,13 +311,7 @@ def test_numbers_that_are_none_do_no_harm(flight, config):
     )
     still = changed("rtk/vel gps/vel", velocity_n=lambda v: v * np.nan)
     headless = heading(lambda _: math.nan)
-
-    def change(arrived: Arrived) -> Arrived:
-        for item in (noise, nowhere, still, headless):
-            arrived = item(arrived)
-        return arrived
-
-    assert checked(flight[:2000], config, change) == []
+    assert checked(flight[:2000], config, noise, nowhere, still, headless) == []
 
 
 @pytest.mark.parametrize(("counts_s", "severity"), [(math.inf, CAUTION), (60.0, NOTE)])

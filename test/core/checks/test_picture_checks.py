@@ -22,48 +22,22 @@ def flight(sample):
     return checked_flight(sample)
 
 
-def reshot(flight, change):
-    """The flight with pictures (uint8) that ``change`` makes of its own."""
+def mapped(flight, kind, change):
+    """The flight with other samples of a kind."""
     events = tuple(
-        (kind, (what[0], change(what[1])) if kind == "frame" else what, at)
-        for kind, what, at in flight.events
+        item._replace(sample=change(item.sample)) if item.topic == kind else item
+        for item in flight.events
     )
     return CheckedFlight(flight.configs, events)
 
 
-def longer(factor):
-    return lambda camera: replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
-
-
-def checks_of(findings):
-    return {finding.check for finding in findings if finding.severity}
-
-
-def dem(height_m):
-    """Level ground around the sample flight, as an elevation model."""
-    heights = np.full((5, 5), height_m)
-    return Terrain(heights, graticule((39.84, 116.69), (0.005, 0.005), 5))
+def reshot(flight, change):
+    """The flight with pictures (uint8) that ``change`` makes of its own."""
+    return mapped(flight, "frame", lambda what: (what[0], change(what[1])))
 
 
 def test_the_sample_flight_is_right(flight):
     assert picture_findings(flight, each_second=True) == []
-
-
-def later(flight, by_s, kind="frame"):
-    """The flight with pictures, or poses, that are stamped later."""
-
-    def restamped(what):
-        if kind == "pose":
-            return replace(what, stamp_ns=what.stamp_ns + round(by_s * 1e9))
-        return what[0] + round(by_s * 1e9), what[1]
-
-    return CheckedFlight(
-        flight.configs,
-        tuple(
-            item._replace(sample=restamped(item.sample)) if item.topic == kind else item
-            for item in flight.events
-        ),
-    )
 
 
 def told_latency(findings):
@@ -85,17 +59,18 @@ def test_a_wrong_latency_is_told_with_the_right_one(flight, latency_s):
 
 @pytest.mark.parametrize("late_s", [1.3, 2.0, -0.8])
 def test_pictures_that_are_later_still_contradict_the_poses(flight, late_s):
-    assert ("picture_motion", Severity.STOP) in [
-        (item.check, item.severity) for item in picture_findings(later(flight, late_s))
-    ]
+    late = mapped(flight, "frame", lambda what: (what[0] + round(late_s * 1e9), what[1]))
+    findings = picture_findings(late)
+    assert ("picture_motion", Severity.STOP) in [(item.check, item.severity) for item in findings]
 
 
 @pytest.mark.parametrize("shift_s", [0.005, -0.005])
 def test_the_sigma_of_a_latency_holds_what_all_pictures_share(flight, shift_s):
     """Poses are stamped to half a sample of the IMU; no picture tells that from a latency."""
     overlay = replace(flight.configs.overlay, video_latency_s=0.25)
-    findings = picture_findings(later(flight, shift_s, "pose"), overlay=overlay)
-    told_s, sigma_s = told_latency(findings)
+    shift_ns = round(shift_s * 1e9)
+    shifted = mapped(flight, "pose", lambda pose: replace(pose, stamp_ns=pose.stamp_ns + shift_ns))
+    told_s, sigma_s = told_latency(picture_findings(shifted, overlay=overlay))
     assert abs(told_s - 0.05) < 2 * sigma_s
 
 
@@ -145,13 +120,12 @@ def test_a_young_filter_that_turns_is_no_latency(pairs, off_s, checks):
 
 
 def test_a_flight_that_does_not_tell_the_latency_says_so():
-    untold = UNTOLD
-    [finding] = motion_findings(untold, 0.05, 800.0, "", "")
+    [finding] = motion_findings(UNTOLD, 0.05, 800.0, "", "")
     assert finding.severity is Severity.NOTE
     assert "does not tell the latency" in finding.evidence
-    vague = replace(untold, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
+    vague = replace(UNTOLD, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
     assert motion_findings(vague, 0.05, 800.0, "", "") == [finding]
-    reports = replace(untold, assumed=(False,) * 6)
+    reports = replace(UNTOLD, assumed=(False,) * 6)
     assert motion_findings(reports, 0.05, 800.0, "", "") == []
 
 
@@ -172,7 +146,10 @@ def test_pictures_that_are_turned_are_named(flight, turned, words):
 
 @pytest.mark.parametrize(("factor", "severity"), [(1.3, 2), (0.8, 2), (1.1, 1)])
 def test_a_wrong_focal_length_is_told_with_the_right_one(flight, factor, severity):
-    [finding] = picture_findings(flight, lens=longer(factor))
+    def longer(camera):
+        return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
+
+    [finding] = picture_findings(flight, lens=longer)
     assert finding.check == "focal_length"
     assert finding.severity == severity
     assert finding.parameter == "thermal/camera_info"
@@ -186,7 +163,10 @@ def test_a_lens_of_another_size_stops(flight):
         return replace(camera, width=camera.width * 2, height=camera.height * 2)
 
     findings = picture_findings(flight, lens=lens)
-    assert checks_of(findings) == {"picture_size", "principal_point"}
+    assert {item.check for item in findings if item.severity} == {
+        "picture_size",
+        "principal_point",
+    }
     assert max(finding.severity for finding in findings) is Severity.STOP
 
 
@@ -197,7 +177,8 @@ def test_a_lens_of_another_size_stops(flight):
 @pytest.mark.parametrize("as_model", [True, False])
 def test_ground_above_sea_level_is_told(flight, height_m, check, as_model):
     overlay = replace(flight.configs.overlay, ground_height_m=height_m)
-    ground = dem(height_m) if as_model else None
+    place = graticule((39.84, 116.69), (0.005, 0.005), 5)
+    ground = Terrain(np.full((5, 5), height_m), place) if as_model else None
     [finding] = picture_findings(flight, overlay=overlay, ground=ground)
     assert finding.check == check
     assert finding.severity is Severity.STOP
@@ -205,15 +186,13 @@ def test_ground_above_sea_level_is_told(flight, height_m, check, as_model):
     assert name in finding.parameter
 
 
-def exchanged(joints):
-    return replace(joints, roll_rad=joints.pitch_rad, pitch_rad=joints.roll_rad)
-
-
-def yaw_turned(joints):
-    return replace(joints, yaw_rad=-joints.yaw_rad)
-
-
-@pytest.mark.parametrize("fault", [exchanged, yaw_turned])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        lambda joints: replace(joints, roll_rad=joints.pitch_rad, pitch_rad=joints.roll_rad),
+        lambda joints: replace(joints, yaw_rad=-joints.yaw_rad),
+    ],
+)
 def test_pictures_contradict_joints_that_are_wrong(flight, fault):
     [finding] = picture_findings(recomposed(flight, fault))
     assert (finding.check, finding.severity) == ("picture_motion", Severity.STOP)
@@ -259,15 +238,12 @@ def test_a_latency_that_nobody_gave_is_a_note(flight):
 STEP_NS = 111_000_000
 
 
-def scene(width=1600, height=1300):
-    """Blurred noise: something to follow everywhere."""
-    noise = np.random.default_rng(0).normal(0.0, 1.0, (height, width)).astype(np.float32)
-    blurred = cv2.GaussianBlur(noise, (0, 0), 6.0)
-    return np.clip(128 + 60 * blurred / blurred.std(), 0, 255).astype(np.uint8)
-
-
 def cut(right, down, width=640, height=512):
-    return scene()[100 + down : 100 + down + height, 100 + right : 100 + right + width]
+    """A part of blurred noise: something to follow everywhere."""
+    noise = np.random.default_rng(0).normal(0.0, 1.0, (1300, 1600)).astype(np.float32)
+    blurred = cv2.GaussianBlur(noise, (0, 0), 6.0)
+    scene = np.clip(128 + 60 * blurred / blurred.std(), 0, 255).astype(np.uint8)
+    return scene[100 + down : 100 + down + height, 100 + right : 100 + right + width]
 
 
 def taken(*pictures, step_ns=STEP_NS):
@@ -309,15 +285,6 @@ PERIOD_NS = 100_000_000
 START_NS = 1_700_000_000 * 10**9
 
 
-def checked(stamp=lambda k: START_NS + k * PERIOD_NS):
-    stamps = FrameStamps()
-    for k in range(100):
-        now_ns = START_NS + k * PERIOD_NS + 50_000_000
-        stamps.pose(now_ns - 20_000_000)
-        stamps.frame(stamp(k), now_ns)
-    return [(finding.check, finding.severity) for finding in stamps.findings()]
-
-
 @pytest.mark.parametrize(
     ("stamp", "checks"),
     [
@@ -332,7 +299,12 @@ def checked(stamp=lambda k: START_NS + k * PERIOD_NS):
     ],
 )
 def test_bad_stamps_are_told(stamp, checks):
-    assert [check for check, _ in checked(stamp)] == checks
+    stamps = FrameStamps()
+    for k in range(100):
+        now_ns = START_NS + k * PERIOD_NS + 50_000_000
+        stamps.pose(now_ns - 20_000_000)
+        stamps.frame(stamp(k), now_ns)
+    assert [finding.check for finding in stamps.findings()] == checks
 
 
 def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():

@@ -55,10 +55,9 @@ def sight_of(body_deg, sensor_deg, camera=MIDDLE, plane=PLANE, north_m=0.0, grou
     return Sight(camera, pose, plane, plane.height_m if ground is None else ground, body)
 
 
-def line_of_sight_n(geometry):
-    """The line of sight in the axes of the place, by the two sets of angles alone."""
-    turned = matrix_from_euler(*geometry.platform_rpy) @ matrix_from_euler(*geometry.sensor_rpy)
-    return turned[:, 0]
+def axes_n(geometry):
+    """The sensor's axes (columns) in those of the place; the first is the line of sight."""
+    return matrix_from_euler(*geometry.platform_rpy) @ matrix_from_euler(*geometry.sensor_rpy)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +72,7 @@ def test_the_standard_s_order_of_angles(body_deg, sensor_deg, azimuth, elevation
     geometry = frame_geometry(sight_of(body_deg, sensor_deg), CONFIG)
     assert_allclose(np.degrees(geometry.platform_rpy), body_deg, atol=1e-9)
     assert_allclose(np.degrees(geometry.sensor_rpy), sensor_deg, atol=1e-9)
-    north, east, down = line_of_sight_n(geometry)
+    north, east, down = axes_n(geometry)[:, 0]
     assert math.degrees(math.atan2(east, north)) == pytest.approx(azimuth, abs=1e-4)
     assert -math.degrees(math.asin(down)) == pytest.approx(elevation, abs=1e-4)
 
@@ -103,7 +102,7 @@ def test_angles_point_from_the_camera_to_the_centre(lat, lon, yaw, pitch, headin
     to_centre_n = (centre_e - camera_e) @ rotation_en
     assert np.linalg.norm(to_centre_n) == pytest.approx(geometry.slant_range_m, abs=1e-6)
     # 1e-8 m of coordinates over 100 m and more.
-    assert_allclose(to_centre_n / geometry.slant_range_m, line_of_sight_n(geometry), atol=1e-9)
+    assert_allclose(to_centre_n / geometry.slant_range_m, axes_n(geometry)[:, 0], atol=1e-9)
 
 
 @given(st.floats(-180, 180), st.floats(-90, -35), st.floats(-10, 10))
@@ -127,10 +126,9 @@ def test_the_lens_does_not_turn_the_picture():
     """With the axis off the middle, roll is that of the picture's own rows."""
     sight = sight_of((0, 0, 30), (12, -60, 5), XT2)
     geometry = frame_geometry(sight, CONFIG)
-    across = matrix_from_euler(*geometry.platform_rpy) @ matrix_from_euler(*geometry.sensor_rpy)
     left, right = XT2.rays(np.array([[-0.5, 255.5], [639.5, 255.5]]))
     row_n = matrix_from_quat(sight.pose.q_nc) @ (right - left)
-    down = across[:, 2] @ row_n / np.linalg.norm(row_n)
+    down = axes_n(geometry)[:, 2] @ row_n / np.linalg.norm(row_n)
     assert down == pytest.approx(0.0, abs=1e-12)
 
 
@@ -227,13 +225,11 @@ def test_a_level_camera_has_no_accuracy_of_yaw_and_roll_apart():
     assert np.isnan(place_at((0, 0, 0)).mapping_sigmas_rad).all()
 
 
-def test_altitudes_are_above_the_sea_where_that_is_known():
+def test_heights_are_above_the_sea_and_the_ground_where_these_are_known():
     place = place_at((0, 0, 0), (0, 0, -30.0))
     assert place.altitude_m(math.nan) == place.height_m
     assert place.altitude_m(-9.0) == pytest.approx(41.5 + 9.0)
-
-
-def test_without_a_ground_there_is_no_height_above_it():
+    # Without a ground there is no height above it.
     assert math.isnan(height_above_m(camera_pose([0, 0, -30.0]), PLANE, None))
     assert height_above_m(camera_pose([0, 0, -30.0]), PLANE, 1.5) == pytest.approx(40.0)
 

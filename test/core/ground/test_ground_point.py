@@ -46,7 +46,7 @@ def pose_at(position_n, *angles_deg):
     return camera_pose(position_n, *angles_deg, COVARIANCE, stamp=7)
 
 
-def slope_terrain(raised_m=0.0):
+def slope_terrain():
     """Rolling ground, 0.2 steep at most, with waves long beside the errors."""
     step = (1 / 11_100, 1 / 8_550)  # 10 m
     south_west = (39.85 - 60 * step[0], 116.7 - 60 * step[1])
@@ -54,7 +54,7 @@ def slope_terrain(raised_m=0.0):
         (60.0 - np.arange(121)) * 10, (np.arange(121) - 60.0) * 10, indexing="ij"
     )
     heights = 5 + 20 * np.sin(north / 150) * np.cos(east / 180)
-    return Terrain(heights + raised_m, graticule(south_west, step, 121))
+    return Terrain(heights, graticule(south_west, step, 121))
 
 
 def drawn(rng, pose):
@@ -76,13 +76,12 @@ def test_the_covariance_against_monte_carlo(kind, uv):
     assert isinstance(result, Located)
     rng = np.random.default_rng(3)
     truth = []
-    base = slope_terrain() if kind == "terrain" else None
     for _ in range(RUNS):
         true, shift, raised = drawn(rng, pose)
-        if base is None:
+        if kind == "level":
             under = 5.0 + raised
         else:
-            under = dataclasses.replace(base, heights_m=base.heights_m + raised)
+            under = dataclasses.replace(ground, heights_m=ground.heights_m + raised)
         points, reasons = locate(XT2, true, np.array([uv]) + shift, PLANE, under)
         assert reasons == [None]
         truth.append(points[0])
@@ -157,7 +156,6 @@ def test_a_pose_of_unknown_covariance_is_refused(covariance):
     assert answer.reason is Reason.UNCERTAIN_POSE
 
 
-LEVEL_PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 RATIONAL = Camera(
     640, 512, 500.0, 510.0, 322.0, 250.0, (0.1, -0.05, 1e-3, -5e-4, 0.01, 0.12, -0.03, 0.005)
 )
@@ -175,15 +173,15 @@ RATIONAL = Camera(
 )
 def test_inverts_the_projection(roll, pitch, yaw, height, ground, far, camera, seed):
     rng = np.random.default_rng(seed)
-    lat, lon, _ = LEVEL_PLANE.geodetic_from_ned(np.array([far, -far, 0.0]))
-    pose = camera_pose(LEVEL_PLANE.ned_from_geodetic(lat, lon, ground + height), roll, pitch, yaw)
+    lat, lon, _ = PLANE.geodetic_from_ned(np.array([far, -far, 0.0]))
+    pose = camera_pose(PLANE.ned_from_geodetic(lat, lon, ground + height), roll, pitch, yaw)
     uv = rng.uniform([0, 0], [639, 511], (3, 2))
-    points, reasons = locate(camera, pose, uv, LEVEL_PLANE, ground)
+    points, reasons = locate(camera, pose, uv, PLANE, ground)
     met = np.array([reason is None for reason in reasons])
     assert np.isfinite(points).all(axis=1).tolist() == met.tolist()
     points, uv = points[met], uv[met]
     # earth-fixed coordinates of 6e6 m are rounded by 1e-9 m, some times over
-    np.testing.assert_allclose(LEVEL_PLANE.geodetic_from_ned(points)[2], ground, atol=2e-8)
+    np.testing.assert_allclose(PLANE.geodetic_from_ned(points)[2], ground, atol=2e-8)
     back, observed = camera.project((points - pose.position_n) @ matrix_from_quat(pose.q_nc))
     assert observed.all()
     np.testing.assert_allclose(back, uv, rtol=0, atol=1e-6)  # the figure required
@@ -210,7 +208,7 @@ OUTSIDE_LENS = [[1e6, 1e6], [np.nan, 10.0], [-1e12, 3.0]]
     ],
 )
 def test_why_a_pixel_meets_nothing(pose, ground_m, uv, expected):
-    points, reasons = locate(XT2, pose, np.array(uv, float), LEVEL_PLANE, ground_m)
+    points, reasons = locate(XT2, pose, np.array(uv, float), PLANE, ground_m)
     assert reasons == expected
     assert np.isnan(points[[reason is not None for reason in reasons]]).all()
 
@@ -221,7 +219,7 @@ def test_the_horizon_dips_as_on_a_sphere():
     dip = np.sqrt(2 * 100 / 6.36e6)
     rows = XT2.cy + XT2.fy * np.tan(dip * np.array([0.95, 1.05]))
     uv = np.stack([np.full(2, XT2.cx), rows], -1)  # at the centre the lens does not bend
-    assert locate(XT2, level, uv, LEVEL_PLANE, 30.0)[1] == [Reason.ABOVE_HORIZON, None]
+    assert locate(XT2, level, uv, PLANE, 30.0)[1] == [Reason.ABOVE_HORIZON, None]
 
 
 DRAWS = 200_000
@@ -248,6 +246,6 @@ def test_nine_of_ten_are_within(ratio, azimuth, sigma):
     assert share == pytest.approx(0.9, abs=4 * math.sqrt(0.09 / DRAWS))
 
 
-def test_nothing_known_and_nothing_wrong():
+def test_without_an_error_the_circle_is_a_point():
     assert circular_error_90(np.zeros((3, 3))) == 0.0
     assert linear_error_90(np.zeros((3, 3))) == 0.0

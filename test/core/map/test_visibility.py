@@ -112,15 +112,15 @@ FILL = LayerStyle(fill_bgr=(255, 0, 0))
 def area_of(*rings):
     """One feature; its rings (N, 2) are north, east on the plane."""
     features = [
-        GeoFeature("", True, np.column_stack(PLANE.geodetic_from_ned(flat(ring))), group=0)
+        GeoFeature(
+            "",
+            True,
+            np.column_stack(PLANE.geodetic_from_ned(np.pad(ring, ((0, 0), (0, 1))))),
+            group=0,
+        )
         for ring in rings
     ]
     return VectorMap.from_layers([MapLayer("", features, FILL)], PLANE)
-
-
-def flat(ring):
-    ring = np.asarray(ring, float)
-    return np.column_stack([ring, np.zeros(len(ring))])
 
 
 def wanted(camera, rings, pose):

@@ -168,18 +168,19 @@ def test_the_notice_says_why(poses_ns, state, notice):
 
 def test_what_no_pose_can_help_is_said_at_once():
     overlay = Overlay(OverlayConfig(), [MapLayer("map", [geo(SQUARE_N)])])
-    overlay.add_frame(START, GREY, START)
-    assert overlay.take(START).notice == "NO MAP: no camera info"
+
+    def notice(number, frame=GREY):
+        overlay.add_frame(START + number, frame, START)
+        return overlay.take(START).notice
+
+    assert notice(0) == "NO MAP: no camera info"
     overlay.set_camera(XT2)
-    overlay.add_frame(START + 1, GREY, START)
-    assert overlay.take(START).notice == "NO MAP: no origin"
+    assert notice(1) == "NO MAP: no origin"
     overlay.set_plane(PLANE)
-    overlay.add_frame(START + 2, GREY[:256, :320], START)
-    assert overlay.take(START).notice == "NO MAP: image is 320x256, camera info 640x512"
+    quarter = GREY[:256, :320]
+    assert notice(2, quarter) == "NO MAP: image is 320x256, camera info 640x512"
     overlay.set_camera(Camera(320, 256, 400.0, 400.0, 160.0, 128.0))
-    overlay.add_pose(pose_at(START + 3 - LATENCY))
-    overlay.add_frame(START + 3, GREY[:256, :320], START)
-    assert overlay.take(START).notice == ""
+    assert pictured(overlay, START + 3 - LATENCY, frame=quarter).notice == ""
     assert pictured(ready(features=[])).notice == "NO MAP: the map has no features"
 
 
@@ -196,12 +197,9 @@ def test_a_new_plane_forgets_poses_in_the_old_one():
     assert overlay.take(START + WAIT).notice == "NO MAP: no pose at this frame"
 
 
-NORTH_N = np.array([1.0, 0.0, 0.0])
-
-
 def test_a_located_point_stays_drawn_with_its_ellipse():
     overlay = ready(ground_height_m=25.0, confidence=PLAIN)
-    far = [MapLayer("far", [geo(SQUARE_N + 500 * NORTH_N)])]
+    far = [MapLayer("far", [geo(SQUARE_N + np.array([500, 0, 0]))])]
     overlay.set_map(drape_layers(far, PLANE, 25.0))
     pictures = []
     for k in range(2):

@@ -180,17 +180,6 @@ def town(rng):
     return features
 
 
-def pose_of(rng):
-    angles_deg = rng.uniform([-15, -90, 0], [15, -5, 360])
-    place = np.append(rng.uniform(-80, 80, 2), -rng.uniform(10, 120))
-    return camera_pose(place, *angles_deg, 1e-3)
-
-
-def clicked(rng):
-    points = np.column_stack([rng.uniform(-100, 100, (20, 2)), np.zeros(20)])
-    return [Marker(point, f"30.500123 114.30012{k}", np.eye(3)) for k, point in enumerate(points)]
-
-
 @pytest.mark.parametrize("width", [336, 640])
 def test_nothing_that_is_written_meets_another(width):
     rng = np.random.default_rng(13)
@@ -203,7 +192,12 @@ def test_nothing_that_is_written_meets_another(width):
     for number in range(POSES):
         image = np.full((height, width, 3), 90, np.uint8)
         verdict = DrawingVerdict(Severity(number % 3), WORDS)
-        drawn = drawing.draw(image, pose_of(rng), None, clicked(rng), verdict)
+        angles_deg = rng.uniform([-15, -90, 0], [15, -5, 360])
+        position_n = np.append(rng.uniform(-80, 80, 2), -rng.uniform(10, 120))
+        points = np.column_stack([rng.uniform(-100, 100, (20, 2)), np.zeros(20)])
+        clicks = [Marker(p, f"30.500123 114.30012{k}", np.eye(3)) for k, p in enumerate(points)]
+        pose = camera_pose(position_n, *angles_deg, 1e-3)
+        drawn = drawing.draw(image, pose, None, clicks, verdict)
         for item, other in combinations(drawn.boxes, 2):
             assert not item.meets(other), (number, item, other)
         for box in drawn.boxes:
