@@ -274,7 +274,7 @@ def test_trials_become_rarer_while_only_motion_is_missing(monkeypatch):
         if isinstance(sample, ImuSample):
             turned = {"specific_force_b": turn @ sample.specific_force_b}
             turned["angular_rate_b"] = turn @ sample.angular_rate_b
-            sample = replace(sample, **turned)  # noqa: PLW2901
+            sample = replace(sample, **turned)  # noqa: PLW2901  meant
         assert aligner.add(sample) is None
     assert "needs motion" in aligner.reason
     late_s = np.array([at_s for at_s in trials_s if at_s > 20.0])
