@@ -202,13 +202,9 @@ def flown(seed: int, duration_s: float = 107.0):
     return fly(scenario_from({"barometer.rate_hz": 10.0, "duration_s": duration_s}, "test"), seed)
 
 
-def without_barometer(change):
+def without_barometer(change=lambda s, _: s):
     """The same change, and no reading."""
     return lambda s, t_s: None if isinstance(s, PressureSample) else change(s, t_s)
-
-
-def unspoilt(sample, _):
-    return sample
 
 
 DRIFTING = {"trust__lost_position_sigma_m": 1e4}  # it may drift as far as it does
@@ -237,7 +233,7 @@ def test_height_after_sixty_seconds_without_satellites():
 def test_a_barometer_changes_nothing_on_a_clean_flight():
     flight = flown(7, duration_s=40.0)
     result, _, navigation = filtered(flight)
-    plain, status = filtered(flight, without_barometer(unspoilt)).errors, navigation.status()
+    plain, status = filtered(flight, without_barometer()).errors, navigation.status()
     # The readings have stamps of the IMU, so only the sums' rounding differs.
     assert np.abs(result.state - plain.state).max() < 1e-12
     counted = Counter({o: n for (s, o), n in status.counts.items() if s == "barometer"})
@@ -257,7 +253,7 @@ def test_a_barometer_that_walks_away_beside_rtk_does_no_harm():
         return replace(sample, pressure_pa=standard_pressure_pa(height_m))
 
     result, _, navigation = filtered(flight, spoiled)
-    plain = filtered(flight, without_barometer(unspoilt)).errors
+    plain = filtered(flight, without_barometer()).errors
     status = navigation.status()
     assert np.abs(result.state[:, 2] - plain.state[:, 2]).max() < 1e-3
     assert status.counts["barometer", "gated"] >= 18

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from flights import config_for, errors, navigation_samples, solutions
 
-from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import PositionSample
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -70,19 +69,13 @@ def test_longitudes_beyond_180_degrees_are_the_same_places():
     """Some receivers count to 360 degrees."""
     place = PLACES["antimeridian, eastwards"]
     flown = flown_at(place)
-    navigation = Navigation(config_at(place))
-    result = []
-    for sample in navigation_samples(flown):
-        moved = sample
-        if isinstance(sample, PositionSample):
-            moved = _counted_to_360(sample)
-        solution = navigation.process(moved).solution
-        if solution is not None:
-            result.append(solution)
+    moved = [
+        replace(s, longitude_rad=s.longitude_rad % (2 * math.pi))
+        if isinstance(s, PositionSample)
+        else s
+        for s in navigation_samples(flown)
+    ]
+    result = solutions(flown, config_at(place), moved)
     late = errors(flown, result).after(SETTLED_S)
     # 2 pi has the rounding of a double: 1e-15 rad are 6 nm.
     np.testing.assert_allclose(late.state, errors_at(place).state, atol=1e-6)
-
-
-def _counted_to_360(sample):
-    return replace(sample, longitude_rad=sample.longitude_rad % (2 * math.pi))

@@ -91,11 +91,6 @@ def test_the_autopilots_heading_serves_where_nothing_holds_it():
     assert (np.abs(np.degrees(late.rpy[:, 2])) < 3 * limit_deg).all()
 
 
-def test_no_flight_with_antennas_takes_it():
-    counts = filtered(flight(duration_s=40.0)).status.counts
-    assert not [key for key in counts if key[0] == "autopilot_heading"]
-
-
 # One measurement
 
 
