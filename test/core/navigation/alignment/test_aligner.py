@@ -240,11 +240,12 @@ def test_trials_become_rarer_while_only_motion_is_missing(monkeypatch):
     monkeypatch.setattr(Aligner, "_outcome", outcome)
     aligner = Aligner(config_for(flown, **SIMULATED), use_heading=True)
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    for sample in samples_from(flown, 10.0, length_s=40.0):
-        if isinstance(sample, ImuSample):
-            turned = {"specific_force_b": turn @ sample.specific_force_b}
-            turned["angular_rate_b"] = turn @ sample.angular_rate_b
-            sample = replace(sample, **turned)  # noqa: PLW2901
+
+    def mounted(s):
+        force_b, rate_b = turn @ s.specific_force_b, turn @ s.angular_rate_b
+        return replace(s, specific_force_b=force_b, angular_rate_b=rate_b)
+
+    for sample in spoilt(samples_from(flown, 10.0, length_s=40.0), Source.IMU, mounted):
         assert aligner.add(sample) is None
     assert "needs motion" in aligner.reason
     late_s = np.array([at_s for at_s in trials_s if at_s > 20.0])

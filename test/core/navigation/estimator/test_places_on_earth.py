@@ -25,9 +25,7 @@ PLACES = {
     "80 south": (-80.0, -60.0, 2500.0, 90.0),
     "below the ellipsoid": (31.5, 35.5, -400.0, 90.0),
 }
-DURATION_S = 40.0
 SETTLED_S = 15.0
-SEED = 8
 
 
 @functools.lru_cache(maxsize=16)
@@ -38,9 +36,9 @@ def flown_at(place):
         "site.longitude_deg": longitude_deg,
         "site.ground_height_m": height_m,
         "route.heading_deg": heading_deg,
-        "duration_s": DURATION_S,
+        "duration_s": 40.0,
     }
-    return fly(scenario_from(values), SEED)
+    return fly(scenario_from(values), 8)
 
 
 def config_at(place, **values):

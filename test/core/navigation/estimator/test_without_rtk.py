@@ -72,13 +72,11 @@ def test_it_outlasts_a_silence_of_a_poor_receiver():
     assert states[-1][1] is FilterState.DEGRADED
 
 
-CALM = {"wind.gust_m_s": 0.0, "wind.mean_m_s": [0.0, 0.0], "route.hold_error_m": 0.0}
-
-
 @pytest.mark.slow
 def test_the_autopilots_heading_serves_where_nothing_holds_it():
     """Hovering in still air for three minutes: poses all the time, within their sigma."""
-    values = CALM | {"duration_s": 180.0, "route.hover_s": 180.0}
+    calm = {"wind.gust_m_s": 0.0, "wind.mean_m_s": [0.0, 0.0], "route.hold_error_m": 0.0}
+    values = calm | {"duration_s": 180.0, "route.hover_s": 180.0}
     flown = fly(scenario_from(values), 1)
     result, states, navigation = filtered(flown, poor(), watched=True, method="ekf")
     assert {state for t_s, state in states if t_s > 5.7} == {FilterState.DEGRADED}

@@ -15,16 +15,16 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.calibrate.imu import imu_block
 
 SECOND_NS = 1_000_000_000
-RNG = np.random.default_rng(3)
-GRAVITY = np.array([0, 0, -9.8])
-NOISE = RNG.normal(size=(4000, 6)) * 0.01
+NOISE = np.random.default_rng(3).normal(size=(4000, 6)) * 0.01
 
 
 def live(k, t_s=None):
     """The k-th sample of a 100 Hz IMU."""
     t_s = 0.01 * k if t_s is None else t_s
-    noise = NOISE[k % len(NOISE)]
-    return ImuSample(1000 * SECOND_NS + round(t_s * SECOND_NS), noise[:3] + GRAVITY, noise[3:])
+    force_b, rate_b = np.split(NOISE[k % len(NOISE)], 2)
+    return ImuSample(
+        1000 * SECOND_NS + round(t_s * SECOND_NS), force_b + np.array([0, 0, -9.8]), rate_b
+    )
 
 
 def outcomes(clock, samples):
