@@ -121,17 +121,16 @@ def observed(board, angles_deg, distance_m=2.2, sigma_px=0.0, rng=None, turned=F
     "angles_deg", [(0, 0, 0), (0.3, -0.5, 14), (-2, 3, -20), (10, -20, 5), (0, 15, 0)]
 )
 def test_exact_corners_give_the_exact_angles(angles_deg):
-    board = Checkerboard(9, 6, 0.1)
-    pose = BoardTracker(board, XT2).pose(observed(board, angles_deg))
+    pose = BoardTracker(BOARD, XT2).pose(observed(BOARD, angles_deg))
     assert np.degrees(camera_angles(pose)[0]) == pytest.approx(np.array(angles_deg), abs=1e-4)
 
 
 def test_angles_over_sigmas_are_those_of_a_normal_distribution():
-    board, rng = Checkerboard(9, 6, 0.1), np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     z = []
     for _ in range(60):
         angles = rng.normal(0, [0.3, 0.5, 14.0])
-        pose = BoardTracker(board, XT2).pose(observed(board, angles, sigma_px=0.1, rng=rng))
+        pose = BoardTracker(BOARD, XT2).pose(observed(BOARD, angles, sigma_px=0.1, rng=rng))
         result, sigma = camera_angles(pose)
         z.append((result - np.radians(angles)) / sigma)
     # 60 squares an axis: 1 +- 0.18 of a mean square, at three of these.

@@ -60,11 +60,6 @@ def body_at(euler, position_n=(3.0, 4.0, -20.0), covariance=None):
     return BodyPose(7, np.array(position_n), quat_from_euler(*euler), covariance)
 
 
-def some_covariance(seed=1):
-    root = np.random.default_rng(seed).normal(size=(6, 6)) * 1e-2
-    return root @ root.T
-
-
 def rotation_ng(pose):
     """The camera body's rotation, where the mount has no boresight."""
     return matrix_from_quat(pose.q_nc) @ BODY_OPTICAL.T
@@ -210,7 +205,8 @@ def by_computed(euler, camera):
 @settings(max_examples=20)  # each composes some twenty times
 @given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
 def test_covariance_against_differences(composed, euler, camera, heading, seed):
-    body = body_at((*euler[:2], heading), covariance=some_covariance(seed))
+    root = np.random.default_rng(seed).normal(size=(6, 6)) * 1e-2
+    body = body_at((*euler[:2], heading), covariance=root @ root.T)
     compose, variances = composed(euler, np.array(camera))
     expected = covariance_by_differences(compose, body, variances)
     result = compose(body, np.zeros(len(variances))).covariance

@@ -130,7 +130,7 @@ def feed(composer, t_ms, *, joint=True, attitude=True, bias=0.0):
 def test_auto_goes_over_to_steady_joints_and_back_when_they_are_silent():
     """The gimbal's north, 3 deg off, is known by then: the heading does not jump."""
     composer = composing("auto")
-    driven, stamps, poses = [], [], []
+    driven, poses = [], []
     for t_ms in range(0, 10_000, 20):
         poses += feed(composer, t_ms, joint=t_ms <= 4000, bias=np.radians(3.0))
         driven.append((t_ms, composer.composition))
@@ -152,18 +152,14 @@ def test_auto_goes_over_to_steady_joints_and_back_when_they_are_silent():
     assert counts["composed"] + counts["unused"] == 500 + 201
 
 
-def computed(t_ms, bias=0.0):
-    """What a level aircraft's reported attitude of 0.1 rad off the nose gives as joints."""
-    return JointSample(t_ms * MS, 0.1 + bias, 0.0, -0.5, computed=True)
-
-
 def test_computed_joints_are_no_reading_of_the_north():
     """They would show none: the bias is in both."""
     bias = np.radians(4.0)
     composer = composing("auto")
     for t_ms in range(0, 8000, 20):
         feed(composer, t_ms, joint=False, bias=bias)
-        composer.add_joints(computed(t_ms, bias))
+        # What a level aircraft's reported attitude of 0.1 rad off the nose gives as joints.
+        composer.add_joints(JointSample(t_ms * MS, 0.1 + bias, 0.0, -0.5, computed=True))
     assert "north_used" not in composer.counts
     assert composer.north.bias_rad == 0.0
     assert composer.north.variance > np.radians(3.0) ** 2
@@ -172,8 +168,7 @@ def test_computed_joints_are_no_reading_of_the_north():
 def test_computed_joints_of_a_centred_gimbal_show_its_north():
     """After they have taken over nothing else does: the reported attitudes drive no more."""
     bias_deg = 2.0
-    north = NorthConfig(centred=True)
-    composer = composing(north=north)
+    composer = composing(north=NorthConfig(centred=True))
     for t_ms in range(0, 20_000, 50):
         composer.add_body(body(t_ms, 0.7))
         composer.add_joints(JointSample(t_ms * MS, np.radians(bias_deg), 0.0, -0.5, computed=True))

@@ -33,10 +33,6 @@ def fed(readings_rad, config=None, *, centred=True):
     return north, outcomes
 
 
-def deg(rad):
-    return math.degrees(rad)
-
-
 @pytest.mark.parametrize("centred", [True, False])
 def test_many_readings_are_the_least_squares_solution(centred):
     """Without a walk P = (P0^-1 + n h h^T / R)^-1 and x = P (P0^-1 x0 + h sum z / R)."""
@@ -56,9 +52,9 @@ def test_clock_that_is_set_costs_an_hour_at_most():
     north = YawBiasFilter(NorthConfig(sigma_deg=0.5))
     north.advance(0)
     north.advance(1_700_000_000 * S)
-    assert deg(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
+    assert math.degrees(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
     north.advance(0)
-    assert deg(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
+    assert math.degrees(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
 
 
 def test_one_wrong_reading_is_doubted_and_forgotten():
@@ -66,7 +62,7 @@ def test_one_wrong_reading_is_doubted_and_forgotten():
     before = north.bias_rad, north.variance
     assert north.take(30 * S, math.radians(8.0), NOISE, centred=True) is Outcome.GATED
     assert north.bias_rad == before[0]
-    assert deg(math.sqrt(north.variance)) > 8.0  # it may have stepped
+    assert math.degrees(math.sqrt(north.variance)) > 8.0  # it may have stepped
     assert north.take(31 * S, 0.0, NOISE, centred=True) is Outcome.USED
     # two seconds of walk, 0.04 deg, and a reading of 0.2 deg change a sigma of 0.3 by a hundredth
     assert math.sqrt(north.variance) == pytest.approx(math.sqrt(before[1]), rel=0.02)
@@ -83,7 +79,7 @@ def test_a_step_is_followed_after_reset_after_s(step_deg):
         # doubted from the first reading on, but for an angle that hardly can be any larger
         assert abs(error) < 3 * math.sqrt(north.variance)
     assert outcomes == [Outcome.GATED] * 5 + [Outcome.RESET, Outcome.USED]
-    assert deg(north.bias_rad) == pytest.approx(step_deg, abs=1e-6)
+    assert math.degrees(north.bias_rad) == pytest.approx(step_deg, abs=1e-6)
     assert (north.refused, north.resets) == (6, 1)
 
 

@@ -8,10 +8,11 @@ import math
 import cv2
 import numpy as np
 import pytest
+from coded_frames import GROUND_M, terrain_of
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scenes import PLANE, camera_pose, graticule
+from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
@@ -26,7 +27,6 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
-from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.frame_geometry import (
     Sight,
     body_rpy,
@@ -238,26 +238,9 @@ def test_without_a_ground_there_is_no_height_above_it():
     assert height_above_m(camera_pose([0, 0, -30.0]), PLANE, 1.5) == pytest.approx(40.0)
 
 
-GROUND_M = PLANE.height_m
-PLAIN = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
-SIDE, STEP_RAD = 801, 1.0 / 6.36e6  # nodes, a metre of latitude
-
-
-def hills(latitude_rad, longitude_rad):
-    """At most 8 / 70^2 of curvature: bilinear cells of a metre are off by an eighth, 0.2 mm."""
-    north = (latitude_rad - PLANE.latitude_rad) / STEP_RAD
-    east = (longitude_rad - PLANE.longitude_rad) / STEP_RAD
-    return GROUND_M + 8.0 * np.sin(north / 70.0) * np.cos(east / 90.0)
-
-
-def terrain_of(surface):
-    """A model that ends 400 cells from the plane's origin, in the north after 400 m."""
-    south_west = np.array([PLANE.latitude_rad, PLANE.longitude_rad]) - 400 * STEP_RAD
-    latitude, longitude = south_west[:, None] + STEP_RAD * np.arange(SIDE)
-    grid = np.meshgrid(latitude[::-1], longitude, indexing="ij")
-    step_deg = float(np.degrees(STEP_RAD))
-    place = graticule(tuple(np.degrees(south_west).tolist()), (step_deg, step_deg), SIDE)
-    return Terrain(surface(*grid), place)
+def hills(north_m, east_m):
+    """At most 8 / 70^2 of curvature: bilinear cells of 2 m are off by half of that, 0.8 mm."""
+    return 8.0 * np.sin(north_m / 70.0) * np.cos(east_m / 90.0)
 
 
 def rays_n(camera, pose, uv):
@@ -300,7 +283,7 @@ def test_corners_are_where_trigonometry_has_them(pose):
 def test_it_is_cut_where_lines_end():
     """With the horizon in the picture, and tilted: left and right edge end at the same depth."""
     pose, far_m = camera_pose([0, 0, -100.0], 10.0, -5.0, 30.0), 2000.0
-    outline_n = footprint(PLAIN, pose, PLANE, GROUND_M, far_m)
+    outline_n = footprint(MIDDLE, pose, PLANE, GROUND_M, far_m)
     ahead_m = (outline_n - pose.position_n) @ matrix_from_quat(pose.q_nc)[:, 2]
     assert ahead_m.max() <= far_m
     far = np.flatnonzero(ahead_m > 0.9 * far_m)
@@ -308,8 +291,8 @@ def test_it_is_cut_where_lines_end():
     # To a 256th of 64 or 80 px, of the 40 px between this depth and the horizon.
     assert_allclose(ahead_m[far], far_m, rtol=0.01)
     assert (far[1] - far[0]) % len(outline_n) in (1, len(outline_n) - 1)  # joined by a line
-    uv = pixels_of(PLAIN, pose, outline_n)
-    assert np.abs(off_border_px(PLAIN, uv)).max() < 1e-6
+    uv = pixels_of(MIDDLE, pose, outline_n)
+    assert np.abs(off_border_px(MIDDLE, uv)).max() < 1e-6
     for corner in ([639.5, 511.5], [-0.5, 511.5]):
         assert np.abs(uv - corner).sum(axis=1).min() < 1e-6
 
@@ -323,26 +306,25 @@ def test_it_is_cut_where_lines_end():
     ],
 )
 def test_where_no_ground_is_seen_it_is_empty(pose, far_m):
-    assert footprint(PLAIN, pose, PLANE, GROUND_M, far_m).shape == (0, 3)
+    assert footprint(MIDDLE, pose, PLANE, GROUND_M, far_m).shape == (0, 3)
 
 
 def test_on_an_elevation_model_it_lies_on_the_hills():
     pose = camera_pose([0, 0, -100.0], 0.0, -60.0, 20.0)
     outline_n = footprint(XT2, pose, PLANE, terrain_of(hills), 1e4)
-    latitude, longitude, height = PLANE.geodetic_from_ned(outline_n)
-    assert_allclose(height, hills(latitude, longitude), atol=2e-3)  # of the bilinear cells
+    _, _, height = PLANE.geodetic_from_ned(outline_n)
+    assert_allclose(height, GROUND_M + hills(*outline_n.T[:2]), atol=2e-3)  # of bilinear cells
     assert np.ptp(height) > 5.0
     assert np.abs(off_border_px(XT2, pixels_of(XT2, pose, outline_n))).max() < 1e-6
 
 
 def test_it_ends_at_the_edge_of_an_elevation_model():
-    """Looking north over the edge at 400 m."""
-    pose = camera_pose([330.0, 0, -100.0], 0.0, -45.0)
-    terrain = terrain_of(lambda latitude, _: np.full_like(latitude, GROUND_M))
-    outline_n = footprint(PLAIN, pose, PLANE, terrain, 1e4)
+    """Looking north over the edge, a hundred steps of 2e-5 deg away."""
+    edge_m = math.radians(2e-3) * 6.361e6
+    pose = camera_pose([edge_m - 70.0, 0, -100.0], 0.0, -45.0)
+    terrain = terrain_of(lambda north, _: 0 * north)
+    outline_n = footprint(MIDDLE, pose, PLANE, terrain, 1e4)
     assert np.isfinite(outline_n).all()
-    open_n = footprint(PLAIN, pose, PLANE, GROUND_M, 1e4)
-    north_m = outline_n[:, 0].max()
-    assert open_n[:, 0].max() > 440.0
-    # A metre of latitude is 0.1 % shorter or longer here; a 256th of 64 px spans 6 cm.
-    assert north_m == pytest.approx(400.0, abs=0.6)
+    open_n = footprint(MIDDLE, pose, PLANE, GROUND_M, 1e4)
+    assert open_n[:, 0].max() > edge_m + 40.0
+    assert outline_n[:, 0].max() == pytest.approx(edge_m, abs=0.3)  # a 256th of 64 px spans 6 cm

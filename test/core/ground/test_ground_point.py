@@ -163,10 +163,6 @@ RATIONAL = Camera(
 )
 
 
-def pixels_of(camera, pose, points_n):
-    return camera.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))
-
-
 @given(
     roll=st.floats(-20, 20),
     pitch=st.floats(-90, -25),
@@ -188,18 +184,35 @@ def test_inverts_the_projection(roll, pitch, yaw, height, ground, far, camera, s
     points, uv = points[met], uv[met]
     # earth-fixed coordinates of 6e6 m are rounded by 1e-9 m, some times over
     np.testing.assert_allclose(LEVEL_PLANE.geodetic_from_ned(points)[2], ground, atol=2e-8)
-    back, observed = pixels_of(camera, pose, points)
+    back, observed = camera.project((points - pose.position_n) @ matrix_from_quat(pose.q_nc))
     assert observed.all()
     np.testing.assert_allclose(back, uv, rtol=0, atol=1e-6)  # the figure required
 
 
-@pytest.mark.parametrize("ground_m", [29.9, -100.0])
-def test_a_ray_at_or_above_the_horizon_meets_nothing(ground_m):
-    level = camera_pose([0.0, 0.0, 0.0], 0, 0, 0)
-    rows = np.array([[XT2.cx, XT2.cy - 100], [XT2.cx, XT2.cy], [XT2.cx, XT2.cy + 100]])
-    points, reasons = locate(XT2, level, rows, LEVEL_PLANE, ground_m)
-    assert reasons == [Reason.ABOVE_HORIZON, Reason.ABOVE_HORIZON, None]
-    assert np.isnan(points[:2]).all()
+LEVEL = camera_pose([0.0, 0.0, 0.0], 0, 0, 0)
+ABOUT_THE_AXIS = [[XT2.cx, XT2.cy - 100], [XT2.cx, XT2.cy], [XT2.cx, XT2.cy + 100]]
+ABOVE_TWICE = [Reason.ABOVE_HORIZON, Reason.ABOVE_HORIZON, None]
+OUTSIDE_LENS = [[1e6, 1e6], [np.nan, 10.0], [-1e12, 3.0]]
+
+
+@pytest.mark.parametrize(
+    ("pose", "ground_m", "uv", "expected"),
+    [
+        (LEVEL, 29.9, ABOUT_THE_AXIS, ABOVE_TWICE),
+        (LEVEL, -100.0, ABOUT_THE_AXIS, ABOVE_TWICE),
+        (
+            camera_pose([0, 0, 5.0], 0, -40),
+            30.0,
+            [[320, 10], [320, 500]],
+            [Reason.UNDERGROUND] * 2,
+        ),
+        (camera_pose([0, 0, -20.0]), 30.0, OUTSIDE_LENS, [Reason.OUTSIDE_LENS] * 3),
+    ],
+)
+def test_why_a_pixel_meets_nothing(pose, ground_m, uv, expected):
+    points, reasons = locate(XT2, pose, np.array(uv, float), LEVEL_PLANE, ground_m)
+    assert reasons == expected
+    assert np.isnan(points[[reason is not None for reason in reasons]]).all()
 
 
 def test_the_horizon_dips_as_on_a_sphere():
@@ -209,22 +222,6 @@ def test_the_horizon_dips_as_on_a_sphere():
     rows = XT2.cy + XT2.fy * np.tan(dip * np.array([0.95, 1.05]))
     uv = np.stack([np.full(2, XT2.cx), rows], -1)  # at the centre the lens does not bend
     assert locate(XT2, level, uv, LEVEL_PLANE, 30.0)[1] == [Reason.ABOVE_HORIZON, None]
-
-
-def test_a_camera_under_the_ground_locates_nothing():
-    pose = camera_pose([0.0, 0.0, 5.0], 0, -40, 0)
-    uv = np.array([[320.0, 10.0], [320.0, 500.0]])
-    points, reasons = locate(XT2, pose, uv, LEVEL_PLANE, 30.0)
-    assert reasons == [Reason.UNDERGROUND] * 2
-    assert np.isnan(points).all()
-
-
-@pytest.mark.parametrize("uv", [[1e6, 1e6], [np.nan, 10.0], [-1e12, 3.0]])
-def test_a_pixel_outside_the_lens_model_meets_nothing(uv):
-    pose = camera_pose([0.0, 0.0, -20.0], 0, -90, 0)
-    points, reasons = locate(XT2, pose, np.array([uv]), LEVEL_PLANE, 30.0)
-    assert reasons == [Reason.OUTSIDE_LENS]
-    assert np.isnan(points).all()
 
 
 DRAWS = 200_000

@@ -21,10 +21,6 @@ def map_of(*features):
     return drape_layers([MapLayer("m", features)], PLANE, 25.0).map
 
 
-def place_n(latitude_deg, longitude_deg, plane=HERE):
-    return plane.ned_from_geodetic(math.radians(latitude_deg), math.radians(longitude_deg), 0.0)
-
-
 def nearest_of_all(features_n, at):
     """By another way than the code: points a decimetre apart along every line."""
     best = math.inf
@@ -79,4 +75,5 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
     ],
 )
 def test_what_put_a_map_so_far_away(latitude_deg, longitude_deg, question):
-    assert likely_mistake(HERE, place_n(latitude_deg, longitude_deg)) == question
+    place_n = HERE.ned_from_geodetic(*np.radians([latitude_deg, longitude_deg]), 0.0)
+    assert likely_mistake(HERE, place_n) == question

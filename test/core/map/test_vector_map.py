@@ -23,13 +23,9 @@ def grid_of(latitude, longitude):
     return east / CELL_M + SIZE // 2, SIZE // 2 - north / CELL_M
 
 
-def wavy(column, row):
-    return 200.0 + 10.0 * np.sin(column / 15) + 8.0 * np.cos(row / 20)
-
-
 def terrain(hole=False):
     row, column = np.mgrid[:SIZE, :SIZE].astype(float)
-    heights = wavy(column, row)
+    heights = 200.0 + 10.0 * np.sin(column / 15) + 8.0 * np.cos(row / 20)
     if hole:
         heights[60:80, 60:80] = np.nan
     return Terrain(heights, grid_of)

@@ -123,15 +123,6 @@ def flat(ring):
     return np.column_stack([ring, np.zeros(len(ring))])
 
 
-def filled(camera, vector_map, pose):
-    image = np.zeros((camera.height, camera.width), np.uint8)
-    areas = View(camera).areas(vector_map, pose)
-    rings = [np.rint(ring * 16).astype(np.int32) for ring in areas.split()]
-    if rings:
-        cv2.fillPoly(image, rings, (255,), cv2.LINE_8, 4)
-    return image
-
-
 def wanted(camera, rings, pose):
     """(h, w) by the crossings of a ray along the ground from each pixel's place."""
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
@@ -151,7 +142,11 @@ def wanted(camera, rings, pose):
 
 
 def assert_filled_as_wanted(camera, rings, pose, ink=EDGE):
-    got, want = filled(camera, area_of(*rings), pose), wanted(camera, rings, pose)
+    got, want = np.zeros((camera.height, camera.width), np.uint8), wanted(camera, rings, pose)
+    areas = View(camera).areas(area_of(*rings), pose).split()
+    if areas:
+        fixed = [np.rint(ring * 16).astype(np.int32) for ring in areas]
+        cv2.fillPoly(got, fixed, (255,), cv2.LINE_8, 4)
     inner = np.s_[2:-2, 2:-2]  # contours beside the image have ink in it
     assert not ((got > 0) & (cv2.dilate(want, ink) == 0))[inner].any()
     assert not ((want > 0) & (cv2.dilate(got, EDGE) == 0))[inner].any()

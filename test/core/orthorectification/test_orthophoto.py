@@ -37,6 +37,12 @@ SLOPE = terrain_of(lambda north, east: 0.2 * north - 0.1 * east)
 HILLS = terrain_of(lambda north, east: 1.5 * np.sin(north / 12.0) * np.cos(east / 15.0))
 
 
+def white_view(ground, pose):
+    """The view of a picture that is white all over."""
+    white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
+    return FrameView(tiles_of(ground), CAMERA, pose, white, GRAZING)
+
+
 def off_px(ground, pose):
     """How far each seen pixel is off, (n, 2) pixels: the place that it shows less its own."""
     picture, corner = coded(pose, ground)
@@ -75,9 +81,8 @@ def test_a_pixel_shows_its_own_place(ground, pose):
 
 def test_flat_views_are_left_out():
     pose = camera_pose([0, 0, -20.0], 0.0, -10.0, 0.0)  # the horizon is in the picture
-    white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
     observed = []
-    for key, patch in FrameView(tiles_of(GROUND_M), CAMERA, pose, white, GRAZING).patches():
+    for key, patch in white_view(GROUND_M, pose).patches():
         rows = np.arange(TILE_PX)[patch.rows] + key[1] * TILE_PX
         observed.append(-rows[patch.seen.any(axis=1)] * PIXEL_M)
         assert np.isfinite(patch.score[patch.seen]).all()
@@ -87,7 +92,7 @@ def test_flat_views_are_left_out():
     reach_m = north_m.max() - north_m.min()
     steepest_m = 20.0 / math.tan(math.radians(10.0) + math.atan(CAMERA.height / 2 / CAMERA.fy))
     assert reach_m == pytest.approx(20.0 / math.tan(GRAZING) - steepest_m, abs=2.0)
-    assert list(FrameView(tiles_of(40.0), CAMERA, pose, white, GRAZING).patches()) == []  # below
+    assert list(white_view(40.0, pose).patches()) == []  # below
 
 
 def test_a_ridge_hides_what_is_behind_it():
@@ -98,12 +103,9 @@ def test_a_ridge_hides_what_is_behind_it():
         *(False, False, True, True, False, False)
     ]
     pose = camera_pose([0.0, 0, -20], 0.0, -30.0, 0.0)
-    white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
     areas = [
-        sum(int(patch.seen.sum()) for _, patch in view.patches())
-        for view in (
-            FrameView(tiles_of(item), CAMERA, pose, white, GRAZING) for item in (GROUND_M, ridge)
-        )
+        sum(int(patch.seen.sum()) for _, patch in white_view(item, pose).patches())
+        for item in (GROUND_M, ridge)
     ]
     assert areas[1] < 0.85 * areas[0]
 
@@ -125,10 +127,7 @@ def test_a_coarse_raster_shows_means():
     for nearest in (False, True):
         view = FrameView(
             tiles_of(GROUND_M, 0.5),
-            CAMERA,
-            NADIR,
-            noise.astype(np.uint8),
-            GRAZING,
+            *(CAMERA, NADIR, noise.astype(np.uint8), GRAZING),
             nearest=nearest,
         )
         values[nearest] = np.concatenate([item.values[item.seen] for _, item in view.patches()])
@@ -152,8 +151,7 @@ def test_a_slope_that_faces_the_camera_is_found_behind_one_that_does_not():
         lambda north, _: np.interp(north, [22, 30, 31, 38, 60], [0.0, 3.0, 3.0, 0.0, 12.0])
     )
     pose = camera_pose([0.0, 0, -12.0], 0.0, -15.0, 0.0)
-    white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
-    shown = shown_norths_m(FrameView(tiles_of(dyke), CAMERA, pose, white, GRAZING))
+    shown = shown_norths_m(white_view(dyke, pose))
     assert {26.0, 45.0} <= shown  # the near face, and the hill
     assert not {33.0, 36.0} & shown  # the far face falls by 3 in 7, as seen from 9 m above
 
@@ -164,8 +162,7 @@ def test_where_the_elevation_model_has_no_height_nothing_is_shown():
         lambda north, _: np.where((np.abs(north - 25.0) < 5.0) | (north > 60.0), np.nan, 0.0)
     )
     pose = camera_pose([0.0, 0, -20.0], 0.0, -30.0, 0.0)
-    white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
-    shown = shown_norths_m(FrameView(tiles_of(gap), CAMERA, pose, white, GRAZING))
+    shown = shown_norths_m(white_view(gap, pose))
     assert {19.0, 35.0, 50.0} <= shown
     assert not {21.0, 25.0, 29.0} & shown
     assert max(shown) < 60.5
@@ -189,21 +186,22 @@ def patches():
     return [patch_of(100, across), patch_of(200, across[::-1]), patch_of(900, 0.2, *corner)]
 
 
+def mosaic(patches, *, hard=False):
+    tile = MosaicTile.empty(1)
+    for patch in patches:
+        tile.add(patch, hard=hard)
+    return tile.values()
+
+
 @pytest.mark.parametrize("hard", [False, True], ids=["feathered", "hard"])
 def test_the_order_does_not_matter(patches, hard):
-    tiles = [MosaicTile.empty(1), MosaicTile.empty(1)]
-    for tile, order in zip(tiles, ([0, 1, 2], [2, 1, 0]), strict=True):
-        for number in order:
-            tile.add(patches[number], hard=hard)
+    values, others = (mosaic(order, hard=hard)[0] for order in (patches, patches[::-1]))
     # Single precision, and a handful of sums: 1e-6 of the value.
-    np.testing.assert_allclose(tiles[0].values()[0], tiles[1].values()[0], rtol=3e-6)
+    np.testing.assert_allclose(values, others, rtol=3e-6)
 
 
 def test_the_best_view_is_on_top_and_the_seam_is_feathered(patches):
-    tile = MosaicTile.empty(1)
-    for patch in patches:
-        tile.add(patch)
-    values, observed = tile.values()
+    values, observed = mosaic(patches)
     assert observed.all()
     row = values[300, :, 0]
     assert row[:200] == pytest.approx(100, abs=0.1)
@@ -218,10 +216,7 @@ def test_the_best_view_is_on_top_and_the_seam_is_feathered(patches):
 
 
 def test_hard_values_are_those_of_the_best_view(patches):
-    tile = MosaicTile.empty(1)
-    for patch in patches:
-        tile.add(patch, hard=True)
-    values, _ = tile.values()
+    values, _ = mosaic(patches, hard=True)
     assert set(np.unique(values)) == {100.0, 200.0, 900.0}
     assert (values[300, : TILE_PX // 2, 0] == 100).all()
     assert (values[:100, :50] == 900).all()

@@ -31,10 +31,6 @@ def feature(label, *places_px, closed=False):
     return GeoFeature(label, closed, np.stack(places, -1))
 
 
-def laid(*layers):
-    return VectorMap.from_layers([MapLayer("", each, LayerStyle()) for each in layers], PLANE)
-
-
 class Placed(NamedTuple):
     box: Box
     anchor: np.ndarray  # pixel
@@ -45,7 +41,8 @@ class Scene:
     """One map's labels on frames of a video."""
 
     def __init__(self, *layers):
-        self.map = laid(*layers)
+        made = [MapLayer("", each, LayerStyle()) for each in layers]
+        self.map = VectorMap.from_layers(made, PLANE)
         self.labels, self.view = Labels(self.map), View(CAMERA)
         self.size = CAMERA.height, CAMERA.width, 3
 
@@ -63,14 +60,9 @@ def middle(label):
     return np.array([(box.left + box.right) / 2, (box.top + box.bottom) / 2])
 
 
-def square(label, left, top, size):
-    right, bottom = left + size, top + size
-    corners = (left, top), (right, top), (right, bottom), (left, bottom)
-    return feature(label, *corners, closed=True)
-
-
 def test_a_label_stands_under_an_outline_smaller_than_itself():
-    box = Scene([square("Park", 300, 200, 12)]).place()["Park"].box
+    corners = (300, 200), (312, 200), (312, 212), (300, 212)
+    box = Scene([feature("Park", *corners, closed=True)]).place()["Park"].box
     assert box.top >= 211
     assert abs((box.left + box.right) / 2 - 306) <= 1
 
@@ -117,11 +109,6 @@ def test_an_anchor_knows_where_on_the_map_it_is():
             assert abs(point_n[2]) < 1e-3  # the earth's curvature over 100 m
 
 
-def crowd(count, seed=1, spread=((40, 40), (600, 450))):
-    places = np.random.default_rng(seed).uniform(*spread, (count, 2))
-    return [feature(f"tree {i}", place) for i, place in enumerate(places)]
-
-
 def test_upper_layers_come_first():
     """On one place there is room for some of many labels: those of the upper layer."""
     low = [feature(f"low {i}", (300, 200)) for i in range(20)]
@@ -133,7 +120,8 @@ def test_upper_layers_come_first():
 
 def test_labels_are_calm_in_a_slow_pan():
     """At 60 frames of 1 px each, of 60 marks: hardly a label changes sides, none flickers."""
-    scene = Scene(crowd(60, spread=((-60, 40), (600, 450))))
+    places = np.random.default_rng(1).uniform((-60, 40), (600, 450), (60, 2))
+    scene = Scene([feature(f"tree {i}", place) for i, place in enumerate(places)])
     jumps = shown = flickers = 0
     last, gone = {}, {}
     for frame in range(60):

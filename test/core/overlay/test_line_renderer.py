@@ -30,10 +30,9 @@ def drawn(lines, *styles, layer=None, opacity=None, image=None):
     return image
 
 
-def filled(rings, *styles, layer=None):
+def filled(rings, *styles):
     image = picture()
-    layer = np.zeros(len(rings), np.int64) if layer is None else np.array(layer)
-    LineRenderer().areas(image, rings, layer, styles)
+    LineRenderer().areas(image, rings, np.zeros(len(rings), np.int64), styles)
     return image
 
 

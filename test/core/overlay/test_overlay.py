@@ -74,14 +74,10 @@ def test_a_rectified_picture():
 
 def test_another_map_while_running():
     overlay = ready()
-    overlay.add_pose(pose_at(START))
-    overlay.add_pose(pose_at(START + 200 * MS))
-    ready_map = drape_layers([MapLayer("moved", [geo(SQUARE_N + MOVED_N)])], PLANE, math.nan)
-    overlay.add_frame(START + LATENCY, GREY, START)
-    assert_on(overlay.take(START).image, pose_at(START))
-    overlay.set_map(ready_map)
-    overlay.add_frame(START + LATENCY + MS, GREY, START)
-    pixels = ink_on(overlay.take(START).image)
+    assert_on(pictured(overlay).image, pose_at(START))
+    moved = MapLayer("moved", [geo(SQUARE_N + MOVED_N)])
+    overlay.set_map(drape_layers([moved], PLANE, math.nan))
+    pixels = ink_on(pictured(overlay, START + MS).image)
     outline = true_outline(pose_at(START), SQUARE_N + MOVED_N)
     assert distances(pixels, outline).max() < 1.5
 
@@ -271,23 +267,22 @@ def test_a_pose_that_stops_short_of_the_exposure_is_predicted_and_marked():
     assert overlay.counts["predicted"] == 1
 
 
-@pytest.mark.parametrize(("ahead_ms", "most_s"), [(101, 0.1), (40, 0.03), (1, 0.0)])
-def test_nothing_is_predicted_too_far(ahead_ms, most_s):
+@pytest.mark.parametrize(
+    ("ahead_ms", "most_s", "state", "why"),
+    [
+        (101, 0.1, FilterState.RUNNING, "pose 0."),
+        (40, 0.03, FilterState.RUNNING, "pose 0."),
+        (1, 0.0, FilterState.RUNNING, "pose 0."),
+        (40, 0.1, FilterState.LOST, "no position, as the filter's errors grew too large"),
+    ],
+)
+def test_nothing_is_predicted_too_far_or_where_the_filter_is_lost(ahead_ms, most_s, state, why):
     overlay = ready(max_prediction_s=most_s)
     fly(overlay, START - ahead_ms * MS)
+    overlay.status = status(state)
     overlay.add_frame(START + LATENCY, GREY, START)
-    assert overlay.take(START + WAIT).notice.startswith("NO MAP: pose 0.")
+    assert overlay.take(START + WAIT).notice.startswith(f"NO MAP: {why}")
     assert overlay.counts["predicted"] == 0
-
-
-def test_nothing_is_predicted_for_an_estimator_that_has_given_up():
-    overlay = ready()
-    fly(overlay, START - 40 * MS)
-    overlay.status = status(FilterState.LOST, "position sigma 11 m")
-    overlay.add_frame(START + LATENCY, GREY, START)
-    assert overlay.take(START + WAIT).notice == (
-        "NO MAP: no position, as the filter's errors grew too large"
-    )
 
 
 def test_poses_that_always_come_late_still_give_every_picture():
@@ -334,9 +329,7 @@ def test_a_bag_that_begins_again():
     for _ in range(2):
         for i in range(15):
             stamp = START + 100 * MS * i
-            overlay.add_pose(pose_at(stamp - LATENCY))
-            overlay.add_frame(stamp, GREY, stamp)
-            assert overlay.take(stamp).notice == ""
+            assert pictured(overlay, stamp - LATENCY, stamp).notice == ""
     assert overlay.counts["drawn"] == 30
     assert overlay.counts["time_jumps"] == 1
     assert overlay.counts["poses_went_back"] == 1

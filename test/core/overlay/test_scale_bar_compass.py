@@ -75,11 +75,6 @@ def test_the_heading_is_steady_through_straight_down(yaw, down):
     assert 0 <= result < 360
 
 
-def white(image):
-    v, u = np.nonzero((image > 200).all(axis=2))
-    return np.column_stack([u, v])
-
-
 @pytest.mark.parametrize("yaw", [0, 45, 90, 180, 270, 300])
 @pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024)])
 def test_the_needle_points_to_north(yaw, size):
@@ -91,7 +86,7 @@ def test_the_needle_points_to_north(yaw, size):
     changed[box.top : box.bottom, box.left : box.right] = False
     assert not changed.any()
     half, size_px = (box.right - box.left) / 2, text_px(image)
-    ink = white(image) - [box.left + half, box.top + half]
+    ink = np.argwhere((image > 200).all(axis=2))[:, ::-1] - [box.left + half, box.top + half]
     radius = np.hypot(*ink.T)
     letter = ink[(radius > 1.2 * size_px) & (radius < 2.25 * size_px)].mean(axis=0)
     for east, south in (letter, ink[radius < size_px].mean(axis=0) * [-1, -1]):

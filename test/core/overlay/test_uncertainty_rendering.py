@@ -49,13 +49,8 @@ def seen_from(pose, *lines):
     return VisibleLines(uv.T, starts, np.arange(len(lines)), rays_to(CAMERA, pose, points_n))
 
 
-def radius_px(sigma_m):
-    """Of 95 %, for a point of the map straight below that errs by so much."""
-    return RADIUS * sigma_m * PX_PER_M
-
-
-def confidence(**changes):
-    return dataclasses.replace(PLAIN, **changes)
+#: Of 95 %, for a point of the map straight below that errs by a metre.
+RADIUS_PX_PER_M = RADIUS * PX_PER_M
 
 
 def faded_lines(one, pose, lines, sigma_m=None):
@@ -65,7 +60,7 @@ def faded_lines(one, pose, lines, sigma_m=None):
 
 def faded(sigma_m, pose=None, **changes):
     pose = pose or pose_at()
-    one = confidence(**changes)
+    one = dataclasses.replace(PLAIN, **changes)
     lines = seen_from(pose, [(100, 200), (110, 205), (125, 200)])
     return faded_lines(one, pose, lines, np.array([sigma_m]))
 
@@ -76,7 +71,7 @@ def faded(sigma_m, pose=None, **changes):
 )
 def test_opacity_falls_to_the_faintest_at_the_configured_radius(share, opacity):
     fade_px = 37.0
-    lines, result = faded(share * fade_px / radius_px(1.0), fade_px=fade_px)
+    lines, result = faded(share * fade_px / RADIUS_PX_PER_M, fade_px=fade_px)
     assert result.tolist() == [opacity]
     assert len(lines) == 1
 
@@ -91,7 +86,7 @@ def test_a_long_line_fades_along_its_way():
     covariance = np.zeros((6, 6))
     covariance[5, 5] = math.radians(2.0) ** 2
     pose = pose_at(covariance=covariance)
-    one = confidence(fade_px=20.0)
+    one = dataclasses.replace(PLAIN, fade_px=20.0)
     lines = seen_from(pose, [(319.5, 255.5), (639, 255.5)], [(10, 10), (20, 12), (24, 19)])
     cut_lines, opacity = faded_lines(one, pose, lines)
     first = opacity[cut_lines.owner == 0]
@@ -133,9 +128,9 @@ def test_cut_lines_are_the_same_lines():
         assert result == expected
 
 
-def ellipses_of(one, pose, anchors, sigma_m=None):
-    frame = FrameConfidence(one, CAMERA, pose)
-    return marked(one, frame, seen_from(pose), anchors, MARK_PX, sigma_m)
+def ellipses_of(pose, anchors, sigma_m=None):
+    frame = FrameConfidence(PLAIN, CAMERA, pose)
+    return marked(PLAIN, frame, seen_from(pose), anchors, MARK_PX, sigma_m)
 
 
 def anchors_at(pose, uv):
@@ -146,8 +141,7 @@ def anchors_at(pose, uv):
 def test_ellipses_are_the_covariances():
     covariance = np.diag([0.2**2, 0.4**2, 0.0, 0.0, 0.0, 0.0])  # north is up in the picture
     pose = pose_at(covariance=covariance)
-    one = confidence()
-    result = ellipses_of(one, pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
+    result = ellipses_of(pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
     assert not result.uncertain.any()
     dashes = len(result.outlines) // 2
     assert result.outlines.owner.tolist() == [0] * dashes + [1] * dashes
@@ -160,10 +154,9 @@ def test_ellipses_are_the_covariances():
 
 def test_an_ellipse_as_large_as_the_picture_is_a_hint():
     pose = pose_at()
-    one = confidence()
-    sigma_m = np.array([127.0, 129.0, 1e4]) / radius_px(1.0)
+    sigma_m = np.array([127.0, 129.0, 1e4]) / RADIUS_PX_PER_M
     anchors = anchors_at(pose, [(200, 200), (300, 200), (400, 200)])
-    result = ellipses_of(one, pose, anchors, sigma_m)
+    result = ellipses_of(pose, anchors, sigma_m)
     assert result.uncertain.tolist() == [False, True, True]
     dashes = np.bincount(result.outlines.owner)
     assert dashes[0] == dashes[1] == dashes[2] > 3
@@ -180,10 +173,9 @@ def test_what_the_first_order_does_not_tell_is_uncertain():
     covariance = np.zeros((6, 6))
     covariance[2, 2] = 3.0**2  # of 20 m
     pose = pose_at(covariance=covariance)
-    one = confidence()
-    assert ellipses_of(one, pose, anchors_at(pose, [(330, 256)])).uncertain.all()
+    assert ellipses_of(pose, anchors_at(pose, [(330, 256)])).uncertain.all()
     none = pose_at(covariance=-np.eye(6))
-    result = ellipses_of(one, none, anchors_at(none, [(330, 256)]))
+    result = ellipses_of(none, anchors_at(none, [(330, 256)]))
     assert result.uncertain.all()
     assert len(result.outlines) == 0
 

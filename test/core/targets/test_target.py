@@ -47,9 +47,10 @@ clicks = st.builds(
 )
 
 
-def mahalanobis(place, covariance):
-    """The squared distance of the true place (0, 0), horizontally, over the covariance."""
-    return place[:2] @ np.linalg.solve(covariance[:2, :2], place[:2])
+def mahalanobis(result, place=(0.0, 0.0, 0.0)):
+    """The squared distance from a true place, horizontally, over the covariance."""
+    off = (east_north_up(result) - place)[:2]
+    return off @ np.linalg.solve(np.reshape(result.covariance_enu, (3, 3))[:2, :2], off)
 
 
 @given(clicks)
@@ -118,10 +119,7 @@ def test_errors_over_sigma_of_clicks_that_share_what_is_assumed():
             click(*error, after_s=t, covariance=c)
             for error, t, c in zip(errors, times_s, axes, strict=True)
         ]
-        result = averaged(some)
-        squares.append(
-            mahalanobis(east_north_up(result), np.reshape(result.covariance_enu, (3, 3)))
-        )
+        squares.append(mahalanobis(averaged(some)))
     # a chi-square of two degrees of freedom has the mean 2 and the standard deviation 2
     assert np.mean(squares) == pytest.approx(2, abs=4 * 2 / math.sqrt(RUNS))
     inside = np.mean(np.array(squares) < CHI2_95)
@@ -140,9 +138,7 @@ def test_clicks_that_share_less_stay_within_the_ellipse(share):
             click(*(root(COVARIANCE) @ (common + one)), after_s=100.0 * k)
             for k, one in enumerate(own)
         ]
-        result = averaged(some)
-        covariance = np.reshape(result.covariance_enu, (3, 3))
-        inside += mahalanobis(east_north_up(result), covariance) < CHI2_95
+        inside += mahalanobis(averaged(some)) < CHI2_95
     assert inside / RUNS >= 0.95 - 4 * math.sqrt(0.05 * 0.95 / RUNS)
 
 
@@ -169,10 +165,8 @@ def test_clicks_of_two_places_disagree_and_the_ellipse_holds_both():
     result = averaged(some)
     assert disagreement(some) > 1
     assert result.ellipse.major_m > 2 * near.ellipse.major_m
-    covariance = np.reshape(result.covariance_enu, (3, 3))
     for one in some:
-        off = east_north_up(result) - east_north_up(one)
-        assert mahalanobis(off, covariance) < CHI2_95
+        assert mahalanobis(result, east_north_up(one)) < CHI2_95
     assert not target(1, *some).clicks_agree
     assert target(1, some[0]).clicks_agree
 
