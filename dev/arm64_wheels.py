@@ -42,7 +42,7 @@ def refusal(wanted: Sequence[str], python: str) -> str:
         options += ["--python-version", python, "--quiet"]
         options += [word for tag in _TAGS for word in ("--platform", f"{tag}_aarch64")]
         command = python_command(_PIP, "install", *options, *wanted)
-        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  pip itself
     return done.stderr.strip().splitlines()[-1] if done.returncode else ""
 
 

@@ -100,7 +100,7 @@ def test_the_notebook_runs_from_the_top(monkeypatch):
     import matplotlib as mpl  # noqa: PLC0415  slow to import
 
     mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt  # noqa: PLC0415  heavy
 
     monkeypatch.chdir(EXAMPLES)
     plt.close("all")

@@ -53,4 +53,4 @@ def test_no_other_name_is_there():
     ):
         _ = tirgeo_ros.filterflight
     with pytest.raises(ImportError, match="filterflight"):
-        from tirgeo_ros import filterflight  # noqa: F401, PLC0415
+        from tirgeo_ros import filterflight  # noqa: F401, PLC0415  a wrong name

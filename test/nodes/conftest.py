@@ -55,7 +55,7 @@ def sample_graph(sample: Path, environment: dict[str, str]) -> Callable[..., Gra
     ``sample_graph(folder, serial=True)``: the folder takes the recording and the logs.
     """
     # ROS may be absent where the other tests run.
-    from graph_helpers import deep_queues  # noqa: PLC0415
+    from graph_helpers import deep_queues  # noqa: PLC0415  needs ROS
 
     def setup(folder: Path, **options: Any) -> GraphSetup:
         params = folder / "params.yaml"

@@ -269,7 +269,7 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
         command,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=ignore_interrupts,  # noqa: PLW1509
+        preexec_fn=ignore_interrupts,  # noqa: PLW1509  in the child
     )
     player = tmp_path / "bag_player.log"
     wait_until(lambda: player.exists() and "ready" in player.read_text(), 120, running=demo)

@@ -102,7 +102,7 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
         raise TableError(f"{path}: tables must be a dict of tables by topic; it is {tables!r}")
     messages, written = Messages(Cdr().types), 0
     with BagWriter(path) as writer:
-        for written, (topic, arrival_ns, sample) in enumerate(arrived(tables), 1):  # noqa: B007
+        for written, (topic, arrival_ns, sample) in enumerate(arrived(tables), 1):  # noqa: B007  used after the loop
             if not (0 <= sample.stamp_ns < LAST_NS and 0 <= arrival_ns < LAST_NS):
                 times = f"stamp_ns {sample.stamp_ns} and arrival_ns {arrival_ns}"
                 raise TableError(f"{topic}: {times}: a bag holds times from 1970 to 2038")

@@ -129,7 +129,7 @@ def given_names(node: Node, kind: type) -> frozenset[str]:
 def _overrides_of(node: Node, kind: type) -> dict[str, object]:
     """Return the values from files and command line, without those that belong to other nodes."""
     # rclpy has no public access to overrides that are not declared yet.
-    overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
+    overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001  rclpy gives them nowhere else
     own = {parameter.name: parameter for parameter in parameters_of(kind)}
     lists = {name for name, parameter in own.items() if isinstance(parameter.default, tuple)}
     others = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)} | _ROS_OWN
@@ -143,7 +143,7 @@ def _overrides_of(node: Node, kind: type) -> dict[str, object]:
 
 def idle_overrides(node: Node) -> list[str]:
     """Return the QoS overrides of topics that neither this node nor tirgeo's contract has."""
-    names = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001
+    names = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001  rclpy gives them nowhere else
     # The first stands for no topic.
     contract = tuple(f"/{topic.strip('/')}" for topic in TOPIC_TYPES)
     return [

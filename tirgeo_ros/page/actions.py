@@ -269,11 +269,11 @@ class Actions:
         add = partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
         return await self._target(lambda: add(picture=cut_out()))
 
-    async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002
+    async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002  the page's own word
         edit = partial(self._backend.targets.edit, id, time.time_ns(), was)
         return await self._target(partial(edit, **words))
 
-    async def _leave_out(self, id: str, field: str, text: str) -> dict[str, Any]:  # noqa: A002
+    async def _leave_out(self, id: str, field: str, text: str) -> dict[str, Any]:  # noqa: A002  the page's own word
         leave_out, now_ns = self._backend.targets.leave_out, time.time_ns()
         return await self._target(partial(leave_out, id, field, text, now_ns))
 

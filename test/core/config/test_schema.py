@@ -141,15 +141,9 @@ def test_every_parameter_of_a_node_is_described_and_allows_its_default(kind):
         assert parameter.low <= parameter.high
         if parameter.name.endswith(("_m", "_s", "_deg", "_hz")):
             assert parameter.unit in {"m", "s", "deg", "Hz", "m/s"}, parameter.name
-
-
-def test_every_number_of_a_node_has_a_range():
-    """Without one, nothing refuses a value that makes no sense."""
-    for kind in NODE_CONFIGS.values():
-        for parameter in parameters_of(kind):
-            if isinstance(parameter.default, float | int) and type(parameter.default) is not bool:
-                assert math.isfinite(parameter.low), parameter.name
-                assert math.isfinite(parameter.high), parameter.name
+        if isinstance(parameter.default, float | int) and type(parameter.default) is not bool:
+            # Without a range, nothing refuses a value that makes no sense.
+            assert np.isfinite([parameter.low, parameter.high]).all(), parameter.name
 
 
 def test_imu_defaults_are_the_paper_s():

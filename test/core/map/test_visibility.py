@@ -132,7 +132,7 @@ def wanted(camera, rings, pose):
         north, east = (rays_n[:, :2] * (-pose.position_n[2] / rays_n[:, 2:])).T
         odd = np.zeros(len(north), bool)
         for ring in rings:
-            ring = np.asarray(ring, float)  # noqa: PLW2901
+            ring = np.asarray(ring, float)  # noqa: PLW2901  meant
             for (n0, e0), (n1, e1) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
                 spans = (n0 > north) != (n1 > north)
                 if n0 != n1:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from message_samples import HEADING, IMU, POSITION, VELOCITY
 
 from tirgeo_ros.core.streams.sanity_checks import (
     fault_of,
@@ -16,21 +17,7 @@ from tirgeo_ros.core.streams.sanity_checks import (
     pose_fault,
     usable_attitude,
 )
-from tirgeo_ros.core.types.measurements import (
-    FixStatus,
-    HeadingSample,
-    ImuSample,
-    PositionSample,
-    Source,
-    VelocitySample,
-)
 
-IMU = ImuSample(1, np.array([0.1, 0.2, -9.8]), np.array([0.01, 0.02, 0.03]))
-POSITION = PositionSample(
-    1, Source.RTK_POSITION, FixStatus.FIXED, 0.7, 2.0, 30.0, np.diag([1e-4, 1e-4, 4e-4])
-)
-VELOCITY = VelocitySample(1, Source.RTK_VELOCITY, np.array([3.0, -1.0, 0.1]), 1e-4 * np.eye(3))
-HEADING = HeadingSample(1, 1.0, 1e-4)
 NAN, INF = math.nan, math.inf
 REST = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -166,7 +166,7 @@ def test_an_error_keeps_what_was_there(tmp_path, before):
     path = tmp_path / "a.mcap"
     for content in before:
         path.write_bytes(content)
-    with pytest.raises(BagError, match="message type no/such/Type is not known"):  # noqa: SIM117
+    with pytest.raises(BagError, match="message type no/such/Type is not known"):  # noqa: SIM117  two contexts
         with BagWriter(path) as bag:
             bag.write("/imu/data", "no/such/Type", imu(1), 1)
     assert [each.read_bytes() for each in tmp_path.iterdir()] == before

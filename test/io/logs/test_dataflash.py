@@ -51,7 +51,7 @@ def fix(log, at_us, status, yaw_deg, instance=0, vertical=1, used=1, week=1973):
 
 def test_every_field_is_the_source_readers(shared):
     """Against pymavlink, for each record and field of a flight controller's log."""
-    from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415
+    from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415  an extra
 
     path = shared / "foreign_logs" / "ardupilot" / "plane_1s.BIN"
     result, rows = by_source(read_dataflash(path, OPTIONS)), defaultdict(list)

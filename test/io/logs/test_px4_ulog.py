@@ -58,7 +58,7 @@ def small_log(fixes=True):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_field_is_the_source_readers(shared, name):
     """Against pyulog, for each record and field of the log."""
-    from pyulog import ULog  # noqa: PLC0415
+    from pyulog import ULog  # noqa: PLC0415  an extra
 
     path = shared / "foreign_logs" / "px4" / f"{name}.ulg"
     contents = read_px4_ulog(path, LogOptions())

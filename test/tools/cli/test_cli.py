@@ -213,7 +213,7 @@ def start(body, *ignored):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=ignore,  # noqa: PLW1509
+        preexec_fn=ignore,  # noqa: PLW1509  in the child
     )
 
 

@@ -238,7 +238,7 @@ def test_a_name_that_is_no_utf8(tmp_path, capsys):
     name = os.fsdecode(os.fsencode(tmp_path) + b"/\xff")
     with pytest.raises(VideoError, match=r"\.mp4: FFmpeg takes names in UTF-8 alone; give anoth"):
         VideoFile(f"{name}.mp4")
-    with open(f"{name}.png", "wb") as file:  # noqa: PTH123
+    with open(f"{name}.png", "wb") as file:  # noqa: PTH123  as a user writes it
         file.write(b"no picture")
     words = ["calibrate", "lens", f"{name}.png", "--board", "9x6", "--square", "0.1"]
     assert main([*words, "-o", str(tmp_path / "camera.yaml")]) == 1

@@ -88,7 +88,7 @@ class CaptureClock:
         self._newest_ns = 0  # in counter time
         self._stray_ns: int | None = None  # counter time of the message before, if that was stray
 
-    def stamp_ns(self, ticks: int, arrival_ns: int = 0, extra_ns: int = 0) -> int:  # noqa: ARG002
+    def stamp_ns(self, ticks: int, arrival_ns: int = 0, extra_ns: int = 0) -> int:  # noqa: ARG002  as the other clocks
         """Return the time (ns) of a message with ``extra_ns`` after a tick; no arrival is used."""
         if not 0 <= extra_ns <= LONGEST_EXTRA_NS:
             extra_ns = 0

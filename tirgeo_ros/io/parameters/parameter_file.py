@@ -46,7 +46,7 @@ def load_yaml(path: PathLike) -> Any:
     """Load a YAML file, plain values as rcl reads them. Raises ConfigError if it is not YAML."""
     try:
         # The loader is a safe one: it creates plain values only.
-        return yaml.load(read_text(path, ConfigError, _MOST_BYTES), _Loader)  # noqa: S506
+        return yaml.load(read_text(path, ConfigError, _MOST_BYTES), _Loader)  # noqa: S506  a safe loader
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark else ""
@@ -193,8 +193,8 @@ def _flat(path: PathLike, above: str, tree: Any) -> Iterator[tuple[str, object]]
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """Load YAML with rcl's plain values: no dates, no sexagesimals, and 1e-4 is a number."""
 
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
-    bool_values = {**yaml.SafeLoader.bool_values, "y": True, "n": False}  # noqa: RUF012
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012  as PyYAML has it
+    bool_values = {**yaml.SafeLoader.bool_values, "y": True, "n": False}  # noqa: RUF012  as PyYAML has it
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose a node; refuse, as rcl does, an alias, which may contain itself."""

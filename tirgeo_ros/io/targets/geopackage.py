@@ -224,9 +224,9 @@ def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
     own = "id, number, created_ns, changed_ns, name, target_kind, note, aircraft"
     targets = []
     try:
-        for target_id, *numbers in db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid"):  # noqa: S608
+        for target_id, *numbers in db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid"):  # noqa: S608  constants of ours
             clicks[target_id].append(_click(*numbers))
-        for row in db.execute(f"SELECT {own}, {_CLICK} FROM targets ORDER BY number"):  # noqa: S608
+        for row in db.execute(f"SELECT {own}, {_CLICK} FROM targets ORDER BY number"):  # noqa: S608  constants of ours
             places = clicks[row[0]]
             if not places and None not in (*row[:4], *row[8:]):
                 places = [_click(*row[8:])]

@@ -205,7 +205,7 @@ class TargetStore:
             for field, text in texts.items():
                 for older in (text, was.get(field)):
                     place = (target_id, field, older)
-                    self._db.execute(f"DELETE FROM tirgeo_alternatives WHERE {_OF}", place)  # noqa: S608
+                    self._db.execute(f"DELETE FROM tirgeo_alternatives WHERE {_OF}", place)  # noqa: S608  a constant of ours
                 row = "INSERT INTO tirgeo_alternatives (target, field, text) VALUES (?, ?, ?)"
                 self._db.execute(row, (target_id, field, text))
                 revision = self._log("alternative", target_id, None, now_ns)

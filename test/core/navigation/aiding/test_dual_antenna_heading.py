@@ -56,6 +56,12 @@ def fused(estimate, sample, q_nb=None):
     return Fusion(CONFIG).fuse(sample, estimate, ZERO, autopilot_q_nb=q_nb)
 
 
+def while_fixed(estimate, t_s, degrees=0.0, q_nb=None):
+    """A heading fused beside a fixed position."""
+    estimate = estimate._replace(aids=heard(estimate.aids, t_s))
+    return fused(estimate, heading(t_s, degrees), q_nb)
+
+
 @pytest.mark.parametrize(
     ("fixed_s", "reason"), [(0.999, "rtk/fix has been fixed for only 1.0 s"), (1.0, "")]
 )
@@ -79,8 +85,7 @@ def test_headings_stop_where_the_status_is_silent(age_s, reason):
     estimate = fused(fixed_estimate(3.0, 5.0), heading(5.0)).estimate
     assert fused(estimate, heading(5.0 + age_s)).verdict.reason == reason
     # A fix of now does not count from before the silence.
-    late = estimate._replace(aids=heard(estimate.aids, 65.0))
-    assert fused(late, heading(65.0)).verdict.outcome is Outcome.NOT_FIXED
+    assert while_fixed(estimate, 65.0).verdict.outcome is Outcome.NOT_FIXED
 
 
 # Headings: for how long they must contradict
@@ -90,8 +95,7 @@ def agreed(seconds: float) -> StateEstimate:
     """An estimate that headings of zero have confirmed for so long, five times a second."""
     estimate = fixed_estimate(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
-        estimate = estimate._replace(aids=heard(estimate.aids, 0.2 * k))
-        result = fused(estimate, heading(0.2 * k))
+        result = while_fixed(estimate, 0.2 * k)
         assert result.verdict.used
         estimate = with_sigma(result.estimate)
     return estimate
@@ -110,8 +114,7 @@ def given_up_after(estimate: StateEstimate, start_s: float, offs_deg, autopilot_
     first_s = None
     for k, degrees in enumerate(offs_deg):
         t_s = start_s + 0.2 * k
-        estimate = estimate._replace(aids=heard(estimate.aids, t_s))
-        result = fused(estimate, heading(t_s, degrees), q_nb)
+        result = while_fixed(estimate, t_s, degrees, q_nb)
         estimate = with_sigma(result.estimate)
         if result.verdict.outcome is Outcome.RESET:
             return t_s - first_s
@@ -165,8 +168,7 @@ def test_contradictions_that_do_not_agree_prove_nothing():
     estimate = agreed(10.0)
     for k in range(500):
         t_s = 10.2 + 0.2 * k
-        estimate = estimate._replace(aids=heard(estimate.aids, t_s))
-        result = fused(estimate, heading(t_s, 60.0 + (37.0 * k) % 240.0))
+        result = while_fixed(estimate, t_s, 60.0 + (37.0 * k) % 240.0)
         assert result.verdict.outcome is Outcome.GATED
         estimate = result.estimate
     assert estimate.state.q_nb == pytest.approx(LEVEL.q_nb, abs=1e-6)
@@ -177,8 +179,7 @@ def test_one_chance_agreement_does_not_spend_the_trust():
     estimate = agreed(60.0)
     for k in range(25):  # the mean of the innovations is far away for a while
         t_s = 60.2 + 0.2 * k
-        estimate = estimate._replace(aids=heard(estimate.aids, t_s))
-        estimate = fused(estimate, heading(t_s, 90.0 if k < 10 else 0.0)).estimate
+        estimate = while_fixed(estimate, t_s, 90.0 if k < 10 else 0.0).estimate
         if estimate.aids.track(Source.RTK_HEADING).run is None and k > 10:
             break
     assert estimate.aids.track(Source.RTK_HEADING).run is None  # it has agreed

@@ -99,6 +99,8 @@ def test_gps_error_takes_what_the_state_does_not():
     assert fused.estimate.aids.receivers.gps_error_n == pytest.approx(4 * shift, abs=2e-6)
     moved = np.subtract(fused.estimate.state.correction_n, estimate.state.correction_n)
     assert moved == pytest.approx(1e-4 * shift, abs=2e-9)
+    sigma_m = np.sqrt(np.diag(fused.estimate.covariance)[GPS_ERROR])
+    assert sigma_m == pytest.approx(math.sqrt(0.05**2 + 1e-4), rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -313,18 +315,6 @@ def test_fading_does_not_depend_on_how_often_something_is_used():
         estimate = result.estimate._replace(covariance=covariance, state=HOVER)
     expected = (3.0 * fade(10), 0.0, -6.0 * fade(10))
     assert estimate.aids.receivers.gps_error_n == pytest.approx(expected, abs=1e-12)
-
-
-def test_learned_while_rtk_is_there_to_its_noise():
-    """A known position: the error is learned to position_noise_m, and tied to nothing."""
-    covariance = np.diag(np.r_[np.full(15, 1e-8), np.square(CONFIG.gps.position_sigma_m)])
-    estimate = StateEstimate(HOVER, covariance, aids_used(rtk_s=9.9))
-    shift = (0.8, -1.0, 2.5)
-    result = Fusion(CONFIG).fuse(gps_fix(10.0, shift), estimate, ZERO).estimate
-    sigma = np.sqrt(np.diag(result.covariance)[GPS_ERROR])
-    assert sigma == pytest.approx([CONFIG.gps.position_noise_m] * 3, rel=0.01)
-    assert result.aids.receivers.gps_error_n == pytest.approx(shift, abs=0.02)
-    assert np.abs(result.state.correction_n).max() < 1e-6
 
 
 # Outages of RTK in flight

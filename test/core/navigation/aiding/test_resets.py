@@ -154,21 +154,17 @@ def test_gps_reset_changes_its_error_and_says_nothing_of_the_position():
     assert np.diag(sums) == pytest.approx([0.05**2 / 2] * 3, rel=0.01)
 
 
-def turning(t_s, turn_deg):
-    """A heading that is so far off the state's."""
-    yaw = float(euler_from_quat(np.array(START.q_nb))[2])
-    return replace(heading(t_s), heading_rad=yaw + math.radians(turn_deg))
-
-
 def turned(config, degrees, estimate=None):
     """The estimates before and after the reset to headings that are off, and when it came."""
     fusion, estimate = Fusion(config), estimate_of() if estimate is None else estimate
+    off_rad = float(euler_from_quat(np.array(START.q_nb))[2]) + math.radians(degrees)
     # The autopilot has turned as well: it is the state that is wrong.
     q_nb = quat_multiply(quat_from_euler(0.0, 0.0, math.radians(degrees)), np.array(START.q_nb))
     for k in range(400):
         t_s = 0.2 * k
         before = estimate._replace(aids=heard(estimate.aids, t_s))
-        verdict, estimate = fusion.fuse(turning(t_s, degrees), before, ZERO, autopilot_q_nb=q_nb)
+        sample = replace(heading(t_s), heading_rad=off_rad)
+        verdict, estimate = fusion.fuse(sample, before, ZERO, autopilot_q_nb=q_nb)
         if verdict.outcome is Outcome.RESET:
             return before, estimate, t_s
         assert not verdict.used

@@ -81,19 +81,6 @@ def against(found: list[Consistency], source: Source, rate_hz: float = 5.0) -> n
     return np.flatnonzero([kept.against is source for kept in found]) / rate_hz
 
 
-def squares(found: list[Consistency], rate_hz: float = 5.0) -> np.ndarray:
-    """The test's statistic of windows that do not overlap."""
-    step = round(rtk_consistency.WINDOW_NS * 1e-9 * rate_hz)
-    pairs = [kept.pairs[-1] for kept in found][5::step]
-    return np.array([distance(a, b, found[-1].lag)[0] for a, b in pairwise(pairs)])
-
-
-def squares_of_many(motion: tuple[Motion, Motion], rate_hz: float) -> np.ndarray:
-    """The same of 20 flights of 100 s."""
-    flights = [kept_over(motion, seed=seed, seconds=100.0, rate_hz=rate_hz) for seed in range(20)]
-    return np.concatenate([squares(found, rate_hz) for found in flights])
-
-
 # The statistic
 
 
@@ -104,7 +91,12 @@ def test_statistic_is_chi_square(rate_hz):
 
     Allowed: the ends of the integral counted whole, and the bends.
     """
-    found = squares_of_many(REST, rate_hz)
+    step, found = round(rtk_consistency.WINDOW_NS * 1e-9 * rate_hz), []
+    for seed in range(20):
+        kept = kept_over(REST, seed=seed, seconds=100.0, rate_hz=rate_hz)
+        pairs = [after.pairs[-1] for after in kept][5::step]  # windows that do not overlap
+        found += [distance(a, b, kept[-1].lag)[0] for a, b in pairwise(pairs)]
+    found = np.array(found)
     assert len(found) >= 960
     assert 3 * 0.92 - 0.23 < found.mean() < 3 + 0.23
     beyond = np.mean(found > chi_square_limit(2.0, 3))

@@ -174,19 +174,6 @@ def test_what_is_missing_is_named(missing, length_s, reason):
     assert reason in aligner.reason
 
 
-def test_a_fault_of_the_imu_is_not_called_a_lack_of_what_is_there():
-    """Of an aircraft without ordinary GPS, whose acceleration is in g, also after the wait."""
-    flown = flight(4, 50.0, "hover")
-    samples = samples_from(flown, 0.0, [Source.GPS_POSITION, Source.GPS_VELOCITY], 12.0)
-    in_g = [
-        replace(s, specific_force_b=s.specific_force_b / 9.81) if isinstance(s, ImuSample) else s
-        for s in samples
-    ]
-    result, aligner = aligned(in_g, config_for(flown))
-    assert result is None
-    assert aligner.reason == "imu/data: a mean force of 1.0 m/s2 is not gravity"
-
-
 def test_what_came_after_the_stamp_is_kept():
     """Ordinary GPS comes at once, RTK 150 ms later: that is ahead of the window's end."""
     flown = fly(scenario_from({"duration_s": 3.0, "rtk.arrival_delay_s": 0.15}), 1)
@@ -240,23 +227,6 @@ def test_memory_is_bounded_and_forever_waiting_is_cheap():
     assert not any(isinstance(s, PositionSample) for s in kept._aiding)
 
 
-def test_attitude_right_way_up():
-    """An IMU with its axes turned over is told, and not believed."""
-    flown = flight(4, 50.0, "hover")
-    flip = np.array([1.0, -1.0, -1.0])
-
-    def turned(s):
-        force_b, rate_b = flip * s.specific_force_b, flip * s.angular_rate_b
-        q_nb = quat_multiply(s.autopilot_q_nb, quat_from_euler(np.pi, 0.0, 0.0))
-        return ImuSample(s.stamp_ns, force_b, rate_b, q_nb)
-
-    samples = spoilt(samples_from(flown, 0.0, length_s=4.0), Source.IMU, turned)
-    config = config_for(flown, aircraft__rtk_antenna_m=(0.0, 0.0, 0.0))
-    result, aligner = aligned(samples, config)
-    assert result is None
-    assert "upside down: check its axes" in aligner.reason
-
-
 def test_trials_become_rarer_while_only_motion_is_missing(monkeypatch):
     """An IMU turned by 90 deg in its mount looks like biases that no motion ever shows."""
     flown = flight(3, 60.0, "lawnmower")
@@ -270,11 +240,12 @@ def test_trials_become_rarer_while_only_motion_is_missing(monkeypatch):
     monkeypatch.setattr(Aligner, "_outcome", outcome)
     aligner = Aligner(config_for(flown, **SIMULATED), use_heading=True)
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    for sample in samples_from(flown, 10.0, length_s=40.0):
-        if isinstance(sample, ImuSample):
-            turned = {"specific_force_b": turn @ sample.specific_force_b}
-            turned["angular_rate_b"] = turn @ sample.angular_rate_b
-            sample = replace(sample, **turned)  # noqa: PLW2901
+
+    def mounted(s):
+        force_b, rate_b = turn @ s.specific_force_b, turn @ s.angular_rate_b
+        return replace(s, specific_force_b=force_b, angular_rate_b=rate_b)
+
+    for sample in spoilt(samples_from(flown, 10.0, length_s=40.0), Source.IMU, mounted):
         assert aligner.add(sample) is None
     assert "needs motion" in aligner.reason
     late_s = np.array([at_s for at_s in trials_s if at_s > 20.0])
@@ -293,6 +264,10 @@ def faster(metres_s):
     return lambda s: replace(s, velocity_n=s.velocity_n + np.array([metres_s, 0.0, 0.0]))
 
 
+def backwards(s):
+    return replace(s, velocity_n=-s.velocity_n)
+
+
 def turned(deg):
     return lambda s: replace(s, heading_rad=s.heading_rad + math.radians(deg))
 
@@ -304,6 +279,24 @@ def swung(roll_deg=0.0, yaw_deg=0.0):
     return lambda s: replace(
         s, autopilot_q_nb=quat_multiply(yaw, quat_multiply(s.autopilot_q_nb, roll))
     )
+
+
+def upside_down(s):
+    flip = np.array([1.0, -1.0, -1.0])
+    q_nb = quat_multiply(s.autopilot_q_nb, quat_from_euler(np.pi, 0.0, 0.0))
+    return ImuSample(s.stamp_ns, flip * s.specific_force_b, flip * s.angular_rate_b, q_nb)
+
+
+def every_other_turned(s):
+    """Neither half of the headings, at 5 Hz, is right by its number."""
+    return turned(180.0)(s) if round(5e-9 * s.stamp_ns) % 2 else s
+
+
+def outcome(shape, source, change, *times_s, start_s=5.3, use_heading=True):
+    """A flight, its samples with a source changed between two times, the result, the aligner."""
+    flown = flight(7, 50.0, shape)
+    samples = spoilt(samples_from(flown, start_s), source, change, *times_s)
+    return flown, samples, *aligned(samples, config_for(flown), use_heading=use_heading)
 
 
 @pytest.mark.parametrize("at_s", [0.2, 0.5, 0.7, 0.9])
@@ -320,84 +313,86 @@ def swung(roll_deg=0.0, yaw_deg=0.0):
 )
 @pytest.mark.parametrize("shape", ["hover", "figure_eight"])
 def test_one_wrong_measurement_does_no_harm(shape, kind, change, at_s):
-    flown = flight(7, 50.0, shape)
+    flown, samples, result, _ = outcome(shape, kind, change, at_s, at_s + 0.19, start_s=9.3)
     clean = samples_from(flown, 9.3)
-    samples = spoilt(clean, kind, change, at_s, at_s + 0.19)
     assert sum(a is not b for a, b in zip(samples, clean, strict=True)) == 1
-    result, _ = aligned(samples, config_for(flown))
     assert_right(flown, result)
     assert duration_s(samples, result) < 3.0  # once it has left the window of 1 s
 
 
-def test_flipped_headings_wait_for_the_autopilot_to_agree():
-    """Two seconds of headings turned round: longer than the window, so all in it agree."""
-    flown = flight(7, 50.0, "hover")
-    samples = spoilt(samples_from(flown, 5.3), Source.RTK_HEADING, turned(180.0), 0.0, 2.0)
-    result, _ = aligned(samples, config_for(flown))
+@pytest.mark.parametrize(
+    ("shape", "source", "change", "times_s", "earliest_s", "latest_s"),
+    [
+        # Longer than the window, so that all headings in it agree: not with the autopilot.
+        ("hover", Source.RTK_HEADING, turned(180.0), (0.0, 2.0), 2.0, 4.0),
+        # Never right, and doubted from the first window on: positions serve instead.
+        ("figure_eight", Source.RTK_VELOCITY, backwards, (), WAIT_S, WAIT_S + 3.0),
+        ("figure_eight", Source.IMU, swung(roll_deg=20.0), (), WAIT_S, WAIT_S + 1.6),
+        ("figure_eight", Source.IMU, swung(yaw_deg=15.0), (), WAIT_S, WAIT_S + 1.6),
+    ],
+)
+def test_what_is_wrong_for_long_delays_but_does_not_block(
+    shape, source, change, times_s, earliest_s, latest_s
+):
+    flown, samples, result, _ = outcome(shape, source, change, *times_s)
     assert_right(flown, result)
-    assert 2.0 < duration_s(samples, result) < 4.0
+    assert earliest_s < duration_s(samples, result) < latest_s
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("shape", "source", "change", "lasts_s", "reason"),
     [
-        (swung(roll_deg=20.0), "the tilt found and the orientation in imu/data differ by"),
-        (swung(yaw_deg=15.0), "rtk/heading and the orientation in imu/data differ by"),
+        ("figure_eight", Source.IMU, swung(roll_deg=20.0), 3.0, "tilt found and the orientation"),
+        ("figure_eight", Source.IMU, swung(yaw_deg=15.0), 3.0, "rtk/heading and the orientation"),
+        # It is the antennas as likely as the compass: never waited out, a person must look.
+        *(
+            ("figure_eight", Source.IMU, swung(yaw_deg=yaw_deg), 14.0, "aircraft.second_antenna_m")
+            for yaw_deg in (25.0, -90.0, 180.0)
+        ),
+        ("hover", Source.IMU, upside_down, 4.0, "upside down: check its axes"),
+        ("hover", Source.RTK_HEADING, every_other_turned, 4.0, "rtk/heading disagree"),
     ],
 )
-def test_a_wrong_autopilot_delays_but_does_not_block(change, reason):
-    flown = flight(7, 50.0, "figure_eight")
-    samples = spoilt(samples_from(flown, 5.3), Source.IMU, change)
-    early = [s for s in samples if s.stamp_ns < samples[0].stamp_ns + 3_000_000_000]
-    result, aligner = aligned(early, config_for(flown))
-    assert result is None
-    assert reason in aligner.reason
-    result, _ = aligned(samples, config_for(flown))
-    assert_right(flown, result)
-    assert WAIT_S < duration_s(samples, result) < WAIT_S + 1.6
-
-
-@pytest.mark.parametrize("yaw_deg", [25.0, -90.0, 180.0])
-def test_a_heading_far_from_the_autopilots_is_never_waited_out(yaw_deg):
-    """It is the antennas as likely as the compass: a person must look."""
-    flown = flight(7, 50.0, "figure_eight")
-    samples = spoilt(samples_from(flown, 5.3), Source.IMU, swung(yaw_deg=yaw_deg))
+def test_what_contradicts_the_rest_is_refused_and_named(shape, source, change, lasts_s, reason):
+    flown = flight(7, 50.0, shape)
+    samples = spoilt(samples_from(flown, 5.3, length_s=lasts_s), source, change)
     result, aligner = aligned(samples, config_for(flown))
     assert result is None
-    assert "aircraft.second_antenna_m" in aligner.reason
+    assert reason in aligner.reason
+
+
+def test_a_fault_of_the_imu_is_not_called_a_lack_of_what_is_there():
+    """Of an aircraft without ordinary GPS, whose acceleration is in g, also after the wait."""
+    flown = flight(4, 50.0, "hover")
+    samples = samples_from(flown, 0.0, [Source.GPS_POSITION, Source.GPS_VELOCITY], 12.0)
+    in_g = spoilt(
+        samples, Source.IMU, lambda s: replace(s, specific_force_b=s.specific_force_b / 9.81)
+    )
+    result, aligner = aligned(in_g, config_for(flown))
+    assert result is None
+    assert aligner.reason == "imu/data: a mean force of 1.0 m/s2 is not gravity"
 
 
 def test_one_glitch_of_the_autopilot_is_no_heading():
     """Method ekf: the last attitude before the window's end is 90 deg off."""
-    flown = flight(7, 50.0, "hover")
-    samples = spoilt(samples_from(flown, 5.3), Source.IMU, swung(yaw_deg=90.0), 0.995, 1.005)
-    result, _ = aligned(samples, config_for(flown), use_heading=False)
+    flown, _, result, _ = outcome(
+        "hover", Source.IMU, swung(yaw_deg=90.0), 0.995, 1.005, use_heading=False
+    )
     assert_right(flown, result)
 
 
 def test_an_attitude_that_stays_while_the_aircraft_turns_is_refused():
     """It turns at 35 deg/s."""
-    flown = flight(7, 50.0, "figure_eight")
-    samples = samples_from(flown, 9.3, length_s=20.0)
-    still = spoilt(
-        samples, Source.IMU, lambda s: replace(s, autopilot_q_nb=samples[0].autopilot_q_nb)
+    q_nb = samples_from(flight(7, 50.0, "figure_eight"), 9.3)[0].autopilot_q_nb
+    *_, result, aligner = outcome(
+        "figure_eight",
+        Source.IMU,
+        lambda s: replace(s, autopilot_q_nb=q_nb),
+        start_s=9.3,
+        use_heading=False,
     )
-    result, aligner = aligned(still, config_for(flown), use_heading=False)
     assert result is None
     assert "follows the gyroscopes" in aligner.reason
-
-
-def test_a_velocity_that_never_fits_gives_way_to_positions():
-    """The velocity's sign is wrong, all the time."""
-    flown = flight(7, 50.0, "figure_eight")
-    samples = spoilt(
-        samples_from(flown, 5.3),
-        Source.RTK_VELOCITY,
-        lambda s: replace(s, velocity_n=-s.velocity_n),
-    )
-    result, _ = aligned(samples, config_for(flown))
-    assert_right(flown, result)
-    assert WAIT_S < duration_s(samples, result) < WAIT_S + 3.0  # doubted from the first window on
 
 
 def test_a_frozen_imu_does_not_align():
@@ -431,20 +426,3 @@ def test_no_window_spans_a_gap_of_the_imu(end_s, begins_s):
     result, _ = aligned(holed, config_for(flown))
     assert_right(flown, result)
     assert begins_s + 1.0 <= duration_s(samples, result) < begins_s + 1.0 + 0.5
-
-
-def test_headings_that_disagree_wait():
-    """Half of them turned round: neither half is right by its number."""
-    flown = flight(7, 50.0, "hover")
-    samples = samples_from(flown, 5.3, length_s=4.0)
-    count = 0
-
-    def every_other(sample):
-        nonlocal count
-        count += 1
-        return turned(180.0)(sample) if count % 2 else sample
-
-    samples = [every_other(s) if isinstance(s, HeadingSample) else s for s in samples]
-    result, aligner = aligned(samples, config_for(flown))
-    assert result is None
-    assert "rtk/heading disagree" in aligner.reason

@@ -22,10 +22,6 @@ from tirgeo_ros.core.types.verdicts import FilterState
 DURATION_S = 8.0
 
 
-def newest(flown, source):
-    return next(s for s in reversed(navigation_samples(flown)) if s.source is source)
-
-
 def test_states_and_reasons():
     flown = flight(duration_s=DURATION_S)
     navigation = Navigation(config_for(flown))
@@ -58,7 +54,8 @@ def test_states_and_reasons():
 
 def test_silent_receiver_has_no_status():
     flown = flight(duration_s=DURATION_S)
-    navigation, imu = filtered(flown).navigation, newest(flown, Source.IMU)
+    navigation = filtered(flown).navigation
+    imu = [s for s in navigation_samples(flown) if isinstance(s, ImuSample)][-1]
     for step in range(1, 251):  # a live IMU goes on: every sample a little different
         rate_b = imu.angular_rate_b + 1e-5 * (step % 7)
         stamp_ns = imu.stamp_ns + step * 10_000_000
@@ -213,23 +210,19 @@ def pose(stamp_ns: int, north_m: float) -> BodyPose:
     return BodyPose(stamp_ns, np.array([north_m, 0.0, -20.0]), np.eye(4)[0], np.eye(6))
 
 
-def norths(track: Track) -> list[float]:
-    return track.points()
-
-
 def track_of_norths() -> Track:
     return Track(lambda body: float(body.position_n[0]))
 
 
 def test_points_are_a_metre_apart_and_the_last_is_the_aircraft():
     track = track_of_norths()
-    assert norths(track) == []
+    assert track.points() == []
     for k in range(45):
         track.add(pose(k, 0.1 * k))
-    np.testing.assert_allclose(norths(track), [0.0, 1.0, 2.0, 3.0, 4.0, 4.4], atol=1e-9)
+    np.testing.assert_allclose(track.points(), [0.0, 1.0, 2.0, 3.0, 4.0, 4.4], atol=1e-9)
     for k in range(45, 1000):
         track.add(pose(k, 4.4))  # a hover adds nothing
-    assert len(norths(track)) == 6
+    assert len(track.points()) == 6
 
 
 def test_a_long_flight_stays_whole_in_few_points():
@@ -237,8 +230,8 @@ def test_a_long_flight_stays_whole_in_few_points():
     longest = 0
     for k in range(5000):
         track.add(pose(k, float(k)))
-        longest = max(longest, len(norths(track)))
-    result = norths(track)
+        longest = max(longest, len(track.points()))
+    result = track.points()
     assert longest <= MOST_POINTS + 1
     assert (result[0], result[-1]) == (0.0, 4999.0)
     assert set(np.diff(result[:-1])) == {8.0}
@@ -250,6 +243,6 @@ def test_a_stamp_that_goes_back_begins_a_new_track():
     for k in range(5):
         track.add(pose(k, float(k)))
     track.add(pose(1, 50.0))
-    assert norths(track) == [50.0]
+    assert track.points() == [50.0]
     track.clear()
-    assert norths(track) == []
+    assert track.points() == []

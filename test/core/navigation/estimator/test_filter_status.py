@@ -36,43 +36,37 @@ def aids_used(*sources, status=FixStatus.FIXED, age_ns=0):
     return aids.with_status(status, NOW_NS - age_ns, TIMEOUT_NS)
 
 
+ALL_MISSING = "no rtk/fix, rtk/vel, rtk/heading, gps/fix"
+
+
 @pytest.mark.parametrize(
-    ("sources", "state", "reason"),
+    ("aids", "state", "reason"),
     [
-        (RTK, FilterState.RUNNING, ""),
-        ((*RTK, Source.GPS_POSITION, Source.GPS_VELOCITY), FilterState.RUNNING, ""),
-        (RTK[:2], FilterState.DEGRADED, "no rtk/heading"),
-        ((RTK[0], RTK[2]), FilterState.DEGRADED, "no rtk/vel"),
-        (RTK[1:], FilterState.DEAD_RECKONING, "no rtk/fix, gps/fix"),
-        ((*RTK[1:], Source.GPS_POSITION), FilterState.DEGRADED, "no rtk/fix"),
+        (aids_used(*RTK), FilterState.RUNNING, ""),
+        (aids_used(*RTK, Source.GPS_POSITION, Source.GPS_VELOCITY), FilterState.RUNNING, ""),
+        (aids_used(*RTK[:2]), FilterState.DEGRADED, "no rtk/heading"),
+        (aids_used(RTK[0], RTK[2]), FilterState.DEGRADED, "no rtk/vel"),
+        (aids_used(*RTK[1:]), FilterState.DEAD_RECKONING, "no rtk/fix, gps/fix"),
+        (aids_used(*RTK[1:], Source.GPS_POSITION), FilterState.DEGRADED, "no rtk/fix"),
         (
-            (Source.GPS_POSITION, Source.GPS_VELOCITY),
+            aids_used(Source.GPS_POSITION, Source.GPS_VELOCITY),
             FilterState.DEGRADED,
             "no rtk/fix, rtk/vel, rtk/heading",
         ),
-        ((), FilterState.DEAD_RECKONING, "no rtk/fix, rtk/vel, rtk/heading, gps/fix"),
+        (aids_used(), FilterState.DEAD_RECKONING, ALL_MISSING),
+        (aids_used(Source.GPS_VELOCITY), FilterState.DEAD_RECKONING, ALL_MISSING),
+        # Missing after their time out.
+        (aids_used(*RTK, age_ns=TIMEOUT_NS), FilterState.RUNNING, ""),
+        (aids_used(*RTK, age_ns=TIMEOUT_NS + 1), FilterState.DEAD_RECKONING, ALL_MISSING),
         (
-            (Source.GPS_VELOCITY,),
-            FilterState.DEAD_RECKONING,
-            "no rtk/fix, rtk/vel, rtk/heading, gps/fix",
+            aids_used(*RTK[:2], status=FixStatus.FLOAT),
+            FilterState.DEGRADED,
+            "rtk/fix is float, no rtk/heading",
         ),
     ],
 )
-def test_state_names_what_is_missing(sources, state, reason):
-    assert health().state(aids_used(*sources), NOW_NS) == (state, reason)
-
-
-@pytest.mark.parametrize(
-    ("age_ns", "state"),
-    [(TIMEOUT_NS, FilterState.RUNNING), (TIMEOUT_NS + 1, FilterState.DEAD_RECKONING)],
-)
-def test_aids_are_missing_after_their_time_out(age_ns, state):
-    assert health().state(aids_used(*RTK, age_ns=age_ns), NOW_NS)[0] is state
-
-
-def test_a_float_fix_is_named():
-    result = health().state(aids_used(*RTK[:2], status=FixStatus.FLOAT), NOW_NS)
-    assert result == (FilterState.DEGRADED, "rtk/fix is float, no rtk/heading")
+def test_state_names_what_is_missing(aids, state, reason):
+    assert health().state(aids, NOW_NS) == (state, reason)
 
 
 def test_what_comes_and_is_refused_is_said_to_be_refused():
@@ -95,8 +89,7 @@ def test_what_comes_and_is_refused_is_said_to_be_refused():
 # Lost
 
 
-def covariance_of():
-    return np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * 9) ** 2
+COVARIANCE = np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * 9) ** 2
 
 
 @pytest.mark.parametrize(
@@ -111,7 +104,7 @@ def covariance_of():
     ],
 )
 def test_lost_beyond_the_sigmas(place, sigma, why):
-    covariance = covariance_of()
+    covariance = COVARIANCE.copy()
     covariance[place, place] = (sigma**2).real
     assert health().lost(aids_used(*RTK), covariance) == why
     spoiled = why in {"not finite", "a negative variance"}
@@ -121,11 +114,10 @@ def test_lost_beyond_the_sigmas(place, sigma, why):
 def test_lost_after_resets_that_do_not_help():
     aids = aids_used(*RTK)
     for second in range(3):
-        assert health().lost(aids, covariance_of()) == ""
+        assert health().lost(aids, COVARIANCE) == ""
         aids = aids.with_reset(Source.RTK_POSITION, NOW_NS + second * SECOND_NS, "moved")
-    expected = "reset repeatedly: moved"
-    assert health().lost(aids, covariance_of()) == expected
-    assert health().spoiled(aids, covariance_of())
+    assert health().lost(aids, COVARIANCE) == "reset repeatedly: moved"
+    assert health().spoiled(aids, COVARIANCE)
 
 
 # What a receiver admits
@@ -163,12 +155,9 @@ def test_the_mean_is_that_of_half_a_minute():
     assert log.nis(now_ns) == {"rtk_velocity": pytest.approx(1.0)}
     log, now_ns = filled([9.0] * 225 + [1.0] * 76)
     assert log.nis(now_ns)["rtk_velocity"] == pytest.approx((75 * 9 + 76) / 151)
-
-
-@pytest.mark.parametrize("number", [19, 20])
-def test_few_say_nothing(number):
-    log, now_ns = filled([9.0] * number)
-    assert bool(log.nis(now_ns)) is bool(list(log.warnings(now_ns))) is (number == 20)
+    for number in (19, 20):  # few say nothing
+        log, now_ns = filled([9.0] * number)
+        assert bool(log.nis(now_ns)) is bool(list(log.warnings(now_ns))) is (number == 20)
 
 
 def test_what_is_high_is_named_with_what_to_look_at():

@@ -25,13 +25,11 @@ from tirgeo_ros.core.navigation.ins.strapdown import propagate
 IMU, CONFIG = ImuConfig(), ekf_config()
 WITH_ANTENNA = EkfConfig()  # not measured
 #: Steps of the differences: small against the curvature of the model, large against rounding.
-FORCE = (0.0, 0.0, -9.8)
-BIASES = ((1e-4, -2e-4, 3e-4), (0.01, 0.02, -0.03))
 STEPS = np.array([1e-4] * 3 + [1e-2] * 3 + [10.0] * 3 + [1e-4] * 3 + [1e-2] * 3)
 
 
 def state_of(lat, roll, pitch, yaw, velocity_n):
-    biases = {"gyro_bias_b": BIASES[0], "accel_bias_b": BIASES[1]}
+    biases = {"gyro_bias_b": (1e-4, -2e-4, 3e-4), "accel_bias_b": (0.01, 0.02, -0.03)}
     return state_at(lat, 1.0, 120.0, tuple(velocity_n), (roll, pitch, yaw), **biases)
 
 
@@ -112,7 +110,7 @@ def test_gauss_markov_errors_keep_their_standard_deviation(config):
     covariance = np.diag(sigmas**2)
     state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
     propagation = CovariancePropagation(config)
-    _, rates = propagate(state, FORCE, (0.0,) * 3, 0.01)
+    _, rates = propagate(state, (0.0, 0.0, -9.8), (0.0,) * 3, 0.01)
     for _ in range(2000):  # 20 s: one correlation time of the fastest axis
         covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.01)
     # Euler noise against the exact discrete one differs by dt/tau = 5e-4 at most.

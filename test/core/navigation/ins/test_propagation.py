@@ -260,9 +260,7 @@ def test_update_is_the_information_form(seed, size):
 def test_nearly_exact_measurement_stays_positive(seed, size):
     """Where (I - K H) P would lose its sign: noise 1e-12 of the covariance."""
     covariance, measurement = problem(seed, size)
-    exact = Measurement(
-        np.zeros(size), measurement.design, 1e-12 * np.eye(size), measurement.gate_sigma
-    )
+    exact = measurement._replace(innovation=np.zeros(size), noise=1e-12 * np.eye(size))
     result = update(covariance, exact).covariance
     np.testing.assert_array_equal(result, result.T)
     assert np.linalg.eigvalsh(result)[0] > -1e-14

@@ -111,9 +111,6 @@ def test_attitude_of_a_constant_rate_is_its_exponential(rate_b, gyro_bias):
     assert angle_between(expected, start.q_nb) == pytest.approx(EARTH_RATE_RAD_S, rel=1e-6)
 
 
-# Biases, rates and what is carried along
-
-
 # Turns
 
 

@@ -15,16 +15,16 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.calibrate.imu import imu_block
 
 SECOND_NS = 1_000_000_000
-RNG = np.random.default_rng(3)
-GRAVITY = np.array([0, 0, -9.8])
-NOISE = RNG.normal(size=(4000, 6)) * 0.01
+NOISE = np.random.default_rng(3).normal(size=(4000, 6)) * 0.01
 
 
 def live(k, t_s=None):
     """The k-th sample of a 100 Hz IMU."""
     t_s = 0.01 * k if t_s is None else t_s
-    noise = NOISE[k % len(NOISE)]
-    return ImuSample(1000 * SECOND_NS + round(t_s * SECOND_NS), noise[:3] + GRAVITY, noise[3:])
+    force_b, rate_b = np.split(NOISE[k % len(NOISE)], 2)
+    return ImuSample(
+        1000 * SECOND_NS + round(t_s * SECOND_NS), force_b + np.array([0, 0, -9.8]), rate_b
+    )
 
 
 def outcomes(clock, samples):
@@ -87,16 +87,19 @@ def test_a_gap_up_to_the_limit_is_bridged_with_no_sample_lost(gap_s):
     assert used == [live(0, 0.99 + gap_s + 0.01 * k).stamp_ns for k in range(20)]
 
 
-@pytest.mark.parametrize("gap_s", [0.21, 1.0, 3600.0])
-def test_a_longer_gap_begins_another_time_and_says_so(gap_s):
-    clock = started()
+@pytest.mark.parametrize(
+    ("max_gap_s", "gap_s"),
+    # Of less than two slow samples, too.
+    [(0.2, 0.21), (0.2, 1.0), (0.2, 3600.0), (0.025, 0.045), (0.04, 0.045)],
+)
+def test_a_longer_gap_begins_another_time_and_says_so(max_gap_s, gap_s):
+    clock = started(max_gap_s)
     first = clock.check(live(100, 0.99 + gap_s))
     assert (first.outcome, first.use) == (Outcome.WAITING, ())
     assert first.reason == f"{gap_s:.3f} s after the previous one: the next one decides"
     second = clock.check(live(101, 1.0 + gap_s))
-    assert (second.outcome, second.begins) == (Outcome.GAP, True)
+    assert (second.outcome, second.begins, len(second.use)) == (Outcome.GAP, True, 2)
     assert second.reason == f"no imu/data for {gap_s + 0.01:.3f} s"
-    assert len(second.use) == 2
     assert clock.check(live(102, 1.01 + gap_s)).outcome is Outcome.USED
 
 
@@ -152,30 +155,18 @@ def test_a_sensor_that_thaws_goes_on_or_begins(number, begins):
     assert {c.outcome for c in result[-30:]} == {Outcome.USED}
 
 
-def test_a_simulator_without_noise_is_not_frozen():
-    """Readings that never changed prove nothing."""
-    clock = ImuClock(0.2)
-    still = [replace(live(0), stamp_ns=live(k).stamp_ns) for k in range(500)]
-    assert set(outcomes(clock, still)) == {Outcome.USED}
-
-
-def test_a_400_hz_imu_that_is_filled_up_is_not_frozen():
-    """Each reading sent four times at 400 Hz: repeats, but not for long."""
-    clock = ImuClock(0.2)
-    result = outcomes(clock, [live(k // 4, 0.0025 * k) for k in range(4000)])
-    assert set(result) == {Outcome.USED}
-
-
-# Spikes
-
-
-@pytest.mark.parametrize("max_gap_s", [0.025, 0.04])
-def test_a_gap_allowed_for_less_than_two_slow_samples_is_held_to(max_gap_s):
-    clock = started(max_gap_s)
-    first = clock.check(live(104, 1.035))  # 0.045 s after the newest: the next decides
-    assert (first.outcome, first.use) == (Outcome.WAITING, ())
-    second = clock.check(live(105, 1.045))
-    assert (second.outcome, second.begins, len(second.use)) == (Outcome.GAP, True, 2)
+@pytest.mark.parametrize(
+    "readings",
+    [
+        # A simulator without noise: readings that never changed prove nothing.
+        [replace(live(0), stamp_ns=live(k).stamp_ns) for k in range(500)],
+        # Each reading sent four times at 400 Hz: repeats, but not for long.
+        [live(k // 4, 0.0025 * k) for k in range(4000)],
+    ],
+    ids=["no noise", "filled up"],
+)
+def test_an_imu_that_repeats_itself_is_not_frozen(readings):
+    assert set(outcomes(ImuClock(0.2), readings)) == {Outcome.USED}
 
 
 START_NS = 1_700_000_000_000_000_000

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from filter_states import estimate_of, state_of
-from flights import config_for, errors, navigation_samples, rms
+from flights import errors, navigation_samples, rms
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
@@ -94,11 +94,11 @@ def test_the_covariance_is_that_of_the_differences(seed):
     assert result == pytest.approx(np.outer(changed, changed), abs=1e-3)
 
 
-def flown_with(shape, seed, config, up_m=UP_M):
+def flown_with(shape, config):
     """A flight of 60 s with the antenna above the IMU; what is published, and the estimate."""
-    places = {"rtk.lever_arm_m": (0.0, 0.0, up_m), "rtk.second_antenna_m": (1.0, 0.0, up_m)}
-    flight = fly(scenario_from({"duration_s": 60.0, "route.shape": shape, **places}), seed)
-    navigation = Navigation(config or config_for(flight))
+    places = {"rtk.lever_arm_m": (0.0, 0.0, UP_M), "rtk.second_antenna_m": (1.0, 0.0, UP_M)}
+    flight = fly(scenario_from({"duration_s": 60.0, "route.shape": shape, **places}), 2)
+    navigation = Navigation(config)
     steps = [navigation.process(sample) for sample in navigation_samples(flight)]
     published = [step.solution for step in steps if step.solution is not None]
     return flight, published, navigation._ekf.estimate()
@@ -126,7 +126,7 @@ def seen_from_antenna(flight):
 @pytest.mark.parametrize("shape", ["lawnmower", "hover", "figure_eight"])
 def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
     """Default parameters, the antenna 0.3 m above the IMU."""
-    flight, published, estimate = flown_with(shape, 2, EkfConfig())
+    flight, published, estimate = flown_with(shape, EkfConfig())
     late = errors(seen_from_antenna(flight), published).after(20.0)
     # RTK's own noise is 1, 1, 2 cm: the published place is better than one fix.
     assert (rms(late.state[:, :3]) < [0.01, 0.01, 0.02]).all()
@@ -160,7 +160,7 @@ def test_the_parameters_say_whether_the_place_is_estimated(values, states):
 
 
 def test_a_place_that_is_estimated_from_a_measured_one_leaves_base_link_at_the_imu():
-    flight, published, estimate = flown_with("figure_eight", 2, config_from(EkfConfig, MOUNTED))
+    flight, published, estimate = flown_with("figure_eight", config_from(EkfConfig, MOUNTED))
     late = errors(flight, published).after(20.0)
     sigma_m = float(np.sqrt(estimate.covariance[20, 20]))
     # Five centimetres to find; down and the height found are one error.

@@ -130,12 +130,12 @@ class Navigation:
         else:
             step = Step(self._process_aiding(sample))
         self._count(step.verdict)
+        self._enter(self._state()[0])
         return step
 
     def status(self) -> NavigationStatus:
         """Return the estimator's state and its diagnostics."""
         state, reason = self._state()
-        self._enter(state)
         resets, last_reset = self._reset_counts()
         now_ns, newest = self._clocks.now_ns, self._newest
         variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
@@ -162,7 +162,6 @@ class Navigation:
     def state_and_resets(self) -> tuple[FilterState, int]:
         """Return the state and the number of resets, at a tenth of what ``status`` costs."""
         state, _ = self._state()
-        self._enter(state)
         of_this = sum(self._ekf.aids.resets) if self._ekf else 0
         return state, self._resets.total() + of_this
 
