@@ -124,6 +124,7 @@ class Flight:
         self._sink: MessageSink | None = None
         self._takers: defaultdict[str, list[Callable[[Sample], object]]] = defaultdict(list)
         self._to_smooth: list[FlightPoses] = []
+        self._unwanted = 0
         self._cdr = Cdr()
 
     @property
@@ -252,12 +253,14 @@ class Flight:
         return content
 
     def _take(self, topic: str, message: BagMessage, content: object | None) -> None:
-        """Process a message; what no sink wants is shown to the checks alone."""
+        """Process a message; of what no sink wants, the checks alone get each tenth."""
         self.now_ns = message.log_time_ns
         if self.begun_ns is None:
             self.begun_ns = self.now_ns
         if self._sink is not None and not self._sink.wants(topic):
-            if self._checks is not None and not isinstance(content, MessageError):
+            self._unwanted += 1
+            skipped = self._unwanted % 10 or isinstance(content, MessageError)
+            if self._checks is not None and not skipped:
                 with suppress(TirgeoError):
                     self._checks.sample(topic, SAMPLES[topic](content), self.now_ns)
             return

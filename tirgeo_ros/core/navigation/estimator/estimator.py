@@ -130,7 +130,8 @@ class Navigation:
         else:
             step = Step(self._process_aiding(sample))
         self._count(step.verdict)
-        self._enter(self._state()[0])
+        if self._ekf is None or self._clocks.silence_ns:  # else the next IMU sample shows it
+            self._enter(self._state()[0])
         return step
 
     def status(self) -> NavigationStatus:
