@@ -119,7 +119,7 @@ class Navigation:
 
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample, whatever is in it; return its verdict, and a solution if one is due."""
-        fault = fault_of(sample)
+        fault, has_begun = fault_of(sample), self._ekf is not None
         if fault:
             step = Step(Verdict(sample.source, Outcome.INVALID, fault))
         elif isinstance(sample, ImuSample):
@@ -130,7 +130,7 @@ class Navigation:
         else:
             step = Step(self._process_aiding(sample))
         self._count(step.verdict)
-        if self._ekf is None or self._clocks.silence_ns:  # else the next IMU sample shows it
+        if not has_begun or self._clocks.silence_ns:  # else the next IMU sample shows it
             self._enter(self._state()[0])
         return step
 
