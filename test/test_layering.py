@@ -124,7 +124,7 @@ def test_the_core_is_silent(name):
 FOR_PEOPLE = ("/diagnostics", "tirgeo/targets/markers")
 #: What declares, publishes or records them, or says who does.
 NAMES_THEM = {
-    "tirgeo_ros.io.messages.sensor_messages",
+    "tirgeo_ros.io.messages.topics",
     "tirgeo_ros.nodes.aircraft_view",
     "tirgeo_ros.nodes.graph_node",
     "tirgeo_ros.nodes.recordings",

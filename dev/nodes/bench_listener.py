@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
-from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 

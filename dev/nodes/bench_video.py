@@ -17,7 +17,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import Q_BODY_OPTICAL, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH
+from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.runner import run
 

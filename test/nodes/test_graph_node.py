@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.messages import TopicState
-from tirgeo_ros.io.messages.sensor_messages import offered_qos
+from tirgeo_ros.io.messages.topics import offered_qos
 from tirgeo_ros.nodes import monitor as monitor_module
 from tirgeo_ros.nodes.dji_node import DjiNode
 from tirgeo_ros.nodes.ekf_node import EkfNode

@@ -41,9 +41,9 @@ def test_both_kinds_give_the_same_bytes(name):
     ("name", "decode"),
     [
         ("imu", messages.imu_sample),
-        ("heading", messages.decode.heading_sample),
-        ("position", lambda m: messages.decode.position_sample(m, given.POSITION.source)),
-        ("velocity", lambda m: messages.decode.velocity_sample(m, given.VELOCITY.source)),
+        ("heading", messages.sensor_messages.heading_sample),
+        ("position", lambda m: messages.sensor_messages.position_sample(m, given.POSITION.source)),
+        ("velocity", lambda m: messages.sensor_messages.velocity_sample(m, given.VELOCITY.source)),
         ("joints", messages.joint_sample),
         ("camera attitude", messages.camera_attitude),
         ("odometry", messages.body_pose),

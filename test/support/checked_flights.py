@@ -26,7 +26,7 @@ from tirgeo_ros.core.types.measurements import JointSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import sensed
-from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.io.messages.result_messages import Messages
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registration
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight

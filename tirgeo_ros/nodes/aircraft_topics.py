@@ -39,7 +39,7 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH, STREAM_DEPTH
+from tirgeo_ros.io.messages.topics import IMAGE_DEPTH, STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 
 VIDEO, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"

@@ -30,7 +30,7 @@ from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES, SensedSample, stamp_ns
-from tirgeo_ros.io.messages.sensor_messages import offered_qos
+from tirgeo_ros.io.messages.topics import offered_qos
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output, topic_names
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.runner import run

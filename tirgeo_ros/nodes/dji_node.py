@@ -25,7 +25,7 @@ from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, sensed, stamp_ns
-from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN

@@ -18,7 +18,7 @@ from tirgeo_ros.io.messages import (
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, Transforms, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import given_names

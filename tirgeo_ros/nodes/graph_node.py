@@ -37,7 +37,7 @@ from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
 )
-from tirgeo_ros.io.messages.sensor_messages import OUTPUT_DEPTH, STREAM_DEPTH, TF_DEPTH
+from tirgeo_ros.io.messages.topics import OUTPUT_DEPTH, STREAM_DEPTH, TF_DEPTH
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
 

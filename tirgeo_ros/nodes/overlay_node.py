@@ -39,7 +39,7 @@ from tirgeo_ros.io.messages import (
     tangent_plane,
     targets_of,
 )
-from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH
+from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.map_watch import MapWatch

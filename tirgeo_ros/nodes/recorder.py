@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import RecorderConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.io.messages.sensor_messages import offered_qos
+from tirgeo_ros.io.messages.topics import offered_qos
 from tirgeo_ros.nodes.graph_node import (
     GraphNode,
     latched,

@@ -34,9 +34,12 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io import messages
 from tirgeo_ros.io.messages import SENSED_SAMPLES, sensed
-from tirgeo_ros.io.messages.decode import heading_sample, position_sample, velocity_sample
-from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
-from tirgeo_ros.io.messages.message_parts import covariance_turned_world, quat_turned_world
+from tirgeo_ros.io.messages.message_parts import (
+    UNKNOWN_VARIANCE,
+    covariance_turned_world,
+    quat_turned_world,
+)
+from tirgeo_ros.io.messages.sensor_messages import heading_sample, position_sample, velocity_sample
 
 unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
     lambda q: np.linalg.norm(q) > 1e-3

@@ -13,7 +13,7 @@ from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_file import TopicForm
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
-from tirgeo_ros.io.messages.sensor_messages import offered_qos
+from tirgeo_ros.io.messages.topics import offered_qos
 
 #: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
 #: QoS as words, not numbers; counts and times come from the summary at the end of the file.

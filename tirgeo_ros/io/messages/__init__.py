@@ -4,18 +4,6 @@ Only this package knows them. It works with both kinds of message classes, rclpy
 bags are read with: attributes and keyword arguments have the same names.
 """
 
-from tirgeo_ros.io.messages.decode import (
-    body_pose,
-    camera_attitude,
-    camera_pose,
-    ground_point,
-    imu_sample,
-    joint_sample,
-    pixel,
-    stamp_ns,
-    tangent_plane,
-)
-from tirgeo_ros.io.messages.encode import DiagnosticItem, Messages, navigation_item
 from tirgeo_ros.io.messages.json_codec import (
     FINDINGS_TOPIC,
     STATE_TOPIC,
@@ -28,17 +16,31 @@ from tirgeo_ros.io.messages.json_codec import (
     node_state,
     targets_of,
 )
+from tirgeo_ros.io.messages.message_parts import stamp_ns
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
+from tirgeo_ros.io.messages.result_messages import (
+    DiagnosticItem,
+    Messages,
+    body_pose,
+    camera_pose,
+    ground_point,
+    navigation_item,
+    pixel,
+    tangent_plane,
+)
 from tirgeo_ros.io.messages.sensor_messages import (
     DJI_TOPICS,
     NAVIGATION_INPUTS,
     SENSED_SAMPLES,
     SENSED_TOPICS,
-    TOPIC_TYPES,
     SensedSample,
+    camera_attitude,
+    imu_sample,
+    joint_sample,
     sensed,
     topic_of,
 )
+from tirgeo_ros.io.messages.topics import TOPIC_TYPES
 
 __all__ = [
     "DJI_TOPICS",

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.config import FrameIds, FramesConfig
-from tirgeo_ros.core.frames.rotations import ENU_NED
+from tirgeo_ros.core.frames.rotations import ENU_NED, quat_turned_both
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.arrays import Array, Quaternion
@@ -22,11 +22,22 @@ from tirgeo_ros.core.types.poses import NavSolution
 _HALF = math.sqrt(0.5)
 #: The rotation between equal axes.
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
-#: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes y
-#: and z point the other way, x does not.
-JOINT_SIGNS = {"gimbal_yaw_joint": -1.0, "gimbal_roll_joint": 1.0, "gimbal_pitch_joint": -1.0}
-#: Frame of joint messages that were computed without encoders: the topic of their source.
-COMPUTED_FROM = "gimbal/attitude"
+#: Variance of an unknown value, where a reader takes any number for a variance: so large that it
+#: has no weight. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
+UNKNOWN_VARIANCE = 1e6
+COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
+_SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
+
+
+def stamp_ns(msg: Any) -> int:
+    """Return the header's stamp in nanoseconds."""
+    stamp = msg.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def frd_ned(q: Any) -> Array:
+    """Convert a message's quaternion, FLU to ENU, to that of FRD to NED (4,)."""
+    return np.array(quat_turned_both(q.w, q.x, q.y, q.z))
 
 
 def quat_turned_world(w: float, x: float, y: float, z: float) -> Quaternion:
@@ -58,10 +69,6 @@ def covariance_turned_world(covariance: Array, size: int) -> Array:
     turned: Array = np.asarray(covariance).take(source)
     turned *= sign
     return turned
-
-
-_SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
-COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 
 
 class MessageParts:
@@ -97,27 +104,6 @@ class MessageParts:
     def _vector(self, xyz: Sequence[float]) -> Any:
         x, y, z = xyz
         return self._class("geometry_msgs/msg/Vector3")(x=x, y=y, z=z)
-
-    def _imu(
-        self,
-        stamp_ns: int,
-        attitude: tuple[Quaternion, Array],
-        rate: tuple[Array, Array],
-        force: tuple[Array, Array],
-    ) -> Any:
-        """Return ``sensor_msgs/Imu``: attitude wxyz FLU to ENU, (3,) FRD; covariances (9,)."""
-        (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
-        return self.stamped(
-            "sensor_msgs/msg/Imu",
-            stamp_ns,
-            self.frames.base_link,
-            orientation=self._quaternion(positive(attitude[0])),
-            orientation_covariance=attitude[1],
-            angular_velocity=self._vector((rate_x, -rate_y, -rate_z)),
-            angular_velocity_covariance=rate[1],
-            linear_acceleration=self._vector((x, -y, -z)),
-            linear_acceleration_covariance=force[1],
-        )
 
     def _fix(
         self,

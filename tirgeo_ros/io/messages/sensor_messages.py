@@ -1,28 +1,252 @@
-"""Map each of the sensors' samples to its topic and message, and back; tell each topic's QoS."""
+"""Convert the sensors' samples to messages and back, each with its topic.
+
+Only axes, units and marks of absence are converted. Samples are not judged here: a NaN, a zero
+quaternion or an impossible covariance is passed on, and the core gives a verdict on it.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from tirgeo_ros.core.frames.rotations import quat_turned_both
+from tirgeo_ros.core.types.arrays import Array, Quaternion
+from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
+    FixStatus,
+    HeadingSample,
+    ImuSample,
     JointSample,
     NavigationInput,
+    PositionSample,
+    PressureSample,
+    SetHeading,
     Source,
+    VelocitySample,
 )
-from tirgeo_ros.io.messages.decode import (
-    camera_attitude,
-    heading_sample,
-    imu_sample,
-    joint_sample,
-    position_sample,
-    pressure_sample,
-    set_heading,
-    velocity_sample,
+from tirgeo_ros.io.messages.message_parts import (
+    NO_TURN,
+    UNKNOWN_VARIANCE,
+    MessageParts,
+    covariance_turned_world,
+    frd_ned,
+    positive,
+    stamp_ns,
 )
-from tirgeo_ros.io.messages.encode import Messages
+
+#: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes y
+#: and z point the other way, x does not.
+JOINT_SIGNS = {"gimbal_yaw_joint": -1.0, "gimbal_roll_joint": 1.0, "gimbal_pitch_joint": -1.0}
+#: Frame of joint messages that were computed without encoders: the topic of their source.
+COMPUTED_FROM = "gimbal/attitude"
+_ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
+_COVARIANCE_TYPE_UNKNOWN = 0
+
+
+class SensorMessages(MessageParts):
+    """Build the messages of samples."""
+
+    def imu(self, sample: ImuSample) -> Any:
+        """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown."""
+        attitude = sample.autopilot_q_nb
+        turned = NO_TURN if attitude is None else quat_turned_both(*attitude.tolist())
+        return self._imu(
+            sample.stamp_ns,
+            (turned, _absent() if attitude is None else np.zeros(9)),
+            (sample.angular_rate_b, np.zeros(9)),
+            (sample.specific_force_b, np.zeros(9)),
+        )
+
+    def heading(self, sample: HeadingSample) -> Any:
+        """Return ``sensor_msgs/Imu`` with the heading as ENU yaw; all else is marked as absent."""
+        covariance = np.zeros(9)
+        covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
+        nothing = (np.zeros(3), _absent())
+        turned = _yaw(sample.heading_rad)
+        return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
+
+    def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
+        """Return ``sensor_msgs/NavSatFix`` of an antenna."""
+        return self._fix(sample.stamp_ns, frame_id, sample, sample.covariance_n, sample.status)
+
+    def velocity(self, sample: VelocitySample, frame_id: str) -> Any:
+        """Return ``geometry_msgs/TwistWithCovarianceStamped``, ENU; the rate is unknown."""
+        covariance = np.diag([0.0] * 3 + [UNKNOWN_VARIANCE] * 3)
+        covariance[:3, :3] = covariance_turned_world(sample.covariance_n, 3).reshape(3, 3)
+        north, east, down = sample.velocity_n.tolist()
+        twist = self._twist((east, north, -down), (0.0, 0.0, 0.0), covariance.ravel())
+        typename = "geometry_msgs/msg/TwistWithCovarianceStamped"
+        return self.stamped(typename, sample.stamp_ns, frame_id, twist=twist)
+
+    def pressure(self, sample: PressureSample) -> Any:
+        """Return ``sensor_msgs/FluidPressure``."""
+        values = {"fluid_pressure": sample.pressure_pa, "variance": sample.variance_pa2}
+        typename = "sensor_msgs/msg/FluidPressure"
+        return self.stamped(typename, sample.stamp_ns, self.frames.base_link, **values)
+
+    def set_heading(self, sample: SetHeading) -> Any:
+        """Return ``geometry_msgs/PoseWithCovarianceStamped``: the yaw and its variance alone."""
+        covariance = np.zeros((6, 6))
+        covariance[5, 5] = sample.variance_rad2
+        turned = _yaw(sample.heading_rad)
+        return self._map_pose(sample.stamp_ns, np.zeros(3), turned, covariance)
+
+    def joints(self, sample: JointSample) -> Any:
+        """Return ``sensor_msgs/JointState`` of the gimbal, FLU.
+
+        Its frame is base_link, or the topic that joints were computed from.
+        """
+        frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
+        angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
+        return self.stamped(
+            "sensor_msgs/msg/JointState",
+            sample.stamp_ns,
+            COMPUTED_FROM if sample.computed else self.frames.base_link,
+            name=list(JOINT_SIGNS),
+            position=self._doubles(angles),
+            velocity=self._doubles([]),
+            effort=self._doubles([]),
+        )
+
+    def camera_attitude(self, sample: CameraAttitudeSample) -> Any:
+        """Return ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
+        turned = self._quaternion(positive(quat_turned_both(*sample.q_ng.tolist())))
+        typename = "geometry_msgs/msg/QuaternionStamped"
+        return self.stamped(typename, sample.stamp_ns, self.frames.map, quaternion=turned)
+
+    def _imu(
+        self,
+        stamp_ns: int,
+        attitude: tuple[Quaternion, Array],
+        rate: tuple[Array, Array],
+        force: tuple[Array, Array],
+    ) -> Any:
+        """Return ``sensor_msgs/Imu``: attitude wxyz FLU to ENU, (3,) FRD; covariances (9,)."""
+        (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
+        return self.stamped(
+            "sensor_msgs/msg/Imu",
+            stamp_ns,
+            self.frames.base_link,
+            orientation=self._quaternion(positive(attitude[0])),
+            orientation_covariance=attitude[1],
+            angular_velocity=self._vector((rate_x, -rate_y, -rate_z)),
+            angular_velocity_covariance=rate[1],
+            linear_acceleration=self._vector((x, -y, -z)),
+            linear_acceleration_covariance=force[1],
+        )
+
+
+def _yaw(heading_rad: float) -> Quaternion:
+    """Return the turn about up, FLU to ENU, of a level body with this heading."""
+    half = 0.5 * (0.5 * math.pi - heading_rad)
+    return math.cos(half), 0.0, 0.0, math.sin(half)
+
+
+def _absent() -> Array:
+    """Return the (9,) covariance that marks a value as absent (sensor_msgs/Imu)."""
+    return np.array([_ABSENT, *[0.0] * 8])
+
+
+def imu_sample(msg: Any) -> ImuSample:
+    """Convert ``sensor_msgs/Imu``; no attitude if its covariance marks it as absent."""
+    force, rate = msg.linear_acceleration, msg.angular_velocity
+    attitude = None if msg.orientation_covariance[0] == _ABSENT else frd_ned(msg.orientation)
+    return ImuSample(
+        stamp_ns(msg),
+        np.array([force.x, -force.y, -force.z]),
+        np.array([rate.x, -rate.y, -rate.z]),
+        attitude,
+    )
+
+
+def heading_sample(msg: Any) -> HeadingSample:
+    """Convert ``sensor_msgs/Imu`` of a dual-antenna receiver: heading in [0, 2 pi), or NaN."""
+    present = msg.orientation_covariance[0] != _ABSENT
+    yaw = _enu_yaw(msg.orientation) if present else math.nan
+    heading = (0.5 * math.pi - yaw) % math.tau
+    return HeadingSample(stamp_ns(msg), heading, float(msg.orientation_covariance[8]))
+
+
+def position_sample(msg: Any, source: Source) -> PositionSample:
+    """Convert ``sensor_msgs/NavSatFix``; a covariance of unknown type becomes zero.
+
+    A status number that the contract does not define counts as no fix.
+    """
+    has_covariance = msg.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN
+    status = FixStatus.NONE
+    with suppress(ValueError):
+        status = FixStatus(int(msg.status.status))
+    return PositionSample(
+        stamp_ns(msg),
+        source,
+        status,
+        math.radians(msg.latitude),
+        math.radians(msg.longitude),
+        float(msg.altitude),
+        _covariance(msg.position_covariance) if has_covariance else np.zeros((3, 3)),
+    )
+
+
+def velocity_sample(msg: Any, source: Source) -> VelocitySample:
+    """Convert ``geometry_msgs/TwistWithCovarianceStamped``, ENU in ``linear``."""
+    linear = msg.twist.twist.linear
+    covariance = np.asarray(msg.twist.covariance).reshape(6, 6)[:3, :3]
+    velocity_n = np.array([linear.y, linear.x, -linear.z])
+    return VelocitySample(stamp_ns(msg), source, velocity_n, _covariance(covariance))
+
+
+def pressure_sample(msg: Any) -> PressureSample:
+    """Convert ``sensor_msgs/FluidPressure``, Pa and Pa2."""
+    return PressureSample(stamp_ns(msg), float(msg.fluid_pressure), float(msg.variance))
+
+
+def set_heading(msg: Any) -> SetHeading:
+    """Convert ``geometry_msgs/PoseWithCovarianceStamped``: the yaw alone, and its variance."""
+    heading = (0.5 * math.pi - _enu_yaw(msg.pose.pose.orientation)) % math.tau
+    return SetHeading(stamp_ns(msg), heading, float(msg.pose.covariance[35]))
+
+
+def joint_sample(msg: Any) -> JointSample:
+    """Convert ``sensor_msgs/JointState`` of the gimbal, FLU joints to FRD.
+
+    Joints whose frame is the topic ``gimbal/attitude`` are computed. Raises MessageError if one of
+    the three joints is missing.
+    """
+    positions = dict(zip(msg.name, msg.position, strict=False))
+    for joint in JOINT_SIGNS:
+        if joint not in positions:
+            raise MessageError(f"gimbal/joint_states: no position of {joint} in the message")
+    yaw, roll, pitch = (sign * float(positions[joint]) for joint, sign in JOINT_SIGNS.items())
+    computed = msg.header.frame_id == COMPUTED_FROM
+    return JointSample(stamp_ns(msg), yaw, roll, pitch, computed=computed)
+
+
+def camera_attitude(msg: Any) -> CameraAttitudeSample:
+    """Convert ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
+    return CameraAttitudeSample(stamp_ns(msg), frd_ned(msg.quaternion))
+
+
+def _covariance(enu: Any) -> Array:
+    """Return the covariance (3, 3) in NED; zero if the first entry marks it as absent."""
+    flat = np.asarray(enu).ravel()
+    if flat[0] == _ABSENT:
+        return np.zeros((3, 3))
+    return covariance_turned_world(flat, 3).reshape(3, 3)
+
+
+def _enu_yaw(q: Any) -> float:
+    """Return the ENU yaw (rad) of a quaternion of any length; NaN for length zero."""
+    if not q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z > 0:
+        return math.nan
+    sine = 2 * (q.w * q.z + q.x * q.y)
+    return math.atan2(sine, q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
+
 
 SensedSample = NavigationInput | JointSample | CameraAttitudeSample
 
@@ -32,7 +256,7 @@ class _Row(NamedTuple):
 
     typename: str
     decode: Callable[[Any], Any]
-    encode: Callable[[Messages, Any], Any]
+    encode: Callable[[SensorMessages, Any], Any]
     topic: str = ""  # of a sample that is no source of the filter
     by_dji: bool = True  # whether dji_node publishes it
 
@@ -53,54 +277,26 @@ def _velocity(source: Source, frame: str) -> _Row:
 
 
 _ROWS: dict[Source | type, _Row] = {
-    Source.IMU: _Row(_IMU, imu_sample, Messages.imu),
+    Source.IMU: _Row(_IMU, imu_sample, SensorMessages.imu),
     Source.RTK_POSITION: _fix(Source.RTK_POSITION, "rtk_antenna"),
     Source.RTK_VELOCITY: _velocity(Source.RTK_VELOCITY, "rtk_antenna"),
-    Source.RTK_HEADING: _Row(_IMU, heading_sample, Messages.heading),
+    Source.RTK_HEADING: _Row(_IMU, heading_sample, SensorMessages.heading),
     Source.GPS_POSITION: _fix(Source.GPS_POSITION, "gps_antenna"),
     Source.GPS_VELOCITY: _velocity(Source.GPS_VELOCITY, "gps_antenna"),
-    Source.BAROMETER: _Row(_PRESSURE, pressure_sample, Messages.pressure, by_dji=False),
-    Source.SET_HEADING: _Row(_POSE, set_heading, Messages.set_heading, by_dji=False),
+    Source.BAROMETER: _Row(_PRESSURE, pressure_sample, SensorMessages.pressure, by_dji=False),
+    Source.SET_HEADING: _Row(_POSE, set_heading, SensorMessages.set_heading, by_dji=False),
     JointSample: _Row(
-        "sensor_msgs/msg/JointState", joint_sample, Messages.joints, "gimbal/joint_states"
+        "sensor_msgs/msg/JointState", joint_sample, SensorMessages.joints, "gimbal/joint_states"
     ),
     CameraAttitudeSample: _Row(
         "geometry_msgs/msg/QuaternionStamped",
         camera_attitude,
-        Messages.camera_attitude,
+        SensorMessages.camera_attitude,
         "gimbal/attitude",
     ),
 }
-_BY_TOPIC = {
+BY_TOPIC = {
     (key.topic if isinstance(key, Source) else row.topic): row for key, row in _ROWS.items()
-}
-
-#: Topic to type. A leading slash marks a topic that no namespace applies to.
-TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in _BY_TOPIC.items()} | {
-    "thermal/image_raw": "sensor_msgs/msg/Image",
-    "thermal/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
-    "thermal/camera_info": "sensor_msgs/msg/CameraInfo",
-    "tirgeo/locate/pixel": "geometry_msgs/msg/PointStamped",
-    "tirgeo/odometry": "nav_msgs/msg/Odometry",
-    "tirgeo/fix": "sensor_msgs/msg/NavSatFix",
-    "tirgeo/origin": "sensor_msgs/msg/NavSatFix",
-    "tirgeo/camera_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "tirgeo/overlay/image": "sensor_msgs/msg/Image",
-    "tirgeo/overlay/image/compressed": "sensor_msgs/msg/CompressedImage",
-    "tirgeo/overlay/camera_info": "sensor_msgs/msg/CameraInfo",
-    "tirgeo/footprint": "geometry_msgs/msg/PolygonStamped",
-    "tirgeo/path": "nav_msgs/msg/Path",
-    "tirgeo/locate/fix": "sensor_msgs/msg/NavSatFix",
-    "tirgeo/locate/point": "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "tirgeo/locate/answer": "std_msgs/msg/String",
-    "tirgeo/targets": "std_msgs/msg/String",
-    "tirgeo/targets/markers": "visualization_msgs/msg/MarkerArray",
-    "tirgeo/findings": "std_msgs/msg/String",
-    "tirgeo/state": "std_msgs/msg/String",
-    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    "/clock": "rosgraph_msgs/msg/Clock",
-    "/tf": "tf2_msgs/msg/TFMessage",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
 }
 
 #: Each source of the filter: its topic, and the decoder of its messages.
@@ -111,12 +307,12 @@ NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]]
 }
 
 #: The topics that sensors' samples are published on, and those of them that dji_node publishes.
-SENSED_TOPICS = tuple(_BY_TOPIC)
-DJI_TOPICS = tuple(topic for topic, row in _BY_TOPIC.items() if row.by_dji)
+SENSED_TOPICS = tuple(BY_TOPIC)
+DJI_TOPICS = tuple(topic for topic, row in BY_TOPIC.items() if row.by_dji)
 
 #: The decoder of each of these topics' messages.
 SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
-    topic: row.decode for topic, row in _BY_TOPIC.items()
+    topic: row.decode for topic, row in BY_TOPIC.items()
 }
 
 
@@ -127,72 +323,7 @@ def topic_of(sample: SensedSample) -> str:
     return sample.source.topic
 
 
-def sensed(messages: Messages, sample: SensedSample) -> tuple[str, Any]:
+def sensed(messages: SensorMessages, sample: SensedSample) -> tuple[str, Any]:
     """Return the topic of the contract and the message of a sensor's sample."""
     topic = topic_of(sample)
-    return topic, _BY_TOPIC[topic].encode(messages, sample)
-
-
-#: For streams of which every sample counts: 2 s of an IMU at 400 Hz. A node that pauses for 2 s
-#: still gets every sample, if the transport buffers as much (``config/fastdds.xml``).
-STREAM_DEPTH = 800
-#: A frame that waits behind another is already too late.
-IMAGE_DEPTH = 2
-OUTPUT_DEPTH = 20
-#: As tf2's own broadcasters have it.
-TF_DEPTH = 100
-_STREAMS = (*SENSED_TOPICS, "tirgeo/odometry", "tirgeo/camera_pose")
-_IMAGES = (
-    *("image_raw", "image_raw/compressed"),
-    *("overlay/image", "overlay/image/compressed", "overlay/camera_info"),
-)
-_LATCHED = (
-    *("tirgeo/origin", "tirgeo/targets", "tirgeo/targets/markers", "tirgeo/state"),
-    "tf_static",
-)
-#: In the order and the words of rosbag2's metadata from version 9 (Jazzy) on. The times are
-#: ROS's infinity, which a recorder finds where a publisher sets none.
-_TEXT = """\
-- history: keep_last
-  depth: {depth}
-  reliability: reliable
-  durability: {durability}
-  deadline:
-    sec: 9223372036
-    nsec: 854775807
-  lifespan:
-    sec: 9223372036
-    nsec: 854775807
-  liveliness: automatic
-  liveliness_lease_duration:
-    sec: 9223372036
-    nsec: 854775807
-  avoid_ros_namespace_conventions: false"""
-
-
-class OfferedQos(NamedTuple):
-    """Hold what a reliable publisher offers: the depth of its queue, and whether it latches."""
-
-    depth: int
-    latched: bool = False  # durability transient local: a late subscriber gets the last message
-
-    @property
-    def text(self) -> str:
-        """Return the profile as rosbag2 reads it in ``offered_qos_profiles``: YAML, a list."""
-        durability = "transient_local" if self.latched else "volatile"
-        return _TEXT.format(depth=self.depth, durability=durability)
-
-
-def offered_qos(topic: str) -> OfferedQos:
-    """Return what is offered on a topic, in whatever namespace."""
-    if _ends(topic, _LATCHED):
-        return OfferedQos(1, latched=True)
-    if _ends(topic, _STREAMS):
-        return OfferedQos(STREAM_DEPTH)
-    if _ends(topic, ("tf",)):
-        return OfferedQos(TF_DEPTH)
-    return OfferedQos(IMAGE_DEPTH if _ends(topic, _IMAGES) else OUTPUT_DEPTH)
-
-
-def _ends(topic: str, names: tuple[str, ...]) -> bool:
-    return f"/{topic}".endswith(tuple(f"/{name}" for name in names))
+    return topic, BY_TOPIC[topic].encode(messages, sample)

@@ -1,4 +1,4 @@
-"""Convert the core's samples and results to messages."""
+"""Convert the core's results to messages, and back those that our own nodes read."""
 
 from __future__ import annotations
 
@@ -24,19 +24,11 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Answer, Located
 from tirgeo_ros.core.navigation.ins.strapdown import cross
+from tirgeo_ros.core.streams.sanity_checks import place_fault
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Quaternion
+from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.finding import Finding
-from tirgeo_ros.core.types.measurements import (
-    CameraAttitudeSample,
-    HeadingSample,
-    ImuSample,
-    JointSample,
-    PositionSample,
-    PressureSample,
-    SetHeading,
-    VelocitySample,
-)
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.messages.json_codec import (
@@ -47,17 +39,19 @@ from tirgeo_ros.io.messages.json_codec import (
     targets_text,
 )
 from tirgeo_ros.io.messages.message_parts import (
-    COMPUTED_FROM,
     COVARIANCE_KNOWN,
-    JOINT_SIGNS,
     NO_TURN,
-    MessageParts,
+    UNKNOWN_VARIANCE,
     covariance_turned_world,
+    frd_ned,
     positive,
     quat_turned_world,
+    stamp_ns,
 )
 from tirgeo_ros.io.messages.pictures import calibration_of
+from tirgeo_ros.io.messages.sensor_messages import SensorMessages
 
+_ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 
@@ -103,80 +97,12 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
     return DiagnosticItem(name, level, text, values)
 
 
-#: Variance of an unknown value, where a reader takes any number for a variance: so large that it
-#: has no weight. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
-UNKNOWN_VARIANCE = 1e6
-
-_ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
-
-
-class Messages(MessageParts):
+class Messages(SensorMessages):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
     ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written
     with (``io.bags.cdr.Cdr.types``).
     """
-
-    def imu(self, sample: ImuSample) -> Any:
-        """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown."""
-        attitude = sample.autopilot_q_nb
-        turned = NO_TURN if attitude is None else quat_turned_both(*attitude.tolist())
-        return self._imu(
-            sample.stamp_ns,
-            (turned, _absent() if attitude is None else np.zeros(9)),
-            (sample.angular_rate_b, np.zeros(9)),
-            (sample.specific_force_b, np.zeros(9)),
-        )
-
-    def heading(self, sample: HeadingSample) -> Any:
-        """Return ``sensor_msgs/Imu`` with the heading as ENU yaw; all else is marked as absent."""
-        covariance = np.zeros(9)
-        covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
-        nothing = (np.zeros(3), _absent())
-        turned = _yaw(sample.heading_rad)
-        return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
-
-    def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
-        """Return ``sensor_msgs/NavSatFix`` of an antenna."""
-        return self._fix(sample.stamp_ns, frame_id, sample, sample.covariance_n, sample.status)
-
-    def velocity(self, sample: VelocitySample, frame_id: str) -> Any:
-        """Return ``geometry_msgs/TwistWithCovarianceStamped``, ENU; the rate is unknown."""
-        covariance = np.diag([0.0] * 3 + [UNKNOWN_VARIANCE] * 3)
-        covariance[:3, :3] = covariance_turned_world(sample.covariance_n, 3).reshape(3, 3)
-        north, east, down = sample.velocity_n.tolist()
-        twist = self._twist((east, north, -down), (0.0, 0.0, 0.0), covariance.ravel())
-        typename = "geometry_msgs/msg/TwistWithCovarianceStamped"
-        return self.stamped(typename, sample.stamp_ns, frame_id, twist=twist)
-
-    def pressure(self, sample: PressureSample) -> Any:
-        """Return ``sensor_msgs/FluidPressure``."""
-        values = {"fluid_pressure": sample.pressure_pa, "variance": sample.variance_pa2}
-        typename = "sensor_msgs/msg/FluidPressure"
-        return self.stamped(typename, sample.stamp_ns, self.frames.base_link, **values)
-
-    def joints(self, sample: JointSample) -> Any:
-        """Return ``sensor_msgs/JointState`` of the gimbal, FLU.
-
-        Its frame is base_link, or the topic that joints were computed from.
-        """
-        frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
-        angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
-        return self.stamped(
-            "sensor_msgs/msg/JointState",
-            sample.stamp_ns,
-            COMPUTED_FROM if sample.computed else self.frames.base_link,
-            name=list(JOINT_SIGNS),
-            position=self._doubles(angles),
-            velocity=self._doubles([]),
-            effort=self._doubles([]),
-        )
-
-    def camera_attitude(self, sample: CameraAttitudeSample) -> Any:
-        """Return ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
-        turned = self._quaternion(positive(quat_turned_both(*sample.q_ng.tolist())))
-        typename = "geometry_msgs/msg/QuaternionStamped"
-        return self.stamped(typename, sample.stamp_ns, self.frames.map, quaternion=turned)
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
         """Return ``nav_msgs/Odometry``, map -> base_link; twist in base_link.
@@ -209,13 +135,6 @@ class Messages(MessageParts):
         """Return ``geometry_msgs/PoseWithCovarianceStamped``, map -> tir_optical_frame."""
         turned = positive(quat_turned_world(*pose.q_nc.tolist()))
         return self._map_pose(pose.stamp_ns, pose.position_n, turned, pose.covariance)
-
-    def set_heading(self, sample: SetHeading) -> Any:
-        """Return ``geometry_msgs/PoseWithCovarianceStamped``: the yaw and its variance alone."""
-        covariance = np.zeros((6, 6))
-        covariance[5, 5] = sample.variance_rad2
-        turned = _yaw(sample.heading_rad)
-        return self._map_pose(sample.stamp_ns, np.zeros(3), turned, covariance)
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
@@ -409,12 +328,43 @@ class Messages(MessageParts):
         return self._twist(linear, (x, -y, -z), flat)
 
 
-def _yaw(heading_rad: float) -> Quaternion:
-    """Return the turn about up, FLU to ENU, of a level body with this heading."""
-    half = 0.5 * (0.5 * math.pi - heading_rad)
-    return math.cos(half), 0.0, 0.0, math.sin(half)
+def body_pose(msg: Any) -> BodyPose:
+    """Convert ``nav_msgs/Odometry`` of ``tirgeo/odometry``."""
+    pose = msg.pose.pose
+    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)
+    return BodyPose(stamp_ns(msg), _ned(pose.position), frd_ned(pose.orientation), covariance)
 
 
-def _absent() -> Array:
-    """Return the (9,) covariance that marks a value as absent (sensor_msgs/Imu)."""
-    return np.array([-1.0, *[0.0] * 8])
+def camera_pose(msg: Any) -> CameraPose:
+    """Convert ``geometry_msgs/PoseWithCovarianceStamped`` of ``tirgeo/camera_pose``."""
+    pose = msg.pose.pose
+    q = pose.orientation
+    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)
+    q_nc = np.array(quat_turned_world(q.w, q.x, q.y, q.z))
+    return CameraPose(stamp_ns(msg), _ned(pose.position), q_nc, covariance)
+
+
+def tangent_plane(msg: Any) -> TangentPlane:
+    """Convert ``sensor_msgs/NavSatFix`` of ``tirgeo/origin``. Raises MessageError if invalid."""
+    place = math.radians(msg.latitude), math.radians(msg.longitude), float(msg.altitude)
+    fault = place_fault(*place)
+    if fault:
+        raise MessageError(
+            f"tirgeo/origin: {fault}: {msg.latitude:g}, {msg.longitude:g} deg, {msg.altitude:g} m"
+        )
+    return TangentPlane(*place)
+
+
+def ground_point(msg: Any) -> tuple[int, Array, Array]:
+    """Decode ``tirgeo/locate/point``: stamp (ns), point (3,) and covariance (3, 3), local NED."""
+    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)[:3, :3]
+    return stamp_ns(msg), _ned(msg.pose.pose.position), covariance
+
+
+def pixel(msg: Any) -> tuple[int, float, float]:
+    """Convert ``PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
+    return stamp_ns(msg), float(msg.point.x), float(msg.point.y)
+
+
+def _ned(point: Any) -> Array:
+    return np.array([point.y, point.x, -point.z])

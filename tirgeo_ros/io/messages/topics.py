@@ -1,0 +1,99 @@
+"""List the topics with their message types and the QoS that is offered on each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tirgeo_ros.io.messages.sensor_messages import BY_TOPIC, SENSED_TOPICS
+
+#: Topic to type. A leading slash marks a topic that no namespace applies to.
+TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in BY_TOPIC.items()} | {
+    "thermal/image_raw": "sensor_msgs/msg/Image",
+    "thermal/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
+    "thermal/camera_info": "sensor_msgs/msg/CameraInfo",
+    "tirgeo/locate/pixel": "geometry_msgs/msg/PointStamped",
+    "tirgeo/odometry": "nav_msgs/msg/Odometry",
+    "tirgeo/fix": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/origin": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/camera_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "tirgeo/overlay/image": "sensor_msgs/msg/Image",
+    "tirgeo/overlay/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "tirgeo/overlay/camera_info": "sensor_msgs/msg/CameraInfo",
+    "tirgeo/footprint": "geometry_msgs/msg/PolygonStamped",
+    "tirgeo/path": "nav_msgs/msg/Path",
+    "tirgeo/locate/fix": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/locate/point": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "tirgeo/locate/answer": "std_msgs/msg/String",
+    "tirgeo/targets": "std_msgs/msg/String",
+    "tirgeo/targets/markers": "visualization_msgs/msg/MarkerArray",
+    "tirgeo/findings": "std_msgs/msg/String",
+    "tirgeo/state": "std_msgs/msg/String",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+}
+
+#: For streams of which every sample counts: 2 s of an IMU at 400 Hz. A node that pauses for 2 s
+#: still gets every sample, if the transport buffers as much (``config/fastdds.xml``).
+STREAM_DEPTH = 800
+#: A frame that waits behind another is already too late.
+IMAGE_DEPTH = 2
+OUTPUT_DEPTH = 20
+#: As tf2's own broadcasters have it.
+TF_DEPTH = 100
+_STREAMS = (*SENSED_TOPICS, "tirgeo/odometry", "tirgeo/camera_pose")
+_IMAGES = (
+    *("image_raw", "image_raw/compressed"),
+    *("overlay/image", "overlay/image/compressed", "overlay/camera_info"),
+)
+_LATCHED = (
+    *("tirgeo/origin", "tirgeo/targets", "tirgeo/targets/markers", "tirgeo/state"),
+    "tf_static",
+)
+#: In the order and the words of rosbag2's metadata from version 9 (Jazzy) on. The times are
+#: ROS's infinity, which a recorder finds where a publisher sets none.
+_TEXT = """\
+- history: keep_last
+  depth: {depth}
+  reliability: reliable
+  durability: {durability}
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: automatic
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false"""
+
+
+class OfferedQos(NamedTuple):
+    """Hold what a reliable publisher offers: the depth of its queue, and whether it latches."""
+
+    depth: int
+    latched: bool = False  # durability transient local: a late subscriber gets the last message
+
+    @property
+    def text(self) -> str:
+        """Return the profile as rosbag2 reads it in ``offered_qos_profiles``: YAML, a list."""
+        durability = "transient_local" if self.latched else "volatile"
+        return _TEXT.format(depth=self.depth, durability=durability)
+
+
+def offered_qos(topic: str) -> OfferedQos:
+    """Return what is offered on a topic, in whatever namespace."""
+    if _ends(topic, _LATCHED):
+        return OfferedQos(1, latched=True)
+    if _ends(topic, _STREAMS):
+        return OfferedQos(STREAM_DEPTH)
+    if _ends(topic, ("tf",)):
+        return OfferedQos(TF_DEPTH)
+    return OfferedQos(IMAGE_DEPTH if _ends(topic, _IMAGES) else OUTPUT_DEPTH)
+
+
+def _ends(topic: str, names: tuple[str, ...]) -> bool:
+    return f"/{topic}".endswith(tuple(f"/{name}" for name in names))
