@@ -43,7 +43,7 @@ from tirgeo_ros.core.navigation.aiding.aid import (
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.error_states import (
     ATTITUDE,
     POSITION,
     STATES,

@@ -182,7 +182,7 @@ def fit_noise(curve: AllanCurve, channel: int) -> NoiseFit:
 def gauss_markov(tau_s: Array, time_s: float | Array) -> Array:
     """Return the Allan variance of a first-order Gauss-Markov process of standard deviation 1.
 
-    IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``ins_error_model``.
+    IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``propagation``.
     """
     r = np.asarray(tau_s / time_s)
     decay = -np.expm1(-r)

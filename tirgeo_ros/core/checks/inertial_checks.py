@@ -26,7 +26,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.navigation.ins.ins_error_model import mean_powers
+from tirgeo_ros.core.navigation.ins.propagation import mean_powers
 from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
 from tirgeo_ros.core.types.arrays import Array

@@ -28,7 +28,7 @@ from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import AIDS
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
     GPS_ERROR,
     feedback,

@@ -21,7 +21,7 @@ from tirgeo_ros.core.navigation.aiding.barometer import (
 )
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.ins_error_model import states_of
+from tirgeo_ros.core.navigation.ins.error_states import states_of
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.bags.cdr import Cdr

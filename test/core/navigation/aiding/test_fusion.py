@@ -34,7 +34,7 @@ from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.satellite_position import GpsPositionAid, innovation_n
 from tirgeo_ros.core.navigation.aiding.satellite_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION
+from tirgeo_ros.core.navigation.ins.error_states import GPS_ERROR, POSITION
 from tirgeo_ros.core.navigation.ins.strapdown import rotate
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome

@@ -27,7 +27,7 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, q
 from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION
+from tirgeo_ros.core.navigation.ins.error_states import GPS_ERROR, POSITION
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 

@@ -17,7 +17,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     integrate,
 )
 from tirgeo_ros.core.navigation.alignment.window_estimate import heading_observations
-from tirgeo_ros.core.navigation.ins.ins_error_model import STILL
+from tirgeo_ros.core.navigation.ins.propagation import STILL
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from

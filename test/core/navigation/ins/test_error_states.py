@@ -11,15 +11,15 @@ from motions import difference, state_at
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
     GPS_ERROR,
     STATES,
-    CovariancePropagation,
     feedback,
     has_antenna,
     states_of,
 )
+from tirgeo_ros.core.navigation.ins.propagation import CovariancePropagation
 from tirgeo_ros.core.navigation.ins.strapdown import propagate
 
 IMU, CONFIG = ImuConfig(), ekf_config()

@@ -14,15 +14,17 @@ from scipy import stats
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit, update
+from tirgeo_ros.core.navigation.ins.propagation import (
     STILL,
     CovariancePropagation,
+    Epoch,
     NoisePowers,
+    Propagated,
+    Propagation,
     VibrationMeter,
     densities,
 )
-from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit, update
-from tirgeo_ros.core.navigation.ins.propagation import Epoch, Propagated, Propagation
 from tirgeo_ros.core.navigation.ins.strapdown import propagate
 from tirgeo_ros.core.types.measurements import ImuSample
 

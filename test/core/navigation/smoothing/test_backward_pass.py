@@ -8,7 +8,7 @@ import pytest
 from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut, update
 from tirgeo_ros.core.navigation.smoothing import smoothed_navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import BackwardPass
-from tirgeo_ros.core.navigation.timeline.epochs import FlightRecord
+from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
 
 STATES = 5
 #: Two solutions of 300 linear equations in doubles; their condition is below 1e5.

@@ -20,7 +20,7 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, GYRO_BIAS, feedback, states_of
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, GYRO_BIAS, feedback, states_of
 from tirgeo_ros.core.navigation.timeline.ekf import at_antenna
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.simulate.flight import fly

@@ -13,7 +13,7 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import STEPPED_S, AidStatus, AidTrack
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
     GPS_ERROR,
     feedback,

@@ -17,7 +17,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid import Aid, AidMeasurement, Modelled, StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
-from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
+from tirgeo_ros.core.navigation.ins.error_states import POSITION
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array

@@ -28,12 +28,7 @@ from tirgeo_ros.core.navigation.aiding.aid import (
     uncorrelated,
 )
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
-    ACCEL_BIAS,
-    ATTITUDE,
-    GYRO_BIAS,
-    feedback,
-)
+from tirgeo_ros.core.navigation.ins.error_states import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, feedback
 from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector, rotate
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude

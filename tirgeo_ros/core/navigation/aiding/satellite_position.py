@@ -38,7 +38,7 @@ from tirgeo_ros.core.navigation.aiding.aid_status import (
     AidTrack,
 )
 from tirgeo_ros.core.navigation.aiding.rtk_consistency import path_n
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
     GPS_ERROR,
     POSITION,

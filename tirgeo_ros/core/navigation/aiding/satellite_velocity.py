@@ -19,12 +19,7 @@ from tirgeo_ros.core.navigation.aiding.aid import (
 )
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.satellite_position import arm_design
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
-    ANTENNA,
-    VELOCITY,
-    flat_memory,
-    has_antenna,
-)
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, VELOCITY, flat_memory, has_antenna
 from tirgeo_ros.core.navigation.ins.kalman import Measurement
 from tirgeo_ros.core.navigation.ins.strapdown import Rotation, Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array

@@ -31,7 +31,7 @@ from tirgeo_ros.core.navigation.alignment.window_estimate import (
     differences,
     furthest,
 )
-from tirgeo_ros.core.navigation.ins.ins_error_model import Powers
+from tirgeo_ros.core.navigation.ins.propagation import Powers
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
-from tirgeo_ros.core.navigation.ins.ins_error_model import Powers
+from tirgeo_ros.core.navigation.ins.propagation import Powers
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
 

@@ -41,7 +41,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     fit,
     integrate,
 )
-from tirgeo_ros.core.navigation.ins.ins_error_model import NoisePowers, Powers, mean_powers
+from tirgeo_ros.core.navigation.ins.propagation import NoisePowers, Powers, mean_powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.measurements import (

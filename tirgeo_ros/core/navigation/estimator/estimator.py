@@ -20,7 +20,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.navigation.estimator.start_up import StartUp
 from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
-from tirgeo_ros.core.navigation.ins.ins_error_model import densities
+from tirgeo_ros.core.navigation.ins.propagation import densities
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.timeline.aid_stamps import AidClocks, DuplicateDetector, Same
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf

@@ -10,7 +10,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid import lost_heading_rad
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.fusion import AIDS, EXPECTED
-from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
+from tirgeo_ros.core.navigation.ins.error_states import POSITION
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict

@@ -20,7 +20,7 @@ from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
-from tirgeo_ros.core.navigation.timeline.epochs import FlightRecord
+from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

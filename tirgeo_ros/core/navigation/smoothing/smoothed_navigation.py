@@ -14,15 +14,10 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
-    ANTENNA,
-    feedback,
-    has_antenna,
-    states_of,
-)
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, feedback, has_antenna, states_of
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
 from tirgeo_ros.core.navigation.timeline.ekf import SolutionMaker, unsure_by
-from tirgeo_ros.core.navigation.timeline.epochs import CORRECTED, MOVED, FlightRecord
+from tirgeo_ros.core.navigation.timeline.flight_record import CORRECTED, MOVED, FlightRecord
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import NavSolution

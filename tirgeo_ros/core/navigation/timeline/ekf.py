@@ -1,6 +1,6 @@
 """Estimate the aircraft's state with an error-state Kalman filter on the IMU, with a history.
 
-Epochs (IMU samples) and measurements lie on one time line (``epochs``). Each epoch
+Epochs (IMU samples) and measurements lie on one time line. Each epoch
 keeps the filter's state after all measurements up to its stamp. A late measurement is inserted in
 its place and the later epochs are computed again, so the result equals that of timely arrival.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 import math
 import operator
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +19,11 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.aid import AidSample, StateEstimate
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion, longest_hold_s
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
     ATTITUDE,
     GPS_ERROR,
@@ -30,22 +31,22 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     POSITION,
     STATES,
     VELOCITY,
-    NoisePowers,
-    Powers,
-    VibrationMeter,
-    clipped_powers,
     has_antenna,
     states_of,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
-from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
-from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.timeline.epochs import (
-    FilterEpoch,
-    FlightRecord,
-    HistoryRecord,
-    put,
+from tirgeo_ros.core.navigation.ins.propagation import (
+    Epoch,
+    NoisePowers,
+    Powers,
+    Propagated,
+    Propagation,
+    VibrationMeter,
+    between,
+    clipped_powers,
 )
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.poses import NavSolution
@@ -54,6 +55,50 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 _MOST_HZ = 500  # bound on the measurements held for each second
 _stamp_of = operator.attrgetter("stamp_ns")
 _ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
+
+
+@dataclass(slots=True, eq=False)
+class HistoryRecord:
+    """Hold a measurement on the time line, and the newest verdict on it."""
+
+    sample: AidSample
+    stale: bool = False  # it repeats the value of the one before
+    held: bool = False  # it arrived before the IMU sample that reaches its stamp
+    verdict: Verdict | None = None
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Return the sort key: the stamp, then a fixed order of the sources."""
+        return self.sample.stamp_ns, PLACE[self.sample.source]
+
+    @property
+    def applied(self) -> bool:
+        """Return whether it was, or is still to be, given to the filter: all but STANDBY."""
+        return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
+
+
+@dataclass(slots=True, eq=False)
+class FilterEpoch(Epoch):
+    """Add to an epoch the records of the aids at its stamp, and its interval's measurements."""
+
+    aids: AidStatus = AidStatus(Receivers(0))
+    records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
+
+    @property
+    def estimate(self) -> StateEstimate:
+        """Return state, covariance and aid records; the covariance may be 50 ms older."""
+        return StateEstimate(self.propagated.state, self.propagated.covariance, self.aids)
+
+
+def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
+    """Insert a record in order; return False where its source and stamp are there already."""
+    at = len(records)
+    while at and records[at - 1].order > record.order:
+        at -= 1
+    if at and records[at - 1].order == record.order:
+        return False
+    records.insert(at, record)
+    return True
 
 
 class _Progress(NamedTuple):
@@ -301,7 +346,7 @@ class Ekf:
         """Record the first epochs, which no measurement can reach any more."""
         if self._record is not None:
             for epoch in self._epochs[:number]:
-                self._record.keep(epoch, self._white_b(epoch))
+                self._record.keep(epoch, epoch.aids, self._white_b(epoch))
 
 
 class SolutionMaker:

@@ -1,22 +1,16 @@
-"""Define the epochs of the filter's time line with their measurements, and record those of a run.
-
-A record holds the filter's steps in compact arrays, as they become final.
-"""
+"""Record the filter's steps of a run in compact arrays, as they become final, for the smoother."""
 
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.navigation.aiding.aid import AidSample, StateEstimate
-from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus, Receivers
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.ins.kalman import Change, Correction
 from tirgeo_ros.core.navigation.ins.propagation import Epoch
 from tirgeo_ros.core.types.arrays import Array, Vector
-from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: How a change's error follows from the one before it.
 SAME, MOVED, CORRECTED = range(3)
@@ -25,50 +19,6 @@ MOST_ROWS = 3
 _NO_STEP = (0.0, 0.0, 0.0)
 #: Numbers of an epoch (see ``FlightRecord._noted``).
 EPOCH_NUMBERS = 29
-
-
-@dataclass(slots=True, eq=False)
-class HistoryRecord:
-    """Hold a measurement on the time line, and the newest verdict on it."""
-
-    sample: AidSample
-    stale: bool = False  # it repeats the value of the one before
-    held: bool = False  # it arrived before the IMU sample that reaches its stamp
-    verdict: Verdict | None = None
-
-    @property
-    def order(self) -> tuple[int, int]:
-        """Return the sort key: the stamp, then a fixed order of the sources."""
-        return self.sample.stamp_ns, PLACE[self.sample.source]
-
-    @property
-    def applied(self) -> bool:
-        """Return whether it was, or is still to be, given to the filter: all but STANDBY."""
-        return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
-
-
-@dataclass(slots=True, eq=False)
-class FilterEpoch(Epoch):
-    """Add to an epoch the records of the aids at its stamp, and its interval's measurements."""
-
-    aids: AidStatus = AidStatus(Receivers(0))
-    records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
-
-    @property
-    def estimate(self) -> StateEstimate:
-        """Return state, covariance and aid records; the covariance may be 50 ms older."""
-        return StateEstimate(self.propagated.state, self.propagated.covariance, self.aids)
-
-
-def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
-    """Insert a record in order; return False where its source and stamp are there already."""
-    at = len(records)
-    while at and records[at - 1].order > record.order:
-        at -= 1
-    if at and records[at - 1].order == record.order:
-        return False
-    records.insert(at, record)
-    return True
 
 
 class FlightRecord:
@@ -83,7 +33,7 @@ class FlightRecord:
         self._covariances, self._transitions = array("d"), array("d")
         self._corrections, self._epochs = array("d"), array("d")
 
-    def keep(self, epoch: FilterEpoch, white_b: Vector) -> None:
+    def keep(self, epoch: Epoch, aids: AidStatus, white_b: Vector) -> None:
         """Take the next final epoch; ``white_b`` are the variances of its rate, (rad/s)^2."""
         newest = epoch.propagated.trail
         assert newest is not None
@@ -99,7 +49,7 @@ class FlightRecord:
             mark.before = None  # what is recorded can be forgotten
         self.stamps_ns.append(epoch.stamp_ns)
         self.marks.append(newest.number)
-        self._epochs.extend(_noted(epoch, white_b))
+        self._epochs.extend(_noted(epoch, aids, white_b))
 
     def add(self, change: Change) -> None:
         """Take a change; ``keep`` does so with those of an epoch."""
@@ -157,9 +107,9 @@ def _whitened(correction: Correction) -> Array:
     return rows
 
 
-def _noted(epoch: FilterEpoch, white_b: Vector) -> tuple[float, ...]:
+def _noted(epoch: Epoch, aids: AidStatus, white_b: Vector) -> tuple[float, ...]:
     """Return lag, state, angular rate and the rest of what a solution takes of an epoch."""
-    state, aids = epoch.propagated.state, epoch.aids
+    state = epoch.propagated.state
     return (
         epoch.propagated.lag_s,
         *state.q_nb,

@@ -1,0 +1,77 @@
+"""Define the error states of the filter, and their feedback into the state.
+
+All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
+
+=====  =========================  =====
+0-2    attitude ``phi_n``         rad
+3-5    velocity                   m/s
+6-8    position north, east, down m
+9-11   gyroscope bias             rad/s
+12-14  accelerometer bias         m/s2
+15-17  error of the ordinary GPS  m
+18-20  RTK antenna's place in b   m, only where it is not measured
+=====  =========================  =====
+
+Their dynamics are in ``propagation``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import quat_multiply
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, normalised, quaternion_of
+from tirgeo_ros.core.types.arrays import Array
+
+STATES = 15  # states of the INS itself, without the receivers'
+ATTITUDE = slice(0, 3)
+VELOCITY = slice(3, 6)
+POSITION = slice(6, 9)
+GYRO_BIAS = slice(9, 12)
+ACCEL_BIAS = slice(12, 15)
+GPS_ERROR = slice(15, 18)
+ANTENNA = slice(18, 21)
+
+
+def states_of(config: EkfConfig) -> int:
+    """Return the number of error states that the parameters ask for."""
+    return ANTENNA.stop if config.aircraft.rtk_lever_sigma_b.any() else GPS_ERROR.stop
+
+
+def has_antenna(states: int) -> bool:
+    """Return whether the RTK antenna's place is one of ``states`` error states."""
+    return states >= ANTENNA.stop
+
+
+def flat_memory(square: Array) -> memoryview[float]:
+    """Return a matrix's memory by rows: scalars are written there at a tenth of the cost."""
+    return cast("memoryview[float]", square.reshape(-1).data)
+
+
+def feedback(state: NavState, error: Array) -> NavState:
+    """Return the state corrected by an estimated error (n,), of which the first 15 are used.
+
+    Positions are converted from metres; the corrections of position and velocity are summed up in
+    ``correction_n`` and ``push_n``.
+    """
+    e = error.tolist()
+    meridian, transverse = radii_of_curvature(state.latitude_rad)
+    north, east, down = e[6:9]
+    latitude = state.latitude_rad + north / (meridian + state.height_m)
+    cosine = math.cos(state.latitude_rad)
+    v, c, p = state.velocity_n, state.correction_n, state.push_n
+    g, a = state.gyro_bias_b, state.accel_bias_b
+    return NavState(
+        q_nb=normalised(quat_multiply(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
+        velocity_n=(v[0] + e[3], v[1] + e[4], v[2] + e[5]),
+        latitude_rad=latitude,
+        longitude_rad=state.longitude_rad + east / ((transverse + state.height_m) * cosine),
+        height_m=state.height_m - down,
+        gyro_bias_b=(g[0] + e[9], g[1] + e[10], g[2] + e[11]),
+        accel_bias_b=(a[0] + e[12], a[1] + e[13], a[2] + e[14]),
+        correction_n=(c[0] + north, c[1] + east, c[2] + down),
+        push_n=(p[0] + e[3], p[1] + e[4], p[2] + e[5]),
+    )
