@@ -29,8 +29,6 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 #: What every soak starts; the witness is not touched.
 NODES = ("ekf_node", "gimbal_node", "overlay_node", "soak_mute", "soak_player")
 WITNESS = "soak_witness"
-#: A second soak_mute, which lives to be killed in the minute in which others settle.
-GUEST = "soak_guest"
 LEDGER, RECORD = "ledger.txt", "record.jsonl"
 #: Each player that is started has so many numbers of epochs for itself.
 EPOCHS = 1000
@@ -42,7 +40,6 @@ _APART_S = (8.0, 16.0)
 #: The queues of 800 messages (``nodes.qos``) are full after 4 s of the IMU at twice real time; a
 #: reader that stands still for 5 s is given up by its senders (``config/fastdds.xml``).
 _RUN_IN_STOP_S, _RUN_IN_APART_S = 4.2, 4.0
-
 _TICK_S, _SAMPLE_S = 0.05, 1.0
 #: After the last frame: the last report of each node comes within a second.
 _SETTLE_S, _STOP_S = 5.0, 15.0
@@ -110,10 +107,9 @@ def _happenings(rng: random.Random) -> Iterator[_Happening]:
     everything += [(Kind.JUMP, ""), (Kind.JUMP, ""), (Kind.BUSY, ""), (Kind.BUSY, "")]
     while True:
         for kind, node in rng.sample(everything, len(everything)):
-            killed = kind is Kind.KILL
-            quiet_s = _QUIET_S if killed else rng.uniform(*_APART_S)
-            yield kind, node, rng.uniform(*_LASTS_S[kind]), quiet_s
-            if killed:
+            lasts_s, apart_s = rng.uniform(*_LASTS_S[kind]), rng.uniform(*_APART_S)
+            yield kind, node, lasts_s, apart_s
+            if kind is Kind.KILL:
                 yield from _run_in(node)
 
 
@@ -125,9 +121,9 @@ def _run_in(*nodes: str) -> Iterator[_Happening]:
     """
     for node in nodes:
         yield Kind.STOP, node, _RUN_IN_STOP_S, _RUN_IN_APART_S
-    yield Kind.KILL, GUEST, 0.5, _RUN_IN_APART_S
+    yield Kind.KILL, "soak_mute", 0.5, _RUN_IN_APART_S
     yield Kind.JUMP, "", 0.0, _RUN_IN_APART_S
-    yield Kind.KILL, GUEST, 0.5, _RUN_IN_APART_S
+    yield Kind.KILL, "soak_mute", 0.5, _RUN_IN_APART_S
     yield Kind.BUSY, "", 5.0, _QUIET_S
 
 
@@ -158,9 +154,8 @@ class Lives:
     def start(self, node: str, *more: str) -> Life:
         """Begin a life."""
         number = sum(life.node == node for life in self.all)
-        program = "soak_mute" if node == GUEST else node
         words = [*self._arguments[node], *more]
-        process = self._graph.start(program, words=words, log=f"{node}.{number}")
+        process = self._graph.start(node, words=words, log=f"{node}.{number}")
         self.all.append(Life(node, process, time.monotonic()))
         return self.all[-1]
 
@@ -273,7 +268,7 @@ def run_soak(
     (folder / LEDGER).unlink(missing_ok=True)
     with started_graph(folder / "logs") as graph:
         lives = Lives(graph, _arguments(flight, folder))
-        for node in (WITNESS, *NODES, GUEST):
+        for node in (WITNESS, *NODES):
             lives.start(node)
         await_words(graph.processes, "ready")
         await_words([lives.current("soak_player").process], "playing")
@@ -295,7 +290,6 @@ def _arguments(flight: SoakFlight, folder: Path) -> dict[str, list[str]]:
         "overlay_node": [*common, "-p", f"map:={flight.folder / 'map.geojson'}"],
         "soak_player": [w for key, value in player.items() for w in ("-p", f"{key}:={value}")],
         "soak_mute": sim,
-        GUEST: sim,
         WITNESS: [*sim, "-p", f"output:={folder / RECORD}"],
     }
 
