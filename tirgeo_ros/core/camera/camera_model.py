@@ -43,6 +43,9 @@ _CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 p
 #: Lines are clipped this far outside the image, so that their cut ends are not visible.
 _BORDER_PX = 8.0
 _EDGE_SAMPLES = 33
+# Rectification.
+_BORDER_BGR = (40, 40, 110)
+_MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
 
 
 @dataclass(frozen=True)
@@ -340,10 +343,6 @@ def largest_scale(camera: Camera, radius: float) -> float:
     # At radius r a small angle spans at most 1 + r^2 times as much on the plane z = 1.
     scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
     return float(scale.max())
-
-
-_BORDER_BGR = (40, 40, 110)
-_MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
 
 
 class Rectifier:

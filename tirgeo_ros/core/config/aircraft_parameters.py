@@ -19,6 +19,18 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import Source
 
+_NOWHERE = (0.0, 0.0, 0.0)
+_PLACE = ("m", -1e3, 1e3)
+#: Least horizontal distance of two antennas that make a baseline: a tape's error of 1 cm turns one
+#: of 5 cm by 11 deg.
+_LEAST_APART_M = 0.05
+#: Least horizontal share of a baseline's length (75 deg of tilt).
+_LEAST_HORIZONTAL = 0.25
+#: Sigma of an antenna's place that nobody has measured: above the IMU. Every tilt shows that; on
+#: the other axes a few turns cannot tell a lever arm from an error of the clock.
+_UNMEASURED_M = (0.0, 0.0, 0.3)
+_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
+
 
 class FrameIds(NamedTuple):
     """Hold the frame ids of messages, with their prefix; docs/outputs.md draws them."""
@@ -91,19 +103,6 @@ class TransformsConfig(FramesConfig):
         "publish the transforms between the frames on /tf and /tf_static, where tf2_msgs is "
         "installed; false = another node does",
     )
-
-
-_NOWHERE = (0.0, 0.0, 0.0)
-_PLACE = ("m", -1e3, 1e3)
-#: Least horizontal distance of two antennas that make a baseline: a tape's error of 1 cm turns one
-#: of 5 cm by 11 deg.
-_LEAST_APART_M = 0.05
-#: Least horizontal share of a baseline's length (75 deg of tilt).
-_LEAST_HORIZONTAL = 0.25
-#: Sigma of an antenna's place that nobody has measured: above the IMU. Every tilt shows that; on
-#: the other axes a few turns cannot tell a lever arm from an error of the clock.
-_UNMEASURED_M = (0.0, 0.0, 0.3)
-_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from typing import Any
 from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
 
+METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 _DELAY, _PATIENCE = ("s", -2, 2), ("s", 0.1, 3600)
 
 
@@ -131,9 +132,6 @@ class BarometerConfig:
         "take a new reference after heights that agree and were rejected for this long",
         _PATIENCE,
     )
-
-
-METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,8 @@ from tirgeo_ros.core.config.aircraft_parameters import FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
+#: The parameters of ConfidenceConfig that enter the covariance of a located point.
+POINT_SIGMAS = ("latency_sigma_s", "lens_sigma_px", "ground_sigma_m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +49,6 @@ class ConfidenceConfig:
     ground_sigma_m: float = param(0.1, "standard deviation of the ground's height", ("m", 0, 1e3))
     scale_bar: bool = param(True, "draw a bar of known length on the ground")
     heading_rose: bool = param(True, "draw where north is, and the camera's heading")
-
-
-#: What of it enters the covariance of a located point.
-POINT_SIGMAS = ("latency_sigma_s", "lens_sigma_px", "ground_sigma_m")
 
 
 @dataclass(frozen=True, slots=True)

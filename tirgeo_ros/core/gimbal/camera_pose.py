@@ -59,14 +59,18 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
+#: For each order, its joints (0 yaw, 1 roll, 2 pitch) from the aircraft to the camera.
+_CHAINS = {order: tuple(JOINTS.index(name) for name in order.split("-")) for order in JOINT_ORDERS}
+#: Smallest horizontal component of the nose's unit vector at which the heading is defined.
+_LEAST_HORIZONTAL = 1e-3
+_IDENTITY = np.eye(6)
+_DOWN_N = np.array([[0.0], [0.0], [1.0]])
+_AXES_N = np.eye(3)
+
 
 def _axis(joint: int) -> int:
     """Return the axis (0 x, 1 y, 2 z) of a joint (0 yaw, 1 roll, 2 pitch)."""
     return (joint + 2) % 3
-
-
-#: For each order, its joints (0 yaw, 1 roll, 2 pitch) from the aircraft to the camera.
-_CHAINS = {order: tuple(JOINTS.index(name) for name in order.split("-")) for order in JOINT_ORDERS}
 
 
 def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Array]:
@@ -121,13 +125,6 @@ def joint_angles(rotation_bg: Array, order: str = USUAL_ORDER) -> Array:
     for joint, angle in zip(joints, (first, middle, last), strict=True):
         angles[..., joint] = angle
     return angles
-
-
-#: Smallest horizontal component of the nose's unit vector at which the heading is defined.
-_LEAST_HORIZONTAL = 1e-3
-_IDENTITY = np.eye(6)
-_DOWN_N = np.array([[0.0], [0.0], [1.0]])
-_AXES_N = np.eye(3)
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,22 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.verdicts import Outcome
 
+# The filter.
 #: Variance of an unknown heading: uniform over the circle.
 _UNKNOWN_RAD2 = math.pi**2 / 3
-#: A longer step means that a clock was set, not that a flight went on.
+#: A longer step between two stamps means that a clock was set: this much is propagated at most.
 _LONGEST_STEP_S = 3600.0
 #: Consecutive refused measurements needed before the filter is reset to them.
 _LEAST_REFUSED = 3
+# The measurements.
+#: The nose is still while its heading stays within this range. A steady turn by this angle during
+#: the settling time, which is six time constants, leaves the camera a sixth of it behind.
+_STILL_RAD = math.radians(2.0)
+#: A measurement is the mean over this time. The noise of two means is taken as independent.
+_MEAN_S = 1.0
+_LONGEST_GAP_S = 1.5
+#: An axis with a smaller horizontal component is too steep for a useful azimuth.
+_LEAST_HORIZONTAL = 0.5
 
 
 class YawBiasFilter:
@@ -144,16 +154,6 @@ class YawBiasFilter:
             return False
         spread = 2 * variance + self._walk_rad2_s * 1e-9 * (stamp_ns - before_ns)
         return wrapped(reading - before) ** 2 <= self._gate_sigma**2 * spread
-
-
-#: The nose is still while its heading stays within this range. A steady turn by this angle during
-#: the settling time, which is six time constants, leaves the camera a sixth of it behind.
-_STILL_RAD = math.radians(2.0)
-#: A measurement is the mean over this time. The noise of two means is taken as independent.
-_MEAN_S = 1.0
-_LONGEST_GAP_S = 1.5
-#: An axis with a smaller horizontal component is too steep for a useful azimuth.
-_LEAST_HORIZONTAL = 0.5
 
 
 class YawBiasMeasurements:

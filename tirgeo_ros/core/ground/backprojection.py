@@ -33,9 +33,29 @@ from tirgeo_ros.core.types.poses import CameraPose
 #: Convert latitude and longitude (rad, any shape) to the grid's column and row, in nodes from 0.
 GridOf = Callable[[Array, Array], tuple[Array, Array]]
 
+# The terrain, and its slope.
 #: Above any mountain and below any trench: a value beyond is an undeclared no-data mark.
 _HIGHEST_M, _LOWEST_M = 9500.0, -12000.0
 _PROBE_M = 1.0
+# A ray over an elevation model, cut into pieces.
+_PIECE_M, _LEAST_PIECE_M = 2000.0, 1.0
+_PIECE_CELLS = 2048.0
+_LEVEL = 1e-6  # a ray that falls less steeply than this counts as level
+_KNOTS = np.array([0.0, 0.5, 1.0])
+#: Converts the values at the knots to the constant, linear and square coefficients.
+_PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
+#: Places along a line of sight at which the terrain is compared with it.
+_PLACES = 48
+#: The terrain hides what is behind it if it is this much higher than the line of sight: elevation
+#: models are hardly ever better, and the point itself lies on the surface.
+_CLEAR_M = 0.1
+# A ray over ground of one height.
+_MOST_STEPS = 6
+#: Height errors at which the iteration ends and at which its result is accepted. Earth-fixed
+#: coordinates have a rounding error of 1e-9 m, which accumulates.
+_SETTLED_M, _CLOSE_M = 1e-8, 1e-6
+#: Rays closer to the surface's tangent than this (rad) give no point: no attitude is so accurate.
+_LEVEL_RAD = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +134,10 @@ class Terrain:
         return height
 
 
+#: The ground under the map: one ellipsoidal height (m) everywhere, or an elevation model.
+Ground: TypeAlias = float | Terrain
+
+
 def _range(heights: npt.NDArray[np.floating]) -> tuple[float, float]:
     """Return the lowest and the highest height, without nan; nan if all are nan."""
     return float(np.fmin.reduce(heights, None)), float(np.fmax.reduce(heights, None))
@@ -156,19 +180,6 @@ class Slopes:
             slopes.append(sum(rises) / max(len(rises), 1) / step_m)
         normal: Array = -self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes
         return normal
-
-
-_PIECE_M, _LEAST_PIECE_M = 2000.0, 1.0
-_PIECE_CELLS = 2048.0
-_LEVEL = 1e-6  # a ray that falls less steeply than this counts as level
-_KNOTS = np.array([0.0, 0.5, 1.0])
-#: Converts the values at the knots to the constant, linear and square coefficients.
-_PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
-#: Places along a line of sight at which the terrain is compared with it.
-_PLACES = 48
-#: The terrain hides what is behind it if it is this much higher than the line of sight: elevation
-#: models are hardly ever better, and the point itself lies on the surface.
-_CLEAR_M = 0.1
 
 
 class Reason(Enum):
@@ -335,16 +346,6 @@ def hidden(terrain: Terrain, plane: TangentPlane, eye_n: Array, points_n: Array)
     with np.errstate(invalid="ignore"):
         above = terrain.at(columns, rows) > heights + _CLEAR_M
     return np.asarray(above.any(axis=1))
-
-
-#: The ground under the map: one ellipsoidal height (m) everywhere, or an elevation model.
-Ground: TypeAlias = float | Terrain
-_MOST_STEPS = 6
-#: Height errors at which the iteration ends and at which its result is accepted. Earth-fixed
-#: coordinates have a rounding error of 1e-9 m, which accumulates.
-_SETTLED_M, _CLOSE_M = 1e-8, 1e-6
-#: Rays closer to the surface's tangent than this (rad) give no point: no attitude is so accurate.
-_LEVEL_RAD = 1e-4
 
 
 def is_given(ground: Ground | None) -> bool:

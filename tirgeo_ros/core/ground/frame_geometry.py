@@ -39,6 +39,13 @@ _MAPPING_OPTICAL = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 #: Nearer to the pitch at which yaw and roll fall together (cosine), their sigmas mean nothing.
 _LEAST_COSINE = 0.05
 _STEEP = math.cos(math.radians(10))  # steeper than this, the optical axis' heading is ill-defined
+# A picture's place on the ground.
+_UNKNOWN: Vector = (math.nan, math.nan, math.nan)
+_NO_CORNERS = np.full((4, 2), np.nan)
+#: Pixels along each edge: enough for the bend of a lens and the shape of the ground.
+_PER_EDGE = 8
+#: Bisections of the step between two of them, to find where an edge leaves the ground in view.
+_HALVINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,14 +151,6 @@ def camera_heading_rad(pose: CameraPose) -> float:
     steep = min(max((ahead[2] - _STEEP) / (1 - _STEEP), 0.0), 1.0)
     north, east = ahead[:2] + steep * up[:2]
     return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0
-
-
-_UNKNOWN: Vector = (math.nan, math.nan, math.nan)
-_NO_CORNERS = np.full((4, 2), np.nan)
-#: Pixels along each edge: enough for the bend of a lens and the shape of the ground.
-_PER_EDGE = 8
-#: Where an edge leaves the ground in view is found to a 256th of the step between two of them.
-_HALVINGS = 8
 
 
 class Sight(NamedTuple):

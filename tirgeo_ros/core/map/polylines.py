@@ -28,6 +28,18 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 T = TypeVar("T", bound=np.generic)
 
 _OFTEN = 64  # from this many lines of one length on, one NumPy call takes them all
+# Levels of detail.
+#: In metres on the map. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
+TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))
+#: Most vertices of a piece: enough to simplify, few enough to cull pieces well.
+PIECE_VERTICES = 64
+_BLOCK_PIECES = 64
+#: A level that drops less than this share of the vertices is not worth its memory.
+_LEAST_DROP = 0.25
+_MORTON_BITS = 15
+# Spans of a pixel row.
+_ENDS_PER_UNIT = 2.0**31  # steps per unit on the plane z = 1: each a ten-thousandth of a pixel
+_FAR_APART_PX = 1e6  # wider than any picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,19 +162,6 @@ def joined(first: Polylines, second: Polylines) -> Polylines:
         np.concatenate([first.starts, second.starts[1:] + first.starts[-1]]),
         np.concatenate([first.owner, second.owner]),
     )
-
-
-#: In metres on the map. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
-TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))
-#: Largest number in a piece: enough to simplify, few enough to cull pieces well.
-PIECE_VERTICES = 64
-_BLOCK_PIECES = 64
-#: A level that drops less than this share of the vertices is not worth its memory.
-_LEAST_DROP = 0.25
-_MORTON_BITS = 15
-
-_ENDS_PER_UNIT = 2.0**31  # fineness of a place on the plane z = 1: a ten-thousandth of a pixel
-_FAR_APART_PX = 1e6  # wider than any picture
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,12 @@ from tirgeo_ros.core.types.errors import ConfigError
 
 Colour = tuple[int, int, int]  # blue, green, red, 0 to 255
 
+#: Up to this many vertices, lines get one in each cell of the elevation model. A map of a whole
+#: county on a 1 m model would need more memory than a computer has.
+MOST_VERTICES = 5_000_000
+#: Segments are first cut into pieces of this many cells, to leave out pieces outside the model.
+_FIRST_CELLS = 256.0
+
 
 @dataclass(frozen=True, slots=True)
 class GeoFeature:
@@ -54,13 +60,6 @@ class MapLayer:
     style: LayerStyle = LayerStyle()
     sigma_m: float | None = None  # standard deviation of its horizontal positions; None: unknown
     left_out: tuple[str, ...] = ()  # what is left out or changed from the file, one line each
-
-
-#: A 1 m model under the map of a whole county would need more memory than there is. Above this
-#: number, lines get fewer vertices than cells.
-MOST_VERTICES = 5_000_000
-#: Segments are first cut into pieces of this many cells, to leave out pieces outside the model.
-_FIRST_CELLS = 256.0
 
 
 def check_heights(layers: Sequence[MapLayer], ground: Ground) -> None:

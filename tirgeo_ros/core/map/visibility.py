@@ -41,6 +41,29 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.poses import CameraPose
 
 _BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
+# What is drawn.
+#: Largest distance between a drawn chord and the curve into which the lens bends a line.
+CHORD_PX = 0.1
+#: Lines and marks farther ahead than this are never drawn.
+FAR_M = 20_000.0
+#: Lines and marks less than this many rows below the horizon are not drawn either. Seen from
+#: 100 m up, the ground beyond 5 km fills 16 rows, about a degree: its lines merge into a solid
+#: bar, and half a degree of tilt error moves it by kilometres.
+HORIZON_ROWS = 16.0
+#: With up to this many vertices in view, lines are drawn with all their vertices.
+_FEW_VERTICES = 4096
+#: Tolerances of the coarser levels of detail. The first one that leaves at most _MANY_VERTICES is
+#: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
+_DETAILS_PX = (0.5, 1.0, 2.0)
+_MANY_VERTICES = 40_000
+# Why no map is in view.
+#: A map farther away than this does not belong to the flight.
+ELSEWHERE_M = 20_000.0
+_CANDIDATES = 16  # pieces of lines to search: the nearest box may not have the nearest line
+_HINT_M = 50_000.0  # a guessed mistake is likely if undoing it brings the map this near
+_ZONE_DEG = 6.0  # width of a UTM zone
+_GRID = 5  # pixels along each side of the picture, to look for the horizon
+_WORDS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"]
 
 
 def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polylines:
@@ -127,22 +150,6 @@ def _cut_rings(rings: Polylines, distance: Array) -> Polylines:
     starts = np.append(0, after)[rings.starts]
     left = np.diff(starts) > 0
     return Polylines(points, np.append(starts[:-1][left], starts[-1]), rings.owner[left])
-
-
-#: Largest distance between a drawn chord and the curve into which the lens bends a line.
-CHORD_PX = 0.1
-#: Lines and marks farther ahead than this are never drawn.
-FAR_M = 20_000.0
-#: Lines and marks less than this many rows below the horizon are not drawn either. Seen from
-#: 100 m up, the ground beyond 5 km fills 16 rows, about a degree: its lines merge into a solid
-#: bar, and half a degree of tilt error moves it by kilometres.
-HORIZON_ROWS = 16.0
-#: With up to this many vertices in view, lines are drawn with all their vertices.
-_FEW_VERTICES = 4096
-#: Tolerances of the coarser levels of detail. The first one that leaves at most _MANY_VERTICES is
-#: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
-_DETAILS_PX = (0.5, 1.0, 2.0)
-_MANY_VERTICES = 40_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,16 +339,6 @@ def _flat(lines: Polylines) -> Polylines:
     inverse_depth = np.divide(1.0, lines.points[2], out=points[2])
     np.multiply(lines.points[:2], inverse_depth, out=points[:2])
     return Polylines(points, lines.starts, lines.owner)
-
-
-#: A map farther away than this does not belong to the flight.
-ELSEWHERE_M = 20_000.0
-
-_CANDIDATES = 16  # pieces of lines to search: the nearest box may not have the nearest line
-_HINT_M = 50_000.0  # a guessed mistake is likely if undoing it brings the map this near
-_ZONE_DEG = 6.0  # width of a UTM zone
-_GRID = 5  # pixels along each side of the picture, to look for the horizon
-_WORDS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"]
 
 
 class Nearest(NamedTuple):

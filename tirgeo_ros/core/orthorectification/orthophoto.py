@@ -47,6 +47,20 @@ NODES = TILE_PX // STEP_PX + 2
 TileKey: TypeAlias = tuple[int, int]
 Floats: TypeAlias = npt.NDArray[np.float32]
 _KEPT = 48  # tiles whose nodes are kept: 0.8 MB each
+# The view of one picture.
+#: Nodes up to this many pixels outside the picture are used too: pixels of the picture may lie
+#: between them.
+_MARGIN_PX = 32.0
+_RIM, _AT_EDGE = 1 / 8, 3.0  # rim over shorter side; factor of the score at the edge
+_LEAST_PX = 16  # shorter side of a reduced picture
+_SEEDS = 5  # pixels along each side of the picture from which its tiles are searched
+#: On an elevation model, tiles are searched up to where level ground is seen at this share of the
+#: least angle: behind a slope seen at too small an angle, another one may face the camera.
+_FLATTER = 0.5
+#: Nodes from one line of sight that is checked for obstacles to the next.
+_SIGHT_STEP = 4
+# The mosaic.
+_SQUARINGS = 5  # (best / score) to the power of 2^5
 
 
 class ProjectedPlane(Protocol):
@@ -113,19 +127,6 @@ def at_pixels(nodes: Array) -> Floats:
     """Return values at pixels (h * STEP_PX, w * STEP_PX) from those at nodes (h, w), bilinear."""
     size = nodes.shape[1] * STEP_PX, nodes.shape[0] * STEP_PX
     return np.asarray(cv2.resize(nodes.astype(np.float32), size, interpolation=cv2.INTER_LINEAR))
-
-
-#: Nodes this many pixels beyond the picture's edge are taken along: between them may lie pixels
-#: of the picture.
-_MARGIN_PX = 32.0
-_RIM, _AT_EDGE = 1 / 8, 3.0  # of the picture's shorter side; times the score there
-_LEAST_PX = 16  # shorter side of a reduced picture
-_SEEDS = 5  # pixels along each side of the picture from which its tiles are searched
-#: Tiles are searched on an elevation model as far as level ground is seen under this share of the
-#: least angle: behind a slope that is seen too flatly there may be one that faces the camera.
-_FLATTER = 0.5
-#: Every how many nodes the line of sight is followed to the camera.
-_SIGHT_STEP = 4
 
 
 class Patch(NamedTuple):
@@ -305,9 +306,6 @@ def _cropped(pixels: Floats, box: tuple[slice, slice]) -> Floats:
         for span, first in ((span, (span.start - 1) * STEP_PX) for span in box)
     )
     return pixels[rows, columns]
-
-
-_SQUARINGS = 5  # (best / score) to the power of 2^5
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,22 @@ _PLAIN_PX = 640, 512  # picture size at which the drawing scale is 1
 _SMALLEST, _LARGEST = 0.75, 4.0  # limits of the drawing scale
 _MARK_PX = 7
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
+#: The largest number of labels that are drawn: more could not be read.
+MOST = 40
+UNCERTAIN_BGR: Colour = (165, 165, 165)
+_CONSIDERED = 3 * MOST
+#: A label inside its outline stays inside until the outline is smaller than this times the label.
+_STAYS_WITHIN = 0.8
+#: Free space that a new place needs around it, so that the label is not displaced again soon.
+_ROOM_PX = 4
+_Places = tuple[tuple[int, int], ...]
+#: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
+#: and down, in units of ``PlacementRequest.half_u`` and ``half_v``.
+_BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
+_ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
+_UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
+_WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside, it would seem to name another
+_NO_ANCHORS = Anchors(np.empty((2, 0)), np.empty((3, 0)), np.empty(0, np.int64), np.empty(0, bool))
 
 
 def drawing_scale(image: Pixels) -> float:
@@ -164,26 +180,6 @@ def _move_inside(places: Array, points: Array, row: IntArray, first: IntArray) -
     places[:, of[order[::2]][widest]] = ((begin + end) / 2)[:, widest]
 
 
-#: The largest number of labels that are drawn: more could not be read.
-MOST = 40
-
-UNCERTAIN_BGR: Colour = (165, 165, 165)
-
-_CONSIDERED = 3 * MOST
-#: A label inside its outline stays inside until the outline is smaller than this times the label.
-_STAYS_WITHIN = 0.8
-#: Free space that a new place needs around it, so that the label is not displaced again soon.
-_ROOM_PX = 4
-
-_Places = tuple[tuple[int, int], ...]
-#: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
-#: and down, in units of ``PlacementRequest.half_u`` and ``half_v``.
-_BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
-_ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
-_UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
-_WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside, it would seem to name another
-
-
 class Label(NamedTuple):
     """Hold a label and its box."""
 
@@ -209,9 +205,6 @@ class PlacementRequest(NamedTuple):
     half_v: float
     mark: bool
     places: _Places
-
-
-_NO_ANCHORS = Anchors(np.empty((2, 0)), np.empty((3, 0)), np.empty(0, np.int64), np.empty(0, bool))
 
 
 class Labels:

@@ -44,16 +44,9 @@ from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
-#: Less than a turn takes, enough for the noise.
+#: Time over which the camera's rates are averaged: shorter than a turn, long enough for the noise.
 RATES_S = 0.1
-
-
-def rates_up_to(pose: CameraPose, poses: PoseBuffer[CameraPose]) -> CameraRates | None:
-    """Return the camera's rates up to a pose; None if they are not known."""
-    before = poses.at(pose.stamp_ns - round(RATES_S * 1e9))
-    return None if isinstance(before, Miss) else CameraRates.between(before, pose)
-
-
+# The prediction of a pose.
 #: The length of the fitted line, and the least span that a fit needs. On simulated flights a
 #: shorter line passes on the poses' noise (with 20 ms a predicted attitude is twice as wrong as
 #: with 100 ms); a longer line lags behind turns.
@@ -66,6 +59,23 @@ _FEWEST_TRIALS = 5
 #: of an aircraft that corrects its course in light wind.
 _ACCELERATION, _ANGULAR_ACCELERATION = 0.5, 0.2
 _ROUNDING_S = 1e-9
+# The queue of frames.
+#: A stamp that goes back by more than this means that a clock was set, not a late frame.
+_JUMP_NS = 1_000_000_000
+_RATE_FRAMES = 10
+#: One second of video: longer than any sensible wait for a pose.
+_MOST_WAITING = 30
+_LARGEST_PX = 65_500  # libjpeg's JPEG_MAX_DIMENSION
+_SHAPES = {np.dtype(np.uint8): (2, 3), np.dtype(np.uint16): (2,)}  # dimensions by pixel type
+# The overlay.
+_MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
+_READING = "reading"
+
+
+def rates_up_to(pose: CameraPose, poses: PoseBuffer[CameraPose]) -> CameraRates | None:
+    """Return the camera's rates up to a pose; None if they are not known."""
+    before = poses.at(pose.stamp_ns - round(RATES_S * 1e9))
+    return None if isinstance(before, Miss) else CameraRates.between(before, pose)
 
 
 def predicted(poses: Sequence[CameraPose], stamp_ns: int, max_gap_s: float) -> CameraPose | None:
@@ -140,15 +150,6 @@ def _spread(missed: Array, ahead_s: float, covariance: Array) -> Array:
     return np.asarray(spread + missed.T @ missed / len(missed))
 
 
-#: A stamp that goes back by more than this means that a clock was set, not a late frame.
-_JUMP_NS = 1_000_000_000
-_RATE_FRAMES = 10
-#: One second of video: longer than any sensible wait for a pose.
-_MOST_WAITING = 30
-_LARGEST_PX = 65_500  # libjpeg's JPEG_MAX_DIMENSION
-_SHAPES = {np.dtype(np.uint8): (2, 3), np.dtype(np.uint16): (2,)}  # dimensions by pixel type
-
-
 @dataclass(frozen=True, slots=True)
 class Frame:
     """Hold a picture of the video."""
@@ -219,10 +220,6 @@ class FrameQueue:
         if len(self._stamps) < 2:
             return float("nan")
         return (len(self._stamps) - 1) * 1e9 / (self._stamps[-1] - self._stamps[0])
-
-
-_MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
-_READING = "reading"
 
 
 class Overlay:

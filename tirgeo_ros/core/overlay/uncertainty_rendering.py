@@ -28,6 +28,22 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 #: The uncertainty changes little over this length of a line.
 STEP_PX = 48.0
+#: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
+FADE_STEPS = 3
+FAINTEST = 0.25
+#: An ellipse is drawn if its major semi-axis is at least this many times the mark's radius: of
+#: about the same size the two could not be told apart.
+MARK_TIMES = 1.5
+#: The largest number of ellipses, the same as of labels.
+MOST_ELLIPSES = 40
+#: Not the default colour of any layer or click: an ellipse is an uncertainty, not a place.
+ELLIPSE_BGR = (255, 175, 215)
+# The polygon of an ellipse.
+_CORNERS = 48
+_TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
+_CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
+_PERIOD, _DASH, _DOT = 6, 3, 1  # in corners: from dash to dash, of a dash, of a dot
+NO_DASHES = Polylines(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64))
 
 
 class Samples(NamedTuple):
@@ -127,24 +143,6 @@ def fading(
         return joined(parts, few), np.concatenate([along[way], of_short])
 
     return rays, owner, cut_by
-
-
-#: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
-FADE_STEPS = 3
-FAINTEST = 0.25
-#: An ellipse is drawn if its major semi-axis is at least this many times the mark's radius: of
-#: about the same size the two could not be told apart.
-MARK_TIMES = 1.5
-#: The largest number of ellipses, the same as of labels.
-MOST_ELLIPSES = 40
-
-#: Not the default colour of any layer or click: an ellipse is an uncertainty, not a place.
-ELLIPSE_BGR = (255, 175, 215)
-_CORNERS = 48  # of an ellipse
-_TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
-_CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
-_PERIOD, _DASH, _DOT = 6, 3, 1  # in corners: from dash to dash, of a dash, of a dot
-NO_DASHES = Polylines(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64))
 
 
 class Anchors(NamedTuple):

@@ -47,6 +47,30 @@ _JOINERS = "\u200c\u200d\u200e\u200f"  # without ink of their own; they decide h
 _VARIATIONS = re.compile("[\ufe00-\ufe0f]")  # a choice between an emoji and a plain symbol
 _NOT_ASCII = re.compile("[^ -~]+")
 _NO_LETTER = "\U0010ffff"  # never assigned
+# Notices, and the layout of the status line.
+NOTICE_BGR: Colour = (80, 200, 255)
+LONGEST_NOTICE = 300  # characters; more would cover a small picture with text
+_NOTICE_TIMES = 1.25  # size of a large notice, relative to plain text
+#: Brightness that remains under the status line: low enough that every colour of its text has a
+#: contrast of 4.5 to 1 even on a white picture (WCAG 2, relative luminance).
+_STRIP_LIGHT = 0.14
+_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # in sizes of the status line's text
+_LEAST_DETAIL = 6  # characters; a shorter rest of a detail is useless
+# The contents of the status line.
+_METHODS = {
+    "raw": "autopilot alone",
+    "rtk": "RTK, autopilot's attitude",
+    "ekf": "filter without heading",
+    "ekf_heading": "filter",
+}
+_ORANGE_BGR: Colour = (60, 140, 255)
+_RED_BGR: Colour = (100, 100, 255)
+_COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
+#: Colour by the checks' verdict, in the status line and in the notice.
+VERDICT_BGR = {Severity.NOTE: TEXT_BGR, Severity.CAUTION: NOTICE_BGR, Severity.STOP: _ORANGE_BGR}
+_VERDICTS = {Severity.CAUTION: "CAUTION", Severity.STOP: "NO GO"}
+_CLOCK_STEP_S = 0.02
+_BELOW_M = 2.0  # tolerance: a camera on the landing gear, a ground height known to a metre
 
 
 def text_px(image: Pixels) -> int:
@@ -237,17 +261,6 @@ def _font(name: str, size_px: int) -> Any:
         return ImageFont.load_default(size_px)
 
 
-NOTICE_BGR: Colour = (80, 200, 255)
-LONGEST_NOTICE = 300  # characters; more would cover a small picture with text
-
-_NOTICE_TIMES = 1.25  # size of a large notice, relative to plain text
-#: Brightness that remains under the status line: low enough that every colour of its text has a
-#: contrast of 4.5 to 1 even on a white picture (WCAG 2, relative luminance).
-_STRIP_LIGHT = 0.14
-_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # in sizes of the status line's text
-_LEAST_DETAIL = 6  # characters; a shorter rest of a detail is useless
-
-
 @dataclass(frozen=True, slots=True)
 class Field:
     """Hold one text of the status line."""
@@ -378,22 +391,6 @@ def _notice_lines(
         fits = bisect_right(lengths, width_px, key=lambda n: width_of(cut(rest, n)))
         lines = [*lines[: most - 1], cut(rest, lengths[max(fits - 1, 0)])]
     return tuple(passing_stamp(line, size_px, colour) for line in lines)
-
-
-_METHODS = {
-    "raw": "autopilot alone",
-    "rtk": "RTK, autopilot's attitude",
-    "ekf": "filter without heading",
-    "ekf_heading": "filter",
-}
-_ORANGE_BGR: Colour = (60, 140, 255)
-_RED_BGR: Colour = (100, 100, 255)
-_COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
-#: Colour by the checks' verdict, in the status line and in the notice.
-VERDICT_BGR = {Severity.NOTE: TEXT_BGR, Severity.CAUTION: NOTICE_BGR, Severity.STOP: _ORANGE_BGR}
-_VERDICTS = {Severity.CAUTION: "CAUTION", Severity.STOP: "NO GO"}
-_CLOCK_STEP_S = 0.02
-_BELOW_M = 2.0  # tolerance: a camera on the landing gear, a ground height known to a metre
 
 
 def status_line(

@@ -14,6 +14,7 @@ from tirgeo_ros.core.ground.ground_point import MOST_M2, Located, enu_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import TargetError, cut
 
+# The average of clicks.
 #: Share of a click's variance that is common to all clicks of a flight. From 60 m up, seen 45 deg
 #: down, the default sigmas of ground and lens give 0.11 m along the ray, the filter gives 0.1 m.
 COMMON = 0.5
@@ -25,6 +26,10 @@ MEMORY_S = 30.0
 _RARE_SIGMA = 3.09
 #: The least standard deviation in Q_i, m, and as a share of the largest one.
 _LEAST_M, _LEAST_SHARE = 0.01, 0.05
+# A target.
+KINDS = ("person", "fire", "vehicle", "hydrant", "building", "other")
+MOST_TARGETS = 2000  # that a file keeps, and that are drawn
+_LONGEST_LABEL = 60  # characters
 
 
 class Combined(NamedTuple):
@@ -69,11 +74,6 @@ def _limit(degrees: int) -> float:
     """Return the chi-square that is exceeded rarely; Wilson and Hilferty, within 1 %."""
     spread = 2 / (9 * degrees)
     return degrees * (1 - spread + _RARE_SIGMA * math.sqrt(spread)) ** 3
-
-
-KINDS = ("person", "fire", "vehicle", "hydrant", "building", "other")
-MOST_TARGETS = 2000  # that a file keeps, and that are drawn
-_LONGEST_LABEL = 60  # characters
 
 
 @dataclass(frozen=True, slots=True)
