@@ -158,9 +158,9 @@ def test_infinite_heights_are_gaps_and_any_layout_in_memory_serves():
 @pytest.mark.parametrize(
     ("heights", "said"),
     [
-        (np.zeros((1, 5)), "at least 2 x 2 are needed"),
-        (np.zeros(5), "at least 2 x 2 are needed"),
-        (np.full((3, 3), np.nan), "all of it is no-data"),
+        (np.zeros((1, 5)), "at least 2 x 2 heights are needed"),
+        (np.zeros(5), "at least 2 x 2 heights are needed"),
+        (np.full((3, 3), np.nan), "all its values are no-data"),
         (np.array([[0.0, 1.0], [2.0, -32768.0]]), "is its no-data value declared"),
     ],
 )

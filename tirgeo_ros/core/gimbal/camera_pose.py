@@ -74,7 +74,7 @@ def _axis(joint: int) -> int:
 
 
 def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Array]:
-    """Return ``q_bg`` of the three turns in their order, and the joints' axes in ``b``.
+    """Return ``q_bg``, the joints' three turns in their order, and the joints' axes in ``b``.
 
     The axes (3, 3) are columns in the order yaw, roll, pitch.
     """
@@ -88,7 +88,7 @@ def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Ar
 
 
 def camera_turn(joints: JointSample, order: str = USUAL_ORDER) -> Array:
-    """Return ``q_bg`` (4,) of the three turns in their order."""
+    """Return ``q_bg`` (4,), the joints' three turns in their order."""
     return np.array(_turns(joints, order)[2])
 
 
@@ -136,7 +136,7 @@ class Mount:
     q_gc: Array  # (4,) from the optical frame to the gimbal's camera axes, with the boresight
     joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
     reported_variance: Array  # (2,) reported roll, pitch, rad2
-    tilt_variance: float  # the autopilot's attitude about north and about east, each, rad2
+    tilt_variance: float  # the autopilot's attitude, about north and about east each, rad2
     joint_order: str = USUAL_ORDER
 
     @classmethod
