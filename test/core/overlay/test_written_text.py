@@ -239,7 +239,7 @@ def test_what_cannot_be_written_is_left_out(monkeypatch, words, written):
     layer = MapLayer("m", [geo(SQUARE_N, words), geo(SQUARE_N, "plain")])
     laid = drape_layers([layer], PLANE, 25.0).map
     assert laid.labelled.tolist() == [bool(written), True]
-    assert ("map: labels not drawn: 1, as" in str(laid.notes)) is not bool(written)
+    assert ("map: labels not drawn: 1, such as" in str(laid.notes)) is not bool(written)
 
 
 def test_control_characters_and_length():
@@ -260,5 +260,5 @@ def test_laying_a_stamp_anywhere_touches_only_its_place(left, top):
     place = np.s_[100 + top : 100 + top + height, 100 + left : 100 + left + width]
     wanted = canvas.astype(float)
     wanted[place] = canvas[place] * (made.keep / 255) + made.ink
-    made.lay(image, left, top)
+    made.draw(image, left, top)
     np.testing.assert_allclose(image, wanted[100:140, 100:160], atol=0.5 + 1e-9)  # rounding
