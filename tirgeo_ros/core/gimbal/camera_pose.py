@@ -232,7 +232,7 @@ def _roll_and_pitch_axes(rotation_ng: Array) -> Array:
     if _has_heading(forward):
         across = np.array([-forward[1], forward[0], 0.0]) / np.hypot(forward[0], forward[1])
     else:
-        across = rotation_ng[:, 1]  # the camera's right side, level to the same small angle
+        across = rotation_ng[:, 1]  # the camera's right axis, level within the same small angle
     return np.stack([forward, across], 1)
 
 

@@ -46,7 +46,7 @@ _LONGEST_STEP_S = 3600.0
 _LEAST_REFUSED = 3
 # The measurements.
 #: The nose is still while its heading stays within this range. A steady turn by this angle during
-#: the settling time, which is six time constants, leaves the camera a sixth of it behind.
+#: the settling time, which is six time constants, makes the camera lag by a sixth of it.
 _STILL_RAD = math.radians(2.0)
 #: A measurement is the mean over this time. The noise of two means is taken as independent.
 _MEAN_S = 1.0
@@ -185,7 +185,7 @@ class YawBiasMeasurements:
             if math.hypot(w, z) > _LEAST_HORIZONTAL:  # else the tilt between them is too large
                 mean = self._joints.add(stamp_ns, nose, 2 * math.atan2(z, w))
             if mean is not None:
-                # The reported roll's error is about the optical axis, so partly the vertical.
+                # The reported roll's error is about the optical axis: in part about the vertical.
                 down = float(matrix_from_quat(q_ng)[2, 0])
                 variance = self._noise_rad2 + self._roll_rad2 * down * down
                 north.take(stamp_ns, mean, variance, centred=False)

@@ -312,7 +312,7 @@ def worths(lines: Polylines) -> Array:
 
 
 def _farthest(points: Array, first: IntArray, last: IntArray) -> tuple[IntArray, Array]:
-    """Return the vertex between each first and last one farthest from their chord, and how far."""
+    """Return the vertex farthest from each chord, ``first`` to ``last``, and its distance."""
     inner, starts = runs(first + 1, last - first - 1)
     of = np.repeat(np.arange(len(first)), last - first - 1)
     begin = points[:, first]
@@ -333,7 +333,7 @@ def _farthest(points: Array, first: IntArray, last: IntArray) -> tuple[IntArray,
 def _levels(pieces: Polylines) -> tuple[Array, IntArray, IntArray]:
     """Return the points of all levels, and the first index and count (levels, N) of each piece.
 
-    Where a level would drop too few vertices, the piece uses the level before.
+    If a level would drop too few vertices of a piece, the piece uses the previous level again.
     """
     worth = worths(pieces)
     lengths = np.diff(pieces.starts)
@@ -352,7 +352,7 @@ def _levels(pieces: Polylines) -> tuple[Array, IntArray, IntArray]:
 
 
 def _morton(centres: Array) -> IntArray:
-    """Return Morton codes (N,) of centres (3, N): sorted by them, neighbours stay mostly close."""
+    """Return Morton codes (N,) of centres (3, N): sorting by them keeps most neighbours close."""
     if not centres.size:
         return np.empty(0, np.int64)
     plane = centres[:2] - centres[:2].min(axis=1)[:, None]

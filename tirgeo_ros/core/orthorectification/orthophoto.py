@@ -57,7 +57,7 @@ _SEEDS = 5  # pixels along each side of the picture from which its tiles are sea
 #: On an elevation model, tiles are searched up to where level ground is seen at this share of the
 #: least angle: behind a slope seen at too small an angle, another one may face the camera.
 _FLATTER = 0.5
-#: Nodes from one line of sight that is checked for obstacles to the next.
+#: Step, in nodes, between the lines of sight that are checked for obstacles.
 _SIGHT_STEP = 4
 # The mosaic.
 _SQUARINGS = 5  # (best / score) to the power of 2^5
@@ -143,7 +143,7 @@ class _NodeView(NamedTuple):
 
     uv: Array  # (NODES, NODES, 2) pixels
     score: Array  # (NODES, NODES), without the rim
-    near: BoolArray  # (NODES, NODES) in the picture or hardly outside, even if it is not seen
+    near: BoolArray  # (NODES, NODES) in the picture or near its edge, even if it is not seen
 
 
 class FrameView:

@@ -169,7 +169,7 @@ class Stretch:
         self._moves = off > (_ARRIVES if self._moves else _LEAVES)
         if not self._moves:
             return self._ends
-        # ``share`` is that of the way to the wanted ends; ``growth`` is log(new span / old span).
+        # Move by ``share`` of the way to the wanted ends; ``growth`` is log(new span / old span).
         growth, most = math.log((high - low) / span), _CONSTANTS * elapsed_s / self._time_s
         share = -math.expm1(-most)
         if abs(growth) >= _PLAIN_GROWTH:
@@ -302,7 +302,7 @@ class PicturePainter:
         self.set_scene(Scene(rectifier.camera if rectifier else camera, rectifier))
 
     def set_scene(self, scene: Scene) -> None:
-        """Paint with this camera and map from now on; keep the present one where this has None."""
+        """Paint with this scene from now on; keep the present camera or map if it has none."""
         self._rectifier = scene.rectifier
         if scene.camera is not None and (not self._view or scene.camera != self._view.camera):
             self._view = View(scene.camera)
