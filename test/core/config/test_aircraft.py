@@ -1,4 +1,4 @@
-"""The aircraft's places, set once: from which point they are measured, and the IMU's axes."""
+"""Positions on the aircraft, set once: from which point they are measured, and the IMU's axes."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ def test_an_old_name_is_refused_with_the_new_one(kind, name, instead):
 
 
 def test_no_old_name_is_in_use_and_every_node_knows_them():
-    known = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)}
-    assert not known & set(RENAMED)
+    in_use = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)}
+    assert not in_use & set(RENAMED)
     for kind in NODE_CONFIGS.values():
         with pytest.raises(ConfigError, match=r"rtk\.lever_arm_m is now aircraft\.rtk_antenna_m"):
             config_from(kind, {"rtk.lever_arm_m": [0.0, 0.0, 0.0]})
