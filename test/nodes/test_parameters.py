@@ -286,10 +286,10 @@ def test_parameters_are_set_in_flight_or_refused_with_the_reason(idle_nodes, mee
     # As it is: a dump is loaded again, with what was read at start.
     assert put(method="ekf_heading", aircraft__second_antenna_m=[]) == (True, "")
     for values, reason in (
-        ({"method": "ekf"}, "method is read at start alone: .* restart the node"),
+        ({"method": "ekf"}, "method is read only at start: .* restart the node"),
         (
             {"aircraft__rtk_antenna_m": [0.0, 1.0, 0.0]},
-            "measured before flight.* restart them all",
+            "measured before flight.* restart all nodes",
         ),
         ({"rtk__gate_sigma": 0.5}, "rtk.gate_sigma: 0.5 is outside 1 to 1e"),
         ({"rtk__gate_sgma": 5.0}, "unknown parameter rtk.gate_sgma .did you mean rtk.gate_sigma"),
@@ -333,7 +333,7 @@ def test_what_a_dump_has_instead_of_a_secret_changes_nothing(node):
     assert node.set_parameters_atomically(stars).successful
     assert node.set_parameters_atomically([Parameter("token", value=SECRETS["token"])]).successful
     refused = node.set_parameters_atomically([Parameter("token", value="another-secret")])
-    assert "token is read at start alone" in refused.reason
+    assert "token is read only at start" in refused.reason
     assert [item.value for item in node.get_parameters([*SECRETS])] == ["***"] * 3
 
 

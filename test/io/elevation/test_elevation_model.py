@@ -156,7 +156,7 @@ NO_GROUND = "odd.tif: its pixels cover no ground"
     ("options", "reason"),
     [
         ({"crs": None}, "odd.tif: no coordinate system"),
-        ({"values": np.full_like(FLAT, -9999)}, "odd.tif: .*all of it is no-data"),
+        ({"values": np.full_like(FLAT, -9999)}, "odd.tif: .*all its values are no-data"),
         ({"values": np.full_like(FLAT, -32768)}, "odd.tif: .*is its no-data value declared"),
         ({"crs": "EPSG:4978"}, ODD_CRS),
         ({"crs": 'LOCAL_CS["site",UNIT["metre",1]]'}, ODD_CRS),
