@@ -29,6 +29,9 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 _DOWN = 2
 
+#: The share of errors within the circular error CE90, the usual figure for maps.
+CIRCULAR_SHARE = 0.9
+
 
 def paper_ground_offset(
     x_im: Array, y_im: Array, f: float, alpha_rad: float, beta_rad: float, h_m: float
@@ -148,10 +151,6 @@ def pixel_grid(camera: Camera, step_px: int) -> tuple[Array, tuple[int, int]]:
 def rms_m(covariance: Array) -> Array:
     """Return the rms horizontal errors (N,), m, of covariances (N, 2, 2), m2."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
-
-
-#: The share of errors within the circular error CE90, the usual figure for maps.
-CIRCULAR_SHARE = 0.9
 
 
 @dataclass(frozen=True)

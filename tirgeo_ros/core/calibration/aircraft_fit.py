@@ -59,6 +59,15 @@ _LEAST_TILT_RAD = math.radians(1.5)  # rms about the mean
 _LEAST_SPEED_M_S = 1.0  # rms about the mean
 _LEAST_TURN_RATE_RAD_S = math.radians(3.0)  # rms
 
+# Roll and pitch of the IMU in its mount.
+LEVEL = ("level_roll", "level_pitch")
+LEVEL_LIMIT_RAD = math.radians(0.3)
+LEVEL_ADVICE = (
+    "three minutes with orientation in imu/data, legs in several directions and rests between"
+)
+_LEAST_PART = 20  # attitudes
+_NEAR_NS = 30_000_000
+
 
 @dataclass(frozen=True)
 class AircraftFit:
@@ -260,15 +269,6 @@ def _not_flown(run: FilterRun) -> dict[str, str]:
     if rate_rad_s < _LEAST_TURN_RATE_RAD_S:
         reasons["heading_delay"] = f"it turned at {math.degrees(rate_rad_s):.1f} deg/s rms only"
     return reasons
-
-
-LEVEL = ("level_roll", "level_pitch")
-LEVEL_LIMIT_RAD = math.radians(0.3)
-LEVEL_ADVICE = (
-    "three minutes with orientation in imu/data, legs in several directions and rests between"
-)
-_LEAST_PART = 20  # attitudes
-_NEAR_NS = 30_000_000
 
 
 class MountingLevel(NamedTuple):

@@ -21,6 +21,18 @@ from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
+# The texts of TABLE: where a value is set, and what to fly for it.
+_ANTENNA, _RTK = "aircraft.rtk_antenna_m", "ekf_node rtk."
+_TURNS = "turns of the nose through 180 deg or more, right and left"
+_SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"
+_LEANS = "starts and stops that tilt the aircraft by 10 deg or more, in several directions"
+_SWINGS = "turns at 20 deg/s or more, right and left, with rests between"
+_QUARTER_RAD = math.radians(90)
+
+ANTENNA, AZIMUTH = slice(0, 3), 3
+#: Index of the delay of each source.
+DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
+
 
 class Parameter(NamedTuple):
     """Describe a parameter that a flight may determine."""
@@ -32,12 +44,6 @@ class Parameter(NamedTuple):
     advice: str  # what to fly for it
 
 
-_ANTENNA, _RTK = "aircraft.rtk_antenna_m", "ekf_node rtk."
-_TURNS = "turns of the nose through 180 deg or more, right and left"
-_SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"
-_LEANS = "starts and stops that tilt the aircraft by 10 deg or more, in several directions"
-_SWINGS = "turns at 20 deg/s or more, right and left, with rests between"
-_QUARTER_RAD = math.radians(90)
 TABLE = {
     "antenna_forward": Parameter("m", _ANTENNA, 0.05, 2.0, _TURNS),
     "antenna_left": Parameter("m", _ANTENNA, 0.05, 2.0, _TURNS),
@@ -50,9 +56,6 @@ TABLE = {
     "heading_delay": Parameter("ms", "ekf_node heading.delay_s", 0.01, 0.5, _SWINGS),
 }
 PARAMETERS = tuple(TABLE)
-ANTENNA, AZIMUTH = slice(0, 3), 3
-#: Index of the delay of each source.
-DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
 LIMITS, PRIOR_SIGMA = np.array([(row.limit, row.prior_sigma) for row in TABLE.values()]).T
 
 

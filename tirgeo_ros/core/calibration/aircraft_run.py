@@ -64,6 +64,17 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _NO_GATE = 1e6
 
+#: Averaging time of the IMU readings about a measurement, for its slope by a delay.
+_AVERAGED_S = 0.1
+#: Measurements nearer to the end of the IMU's record or to the alignment are left out.
+_MARGIN_NS = 500_000_000
+_ATTITUDE_STEP_NS = 50_000_000
+#: Sigmas of the error states that wrong values add to an alignment.
+_START_SIGMA = np.zeros(STATES)
+_START_SIGMA[ATTITUDE] = np.radians([2.0, 2.0, 5.0])
+_START_SIGMA[VELOCITY], _START_SIGMA[POSITION] = 0.5, 2.0
+_ALIGNMENT_FLOORS = Floors(0.1, 0.1, np.radians(2.0))
+
 
 class WhiteningReading(NamedTuple):
     """Hold the index and weight of a measurement, and the IMU's mean readings at its time."""
@@ -209,18 +220,6 @@ def huber_weight(off: float, scale: float, limit: float = 2.5) -> float:
     """Return Huber's weight of an innovation of ``off`` sigmas, if ``scale`` sigmas are usual."""
     off /= scale
     return 1.0 if off <= limit else limit / off
-
-
-#: Averaging time of the IMU readings about a measurement, for its slope by a delay.
-_AVERAGED_S = 0.1
-#: Measurements nearer to the end of the IMU's record or to the alignment are left out.
-_MARGIN_NS = 500_000_000
-_ATTITUDE_STEP_NS = 50_000_000
-#: Sigmas of the error states that wrong values add to an alignment.
-_START_SIGMA = np.zeros(STATES)
-_START_SIGMA[ATTITUDE] = np.radians([2.0, 2.0, 5.0])
-_START_SIGMA[VELOCITY], _START_SIGMA[POSITION] = 0.5, 2.0
-_ALIGNMENT_FLOORS = Floors(0.1, 0.1, np.radians(2.0))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,24 @@ _PRESENT = 0.75
 #: Longer averages, relative to the record, have too few neighbours to be useful.
 _LONGEST = 0.25
 
+# Fits to the curve.
+#: The floor of flicker noise of bias instability 1: sqrt(2 ln 2 / pi).
+FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
+_MODEL = 0.02  # relative error of the terms as a model of variances
+_SHARED = 2.0  # by simulation: variances of the terms over those of independent octaves
+_SIGMAS = 2.0  # at which a term or a bias is significant
+_BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
+_REACH = 2  # octaves left out beyond the first that fits: an unexplained effect decays slowly
+_STEPS = 12
+_FEWEST = 5  # points that a fit must keep
+_LEAST_DEGREES = 10.0  # degrees of freedom that the curve's minimum must have
+_BIAS_MODEL = 0.2  # relative error of a Gauss-Markov process as a model of variances
+#: A sum of squared misfits within this factor of the least is about as near. For pure flicker
+#: noise s = 1.25 B fits best, and B gives 1.3 to 2.5 times the sum; for a process or a walk, B
+#: gives 6 to 200 times the sum.
+_AS_NEAR = 3.0
+_TIMES = 200  # correlation times that are tried
+
 
 class AllanCurve(NamedTuple):
     """Hold overlapping Allan variances over increasing averaging times."""
@@ -98,24 +116,6 @@ def _compared(sums: Array, counts: Array, m: int) -> tuple[int, float, float]:
     before, after = ((sums[ends[i + 1]] - sums[ends[i]])[enough] for i in (0, 1))
     steps = after / second - before / first
     return len(steps), float(0.5 * (1 / first + 1 / second).sum()), float(steps @ steps)
-
-
-#: The floor of flicker noise of bias instability 1: sqrt(2 ln 2 / pi).
-FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
-_MODEL = 0.02  # relative error of the terms as a model of variances
-_SHARED = 2.0  # by simulation: variances of the terms over those of independent octaves
-_SIGMAS = 2.0  # at which a term or a bias is significant
-_BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
-_REACH = 2  # octaves left out beyond the first that fits: an unexplained effect decays slowly
-_STEPS = 12
-_FEWEST = 5  # points that a fit must keep
-_LEAST_DEGREES = 10.0  # degrees of freedom that the curve's minimum must have
-_BIAS_MODEL = 0.2  # relative error of a Gauss-Markov process as a model of variances
-#: A sum of squared misfits within this factor of the least is about as near. For pure flicker
-#: noise s = 1.25 B fits best, and B gives 1.3 to 2.5 times the sum; for a process or a walk, B
-#: gives 6 to 200 times the sum.
-_AS_NEAR = 3.0
-_TIMES = 200  # correlation times that are tried
 
 
 class Term(NamedTuple):

@@ -39,6 +39,24 @@ _LEAST_PX, _MOST_PX = 2.5, 10.0
 _LEAST_WIDTH_PX = 0.25
 _PARAMETERS = 10  # u, v, two angles, two logarithms of widths, four levels
 
+# Limits beyond which a sighting is rejected.
+_MOST_BLUR = 0.22  # of a square's side
+_MOST_BLUR_PX = 3.0
+_MOST_SMEAR_PX = 2.2  # extra blur in one direction: 8 px of motion
+_LEAST_CONTRAST = 0.3  # of a corner, relative to the median of all
+_MOST_SIGMA_PX = 0.25
+_UNEVEN = 0.025  # largest deviation of a corner, in squares, and
+_SIGMAS = 4.0  # in addition this many sigmas of a corner
+_RING = 0.4  # contrast of a corner beyond the board, less a lone square's, relative to the median
+
+# The search for a board.
+_LEAST_SIDE_PX = 8.0  # of a square; in a smaller one the blurs of two edges overlap
+_DETECTION = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
+_STRETCH = 0.5, 99.5  # percentiles that become black and white
+_LOCAL_SHARE = 0.08  # sigma of the local contrast's surroundings, relative to the width
+_WIDEST_PX = 1300  # width of the detector's picture; its time grows faster than the pixels
+_CALM_PX = 1.2  # blur that reduces noise, for the detector only
+
 
 class CornerFit(NamedTuple):
     """Hold N fitted corners; nan where the fit failed."""
@@ -97,16 +115,6 @@ def _fit_corner(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> t
     variance = (details["fvec"] ** 2).sum() / max(len(grey) - _PARAMETERS, 1)
     blur_px = _SIGMA_OF_WIDTH * widths(p)
     return middle + p[:2], inverse[:2, :2] * variance, p[9], p[7:9], blur_px
-
-
-_MOST_BLUR = 0.22  # of a square's side
-_MOST_BLUR_PX = 3.0
-_MOST_SMEAR_PX = 2.2  # extra blur in one direction: 8 px of motion
-_LEAST_CONTRAST = 0.3  # of a corner, relative to the median of all
-_MOST_SIGMA_PX = 0.25
-_UNEVEN = 0.025  # largest deviation of a corner, in squares, and
-_SIGMAS = 4.0  # in addition this many sigmas of a corner
-_RING = 0.4  # contrast of a corner beyond the board, less a lone square's, relative to the median
 
 
 def _doubt(
@@ -177,14 +185,6 @@ def _is_continued(sharp: npt.NDArray[np.float32], fit: CornerFit, board: Checker
             if abs(np.median(turning)) > _RING * np.median(np.abs(fit.contrast)):
                 return True
     return False
-
-
-_LEAST_SIDE_PX = 8.0  # of a square; in a smaller one the blurs of two edges overlap
-_DETECTION = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-_STRETCH = 0.5, 99.5  # percentiles that become black and white
-_LOCAL_SHARE = 0.08  # sigma of the local contrast's surroundings, relative to the width
-_WIDEST_PX = 1300  # width of the detector's picture; its time grows faster than the pixels
-_CALM_PX = 1.2  # blur that reduces noise, for the detector only
 
 
 def find_board(picture: RawPixels, board: Checkerboard) -> BoardSighting | Refused:

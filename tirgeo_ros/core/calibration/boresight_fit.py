@@ -56,6 +56,32 @@ _MOST_LATENCY_S = 0.8
 _LEAST_SHARE = 2 / 3  # of the observations that must agree
 _LATENCY = PARAMETERS.index("latency")
 
+# What a fit needs, and advice where it lacks something.
+#: With fewer, a wrong point or a wrong pose cannot be distinguished from a boresight.
+LEAST_POINTS, LEAST_PICTURES = 3, 3
+#: A parameter that was not asked for is estimated only if all sigmas are then within this share of
+#: LIMITS: it must add little to the others' uncertainty, compared with their 0.3 deg.
+UNASKED_SHARE = 1 / 3
+#: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
+#: this share of the largest part.
+_PART = 0.2
+#: Parameter -> why it cannot be found, and what to do; the first that applies is given.
+_ADVICE = {
+    "gimbal_north": (
+        "the camera's tilt hardly varied",
+        "fly with at least two tilts 20 deg apart, or --hold it",
+    ),
+    "ground_height": (
+        "the points are seen from about the same height and angle",
+        "fly at two heights or two tilts, or --hold ground_height",
+    ),
+    "latency": (
+        "the camera moved in the same way in all pictures, or hardly at all",
+        "fly legs in several directions and click during turns too, or --hold latency",
+    ),
+}
+_FEW = "too few observations", "click more points, in more pictures and all over the picture"
+
 
 @dataclass(frozen=True)
 class BoresightFit:
@@ -253,32 +279,6 @@ def rmse_m(errors: Array) -> float:
     """Return the root mean square of the known horizontal errors (N, 2), m; nan without any."""
     squares = (errors**2).sum(1)
     return math.sqrt(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.nan
-
-
-#: With fewer, a wrong point or a wrong pose cannot be distinguished from a boresight.
-LEAST_POINTS, LEAST_PICTURES = 3, 3
-#: A parameter that was not asked for is estimated only if all sigmas are then within this share of
-#: LIMITS: it must add little to the others' uncertainty, compared with their 0.3 deg.
-UNASKED_SHARE = 1 / 3
-#: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
-#: this share of the largest part.
-_PART = 0.2
-#: Parameter -> why it cannot be found, and what to do; the first that applies is given.
-_ADVICE = {
-    "gimbal_north": (
-        "the camera's tilt hardly varied",
-        "fly with at least two tilts 20 deg apart, or --hold it",
-    ),
-    "ground_height": (
-        "the points are seen from about the same height and angle",
-        "fly at two heights or two tilts, or --hold ground_height",
-    ),
-    "latency": (
-        "the camera moved in the same way in all pictures, or hardly at all",
-        "fly legs in several directions and click during turns too, or --hold latency",
-    ),
-}
-_FEW = "too few observations", "click more points, in more pictures and all over the picture"
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,11 @@ from tirgeo_ros.core.types.errors import CalibrationError
 _FEWEST = 3  # corners per side, the least that one of the detectors needs
 _MOST = 100
 
+#: The worse of two poses is rejected if its squared errors, divided by their variance, are larger
+#: by this: three standard deviations.
+_CLEAR = 9.0
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
 
 @dataclass(frozen=True)
 class Checkerboard:
@@ -133,12 +138,6 @@ def steps_of(corners: Array, board: Checkerboard) -> Array:
     grid = corners.reshape(board.rows, board.columns, 2)
     steps = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], 2)
     return np.asarray(steps.reshape(-1, 2, 2))
-
-
-#: The worse of two poses is rejected if its squared errors, divided by their variance, are larger
-#: by this: three standard deviations.
-_CLEAR = 9.0
-_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 class BoardPose(NamedTuple):

@@ -16,6 +16,42 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 NOTE, CAUTION, STOP = Severity
 T = TypeVar("T")
 
+# Texts that several rows share.
+_RPY = "ekf_node aircraft.imu_rpy_deg"
+_FORCE, _RATE = "imu/data linear_acceleration", "imu/data angular_velocity"
+_LEVER, _SECOND = "aircraft.rtk_antenna_m", "aircraft.second_antenna_m"
+_TURN = "turn the axes to forward, left, up"
+_SET_RPY = f"{_TURN}, or set aircraft.imu_rpy_deg to {{angles}}"
+_NO_YAW = " (gravity does not show the yaw)"
+_CORRELATION = "(correlation with the orientation in imu/data {correlation:+.2f})"
+_REMAP = "check the driver, the topic's name and its namespace"
+_ONE_CLOCK = "stamp both with the same clock"
+_STAMPS = "{topic} header.stamp, ekf_node {delay}"
+_DELAY = (
+    "the IMU's motion says that stamps of {topic} are {size_s:.2f} s {way} than the parameters "
+    "have it (sigma {sigma_s:.2f} s)"
+)
+_FIND_DELAY = "correct the stamps, or find the delay with tirgeo calibrate aircraft"
+_DATUM = "gps/fix is {off} all along (its sigma is {sigma_m:.1f} m)"
+_GROUND = {
+    "geoid": "{name}: heights are ellipsoidal, as in rtk/fix; "
+    "one above sea level is off by the geoid's height",
+    "": "check that the ground's height is that of this place, and that {name} is ellipsoidal",
+}
+_FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
+_CAMERA_CLOCK = "use one clock for camera and aircraft"
+_PICTURE = "thermal/image_raw"
+_BORESIGHT = "gimbal_node boresight_rpy_deg"
+_LATENCY = "overlay_node video_latency_s"
+_JOINTS = "gimbal/joint_states"
+_MENDED = (
+    "{words}: {before} deg beside the reported attitude (yaw, roll, pitch), "
+    "{after} deg when mended"
+)
+_WRONG = {"far": STOP, "": CAUTION}  # beyond three ellipses of the map
+_OF_PAPER = {"paper": NOTE, "": STOP}  # the paper's composition does not use the joints
+_MAP, _DEM = "overlay_node map", "overlay_node dem"
+
 
 @dataclass(frozen=True)
 class AtLeast:
@@ -58,41 +94,6 @@ def _of_case(value: T | Mapping[str, T], case: str) -> T:
 
 
 _note, _caution, _stop = (functools.partial(Row, severity) for severity in Severity)
-
-_RPY = "ekf_node aircraft.imu_rpy_deg"
-_FORCE, _RATE = "imu/data linear_acceleration", "imu/data angular_velocity"
-_LEVER, _SECOND = "aircraft.rtk_antenna_m", "aircraft.second_antenna_m"
-_TURN = "turn the axes to forward, left, up"
-_SET_RPY = f"{_TURN}, or set aircraft.imu_rpy_deg to {{angles}}"
-_NO_YAW = " (gravity does not show the yaw)"
-_CORRELATION = "(correlation with the orientation in imu/data {correlation:+.2f})"
-_REMAP = "check the driver, the topic's name and its namespace"
-_ONE_CLOCK = "stamp both with the same clock"
-_STAMPS = "{topic} header.stamp, ekf_node {delay}"
-_DELAY = (
-    "the IMU's motion says that stamps of {topic} are {size_s:.2f} s {way} than the parameters "
-    "have it (sigma {sigma_s:.2f} s)"
-)
-_FIND_DELAY = "correct the stamps, or find the delay with tirgeo calibrate aircraft"
-_DATUM = "gps/fix is {off} all along (its sigma is {sigma_m:.1f} m)"
-_GROUND = {
-    "geoid": "{name}: heights are ellipsoidal, as in rtk/fix; "
-    "one above sea level is off by the geoid's height",
-    "": "check that the ground's height is that of this place, and that {name} is ellipsoidal",
-}
-_FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
-_CAMERA_CLOCK = "use one clock for camera and aircraft"
-_PICTURE = "thermal/image_raw"
-_BORESIGHT = "gimbal_node boresight_rpy_deg"
-_LATENCY = "overlay_node video_latency_s"
-_JOINTS = "gimbal/joint_states"
-_MENDED = (
-    "{words}: {before} deg beside the reported attitude (yaw, roll, pitch), "
-    "{after} deg when mended"
-)
-_WRONG = {"far": STOP, "": CAUTION}  # beyond three ellipses of the map
-_OF_PAPER = {"paper": NOTE, "": STOP}  # the paper's composition does not use the joints
-_MAP, _DEM = "overlay_node map", "overlay_node dem"
 
 # Rows are set by hand: the evidence, the parameter, the remedy.
 # fmt: off

@@ -38,6 +38,37 @@ _BLOCK_NS = 50_000_000
 _LONGEST_STEP_NS = 40_000_000
 _NO_NUMBER = 1e7  # no force or rate is as large, whatever its unit
 
+# Force and rates.
+_KEPT = 1200  # blocks: a minute
+_SECOND, _QUARTER = 20, 5  # blocks in a second, and in a quarter of one
+_LEAST_SECONDS = 4
+_GRAVITY = 9.81
+#: The mean force in flight is between half of gravity and twice gravity; in g it is about 1.
+_LEAST, _LARGEST, _LEAST_G, _LARGEST_G = 4.9, 19.6, 0.7, 1.6
+#: A mean acceleration of 0.5 g turns the mean force by 27 deg; wrong axes turn it by 90 deg.
+_LARGEST_ANGLE_RAD = math.radians(45)
+#: Limits of a quiet second, without turns or shocks, where the force's size is gravity's.
+_QUIET_RAD_S, _QUIET_M_S2 = 0.05, 0.5
+#: A larger relative error is a fault: 3 % is 0.3 m/s2, 15 times ``imu.accel_turn_on_bias``.
+_LARGEST_SHARE = 0.03
+_LEAST_PAIRS = 24
+#: Least rms rate at which an axis is judged. Noise does not correlate.
+_LEAST_RAD_S = math.radians(1.0)
+_SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with probability 1e-5
+_IN_DEGREES = (40.0, 80.0)
+_AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
+_LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
+_SQUARE = 0.2  # entries of a rotation this near to those by quarter turns: an IMU has square sides
+
+# Vibration and clipping.
+#: The vibration of one second in five is measured.
+_LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000
+_LEAST_NUMBER = 3
+#: Ratio of measured to configured noise density; they are in its model with larger covariances.
+_STRONG = 10.0
+#: More clipped samples than one knock gives, and the share of samples that harms the filter.
+_LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
+
 
 class ImuMean(NamedTuple):
     """Hold means over an interval that ends at ``stamp_ns``, in body axes, FRD."""
@@ -85,28 +116,6 @@ class ImuBlocks:
 
     def _begin(self, stamp_ns: int, *, joined: bool) -> None:
         self._begin_ns, self._samples, self._joined = stamp_ns, [], joined
-
-
-_KEPT = 1200  # blocks: a minute
-_SECOND, _QUARTER = 20, 5  # blocks in a second, and in a quarter of one
-_LEAST_SECONDS = 4
-_GRAVITY = 9.81
-#: The mean force in flight is between half of gravity and twice gravity; in g it is about 1.
-_LEAST, _LARGEST, _LEAST_G, _LARGEST_G = 4.9, 19.6, 0.7, 1.6
-#: A mean acceleration of 0.5 g turns the mean force by 27 deg; wrong axes turn it by 90 deg.
-_LARGEST_ANGLE_RAD = math.radians(45)
-#: Limits of a quiet second, without turns or shocks, where the force's size is gravity's.
-_QUIET_RAD_S, _QUIET_M_S2 = 0.05, 0.5
-#: A larger relative error is a fault: 3 % is 0.3 m/s2, 15 times ``imu.accel_turn_on_bias``.
-_LARGEST_SHARE = 0.03
-_LEAST_PAIRS = 24
-#: Least rms rate at which an axis is judged. Noise does not correlate.
-_LEAST_RAD_S = math.radians(1.0)
-_SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with probability 1e-5
-_IN_DEGREES = (40.0, 80.0)
-_AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
-_LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
-_SQUARE = 0.2  # entries of a rotation this near to those by quarter turns: an IMU has square sides
 
 
 class ImuChecks:
@@ -236,15 +245,6 @@ def _gyro_findings(own: Array, turned: Array, case: str = "", angles: str = "") 
             names = {"axis": _AXES[axis], "other": _AXES[best]}
             return [finding("gyro_axes", case, **names, correlation=correlation, angles=angles)]
     return []
-
-
-#: The vibration of one second in five is measured.
-_LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000
-_LEAST_NUMBER = 3
-#: Ratio of measured to configured noise density; they are in its model with larger covariances.
-_STRONG = 10.0
-#: More clipped samples than one knock gives, and the share of samples that harms the filter.
-_LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
 
 
 class VibrationChecks:

@@ -40,6 +40,28 @@ _ONCE = 0.5  # weight of a value that is in two windows
 #: velocity at once; some smooth the velocity.
 _PRIOR = np.diag(1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2)
 
+# Windows of a flight.
+#: Blocks of a window, 4 s. With 2 s the lever arm shows in half the time, but delays look like it.
+_BLOCKS = 80
+_STEP = 40  # blocks from one window's start to the next one's
+_WAIT = 10  # blocks to wait for measurements of a window that arrive late
+_KEPT = 60  # windows: two minutes
+_PATHS = 15  # windows that can be computed again: half a minute
+_AIDS = 800  # measurements that are kept: 40 s at 20 Hz
+#: The equations are linear in the delay only within _LINEAR_S of the one for which they are made.
+#: Larger delays are found by iteration, up to _LONGEST_S and in _STEPS.
+_LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
+_AIDED = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+_Aids = deque[tuple[int, Array]]  # stamps without the configured delays, values (3,) or ()
+
+# Findings.
+_SIGMAS, _LEAST_M, _LEAST_S = 5.0, 0.15, 0.05
+#: With few windows the sigmas vary: in 14 to 30 s of recorded flights, errors reach 7.4 sigmas.
+_MANY, _SIGMAS_OF_FEW = 15, 8.0
+#: A larger tilt or offset moves the map by more than three ellipses; autopilots err by 1 to 2 deg.
+_TILTED_RAD, _OFF_DEG, _OFF_SIGMAS = math.radians(3.0), 2.5, 4.0
+_LEVER = "aircraft.rtk_antenna_m"
+
 
 class ImuPath(NamedTuple):
     """Hold the IMU's readings of a window, integrated from zero, at N instants.
@@ -241,20 +263,6 @@ def _mounted(turned: Array, degrees: Array, weights: Array) -> tuple[Array, floa
     return tilt_b, tilt_sigma, off, max(scatter, total**-0.5)
 
 
-#: Blocks of a window, 4 s. With 2 s the lever arm shows in half the time, but delays look like it.
-_BLOCKS = 80
-_STEP = 40  # blocks from one window's start to the next one's
-_WAIT = 10  # blocks to wait for measurements of a window that arrive late
-_KEPT = 60  # windows: two minutes
-_PATHS = 15  # windows that can be computed again: half a minute
-_AIDS = 800  # measurements that are kept: 40 s at 20 Hz
-#: The equations are linear in the delay only within _LINEAR_S of the one for which they are made.
-#: Larger delays are found by iteration, up to _LONGEST_S and in _STEPS.
-_LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
-_AIDED = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-_Aids = deque[tuple[int, Array]]  # stamps without the configured delays, values (3,) or ()
-
-
 class LeverArmFit:
     """Fit the unknowns to IMU blocks, fixed positions, velocities and headings, by windows.
 
@@ -341,14 +349,6 @@ class LeverArmFit:
             self._windows = deque(windows, maxlen=_KEPT)
         taken_s = np.array((self._delay_s, 0.0))  # the second is relative: velocities' extra delay
         return estimate and estimate._replace(delays_s=estimate.delays_s + taken_s)
-
-
-_SIGMAS, _LEAST_M, _LEAST_S = 5.0, 0.15, 0.05
-#: With few windows the sigmas vary: in 14 to 30 s of recorded flights, errors reach 7.4 sigmas.
-_MANY, _SIGMAS_OF_FEW = 15, 8.0
-#: A larger tilt or offset moves the map by more than three ellipses; autopilots err by 1 to 2 deg.
-_TILTED_RAD, _OFF_DEG, _OFF_SIGMAS = math.radians(3.0), 2.5, 4.0
-_LEVER = "aircraft.rtk_antenna_m"
 
 
 class LeverChecks:

@@ -50,6 +50,33 @@ LARGEST_UNDULATION_M = 110.0
 _ELSEWHERE_M = 1e4
 _SWAPPED_RAD = 0.01
 
+# Velocities and positions of one receiver.
+_STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
+_LEAST_STEPS = 4  # intervals
+#: Least rms speed, well above that of position errors of some decimetres.
+_LEAST_M_S, _LEAST_CLIMB_M_S = 1.0, 0.4
+_SURE = 0.92  # correlation of climbs with a wrong sign
+#: Share of the squares that remains under a wrong and under a right explanation.
+_WRONG, _RIGHT = 0.5, 0.15
+#: What speeds in another unit than m/s are multiplied by; beside it, so much (8 %) as noise that
+#: leaves the share _RIGHT can make of it.
+_UNITS = {"km/h": 3.6, "knots": 1.944, "mph": 2.237, "ft/s": 3.281, "cm/s": 100.0, "mm/s": 1000.0}
+_BESIDE = -0.5 * math.log(1 - _RIGHT)
+#: Matrices from the message's north and east to the true ones; the first one is the identity.
+_EXCHANGES = [
+    np.array((first, second)) @ axes
+    for axes in (np.eye(2), np.eye(2)[::-1])
+    for first, second in itertools.product(((1, 0), (-1, 0)), ((0, 1), (0, -1)))
+]
+
+# All checks together.
+#: A clock that goes back by more starts another recording: all checks are reset.
+_BACK_NS = 10_000_000_000
+#: Checks that blame what makes the body's attitude, and those that then blame the camera for it.
+_ATTITUDE = ("imu_tilt", "force_", "gyro_", "heading_")
+_OF_CAMERA = ("boresight_by_motion", "picture_motion")
+_OF_GROUND = ("below_ground", "height_at_rest", "ground_by_motion")
+
 
 class PositionChecks:
     """Compare the positions of both receivers."""
@@ -104,25 +131,6 @@ class PositionChecks:
             off = f"{north:+.0f} m north and {east:+.0f} m east of rtk/fix"
             findings.append(finding("position_datum", off=off, sigma_m=sigma[:, :2].mean()))
         return findings
-
-
-_STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
-_LEAST_STEPS = 4  # intervals
-#: Least rms speed, well above that of position errors of some decimetres.
-_LEAST_M_S, _LEAST_CLIMB_M_S = 1.0, 0.4
-_SURE = 0.92  # correlation of climbs with a wrong sign
-#: Share of the squares that remains under a wrong and under a right explanation.
-_WRONG, _RIGHT = 0.5, 0.15
-#: What speeds in another unit than m/s are multiplied by; beside it, so much (8 %) as noise that
-#: leaves the share _RIGHT can make of it.
-_UNITS = {"km/h": 3.6, "knots": 1.944, "mph": 2.237, "ft/s": 3.281, "cm/s": 100.0, "mm/s": 1000.0}
-_BESIDE = -0.5 * math.log(1 - _RIGHT)
-#: Matrices from the message's north and east to the true ones; the first one is the identity.
-_EXCHANGES = [
-    np.array((first, second)) @ axes
-    for axes in (np.eye(2), np.eye(2)[::-1])
-    for first, second in itertools.product(((1, 0), (-1, 0)), ((0, 1), (0, -1)))
-]
 
 
 class VelocityChecks:
@@ -198,14 +206,6 @@ class VelocityChecks:
             return None
         numbers = {"own": says, "speed": moves, "factor": factor}
         return finding("{topic}_unit", **self._topics, **numbers, unit=unit)
-
-
-#: A clock that goes back by more starts another recording: all checks are reset.
-_BACK_NS = 10_000_000_000
-#: Checks that blame what makes the body's attitude, and those that then blame the camera for it.
-_ATTITUDE = ("imu_tilt", "force_", "gyro_", "heading_")
-_OF_CAMERA = ("boresight_by_motion", "picture_motion")
-_OF_GROUND = ("below_ground", "height_at_rest", "ground_by_motion")
 
 
 def nearest_causes(findings: Sequence[Finding]) -> list[Finding]:

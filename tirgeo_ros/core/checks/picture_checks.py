@@ -59,6 +59,14 @@ _TELLING = 40  # pairs in which a flight that tells the latency has told it
 _LEAST_YOUNG_S = 0.1
 _MOST_ELLIPSES = 3.0  # 95 % ellipses, of an error that makes the map wrong
 
+# Stamps of frames.
+_KEPT = 3000  # the newest frames
+_FEWEST = 20  # frames before anything is reported
+#: Share of the frames from which a fault is reported; a busy computer too gets some late.
+_SHARE, _LATE_SHARE = 0.1, 0.5
+#: Limits of a stamp's differences: from its arrival, and from the newest pose's stamp.
+_AHEAD_S, _LATE_S, _APART_S = 0.1, 1.0, 2.0
+
 
 def motion_findings(
     fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
@@ -123,14 +131,6 @@ def _is_significant(fit: MotionFit, number: int, good_px: float = _GOOD_PX) -> b
     sure = (np.abs(fit.values[part]) > least) & ~np.array(fit.assumed[part])
     enough = _IMPROVEMENT[number] * fit.after + max(fit.after - good_px, 0.0)
     return bool(sure.any() and fit.without[number] > enough)
-
-
-_KEPT = 3000  # the newest frames
-_FEWEST = 20  # frames before anything is reported
-#: Share of the frames from which a fault is reported; a busy computer too gets some late.
-_SHARE, _LATE_SHARE = 0.1, 0.5
-#: Limits of a stamp's differences: from its arrival, and from the newest pose's stamp.
-_AHEAD_S, _LATE_S, _APART_S = 0.1, 1.0, 2.0
 
 
 class FrameStamps:

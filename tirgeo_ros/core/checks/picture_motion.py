@@ -41,6 +41,27 @@ _STANDS, _MOVES = 0.25, 1.5  # motion of a fixed point, and of a moving scene, r
 _LEAST_SPAN = 16.0  # of values in a 16-bit picture, as in tone mapping
 _LEAST_CONTRAST = 2.0  # grey levels
 
+# Pairs of pictures, and poses around them.
+#: Number of pairs kept with turns, which show lens and latency, and without.
+_KEPT = 48
+_TURNS_PX = 8.0
+_FEWEST, _NEW = 14, 20  # pairs for the first fit, and new pairs for the next one
+_LONGEST_GAP_S = 0.1  # between poses
+#: Poses are averaged over this time, so that their noise is the same at all instants. An instant
+#: with less noise would look like the right exposure.
+_MEAN_S = 0.08
+_WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
+_POSES_S = 3.0  # time for which poses are kept, beyond the latency
+#: Largest attitude variance of a usable pose: the heading of a filter that has had no headings or
+#: accelerations yet may be far off, and may turn when they come.
+_LARGEST_RAD2 = math.radians(3.0) ** 2
+_WAITING = 8  # pairs, at most
+_LEAST_ABOVE_M = 1.0
+_FLATTEST = 0.2  # least downward component of a ray: terrain is not looked up further away
+_STEPS = 4  # iterations of a ray's intersection with terrain
+_HERE = int(np.argmin(np.abs(OFFSETS_S)))  # the offset of the exposure itself
+_UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
+
 
 class Tracks(NamedTuple):
     """Hold points in two pictures."""
@@ -134,27 +155,6 @@ def _followed(first: Pixels, second: Pixels) -> tuple[Array, Array] | None:
     if good.sum() < _FEWEST_POINTS:
         return None
     return points[good, 0].astype(float), there[good, 0].astype(float)
-
-
-#: Number of pairs kept with turns, which show lens and latency, and without.
-_KEPT = 48
-_TURNS_PX = 8.0
-_FEWEST, _NEW = 14, 20  # pairs for the first fit, and new pairs for the next one
-_LONGEST_GAP_S = 0.1  # between poses
-#: Poses are averaged over this time, so that their noise is the same at all instants. An instant
-#: with less noise would look like the right exposure.
-_MEAN_S = 0.08
-_WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
-_POSES_S = 3.0  # time for which poses are kept, beyond the latency
-#: Largest attitude variance of a usable pose: the heading of a filter that has had no headings or
-#: accelerations yet may be far off, and may turn when they come.
-_LARGEST_RAD2 = math.radians(3.0) ** 2
-_WAITING = 8  # pairs, at most
-_LEAST_ABOVE_M = 1.0
-_FLATTEST = 0.2  # least downward component of a ray: terrain is not looked up further away
-_STEPS = 4  # iterations of a ray's intersection with terrain
-_HERE = int(np.argmin(np.abs(OFFSETS_S)))  # the offset of the exposure itself
-_UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
 
 
 class PictureMotion:

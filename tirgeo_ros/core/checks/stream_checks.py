@@ -44,6 +44,15 @@ _FLOORS = {
     "gps/vel": "gps.velocity_sigma_floor_m_s",
 }
 
+# Comparison of ages with the IMU's.
+#: Number of one-second medians that must agree.
+_WINDOWS = 3
+#: Transport times differ by some hundredths of a second; at 3 m/s a tenth is 30 cm.
+_AHEAD_S, _STEP_S = -0.1, 0.15
+_SECOND_NS = 1_000_000_000
+#: After a longer silence the IMU's age is not used.
+_OLD_NS = 500_000_000
+
 
 class Stream:
     """Track one topic; steps longer than ``longest_step_s`` are gaps."""
@@ -203,15 +212,6 @@ def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
         case = "gps" if all(topic.startswith("gps/") for topic in unknown) else ""
         findings.append(finding("covariance_zero", case, **texts))
     return findings
-
-
-#: Number of one-second medians that must agree.
-_WINDOWS = 3
-#: Transport times differ by some hundredths of a second; at 3 m/s a tenth is 30 cm.
-_AHEAD_S, _STEP_S = -0.1, 0.15
-_SECOND_NS = 1_000_000_000
-#: After a longer silence the IMU's age is not used.
-_OLD_NS = 500_000_000
 
 
 class StampChecks:
