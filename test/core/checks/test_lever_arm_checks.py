@@ -50,7 +50,7 @@ def test_a_wrong_sign_of_the_antennas_place_is_named(signs, axis, flown, arrived
     (one,) = (one for one in found if one.check == "antenna_place")
     assert one.severity is Severity.CAUTION
     assert one.parameter == "ekf_node aircraft.rtk_antenna_m"
-    assert one.mend == f"is the sign of {axis} wrong?"
+    assert one.mend == f"check the sign of {axis}"
 
 
 def fitted(arrived: list[Arrived], config):

@@ -115,7 +115,7 @@ def swapped(arrived):
 
 
 def every(number, *topics):
-    """Only one sample in ``number`` of each topic comes."""
+    """Keep one sample in ``number`` of each topic."""
     counts = dict.fromkeys(topics, 0)
 
     def change(arrived):
@@ -133,7 +133,7 @@ def gaps(arrived):
     return None if silent else arrived
 
 
-#: Fault: its change; what the first finding says: check, parameter and words of its line.
+#: Fault: its change; the first finding's severity, check, parameter and words of its line.
 PLANTED = {
     "acceleration in g": (imu(force=1 / 9.80665), STOP, "force_unit", FORCE, "it is in g"),
     "gravity taken off": (without_gravity, STOP, "force_unit", FORCE, "gravity was removed"),
@@ -148,15 +148,15 @@ PLANTED = {
     "heading + 180 deg": (heading(plus_deg=180), STOP, "heading_offset", SECOND, "swapped"),
     "heading + 20 deg": (heading(plus_deg=20), STOP, "heading_offset", SECOND, "measure both"),
     "azimuth for ENU yaw": (heading(azimuth), STOP, "heading_turns", HEADING, "90 deg less"),
-    "heading in degrees": (heading(in_degrees), STOP, "heading_turns", HEADING, "degrees for"),
+    "heading in degrees": (heading(in_degrees), STOP, "heading_turns", HEADING, "degrees instead"),
     "heading repeated": (heading(lambda _: 0.3), STOP, "heading_turns", HEADING, "repeated"),
     "heading silent": (lost(HEADING), CAUTION, "no_rtk_heading", HEADING, "method to ekf"),
     "RTK above sea level": (higher("rtk/fix", -47), CAUTION, "height_datum", GEOID, "sea level"),
     "GPS above sea level": (higher("gps/fix", 9), CAUTION, "height_datum", GEOID, "sea level"),
     "another base": (another_base, CAUTION, "position_datum", "rtk/fix", "of the RTK base"),
     "latitude for longitude": (swapped, STOP, "position_elsewhere", "latitude", "swapped"),
-    "rtk/vel NED": (velocity("rtk/vel", ned), STOP, "rtk_vel_axes", "rtk/vel", "NED for ENU"),
-    "gps/vel NED": (velocity("gps/vel", ned), STOP, "gps_vel_axes", "gps/vel", "NED for ENU"),
+    "rtk/vel NED": (velocity("rtk/vel", ned), STOP, "rtk_vel_axes", "rtk/vel", "send ENU"),
+    "gps/vel NED": (velocity("gps/vel", ned), STOP, "gps_vel_axes", "gps/vel", "send ENU"),
     "rtk/vel in km/h": (in_km_h, STOP, "rtk_vel_unit", "rtk/vel", "km/h"),
     "rtk/vel always 0": (stopped, STOP, "rtk_vel_zero", "rtk/vel", "0,"),
     "covariances 0": (no_covariance, CAUTION, "covariance_zero", "rtk/fix", "rtk/vel (150 of"),
@@ -172,7 +172,7 @@ PLANTED = {
     "gaps of the IMU": (gaps, CAUTION, "imu_gaps", "imu/data", "longest 0.4 s"),
     "no RTK": (lost("rtk/"), NOTE, "no_rtk_fix", "rtk/fix", "ordinary GPS"),
     "no position": (lost("rtk/", "gps/"), STOP, "no_rtk_fix", "rtk/fix", "nothing gives a"),
-    "no IMU": (lost("imu/data"), STOP, "no_imu_data", "imu/data", "nothing in"),
+    "no IMU": (lost("imu/data"), STOP, "no_imu_data", "imu/data", "no message"),
 }
 
 
@@ -183,7 +183,7 @@ def test_a_planted_fault_is_named_first(fault, flight, config):
     assert (first.check, first.severity) == (check, severity)
     assert parameter in first.parameter
     assert words in first.line
-    # One fault is told once; only axes that are turned are so for both sensors.
+    # One fault gives one finding; only turned axes concern both sensors.
     assert all(item.severity is NOTE or check == "force_axes" for item in others)
 
 
@@ -239,10 +239,10 @@ def over_ground(noise_m, change):
 @pytest.mark.parametrize(
     ("change", "check", "end"),
     [
-        (lambda v, _: v * 3.6, "gps_vel_unit", " is km/h"),
-        (lambda v, _: v * 3600 / 1852, "gps_vel_unit", " is knots"),
-        (lambda v, _: v * 2.237, "gps_vel_unit", " is mph"),
-        (lambda v, _: v * 100.0, "gps_vel_unit", " is cm/s"),
+        (lambda v, _: v * 3.6, "gps_vel_unit", " means km/h"),
+        (lambda v, _: v * 3600 / 1852, "gps_vel_unit", " means knots"),
+        (lambda v, _: v * 2.237, "gps_vel_unit", " means mph"),
+        (lambda v, _: v * 100.0, "gps_vel_unit", " means cm/s"),
         (lambda v, _: np.linalg.norm(v) * np.eye(3)[0], "gps_vel_axes", "not in axes of the body"),
     ],
 )

@@ -122,7 +122,7 @@ def test_a_young_filter_that_turns_is_no_latency(pairs, off_s, checks):
 def test_a_flight_that_does_not_tell_the_latency_says_so():
     [finding] = motion_findings(UNTOLD, 0.05, 800.0, "", "")
     assert finding.severity is Severity.NOTE
-    assert "does not tell the latency" in finding.evidence
+    assert "does not show the latency" in finding.evidence
     vague = replace(UNTOLD, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
     assert motion_findings(vague, 0.05, 800.0, "", "") == [finding]
     reports = replace(UNTOLD, assumed=(False,) * 6)
