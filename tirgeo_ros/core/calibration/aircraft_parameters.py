@@ -28,9 +28,8 @@ _SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/
 _LEANS = "starts and stops that tilt the aircraft by 10 deg or more, in several directions"
 _SWINGS = "turns at 20 deg/s or more, right and left, with rests between"
 _QUARTER_RAD = math.radians(90)
-
+# Indices of the antenna, of the baseline's azimuth, and of each source's delay.
 ANTENNA, AZIMUTH = slice(0, 3), 3
-#: Index of the delay of each source.
 DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
 
 

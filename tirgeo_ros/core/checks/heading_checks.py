@@ -23,7 +23,7 @@ from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
 _LATEST_S = 3.0  # a heading may be this late
 _STEP_NS, _LONGEST_S = 1_000_000_000, 3.0  # between the headings that are compared
-_KEPT = 1800  # headings: half an hour, for the turns may be long ago
+_KEPT = 1800  # headings: half an hour, because the turns may be long ago
 _LEAST_HEADINGS, _LEAST_COURSES = 5, 20
 #: A smaller change is ignored: headings in whole degrees change by one degree by rounding.
 _TURNED_RAD = math.radians(5)
@@ -32,9 +32,9 @@ _LEAST_TURNED_RAD = math.radians(40)  # sum of the turns that is needed for a fi
 _EXPLAINED = 0.3
 #: Rms difference between changes of heading and of the gyroscopes at which the heading jumps.
 _JUMPING_RAD, _LEAST_JUMPS = math.radians(15), 8
-#: Fewer headings that jump off and back at once are outliers, which the filter refuses.
+#: Up to this share, headings that jump alone are outliers, which the filter rejects itself.
 _MOST_OUTLIERS = 0.1
-_LEAST_CONSTANT = 0.9  # length of the mean unit vector of an offset: 26 deg rms
+_LEAST_CONSTANT = 0.9  # least length of the mean unit vector of a constant offset: 26 deg rms
 #: A compass errs by 10 deg near steel or without its declination.
 _OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
 _SIGMAS = 5.0
@@ -94,7 +94,7 @@ class HeadingChecks:
             self._rows.append((*own, turned_rad, autopilot_rad, self._course_rad))
 
     def findings(self) -> list[Finding]:
-        """Return a fault of the heading's changes, or if they are right, of its mean."""
+        """Return a fault of the heading's changes, or if there is none, of its mean offset."""
         if not self._rows:
             return []
         rows = _without_outliers(np.array(self._rows))
@@ -142,7 +142,7 @@ def _without_outliers(rows: Array) -> Array:
 
 
 def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
-    """Check changes of the heading against the gyroscopes' turns (N,), rad; in all ``pairs``."""
+    """Compare the heading's changes with the gyroscopes' turns (N,), rad, out of ``pairs``."""
     unlike, squares = float(((changes - turns) ** 2).sum()), float((turns**2).sum())
     if unlike <= _EXPLAINED**2 * squares:
         return None

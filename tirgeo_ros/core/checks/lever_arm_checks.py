@@ -1,8 +1,8 @@
 """Fit the RTK antenna's lever arm, its stamps' delays, the IMU's tilt and the headings' offset.
 
 The IMU's readings are integrated over windows of some seconds. Positions, velocities and headings
-of the receiver differ from that path by the window's start, which is projected out, and by the
-unknowns, which all windows share.
+of the receiver differ from that path by errors of the window's start, which are projected out, and
+by the unknowns, which all windows share.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from tirgeo_ros.core.types.measurements import Source
 _GRAVITY_N = np.array((0.0, 0.0, 9.81))
 _LEAST_ROWS = 8
 _CUBIC, _QUADRATIC = 3, 2
-Aids = tuple[Array, Array]  # times in s (N,), values (N, 3), headings (N,)
-#: With fewer windows their scatter gives no useful sigma.
+Aids = tuple[Array, Array]  # times (N,), s, and values (N, 3) or headings (N,)
+#: With fewer windows, their scatter gives no useful sigma.
 _LEAST_WINDOWS = 6
 _ONCE = 0.5  # weight of a value that is in two windows
 #: Prior information (diagonal) keeps unobservable unknowns at 0. A receiver measures position and
@@ -41,18 +41,18 @@ _ONCE = 0.5  # weight of a value that is in two windows
 _PRIOR = np.diag(1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2)
 
 # Windows of a flight.
-#: Blocks of a window, 4 s. With 2 s the lever arm shows in half the time, but delays look like it.
+#: Blocks of a window, 4 s. With 2 s, delays and the lever arm have the same effect.
 _BLOCKS = 80
 _STEP = 40  # blocks from one window's start to the next one's
 _WAIT = 10  # blocks to wait for measurements of a window that arrive late
 _KEPT = 60  # windows: two minutes
-_PATHS = 15  # windows that can be computed again: half a minute
+_PATHS = 15  # windows kept to compute their equations again: half a minute
 _AIDS = 800  # measurements that are kept: 40 s at 20 Hz
-#: The equations are linear in the delay only within _LINEAR_S of the one for which they are made.
+#: The equations are linear in the delay only within _LINEAR_S of the one that they are made for.
 #: Larger delays are found by iteration, up to _LONGEST_S and in _STEPS.
 _LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
 _AIDED = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-_Aids = deque[tuple[int, Array]]  # stamps without the configured delays, values (3,) or ()
+_AidQueue = deque[tuple[int, Array]]  # stamps without the configured delays, values (3,) or ()
 
 # Findings.
 _SIGMAS, _LEAST_M, _LEAST_S = 5.0, 0.15, 0.05
@@ -117,7 +117,7 @@ class Normal(NamedTuple):
     rights: Array  # (2, 5)
     squares: Array  # (2,)
     degrees: Array  # (2,) of freedom; 0 where there are no equations
-    #: (2, 4, 6) by minus the unknowns and 1: the sine of the IMU's turn, FRD; headings less north
+    #: (2, 4, 6) times [-unknowns, 1]: sine of the IMU's turn (3,), FRD; offset of the headings
     turns: Array = np.zeros((2, 4, 6))
     weights: Array = np.zeros(2)  # of the headings
 
@@ -141,10 +141,10 @@ class Normal(NamedTuple):
 def _rows(
     path: ImuPath, times_s: Array, values_n: Array, kind: int, off_rad: float
 ) -> tuple[Any, ...]:
-    """Return the fields of ``Normal`` by positions (0) or velocities (1).
+    """Return the fields of ``Normal`` for one ``kind`` of aids: positions (0) or velocities (1).
 
-    The unknowns of the window's start are projected out. All are zero with too few values, or
-    with times that do not rise.
+    The unknowns of the window's start are projected out. All fields are zero with too few values,
+    or with times that do not increase.
     """
     number = len(times_s)
     if number < _LEAST_ROWS or not (np.diff(times_s) > 0).all():
@@ -161,7 +161,7 @@ def _rows(
     design[:, :, :3], design[:, :, 3], design[:, :, 4] = lever, late, kind * late
     scaled = 2 * (times_s - times_s.mean()) / (times_s[-1] - times_s[0])
     columns = [np.kron((scaled**k)[:, None], np.eye(3)) for k in range(powers + 1)]
-    # A heading error turns the integral.
+    # A heading error rotates the whole path.
     turned = np.stack((-moved[:, 1], moved[:, 0], np.zeros(number)), axis=1)
     basis, upper = np.linalg.qr(np.hstack([*columns, turned.reshape(-1, 1)]))
     rows, values = design.reshape(3 * number, 5), (values_n - moved).ravel()
@@ -247,9 +247,9 @@ def solved(windows: Sequence[Normal]) -> LeverArmEstimate | None:
 
 
 def _mounted(turned: Array, degrees: Array, weights: Array) -> tuple[Array, float, float, float]:
-    """Return tilt and heading with their sigmas from turns (W, 2, 4) of windows.
+    """Return the tilt and the headings' offset, with sigmas, from turns (W, 2, 4) of windows.
 
-    The tilt is a median, because an autopilot errs where it accelerates hard.
+    The tilt is a median, because an autopilot's attitude errs under strong acceleration.
     """
     kind = int(degrees[:, 1].sum() >= degrees[:, 0].sum())
     sines = turned[degrees[:, kind] > 0, kind, :3]
@@ -266,7 +266,7 @@ def _mounted(turned: Array, degrees: Array, weights: Array) -> tuple[Array, floa
 class LeverArmFit:
     """Fit the unknowns to IMU blocks, fixed positions, velocities and headings, by windows.
 
-    ``blind`` is whether blocks came, all without an attitude; None before the first.
+    ``blind`` is True while no block had an attitude, and None before the first block.
     """
 
     def __init__(self, config: EkfConfig) -> None:
@@ -274,7 +274,7 @@ class LeverArmFit:
         self._lever_b = config.aircraft.rtk_lever_b
         self._late_ns = [delays.aid_ns[source] - delays.imu_ns for source in _AIDED]
         self._blocks: list[ImuMean] = []
-        self._aids: list[_Aids] = [deque(maxlen=_AIDS) for _ in _AIDED]
+        self._aids: list[_AidQueue] = [deque(maxlen=_AIDS) for _ in _AIDED]
         self._stretches: deque[tuple[int, int, ImuPath]] = deque(maxlen=_PATHS)  # from, to (ns)
         self._windows: deque[Normal] = deque(maxlen=_KEPT)
         self.blind: bool | None = None
@@ -333,7 +333,7 @@ class LeverArmFit:
         return self._estimate
 
     def _solved(self) -> LeverArmEstimate | None:
-        """Solve the windows; make them anew for the delay found while that fits better."""
+        """Solve the windows; make them again for the estimated delay while that fits better."""
         estimate = solved(self._windows)
         for _ in range(_STEPS):
             if estimate is None or abs(estimate.delays_s[0]) < _LINEAR_S:
@@ -347,7 +347,7 @@ class LeverArmFit:
                 break
             self._delay_s, estimate = delay_s, after
             self._windows = deque(windows, maxlen=_KEPT)
-        taken_s = np.array((self._delay_s, 0.0))  # the second is relative: velocities' extra delay
+        taken_s = np.array((self._delay_s, 0.0))  # the second one is already relative
         return estimate and estimate._replace(delays_s=estimate.delays_s + taken_s)
 
 
@@ -366,7 +366,7 @@ class LeverChecks:
         self._attitude_sigma_rad = math.radians(max(config.autopilot.attitude_sigma_deg[:2]))
 
     def findings(self, topics: Container[str]) -> list[Finding]:
-        """Return the differences from the parameters; ``topics`` are those that arrive."""
+        """Return findings on differences from the parameters; ``topics`` are those that arrive."""
         estimate = self.fit.estimate
         unset = self._unset(topics, estimate)
         if estimate is None:

@@ -58,8 +58,8 @@ _LEAST_M_S, _LEAST_CLIMB_M_S = 1.0, 0.4
 _SURE = 0.92  # correlation of climbs with a wrong sign
 #: Share of the squares that remains under a wrong and under a right explanation.
 _WRONG, _RIGHT = 0.5, 0.15
-#: What speeds in another unit than m/s are multiplied by; beside it, so much (8 %) as noise that
-#: leaves the share _RIGHT can make of it.
+#: Factors of speeds in units other than m/s. A ratio of speeds within 8 % of a factor (_BESIDE, as
+#: a logarithm) is that unit: noise that leaves the share _RIGHT changes the ratio by as much.
 _UNITS = {"km/h": 3.6, "knots": 1.944, "mph": 2.237, "ft/s": 3.281, "cm/s": 100.0, "mm/s": 1000.0}
 _BESIDE = -0.5 * math.log(1 - _RIGHT)
 #: Matrices from the message's north and east to the true ones; the first one is the identity.
@@ -72,7 +72,7 @@ _EXCHANGES = [
 # All checks together.
 #: A clock that goes back by more starts another recording: all checks are reset.
 _BACK_NS = 10_000_000_000
-#: Checks that blame what makes the body's attitude, and those that then blame the camera for it.
+#: Checks of the body's attitude; those that then wrongly blame the camera; those of the ground.
 _ATTITUDE = ("imu_tilt", "force_", "gyro_", "heading_")
 _OF_CAMERA = ("boresight_by_motion", "picture_motion")
 _OF_GROUND = ("below_ground", "height_at_rest", "ground_by_motion")
@@ -110,7 +110,7 @@ class PositionChecks:
             self._apart.append(np.append(apart_n, sigma))
 
     def findings(self) -> list[Finding]:
-        """Return where they differ, during all the time, by more than the GPS errors."""
+        """Return findings where they differ during the whole time by more than GPS errors."""
         if len(self._apart) < _LEAST_PAIRS:
             return []
         apart, sigma = np.hsplit(np.array(self._apart), 2)
@@ -140,7 +140,7 @@ class VelocityChecks:
         self._topics = {"topic": topic, "positions": positions}
         self._begin: tuple[int, Array] | None = None  # stamp and position of the interval's start
         self._velocities: deque[tuple[int, Array]] = deque(maxlen=400)
-        # of each interval: its mean velocity by the positions and by the velocities
+        # of each interval: its mean velocity from the positions, and as sent
         self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
 
     def velocity(self, sample: VelocitySample) -> None:
@@ -167,21 +167,21 @@ class VelocityChecks:
         return [fault] if fault else []
 
     def _vertical(self, ways: Array, own: Array) -> Finding | None:
-        """Check mean velocities (N,), m/s, down, by positions and by velocities."""
-        moves, says = (math.sqrt((down**2).mean()) for down in (ways, own))
-        slow = min(moves, says) < _LEAST_CLIMB_M_S
-        if slow or float((ways * own).mean()) > -_SURE * moves * says:
+        """Compare mean velocities (N,), m/s, down, from positions and as sent."""
+        true_m_s, own_m_s = (math.sqrt((down**2).mean()) for down in (ways, own))
+        slow = min(true_m_s, own_m_s) < _LEAST_CLIMB_M_S
+        if slow or float((ways * own).mean()) > -_SURE * true_m_s * own_m_s:
             return None
         return finding("{topic}_up", **self._topics)
 
     def _horizontal(self, ways: Array, own: Array) -> Finding | None:
-        """Check mean velocities (N, 2), m/s, north and east, by positions and by velocities."""
-        moves, says = (math.sqrt((speed**2).sum(axis=1).mean()) for speed in (ways, own))
-        if max(moves, says) < _LEAST_M_S or moves <= 0:
+        """Compare mean velocities (N, 2), m/s, north and east, from positions and as sent."""
+        true_m_s, own_m_s = (math.sqrt((speed**2).sum(axis=1).mean()) for speed in (ways, own))
+        if max(true_m_s, own_m_s) < _LEAST_M_S or true_m_s <= 0:
             return None
-        if says <= 0:
-            return finding("{topic}_zero", **self._topics, speed=moves)
-        across = ways.T @ own / (len(ways) * moves * says)
+        if own_m_s <= 0:
+            return finding("{topic}_zero", **self._topics, speed=true_m_s)
+        across = ways.T @ own / (len(ways) * true_m_s * own_m_s)
         likeness = np.array([np.sum(across * matrix) for matrix in _EXCHANGES])
         left = 1 - np.maximum(likeness, 0) ** 2  # share of the squares, with the best scale
         best = int(np.argmin(left))
@@ -192,27 +192,27 @@ class VelocityChecks:
             )
             axes = {"north": north, "east": east, "best": likeness[best], "present": likeness[0]}
             return finding("{topic}_axes:exchanged", **self._topics, **axes)
-        # Noise changes speeds as it changes directions; other axes do not.
+        # Noise changes speeds and directions alike; wrong axes change directions only.
         apart = np.linalg.norm(ways, axis=1) - np.linalg.norm(own, axis=1)
-        if left[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * moves * says:
+        if left[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * true_m_s * own_m_s:
             return finding("{topic}_axes:body", **self._topics)
-        return self._of_unit(moves, says) if left[best] < _RIGHT else None
+        return self._of_unit(true_m_s, own_m_s) if left[best] < _RIGHT else None
 
-    def _of_unit(self, moves: float, says: float) -> Finding | None:
-        """Check speeds (m/s) of one motion by positions and by velocities."""
-        off = abs(math.log(says / moves))
+    def _of_unit(self, true_m_s: float, own_m_s: float) -> Finding | None:
+        """Return a finding if the ratio of two rms speeds of one motion is that of a unit."""
+        off = abs(math.log(own_m_s / true_m_s))
         unit, factor = min(_UNITS.items(), key=lambda item: abs(off - math.log(item[1])))
         if not abs(off - math.log(factor)) < _BESIDE:
             return None
-        numbers = {"own": says, "speed": moves, "factor": factor}
+        numbers = {"own": own_m_s, "speed": true_m_s, "factor": factor}
         return finding("{topic}_unit", **self._topics, **numbers, unit=unit)
 
 
 def nearest_causes(findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings without those that are consequences of others.
 
-    While the body's attitude is wrong, the camera's direction is not blamed. Heights above sea
-    level in rtk/fix make the ground seem wrong: the datum is as severe as that.
+    While the body's attitude is wrong, findings on the camera's direction are left out. Heights
+    above sea level in rtk/fix make the ground seem wrong: height_datum becomes as severe as that.
     """
     stops = [each.check for each in findings if each.severity is Severity.STOP]
     is_attitude_wrong = any(check.startswith(_ATTITUDE) for check in stops)
@@ -230,8 +230,8 @@ class NavigationChecks:
     """Take the filter's inputs in their order of arrival.
 
     ``explicit`` are the parameters that were set (``aircraft.rtk_antenna_m``), None if not known.
-    ``gap_counts_s`` after the last gap of the IMU its gaps are a note: in flight they
-    are over, in a log they count for good.
+    Gaps of the IMU become a note ``gap_counts_s`` after the last: in flight they are over then, in
+    a log they always count.
     """
 
     def __init__(
@@ -260,7 +260,7 @@ class NavigationChecks:
         self._plane: TangentPlane | None = None
 
     def take(self, topic: str, sample: NavigationInput, arrival_ns: int) -> None:
-        """Take a sample of a topic (``rtk/fix``), as it arrived; a set heading is no stream."""
+        """Take a sample of a topic (``rtk/fix``), as it arrived; ignore a heading set by hand."""
         if isinstance(sample, SetHeading):
             return
         if arrival_ns < self._arrived_ns - _BACK_NS:
@@ -300,7 +300,7 @@ class NavigationChecks:
         turned = any("gyro" in each.check or "axes" in each.check for each in imu)
         findings = [
             *imu,
-            # Headings are compared with the gyroscopes.
+            # Wrong gyroscopes would make headings seem wrong.
             *([] if turned else self._heading.findings()),
             *self._positions.findings(),
             *(each for checks in self._velocities.values() for each in checks.findings()),

@@ -64,8 +64,8 @@ class Stream:
         self.gaps = self.longest_ns = self.gap_ended_ns = 0
         self.newest_ns = self.arrived_ns = 0
         self.age_ns = 0  # arrival minus stamp of the newest sample
-        self.alone = self.alone_ns = 0  # stamps that jumped alone, the newest's successor
-        # newest stamp and gaps before a step that may be one
+        self.alone = self.alone_ns = 0  # single stamps that jumped; the stamp after the newest one
+        # newest stamp and gaps before a step that may be a single jump
         self._before: tuple[int, int, int, int] | None = None
         self._flowing_ns = self._steps = 0  # over the steps that are not gaps
 
@@ -120,7 +120,7 @@ def stream_findings(
 ) -> list[Finding]:
     """Return what is wrong with the streams ``waited_ns`` after the first sample of any.
 
-    ``gap_counts_s`` after the last gap of a topic its gaps are a note.
+    A topic's gaps become a note ``gap_counts_s`` after the last one.
     """
     findings = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
     findings += lone_findings(streams, gap_counts_s)
@@ -140,7 +140,7 @@ def stream_findings(
 
 
 def lone_findings(streams: Mapping[str, Stream], counts_s: float = math.inf) -> list[Finding]:
-    """Return the topics of which single stamps jumped, as a note ``counts_s`` after the last."""
+    """Return a finding on single stamps that jumped: a note ``counts_s`` after the last one."""
     alone = {topic: stream for topic, stream in streams.items() if stream.alone}
     if not alone:
         return []
@@ -179,7 +179,7 @@ def _gaps(streams: Mapping[str, Stream], counts_s: float) -> list[Finding]:
 
 
 def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
-    """Return the faults that a share of a topic's samples has."""
+    """Return the faults that occur in more than a few of a topic's samples."""
     findings = []
     back: dict[str, str] = {}
     unstamped: dict[str, str] = {}
