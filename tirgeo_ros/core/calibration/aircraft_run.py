@@ -80,7 +80,7 @@ class WhiteningReading(NamedTuple):
     """Hold the index and weight of a measurement, and the IMU's mean readings at its time."""
 
     number: int
-    weight: float  # the measurement's noise is divided by it
+    weight: float  # the measurement's noise is divided by this
     force_b: Array  # (3,) m/s2, mean over some readings
     rate_b: Array  # (3,) rad/s
     turning_b: Array  # (3,) rad/s2, derivative of the rate
@@ -101,19 +101,19 @@ class FollowedMechanisation(Propagation):
 
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
-        self._motion = np.eye(states_of(config))
+        self._accumulated = np.eye(states_of(config))
 
     def followed(self, now: Propagated) -> Propagated:
         """Return ``now`` with its covariance propagated, as the base class does."""
         propagated = super().followed(now)
         if propagated is not now:
-            self._motion = self._propagation.transition @ self._motion
+            self._accumulated = self._propagation.transition @ self._accumulated
         return propagated
 
-    def taken(self) -> Array:
-        """Return the transition matrix (n, n) since the last call."""
-        motion, self._motion = self._motion, np.eye(len(self._motion))
-        return motion
+    def pop_transition(self) -> Array:
+        """Return the transition matrix (n, n) since the last call, and start another."""
+        transition, self._accumulated = self._accumulated, np.eye(len(self._accumulated))
+        return transition
 
 
 class WhiteningFusion(Fusion):
@@ -151,7 +151,7 @@ class WhiteningFusion(Fusion):
             return Fused(verdict, estimate)
         spread = predicted + measurement.noise
         design, innovation = measurement.design, measurement.innovation
-        moved = self._mechanisation.taken() @ self._state_slope
+        moved = self._mechanisation.pop_transition() @ self._state_slope
         slope = self._direct_partials(aid.source, state, reading) - design @ moved
         gain = np.linalg.solve(spread, design @ covariance).T
         self._state_slope = moved + gain @ slope
@@ -176,7 +176,7 @@ class WhiteningFusion(Fusion):
     ) -> Array:
         """Return the direct partials (m, 7) of an innovation by each parameter.
 
-        The antenna's acceleration is without terms of the earth's rotation.
+        Terms of the earth's rotation are left out of the antenna's acceleration.
         """
         rotation = matrix_from_quat(np.array(state.q_nb))
         rate_b = reading.rate_b - np.array(state.gyro_bias_b)
@@ -224,10 +224,10 @@ def huber_weight(off: float, scale: float, limit: float = 2.5) -> float:
 
 @dataclass(frozen=True)
 class Recorded:
-    """Hold a flight in memory: valid samples only, by stamp, without a gap in the IMU's."""
+    """Hold a flight in memory: valid samples in order of stamps, without a gap of the IMU."""
 
     imu: Sequence[ImuSample]
-    aids: Sequence[Aiding]  # of RTK, no two of one source and stamp
+    aids: Sequence[Aiding]  # of RTK; no two have the same source and stamp
 
     def has(self, source: Source) -> bool:
         """Return whether there is any measurement of a source."""
@@ -235,7 +235,7 @@ class Recorded:
 
     @property
     def has_attitude(self) -> bool:
-        """Return whether the autopilot's attitude is there."""
+        """Return whether any sample has a usable attitude of the autopilot."""
         return any(usable_attitude(sample.autopilot_q_nb) for sample in self.imu)
 
 
@@ -247,7 +247,7 @@ class FilterRun:
     white: list[White]
     error: Array  # (M,) whitened innovations of all measurements, one after another
     slope: Array  # (M, 7) partials of ``error`` by PARAMETERS
-    row_ns: Array  # (M,) stamp of each entry, from the first
+    row_ns: Array  # (M,) stamp of each entry, relative to the first
     attitude_ns: list[int]
     attitude_q_nb: Array  # (K, 4) wxyz at ``attitude_ns``
     velocity_n: Array  # (K, 3) m/s at ``attitude_ns``
@@ -277,7 +277,7 @@ class FlightRuns:
         for sample in _merged(self.recorded.imu, self._aids(values)):
             alignment = aligner.add(sample)
             if alignment is not None:
-                # Wrong values make it worse than its covariance says.
+                # With wrong values the alignment is worse than its covariance says.
                 covariance = alignment.covariance + np.diag(_START_SIGMA**2)
                 return replace(alignment, covariance=covariance, later=())
         raise CalibrationError(f"the filter does not start: {aligner.reason}")
@@ -292,7 +292,7 @@ class FlightRuns:
     ) -> FilterRun:
         """Run the filter from an alignment.
 
-        ``weights`` (N,) are those of the flight's measurements, 1 if not given; ``without`` is a
+        ``weights`` (N,) are of the flight's measurements, 1 by default; ``without`` is a
         source to leave out. Raises CalibrationError where no measurement can be used.
         """
         config = replace(configured(self.config, values, floors), method="ekf_heading")
@@ -318,7 +318,7 @@ class FlightRuns:
                 estimates.append((sample.stamp_ns, ekf.estimate()))
         white = fusion.white
         if not white or not np.all(np.isfinite(white[-1].error)):
-            reason = "the filter finds no measurement to use; 'tirgeo check' says why"
+            reason = "the filter can use no measurement; run 'tirgeo check' to see why"
             raise CalibrationError(reason)
         stamps = np.repeat([w.stamp_ns for w in white], [len(w.error) for w in white])
         states = [estimate.state for _, estimate in estimates]

@@ -16,8 +16,8 @@ misfit beyond the expected scatter enlarges the standard deviations.
 
 The filter models a bias as a first-order Gauss-Markov process of standard deviation ``s`` and
 correlation time ``T``, driven by ``s sqrt(2 / T)``. No such process reproduces flicker noise and a
-random walk; the one nearest to the curve is taken, with about equal weight at all averaging times.
-If a process whose ``s`` is B is about as near, it is taken instead, because B is the number in
+random walk; the nearest to the curve is used, with about equal weight at all averaging times.
+If a process whose ``s`` is B is about as near, it is used instead, because B is the number in
 data sheets and in other tools. For a bias that walks, or that is truly such a process, B alone
 would be too small.
 """
@@ -42,7 +42,7 @@ _LONGEST = 0.25
 FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
 _MODEL = 0.02  # relative error of the terms as a model of variances
 _SHARED = 2.0  # by simulation: variances of the terms over those of independent octaves
-_SIGMAS = 2.0  # at which a term or a bias is significant
+_SIGMAS = 2.0  # from which a term or a bias is significant
 _BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
 _REACH = 2  # octaves left out beyond the first that fits: an unexplained effect decays slowly
 _STEPS = 12
@@ -86,12 +86,12 @@ def allan_curve(runs: Sequence[Array], step_s: float, ramps: Array | None = None
             values -= slope * np.arange(len(run))
             total = _total(np.nan_to_num(values, copy=False))
             sums[:, channel] += [_compared(total, count, size) for size in sizes]
-    there = sums[:, 0, 0] > 0
-    m, pairs = np.array(sizes, float)[there], sums[there, 0, 0]
+    has_pairs = sums[:, 0, 0] > 0
+    m, pairs = np.array(sizes, float)[has_pairs], sums[has_pairs, 0, 0]
     spans = (pairs - 1) * np.maximum(m // 4, 1) + 2 * m
     used = m <= _LONGEST * spans
     degrees = np.maximum(1.25 * spans**2 / (m * (spans + 3 * m)), 1.0)
-    means = sums[there] / pairs[:, None, None]
+    means = sums[has_pairs] / pairs[:, None, None]
     return AllanCurve(
         tau_s=(m * step_s)[used],
         degrees=degrees[used],
@@ -119,7 +119,7 @@ def _compared(sums: Array, counts: Array, m: int) -> tuple[int, float, float]:
 
 
 class Term(NamedTuple):
-    """Hold a noise term: ``value`` is None if it is not significant, and then below ``upper``."""
+    """Hold a noise term: ``value`` is None if not significant: then it is below ``upper``."""
 
     value: float | None
     sigma: float
@@ -229,7 +229,7 @@ def _weights(model: Array, degrees: Array) -> Array:
 def _terms(
     columns: Array, variances: Array, degrees: Array, powers: Array
 ) -> tuple[list[Term], float]:
-    """Return the terms of squares (3,), and the misfit.
+    """Return the terms whose squares are ``powers`` (3,), and the misfit.
 
     A term is significant if the deviance of chi-square variables grows enough without it.
     """

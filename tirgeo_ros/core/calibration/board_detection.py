@@ -7,8 +7,8 @@ its own width, and the four quarters around them have their own temperatures:
 
     I(p) = a + b s1 + c s2 + d s1 s2,    s_i = tanh(n_i . (p - corner) / w_i)
 
-If the foil is warmer on one square than on the next, b and c take the difference, and it does not
-move the corner as it moves a saddle point. The residuals give the corner's covariance.
+If the foil is warmer on one square than on the next, b and c absorb the difference, which would
+move a saddle point, but not this corner. The residuals give the corner's covariance.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _MOST_BLUR_PX = 3.0
 _MOST_SMEAR_PX = 2.2  # extra blur in one direction: 8 px of motion
 _LEAST_CONTRAST = 0.3  # of a corner, relative to the median of all
 _MOST_SIGMA_PX = 0.25
-_UNEVEN = 0.025  # largest deviation of a corner, in squares, and
-_SIGMAS = 4.0  # in addition this many sigmas of a corner
+_UNEVEN = 0.025  # largest deviation of a corner from the plane, in squares;
+_SIGMAS = 4.0  # this many sigmas of a corner are added
 _RING = 0.4  # contrast of a corner beyond the board, less a lone square's, relative to the median
 
 # The search for a board.
@@ -127,21 +127,21 @@ def _doubt(
     if blur.max() > most or abs(blur[0] ** 2 - blur[1] ** 2) > _MOST_SMEAR_PX**2:
         detail = f"edges blurred by {blur[0]:.1f} and {blur[1]:.1f} px; at most {most:.1f}, alike"
         return Refused(RefusalReason.BLURRED, detail)
-    # Light and dark take turns.
+    # Light and dark squares alternate.
     signed = fit.contrast * np.where(board.grid.sum(1) % 2 == 0, 1.0, -1.0)
     median = np.median(signed[fitted]) if fitted.any() else 0.0
     missing = int((~(signed * np.sign(median) > _LEAST_CONTRAST * abs(median))).sum())
     if missing:
-        detail = f"{missing} of {board.count} corners are not those of squares"
+        detail = f"{missing} of {board.count} corners are not between squares"
         return Refused(RefusalReason.COVERED, detail)
     sigma = fit.sigma_px
     if sigma > _MOST_SIGMA_PX:
-        detail = f"corners known to {sigma:.2f} px; more contrast is needed"
+        detail = f"corners known only to {sigma:.2f} px; more contrast is needed"
         return Refused(RefusalReason.FAINT, detail)
     off = _off_plane_px(fit.uv, board)
     if off > _UNEVEN * side_px + _SIGMAS * sigma:
         return Refused(
-            RefusalReason.UNEVEN, f"a corner is off by {off:.1f} px; is the board flat?"
+            RefusalReason.UNEVEN, f"a corner is off by {off:.1f} px; make the board flat"
         )
     if _is_continued(sharp, fit, board):
         detail = f"it has more corners than {board.columns}x{board.rows}"
@@ -150,10 +150,10 @@ def _doubt(
 
 
 def _off_plane_px(uv: Array, board: Checkerboard) -> float:
-    """Return how far a corner (count, 2) is off what a plane behind a lens can give.
+    """Return the largest distance of a corner (count, 2) from a plane's image through a lens, px.
 
-    That is a homography plus a smooth bend: polynomials of third degree, of lower degree if a
-    side has few corners.
+    That image is a homography plus a smooth bend: polynomials of third degree, of lower degree if
+    a side has few corners.
     """
     homography, _ = cv2.findHomography(board.grid, uv)
     if homography is None:
@@ -168,7 +168,7 @@ def _off_plane_px(uv: Array, board: Checkerboard) -> float:
 
 
 def _is_continued(sharp: npt.NDArray[np.float32], fit: CornerFit, board: Checkerboard) -> bool:
-    """Return whether the board continues beyond its corners: it has more squares than given."""
+    """Return whether there are corners beyond the expected ones: the board has more squares."""
     grid = fit.uv.reshape(board.rows, board.columns, 2)
     steps = steps_of(fit.uv, board).reshape(board.rows, board.columns, 2, 2)
     for end, way in ((0, -1), (-1, 1)):
@@ -212,10 +212,10 @@ def _candidates(grey: RawPixels, board: Checkerboard) -> Iterator[Array]:
         for calm_px in (0.0, _CALM_PX):
             calm = cv2.GaussianBlur(form, (0, 0), calm_px) if calm_px else form
             # The detector accepts light and dark squares either way round.
-            yes, corners = cv2.findChessboardCornersSB(
+            detected, corners = cv2.findChessboardCornersSB(
                 np.asarray(calm, np.uint8), board.size, flags=_DETECTION
             )
-            if yes:
+            if detected:
                 yield (np.asarray(corners, float).reshape(-1, 2) + 0.5) * scale - 0.5
 
 
@@ -256,7 +256,7 @@ def _right_handed(corners: Array, board: Checkerboard) -> Array:
 def _judged(
     sharp: npt.NDArray[np.float32], corners: Array, board: Checkerboard
 ) -> BoardSighting | Refused:
-    """Return the sighting that the fits give, or the reason for rejecting it."""
+    """Return the sighting from the fitted corners, or the reason for rejecting it."""
     steps = steps_of(corners, board)
     side = float(np.linalg.norm(steps, axis=2).min())
     if side < _LEAST_SIDE_PX:
@@ -272,7 +272,7 @@ def _not_detected(grey: RawPixels, board: Checkerboard) -> Refused:
     form = _stretched(_shrunk(grey)[0])
     detected, _, meta = cv2.findChessboardCornersSBWithMeta(form, (3, 3), flags)
     if not detected:
-        return Refused(RefusalReason.NO_BOARD, "none is seen")
+        return Refused(RefusalReason.NO_BOARD, "none was detected")
     rows, columns = meta.shape[:2]
     detail = f"{columns}x{rows} corners were found, not {board.columns}x{board.rows}"
     more = max(rows, columns) > max(board.size) or min(rows, columns) > min(board.size)

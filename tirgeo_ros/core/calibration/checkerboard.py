@@ -5,8 +5,8 @@ frame of a camera that looks straight at it. Its origin is the first inner corne
 
 A plane has two poses that explain a weak picture of it about equally well (Collins and Bartoli,
 Infinitesimal plane-based pose estimation, IJCV 2014). Where the picture does not decide, the pose
-nearer to that of the picture before is taken. A board looks the same after half a turn, too: the
-end from which its corners are counted is that of the picture before.
+nearer to the previous picture's is used. A board also looks the same after half a turn: its
+corners are counted from the same end as in the previous picture.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def board_of(text: str, square_m: float) -> Checkerboard:
     """Return a board from a text such as ``9x6``. Raises CalibrationError."""
     match = re.fullmatch(r"\s*(\d{1,4})\s*[xX]\s*(\d{1,4})\s*", text)
     if match is None:
-        raise CalibrationError(f"board {text!r}: give inner corners as COLUMNSxROWS, as 9x6")
+        raise CalibrationError(f"board {text!r}: give inner corners as COLUMNSxROWS, such as 9x6")
     return Checkerboard(int(match[1]), int(match[2]), square_m)
 
 

@@ -22,14 +22,14 @@ from tirgeo_ros.core.types.errors import CalibrationError
 _SPLIT_NS = 10_000_000_000
 _BACK_NS = 1_000_000_000
 _FEWEST = 100  # samples needed for a rate
-_NEAR = 0.75  # of the median step: other steps have a sample missing, or one that is late
+_NEAR = 0.75  # of the median step: at other steps a sample is missing or late
 _BURSTS = 0.3  # a median step below this share of the mean: samples come in bursts
 _AROUND = 101  # steps whose mean is the local one
 _LONG_GAP = 30.0  # times the mean step: longer than the pause between bursts
 _MOST_MISSING = 0.2  # share of the samples, or the record is refused
 
 # Movement and drift.
-#: A second counts as moved beyond this many usual scatters, and at least the least change.
+#: A second counts as moved if it changes by more than this many usual changes, and by _LEAST.
 _SCATTERS = 8.0
 _LEAST = np.array([0.005] * 3 + [0.05] * 3)  # by hands or wind: 0.3 deg/s; 0.3 deg of tilt
 _SHAKEN = 3.0  # times the usual scatter within a second
@@ -53,7 +53,7 @@ class ImuRecord:
     irregular: dict[str, int]  # faults of stamps and values: name -> number
 
     def blocks(self, size: int, least: float) -> Iterator[tuple[float, Array]]:
-        """Yield start (s) and values (size, 6) of blocks with this share of samples or more."""
+        """Yield start (s) and values (size, 6) of blocks with a share of ``least`` or more."""
         for start_s, run in zip(self.starts_s, self.runs, strict=True):
             for begin in range(0, len(run) - size + 1, size):
                 block = run[begin : begin + size]

@@ -97,14 +97,14 @@ def fit_lens(
         usual = float(np.median(list(rms_px.values())))
         if rms_px[worst] <= min(max(_OUTLYING * usual, _OUTLYING_PX), _MOST_RMS_PX):
             break
-        what = f"error {rms_px[worst]:.2f} px, usually {usual:.2f}"
-        refused[worst] = Refused(RefusalReason.OUTLIER, what)
+        detail = f"error {rms_px[worst]:.2f} px, usually {usual:.2f}"
+        refused[worst] = Refused(RefusalReason.OUTLIER, detail)
         del left[worst]
     sigma = (fit.sigma[:2] / fit.values[:2]).max()
     if fit.tilt_rad < _LEAST_TILT_RAD:
         raise CalibrationError(
-            f"lens: all views are from one side, within {np.degrees(fit.tilt_rad):.0f} deg; focal "
-            "length and distance cannot be separated: tilt the board by 20 to 45 deg"
+            f"lens: all views are from one side, within {np.degrees(fit.tilt_rad):.0f} deg: focal "
+            "length and distance cannot be separated; tilt the board by 20 to 45 deg"
         )
     if not sigma < _MOST_FOCAL_SIGMA:
         raise CalibrationError(
@@ -207,7 +207,7 @@ def _by_sharpness(views: Mapping[str, BoardSighting]) -> list[str]:
 
 
 def _distance_px(first: BoardSighting, second: BoardSighting) -> float:
-    """Return the rms distance of corners, px, with either end of the board counted first."""
+    """Return the rms distance of corners, px, counted from the ends that make it smaller."""
     a, b = first.corners_px, second.corners_px
     return min(_rms(a - b), _rms(a - b[::-1]))
 

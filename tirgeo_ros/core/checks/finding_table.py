@@ -281,8 +281,7 @@ FINDINGS: Mapping[str, Row] = {
         {"graph": "the graph has {names}{hint}", "": "the bag has {names}{hint}"}, "{topics}",
         {"graph": "publish it{remap}{calibration}", "": "record it{remap}{calibration}"}),
     "damaged_bag": _caution(
-        "{damage}", "IN.mcap",
-        "record again, or use the readable part: the filter starts again after each gap"),
+        "{damage}", "IN.mcap", "record again, or use the rest; the filter restarts after gaps"),
     "unreadable_{topic}": Row(
         {"some": CAUTION, "": STOP},
         "{refused} of {messages} messages of {topic} cannot be used: {reason}", "{topic}",
@@ -361,8 +360,7 @@ FINDINGS: Mapping[str, Row] = {
         "check that only one driver sends pictures, each once and in order"),
     "picture_motion": _stop(
         "the pictures move differently from the camera's poses: by {moved_px:.1f} px from one "
-        "to the next, {off_px:.1f} px away from the motion that the poses predict",
-        f"{_JOINTS}, {_PICTURE}",
+        "to the next, {off_px:.1f} px off what the poses predict", f"{_JOINTS}, {_PICTURE}",
         "check that the pictures are stamped by the aircraft's clock, that the video is live, "
         "and that the gimbal's angles have the right axes and signs"),
     "picture_turned": _stop(
