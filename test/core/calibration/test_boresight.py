@@ -195,7 +195,7 @@ def test_too_many_wrong_clicks_are_refused():
     seen = seen_by(Path(), rng)
     for k in range(0, 60, 2):
         seen[k] = dataclasses.replace(seen[k], uv=rng.uniform([0, 0], [640, 512]))
-    with pytest.raises(CalibrationError, match=r"agree with each other|does not settle"):
+    with pytest.raises(CalibrationError, match=r"agree with each other|does not converge"):
         fit(flight_of(Path()), seen, USUAL)
 
 
