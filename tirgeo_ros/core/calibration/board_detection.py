@@ -2,8 +2,8 @@
 
 Foil on a board gives a contrast of a few degrees, of either sign, and unevenly. The picture is
 given to OpenCV's detector in several forms until it finds the board. The corners are then fitted
-in the original picture, to a few hundredths of a pixel: two straight edges cross, each blurred by
-its own width, and the four quarters around them have their own temperatures:
+in the original picture, to a few hundredths of a pixel. In the model two straight edges cross,
+each blurred by its own width, and the four quarters around have their own temperatures:
 
     I(p) = a + b s1 + c s2 + d s1 s2,    s_i = tanh(n_i . (p - corner) / w_i)
 

@@ -82,16 +82,16 @@ def fit_lens(
 
     Raises CalibrationError if there are too few views, or if they do not determine the parameters.
     """
-    left = dict(views)
+    remaining = dict(views)
     refused: dict[str, Refused] = {}
     while True:
-        if len(left) < FEWEST_VIEWS:
+        if len(remaining) < FEWEST_VIEWS:
             gone = f" after {len(refused)} that do not fit" if refused else ""
             raise CalibrationError(
-                f"lens: {len(left)} usable views are left{gone}; at least {FEWEST_VIEWS} "
+                f"lens: {len(remaining)} usable views are left{gone}; at least {FEWEST_VIEWS} "
                 "are needed, 20 are good. Take more, all over the picture, with the board tilted"
             )
-        fit = _fitted(left, board, size, with_k3=with_k3)
+        fit = _fitted(remaining, board, size, with_k3=with_k3)
         rms_px = fit.view_rms_px
         worst = max(rms_px, key=rms_px.__getitem__)
         usual = float(np.median(list(rms_px.values())))
@@ -99,7 +99,7 @@ def fit_lens(
             break
         detail = f"error {rms_px[worst]:.2f} px, usually {usual:.2f}"
         refused[worst] = Refused(RefusalReason.OUTLIER, detail)
-        del left[worst]
+        del remaining[worst]
     sigma = (fit.sigma[:2] / fit.values[:2]).max()
     if fit.tilt_rad < _LEAST_TILT_RAD:
         raise CalibrationError(

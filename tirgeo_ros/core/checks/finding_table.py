@@ -293,7 +293,7 @@ FINDINGS: Mapping[str, Row] = {
         "{why}", "overlay_node ground_height_m", "give the ground's height, or a dem"),
     "check_failed": _caution(
         "a check failed {number} times: {kind}", "tirgeo itself",
-        "report it with this flight; other findings stand"),
+        "report it with this flight; other findings are valid"),
     "publishers_of{topic}": Row(
         {"output": STOP, "": CAUTION}, "{topic} has {number} publishers: {names}", "{name}",
         "end the other graph or driver (dji:=false), or give it another ROS_DOMAIN_ID"),

@@ -133,9 +133,9 @@ class HeadingChecks:
 
 def _without_outliers(rows: Array) -> Array:
     """Leave out single headings that are far from both of their neighbours, if they are few."""
-    left = wrap_pi(rows[:, 1] - rows[:, 2])  # the heading without the gyroscopes' turns
-    jumps = np.abs(wrap_pi(np.diff(left))) > _JUMPING_RAD  # false for nan
-    across = np.abs(wrap_pi(left[2:] - left[:-2])) < _JUMPING_RAD
+    residual = wrap_pi(rows[:, 1] - rows[:, 2])  # the heading without the gyroscopes' turns
+    jumps = np.abs(wrap_pi(np.diff(residual))) > _JUMPING_RAD  # false for nan
+    across = np.abs(wrap_pi(residual[2:] - residual[:-2])) < _JUMPING_RAD
     single = np.zeros(len(rows), bool)
     single[1:-1] = jumps[:-1] & jumps[1:] & across
     return rows[~single] if single.sum() <= _MOST_OUTLIERS * len(rows) else rows
@@ -148,8 +148,8 @@ def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
         return None
     turned_rad = float(np.abs(turns).sum())
     slope = float(changes @ turns) / max(squares, 1e-12)
-    left = max(float((changes**2).sum()) - slope**2 * squares, 0.0)
-    is_explained = left < _EXPLAINED**2 * squares
+    residual = max(float((changes**2).sum()) - slope**2 * squares, 0.0)
+    is_explained = residual < _EXPLAINED**2 * squares
     is_jumping = pairs >= _LEAST_JUMPS and math.sqrt(unlike / pairs) > _JUMPING_RAD
     if not is_jumping and (turned_rad < _LEAST_TURNED_RAD or not is_explained):
         return None
@@ -158,5 +158,5 @@ def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
         "sign" if is_explained and slope < -0.7 else "",
         turned_deg=math.degrees(turned_rad),
         slope=slope,
-        jumps_deg=math.degrees(math.sqrt(left / len(turns))),
+        jumps_deg=math.degrees(math.sqrt(residual / len(turns))),
     )

@@ -164,7 +164,7 @@ def parameter_findings(
         findings.append(finding("parameters_elsewhere", **texts))
     if pictures and set(explicit) <= {"camera", "method", *_GROUND}:
         has_ground = any(name in explicit for name in _GROUND)
-        ground = "" if has_ground else ", no height of the ground"
+        ground = "" if has_ground else "; the ground's height is not set"
         findings.append(finding("no_parameters", ground=ground, option=option))
     return findings
 

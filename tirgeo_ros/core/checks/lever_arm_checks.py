@@ -224,9 +224,9 @@ def solved(windows: Sequence[Normal]) -> LeverArmEstimate | None:
     right = np.einsum("k,wki->wi", weights, rights)
     inverse = np.linalg.inv(matrix.sum(axis=0) + _PRIOR)
     solution = inverse @ right.sum(axis=0)
-    left = right - matrix @ solution
-    shared = left[1:].T @ left[:-1]
-    spread = left.T @ left + 0.5 * (shared + shared.T)  # Bartlett's weight
+    residual = right - matrix @ solution
+    shared = residual[1:].T @ residual[:-1]
+    spread = residual.T @ residual + 0.5 * (shared + shared.T)  # Bartlett's weight
     scatter = inverse @ spread @ inverse * (number / (number - 4))
     sigma = np.sqrt(np.maximum(inverse.diagonal(), scatter.diagonal()))
     misfit = float(np.prod(variances[used]))

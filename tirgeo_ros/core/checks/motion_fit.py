@@ -163,9 +163,9 @@ def _fit_of(scene: _Scene, start: Array) -> MotionFit:
         values, sigmas = _fitted(scene, start, np.where(assumed, _TIGHT, _LOOSE))
 
     def without(part: int | slice) -> float:
-        left = values.copy()
-        left[part] = 0.0
-        return scene.pair_rms(scene.residuals(left))
+        others = values.copy()
+        others[part] = 0.0
+        return scene.pair_rms(scene.residuals(others))
 
     height_sigma_m, angle_sigma_rad, step_s = scene.medians
     return MotionFit(

@@ -183,9 +183,9 @@ class VelocityChecks:
             return finding("{topic}_zero", **self._topics, speed=true_m_s)
         across = ways.T @ own / (len(ways) * true_m_s * own_m_s)
         likeness = np.array([np.sum(across * matrix) for matrix in _EXCHANGES])
-        left = 1 - np.maximum(likeness, 0) ** 2  # share of the squares, with the best scale
-        best = int(np.argmin(left))
-        if left[0] > _WRONG and left[best] < _RIGHT:
+        unexplained = 1 - np.maximum(likeness, 0) ** 2  # share of the squares, with the best scale
+        best = int(np.argmin(unexplained))
+        if unexplained[0] > _WRONG and unexplained[best] < _RIGHT:
             north, east = (
                 f"{'-' if min(row) < 0 else ''}{('north', 'east')[int(np.argmax(np.abs(row)))]}"
                 for row in _EXCHANGES[best]
@@ -194,9 +194,9 @@ class VelocityChecks:
             return finding("{topic}_axes:exchanged", **self._topics, **axes)
         # Noise changes speeds and directions alike; wrong axes change directions only.
         apart = np.linalg.norm(ways, axis=1) - np.linalg.norm(own, axis=1)
-        if left[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * true_m_s * own_m_s:
+        if unexplained[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * true_m_s * own_m_s:
             return finding("{topic}_axes:body", **self._topics)
-        return self._of_unit(true_m_s, own_m_s) if left[best] < _RIGHT else None
+        return self._of_unit(true_m_s, own_m_s) if unexplained[best] < _RIGHT else None
 
     def _of_unit(self, true_m_s: float, own_m_s: float) -> Finding | None:
         """Return a finding if the ratio of two rms speeds of one motion is that of a unit."""
