@@ -58,135 +58,6 @@ _WIDEST_PX = 1300  # width of the detector's picture; its time grows faster than
 _CALM_PX = 1.2  # blur that reduces noise, for the detector only
 
 
-class CornerFit(NamedTuple):
-    """Hold N fitted corners; nan where the fit failed."""
-
-    uv: Array  # (N, 2) px
-    covariance: Array  # (N, 2, 2) px^2, from the residuals
-    contrast: Array  # (N,) grey values: d, half the step; its sign alternates over a board
-    steps: Array  # (N, 2) grey values: b and c, half of each edge's own step
-    blur_px: Array  # (N, 2) sigma of the blur across each edge
-
-    @property
-    def sigma_px(self) -> float:
-        """Return the standard deviation of a coordinate of the median corner, px."""
-        return float(np.sqrt(np.median(np.trace(self.covariance, axis1=1, axis2=2)) / 2))
-
-
-def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> CornerFit:
-    """Refine corners (N, 2) of an image (h, w) with squares' sides ``steps_px`` (N, 2, 2).
-
-    ``steps_px[:, 0]`` goes from a corner to the next along its row, ``[:, 1]`` along its column.
-    """
-    fits = [_fit_corner(image, *corner) for corner in zip(uv, steps_px, strict=True)]
-    return CornerFit(*map(np.array, zip(*fits, strict=True)))
-
-
-def _fit_corner(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> tuple[Array, ...]:
-    """Return the fields of CornerFit of one corner, by the Levenberg-Marquardt method."""
-    from scipy.optimize import leastsq  # noqa: PLC0415  slow to import
-
-    failed = tuple(np.full(shape, np.nan) for shape in (2, (2, 2), (), 2, 2))
-    reach = np.clip(_REACH * np.linalg.norm(steps_px, axis=1).min(), _LEAST_PX, _MOST_PX)
-    middle = np.rint(uv).astype(int)
-    if (middle < reach).any() or (middle + reach > np.subtract(image.shape[::-1], 1)).any():
-        return failed
-    dv, du = np.mgrid[-int(reach) : int(reach) + 1, -int(reach) : int(reach) + 1]
-    near = du**2 + dv**2 <= reach**2
-    du, dv = du[near], dv[near]
-    grey = image[middle[1] + dv, middle[0] + du].astype(float)
-
-    def widths(p: Array) -> Array:
-        return np.asarray(_LEAST_WIDTH_PX + np.exp(np.minimum(p[4:6], 9.0)))
-
-    def shapes(p: Array) -> Array:
-        x, y = du - p[0], dv - p[1]
-        across = np.outer(np.cos(p[2:4]), y) - np.outer(np.sin(p[2:4]), x)
-        first, second = np.tanh(across / widths(p)[:, None])
-        return np.array([np.ones(len(x)), first, second, first * second])
-
-    begin = np.array([*(uv - middle), *np.arctan2(steps_px[:, 1], steps_px[:, 0]), -0.3, -0.3])
-    levels = np.linalg.lstsq(shapes(begin).T, grey, rcond=None)[0]
-    p, inverse, details, *_ = leastsq(
-        lambda p: p[6:] @ shapes(p) - grey, [*begin, *levels], full_output=True
-    )
-    if inverse is None or not np.hypot(*p[:2]) < reach:
-        return failed
-    variance = (details["fvec"] ** 2).sum() / max(len(grey) - _PARAMETERS, 1)
-    blur_px = _SIGMA_OF_WIDTH * widths(p)
-    return middle + p[:2], inverse[:2, :2] * variance, p[9], p[7:9], blur_px
-
-
-def _doubt(
-    sharp: npt.NDArray[np.float32], fit: CornerFit, side_px: float, board: Checkerboard
-) -> Refused | None:
-    """Return why a picture's (h, w) corners are rejected, or None; ``side_px`` is the shortest."""
-    fitted = np.isfinite(fit.contrast)
-    blur = np.median(fit.blur_px[fitted], 0) if fitted.any() else np.zeros(2)
-    most = min(_MOST_BLUR_PX, _MOST_BLUR * side_px)
-    if blur.max() > most or abs(blur[0] ** 2 - blur[1] ** 2) > _MOST_SMEAR_PX**2:
-        detail = f"edges blurred by {blur[0]:.1f} and {blur[1]:.1f} px; at most {most:.1f}, alike"
-        return Refused(RefusalReason.BLURRED, detail)
-    # Light and dark squares alternate.
-    signed = fit.contrast * np.where(board.grid.sum(1) % 2 == 0, 1.0, -1.0)
-    median = np.median(signed[fitted]) if fitted.any() else 0.0
-    missing = int((~(signed * np.sign(median) > _LEAST_CONTRAST * abs(median))).sum())
-    if missing:
-        detail = f"{missing} of {board.count} corners are not between squares"
-        return Refused(RefusalReason.COVERED, detail)
-    sigma = fit.sigma_px
-    if sigma > _MOST_SIGMA_PX:
-        detail = f"corners known only to {sigma:.2f} px; more contrast is needed"
-        return Refused(RefusalReason.FAINT, detail)
-    off = _off_plane_px(fit.uv, board)
-    if off > _UNEVEN * side_px + _SIGMAS * sigma:
-        return Refused(
-            RefusalReason.UNEVEN, f"a corner is off by {off:.1f} px; make the board flat"
-        )
-    if _is_continued(sharp, fit, board):
-        detail = f"it has more corners than {board.columns}x{board.rows}"
-        return Refused(RefusalReason.OTHER_BOARD, detail)
-    return None
-
-
-def _off_plane_px(uv: Array, board: Checkerboard) -> float:
-    """Return the largest distance of a corner (count, 2) from a plane's image through a lens, px.
-
-    That image is a homography plus a smooth bend: polynomials of third degree, of lower degree if
-    a side has few corners.
-    """
-    homography, _ = cv2.findHomography(board.grid, uv)
-    if homography is None:
-        return math.inf
-    off = uv - cv2.perspectiveTransform(board.grid[None], homography)[0]
-    x, y = ((board.grid / (np.array(board.size) - 1)) * 2 - 1).T
-    most = min(3, board.columns - 2), min(3, board.rows - 2)
-    powers = [(i, j) for i in range(most[0] + 1) for j in range(most[1] + 1) if i + j <= max(most)]
-    shapes = np.stack([x**i * y**j for i, j in powers], 1)
-    off -= shapes @ np.linalg.lstsq(shapes, off, rcond=None)[0]
-    return float(np.hypot(*off.T).max())
-
-
-def _is_continued(sharp: npt.NDArray[np.float32], fit: CornerFit, board: Checkerboard) -> bool:
-    """Return whether there are corners beyond the expected ones: the board has more squares."""
-    grid = fit.uv.reshape(board.rows, board.columns, 2)
-    steps = steps_of(fit.uv, board).reshape(board.rows, board.columns, 2, 2)
-    for end, way in ((0, -1), (-1, 1)):
-        for corners, step in (
-            (grid[:, end] + way * steps[:, end, 0], steps[:, end]),
-            (grid[end] + way * steps[end, :, 1], steps[end]),
-        ):
-            beyond = fit_corners(sharp, corners, step)
-            # At a plain margin only one quarter differs, and all three contrasts are equal.
-            lone = np.abs(beyond.steps).max(1)
-            sure = np.nan_to_num(np.maximum(np.abs(beyond.contrast) - lone, 0.0))
-            turning = sure * np.sign(np.nan_to_num(beyond.contrast))
-            turning *= np.where(np.arange(len(sure)) % 2, -1, 1)
-            if abs(np.median(turning)) > _RING * np.median(np.abs(fit.contrast)):
-                return True
-    return False
-
-
 def find_board(picture: RawPixels, board: Checkerboard) -> BoardSighting | Refused:
     """Return the board in a picture (h, w) uint8 or uint16, or (h, w, 3) in blue, green, red."""
     grey = grey_of(picture)
@@ -277,3 +148,132 @@ def _not_detected(grey: RawPixels, board: Checkerboard) -> Refused:
     detail = f"{columns}x{rows} corners were found, not {board.columns}x{board.rows}"
     more = max(rows, columns) > max(board.size) or min(rows, columns) > min(board.size)
     return Refused(RefusalReason.OTHER_BOARD if more else RefusalReason.PARTIAL, detail)
+
+
+def _doubt(
+    sharp: npt.NDArray[np.float32], fit: CornerFit, side_px: float, board: Checkerboard
+) -> Refused | None:
+    """Return why a picture's (h, w) corners are rejected, or None; ``side_px`` is the shortest."""
+    fitted = np.isfinite(fit.contrast)
+    blur = np.median(fit.blur_px[fitted], 0) if fitted.any() else np.zeros(2)
+    most = min(_MOST_BLUR_PX, _MOST_BLUR * side_px)
+    if blur.max() > most or abs(blur[0] ** 2 - blur[1] ** 2) > _MOST_SMEAR_PX**2:
+        detail = f"edges blurred by {blur[0]:.1f} and {blur[1]:.1f} px; at most {most:.1f}, alike"
+        return Refused(RefusalReason.BLURRED, detail)
+    # Light and dark squares alternate.
+    signed = fit.contrast * np.where(board.grid.sum(1) % 2 == 0, 1.0, -1.0)
+    median = np.median(signed[fitted]) if fitted.any() else 0.0
+    missing = int((~(signed * np.sign(median) > _LEAST_CONTRAST * abs(median))).sum())
+    if missing:
+        detail = f"{missing} of {board.count} corners are not between squares"
+        return Refused(RefusalReason.COVERED, detail)
+    sigma = fit.sigma_px
+    if sigma > _MOST_SIGMA_PX:
+        detail = f"corners known only to {sigma:.2f} px; more contrast is needed"
+        return Refused(RefusalReason.FAINT, detail)
+    off = _off_plane_px(fit.uv, board)
+    if off > _UNEVEN * side_px + _SIGMAS * sigma:
+        return Refused(
+            RefusalReason.UNEVEN, f"a corner is off by {off:.1f} px; make the board flat"
+        )
+    if _is_continued(sharp, fit, board):
+        detail = f"it has more corners than {board.columns}x{board.rows}"
+        return Refused(RefusalReason.OTHER_BOARD, detail)
+    return None
+
+
+def _off_plane_px(uv: Array, board: Checkerboard) -> float:
+    """Return the largest distance of a corner (count, 2) from a plane's image through a lens, px.
+
+    That image is a homography plus a smooth bend: polynomials of third degree, of lower degree if
+    a side has few corners.
+    """
+    homography, _ = cv2.findHomography(board.grid, uv)
+    if homography is None:
+        return math.inf
+    off = uv - cv2.perspectiveTransform(board.grid[None], homography)[0]
+    x, y = ((board.grid / (np.array(board.size) - 1)) * 2 - 1).T
+    most = min(3, board.columns - 2), min(3, board.rows - 2)
+    powers = [(i, j) for i in range(most[0] + 1) for j in range(most[1] + 1) if i + j <= max(most)]
+    shapes = np.stack([x**i * y**j for i, j in powers], 1)
+    off -= shapes @ np.linalg.lstsq(shapes, off, rcond=None)[0]
+    return float(np.hypot(*off.T).max())
+
+
+def _is_continued(sharp: npt.NDArray[np.float32], fit: CornerFit, board: Checkerboard) -> bool:
+    """Return whether there are corners beyond the expected ones: the board has more squares."""
+    grid = fit.uv.reshape(board.rows, board.columns, 2)
+    steps = steps_of(fit.uv, board).reshape(board.rows, board.columns, 2, 2)
+    for end, way in ((0, -1), (-1, 1)):
+        for corners, step in (
+            (grid[:, end] + way * steps[:, end, 0], steps[:, end]),
+            (grid[end] + way * steps[end, :, 1], steps[end]),
+        ):
+            beyond = fit_corners(sharp, corners, step)
+            # At a plain margin only one quarter differs, and all three contrasts are equal.
+            lone = np.abs(beyond.steps).max(1)
+            sure = np.nan_to_num(np.maximum(np.abs(beyond.contrast) - lone, 0.0))
+            turning = sure * np.sign(np.nan_to_num(beyond.contrast))
+            turning *= np.where(np.arange(len(sure)) % 2, -1, 1)
+            if abs(np.median(turning)) > _RING * np.median(np.abs(fit.contrast)):
+                return True
+    return False
+
+
+class CornerFit(NamedTuple):
+    """Hold N fitted corners; nan where the fit failed."""
+
+    uv: Array  # (N, 2) px
+    covariance: Array  # (N, 2, 2) px^2, from the residuals
+    contrast: Array  # (N,) grey values: d, half the step; its sign alternates over a board
+    steps: Array  # (N, 2) grey values: b and c, half of each edge's own step
+    blur_px: Array  # (N, 2) sigma of the blur across each edge
+
+    @property
+    def sigma_px(self) -> float:
+        """Return the standard deviation of a coordinate of the median corner, px."""
+        return float(np.sqrt(np.median(np.trace(self.covariance, axis1=1, axis2=2)) / 2))
+
+
+def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> CornerFit:
+    """Refine corners (N, 2) of an image (h, w) with squares' sides ``steps_px`` (N, 2, 2).
+
+    ``steps_px[:, 0]`` goes from a corner to the next along its row, ``[:, 1]`` along its column.
+    """
+    fits = [_fit_corner(image, *corner) for corner in zip(uv, steps_px, strict=True)]
+    return CornerFit(*map(np.array, zip(*fits, strict=True)))
+
+
+def _fit_corner(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> tuple[Array, ...]:
+    """Return the fields of CornerFit of one corner, by the Levenberg-Marquardt method."""
+    from scipy.optimize import leastsq  # noqa: PLC0415  slow to import
+
+    failed = tuple(np.full(shape, np.nan) for shape in (2, (2, 2), (), 2, 2))
+    reach = np.clip(_REACH * np.linalg.norm(steps_px, axis=1).min(), _LEAST_PX, _MOST_PX)
+    middle = np.rint(uv).astype(int)
+    if (middle < reach).any() or (middle + reach > np.subtract(image.shape[::-1], 1)).any():
+        return failed
+    dv, du = np.mgrid[-int(reach) : int(reach) + 1, -int(reach) : int(reach) + 1]
+    near = du**2 + dv**2 <= reach**2
+    du, dv = du[near], dv[near]
+    grey = image[middle[1] + dv, middle[0] + du].astype(float)
+
+    def widths(p: Array) -> Array:
+        return np.asarray(_LEAST_WIDTH_PX + np.exp(np.minimum(p[4:6], 9.0)))
+
+    def shapes(p: Array) -> Array:
+        x, y = du - p[0], dv - p[1]
+        across = np.outer(np.cos(p[2:4]), y) - np.outer(np.sin(p[2:4]), x)
+        first, second = np.tanh(across / widths(p)[:, None])
+        return np.array([np.ones(len(x)), first, second, first * second])
+
+    begin = np.array([*(uv - middle), *np.arctan2(steps_px[:, 1], steps_px[:, 0]), -0.3, -0.3])
+    levels = np.linalg.lstsq(shapes(begin).T, grey, rcond=None)[0]
+    p, inverse, details, *_ = leastsq(
+        lambda p: p[6:] @ shapes(p) - grey, [*begin, *levels], full_output=True
+    )
+    if inverse is None or not np.hypot(*p[:2]) < reach:
+        return failed
+    variance = (details["fvec"] ** 2).sum() / max(len(grey) - _PARAMETERS, 1)
+    blur_px = _SIGMA_OF_WIDTH * widths(p)
+    return middle + p[:2], inverse[:2, :2] * variance, p[9], p[7:9], blur_px
