@@ -172,7 +172,7 @@ def test_a_flight_has_moved_all_along():
     assert movements(in_seconds(values)) == []
 
 
-def test_a_slow_drift_is_told_with_its_slope():
+def test_a_slow_drift_is_reported_with_its_slope():
     values = rest(3)
     slope = 2e-5 / 60  # rad/s a second
     values[:, 1] += slope * np.arange(SIZE) / RATE_HZ

@@ -1,4 +1,4 @@
-"""Faults planted in flights are named with their parameter; clean flights are left in peace."""
+"""Faults planted in flights are named with their parameter; clean flights give no finding."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def velocity(topic, change):
 
 
 def ned(velocity_n):
-    """As decoded from x = north, y = east, z = down."""
+    """Return a velocity as decoded if x is sent as north, y as east, z as down."""
     north, east, down = velocity_n
     return np.array([east, north, -down])
 
@@ -128,7 +128,7 @@ def every(number, *topics):
 
 
 def gaps(arrived):
-    """The IMU is silent for 0.4 s in every 5 s."""
+    """Silence the IMU for 0.4 s in every 5 s."""
     silent = arrived.topic == "imu/data" and arrived.arrival_ns // 10**8 % 50 < 4
     return None if silent else arrived
 
@@ -188,7 +188,7 @@ def test_a_planted_fault_is_named_first(fault, flight, config):
 
 
 def of_headings(count, rate_of, heading_of):
-    """The findings of headings (rad) at 20 Hz beside yaw rates (rad/s), by number."""
+    """Return the checks that report headings (rad) at 20 Hz beside yaw rates (rad/s)."""
     checks, forces_b = HeadingChecks(EkfConfig()), np.array([0.0, 0.0, -9.8])
     for k in range(1, count):
         rates_b = np.array([0.0, 0.0, rate_of(k)])
@@ -205,7 +205,7 @@ def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, found):
 
 @pytest.mark.parametrize(("every", "found"), [(16, []), (3, ["heading_turns"])])
 def test_single_outliers_among_headings_are_no_fault(every, found):
-    """Of 34 s, two headings are 140 deg off: an rms of 54 deg by the change, there and back."""
+    """Two headings of 34 s are 140 deg off: the changes to them and back have 54 deg rms."""
 
     def outlying(k):
         return 0.005 * k + (2.4 if k // 20 % every == 8 % every else 0.0)
@@ -225,7 +225,7 @@ def test_climbs_with_the_wrong_sign_are_named(sign, found):
 
 
 def over_ground(noise_m, change):
-    """The findings of a turning flight at 3 m/s; ``change`` takes its velocities and times."""
+    """Return the findings of a turning flight at 3 m/s; ``change`` takes velocities and times."""
     checks, rng = VelocityChecks("gps/vel", "gps/fix"), np.random.default_rng(7)
     for stamp_ns in range(0, 60_000_000_000, 200_000_000):
         turn = 0.2e-9 * stamp_ns
@@ -255,11 +255,11 @@ def test_a_unit_is_named_by_its_ratio_and_axes_by_directions(change, check, end)
 @pytest.mark.parametrize("noise_m", [1.0, 1.5, 2.5, 4.0, 8.0])
 @pytest.mark.parametrize("factor", [1.0, 1.5])
 def test_poor_positions_are_no_other_unit(noise_m, factor):
-    """They make speeds of 1.5 times and more, and of other directions."""
+    """Poor positions give speeds of 1.5 times and more, in other directions."""
     assert over_ground(noise_m, lambda v, _: v * factor) == []
 
 
-def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):
+def test_a_jump_of_a_clock_is_reported_with_its_size(flight, config):
     middle_ns = flight[len(flight) // 2].arrival_ns
 
     def change(arrived):
@@ -274,13 +274,13 @@ def test_the_sample_flight_is_clean(flight, config):
     assert checked(flight, config, given=()) == []
 
 
-def test_places_that_nobody_gave(flight):
-    (known,) = checked(flight, EkfConfig(), given=())
+def test_places_that_are_not_configured(flight):
+    (finding,) = checked(flight, EkfConfig(), given=())
     (unknown,) = checked(flight, EkfConfig())
-    assert (known.check, known.severity) == ("antenna_place", CAUTION)
-    assert "aircraft.rtk_antenna_m" in known.parameter
+    assert (finding.check, finding.severity) == ("antenna_place", CAUTION)
+    assert "aircraft.rtk_antenna_m" in finding.parameter
     assert unknown.severity is NOTE
-    # Somebody says that it is at zero: that contradicts the flight.
+    # A configured place of zero contradicts the flight.
     (text,) = checked(flight, EkfConfig(), given=("aircraft.rtk_antenna_m",))
     assert (text.check, text.severity) == ("antenna_place", CAUTION)
     assert "not at (+0.00, +0.00, +0.00)" in text.evidence
@@ -288,9 +288,9 @@ def test_places_that_nobody_gave(flight):
 
 def test_without_the_autopilots_attitude_the_course_tells(flight, config):
     assert [item.check for item in checked(flight, config, bare)] == ["imu_tilt"]  # not known
-    (found,) = checked(flight, config, bare, heading(plus_deg=180))
-    assert (found.check, found.severity) == ("heading_offset", STOP)
-    assert "the course over ground" in found.evidence
+    (finding,) = checked(flight, config, bare, heading(plus_deg=180))
+    assert (finding.check, finding.severity) == ("heading_offset", STOP)
+    assert "the course over ground" in finding.evidence
 
 
 def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight, config):

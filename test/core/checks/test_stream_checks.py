@@ -64,7 +64,7 @@ def test_a_clock_that_jumps():
     assert "+0.30 s" in jumped["stamp_jump"].evidence
 
 
-def test_two_publishers_are_told_by_their_order():
+def test_two_publishers_are_reported_by_their_order():
     stream = Stream(0.2)
     for k in range(100):
         stream.add(at(k * S // 100), k * S // 100)
