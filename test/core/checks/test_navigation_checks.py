@@ -197,31 +197,31 @@ def of_headings(count, rate_of, heading_of):
     return [item.check for item in checks.findings()]
 
 
-@pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["heading_turns"])])
-def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, found):
+@pytest.mark.parametrize(("sign", "expected"), [(1, []), (-1, ["heading_turns"])])
+def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, expected):
     turned = of_headings(6000, lambda k: 0.3 * (k < 600), lambda k: sign * 0.015 * min(k, 600))
-    assert turned == found
+    assert turned == expected
 
 
-@pytest.mark.parametrize(("every", "found"), [(16, []), (3, ["heading_turns"])])
-def test_single_outliers_among_headings_are_no_fault(every, found):
+@pytest.mark.parametrize(("every", "expected"), [(16, []), (3, ["heading_turns"])])
+def test_single_outliers_among_headings_are_no_fault(every, expected):
     """Two headings of 34 s are 140 deg off: the changes to them and back have 54 deg rms."""
 
     def outlying(k):
         return 0.005 * k + (2.4 if k // 20 % every == 8 % every else 0.0)
 
-    assert of_headings(681, lambda _: 0.1, outlying) == found
+    assert of_headings(681, lambda _: 0.1, outlying) == expected
 
 
-@pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["rtk_vel_up"])])
-def test_climbs_with_the_wrong_sign_are_named(sign, found):
+@pytest.mark.parametrize(("sign", "expected"), [(1, []), (-1, ["rtk_vel_up"])])
+def test_climbs_with_the_wrong_sign_are_named(sign, expected):
     checks = VelocityChecks("rtk/vel", "rtk/fix")
     for stamp_ns in range(0, 20_000_000_000, 200_000_000):
         turn = 0.5e-9 * stamp_ns
         climbs = np.array([0.0, 0.0, sign * 1.5 * np.cos(turn)])
         checks.velocity(VelocitySample(stamp_ns, Source.RTK_VELOCITY, climbs, np.eye(3)))
         checks.position(stamp_ns, np.array([0.0, 0.0, 3 * np.sin(turn)]))
-    assert [item.check for item in checks.findings()] == found
+    assert [item.check for item in checks.findings()] == expected
 
 
 def over_ground(noise_m, change):
@@ -266,8 +266,8 @@ def test_a_jump_of_a_clock_is_reported_with_its_size(flight, config):
         later = arrived.topic in RTK.split() and arrived.arrival_ns > middle_ns
         return stamps(RTK, 0.3)(arrived) if later else arrived
 
-    found = {item.check: item for item in checked(flight, config, change)}
-    assert "jumped by -0.30 s" in found["stamp_jump"].evidence
+    by_check = {item.check: item for item in checked(flight, config, change)}
+    assert "jumped by -0.30 s" in by_check["stamp_jump"].evidence
 
 
 def test_the_sample_flight_is_clean(flight, config):
@@ -295,9 +295,9 @@ def test_without_the_autopilots_attitude_the_course_tells(flight, config):
 
 def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight, config):
     findings = checked(flight, config, bare, imu(rate=DEGREES * 0.7))
-    found = {item.check: item for item in findings}
-    assert found["heading_turns"].severity is STOP
-    assert "imu/data angular_velocity" in found["heading_turns"].parameter
+    by_check = {item.check: item for item in findings}
+    assert by_check["heading_turns"].severity is STOP
+    assert "imu/data angular_velocity" in by_check["heading_turns"].parameter
 
 
 def test_numbers_that_are_none_do_no_harm(flight, config):

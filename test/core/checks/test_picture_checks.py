@@ -54,7 +54,7 @@ def test_a_wrong_latency_is_reported_with_the_right_one(flight, latency_s):
     findings = picture_findings(flight, overlay=overlay)
     assert len(findings) == 1
     reported_s, _ = reported_latency(findings)
-    assert abs(reported_s - 0.05) < 0.012  # four of the 3 ms that the fit has at random
+    assert abs(reported_s - 0.05) < 0.012  # 4 sigma of the fit, 3 ms each
 
 
 @pytest.mark.parametrize("late_s", [1.3, 2.0, -0.8])
@@ -154,7 +154,7 @@ def test_a_wrong_focal_length_is_reported_with_the_right_one(flight, factor, sev
     assert finding.severity == severity
     assert finding.parameter == "thermal/camera_info"
     reported_px = float(finding.evidence.split(" were ")[1].split()[0])
-    # What the lens's own distortion makes of another focal length is not modelled: 1 in 50.
+    # The effect of the lens's distortion with another focal length is not modelled: 1 in 50.
     assert reported_px == pytest.approx(803.6, rel=0.025)
 
 
@@ -200,7 +200,7 @@ def test_pictures_contradict_joints_that_are_wrong(flight, fault):
 
 
 def askew(joints):
-    """Joints of a camera that hangs 5 deg lower than they say, and 3 deg to the right."""
+    """Change the joints so that the camera hangs 5 deg lower than they say, 3 deg to the right."""
     pitch_rad = joints.pitch_rad + math.radians(5.0)
     return replace(joints, pitch_rad=pitch_rad, yaw_rad=joints.yaw_rad - math.radians(3.0))
 
@@ -239,7 +239,7 @@ STEP_NS = 111_000_000
 
 
 def cut(right, down, width=640, height=512):
-    """A part of blurred noise: something to follow everywhere."""
+    """Return a part of blurred noise, which can be tracked everywhere."""
     noise = np.random.default_rng(0).normal(0.0, 1.0, (1300, 1600)).astype(np.float32)
     blurred = cv2.GaussianBlur(noise, (0, 0), 6.0)
     scene = np.clip(128 + 60 * blurred / blurred.std(), 0, 255).astype(np.uint8)
@@ -289,7 +289,7 @@ START_NS = 1_700_000_000 * 10**9
     ("stamp", "checks"),
     [
         (lambda k: START_NS + k * PERIOD_NS, []),
-        # Of a busy computer, a few come late.
+        # On a busy computer a few frames come late.
         (lambda k: START_NS + (k - 15 * (k < 30)) * PERIOD_NS, []),
         (lambda k: 0 * k, ["picture_stamps_zero"]),
         (lambda k: START_NS + (k + 5) * PERIOD_NS, ["picture_stamps_ahead"]),
@@ -308,7 +308,7 @@ def test_bad_stamps_are_reported(stamp, checks):
 
 
 def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():
-    """As where a bag is played and the first /clock is late: 3 of 10 would."""
+    """A bag is played and the first /clock comes late: 3 of 10 frames would be reported."""
     stamps = FrameStamps()
     for k in range(100):
         stamp_ns = START_NS + k * PERIOD_NS

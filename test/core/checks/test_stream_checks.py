@@ -33,7 +33,7 @@ def test_a_rate_is_that_between_gaps():
 
 
 def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
-    """Findings on rtk/fix with an age for every second, beside an IMU without one."""
+    """Return findings on rtk/fix with an age in each second, and an IMU without delay."""
     imu, rtk = Stream(0.2), Stream(1.5)
     checks = StampChecks(config)
     for second, age_s in enumerate(ages_s, start=10):
