@@ -2,7 +2,7 @@
 
 Both are yaw, roll, pitch of the same chain, so there are few ways to mistake axes, signs, unit or
 order of the joints. Each of these readings of the numbers is tried. The mean difference of yaw is
-ignored there, because the gimbal's north may be biased.
+ignored in this, because the gimbal's north may be biased.
 
 The joints keep the camera level while the body tilts. An attitude computed with joint angles of
 another time tilts too; the delay at which it tilts least is that of the joints.

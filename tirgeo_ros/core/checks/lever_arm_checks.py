@@ -36,8 +36,8 @@ Aids = tuple[Array, Array]  # times (N,), s, and values (N, 3) or headings (N,)
 #: With fewer windows, their scatter gives no useful sigma.
 _LEAST_WINDOWS = 6
 _ONCE = 0.5  # weight of a value that is in two windows
-#: Prior information (diagonal) keeps unobservable unknowns at 0. A receiver measures position and
-#: velocity at once; some smooth the velocity.
+#: Prior information (diagonal) keeps unobservable unknowns at 0. The velocities' extra delay is
+#: small: a receiver measures both at once, and may smooth the velocity.
 _PRIOR = np.diag(1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2)
 
 # Windows of a flight.

@@ -51,7 +51,7 @@ _LEAST_HEIGHT_M = 2.0
 _WRONG = 0.15  # as a logarithm: a larger error makes the map wrong, not only displaced
 #: A residual that no fitted error explains: share of the pairs' motion, and least size.
 _UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
-#: With a larger residual, or this near to the end of its range, a latency is another fault.
+#: With a larger residual, or this near to the end of its range, a latency means another fault.
 _DOUBTFUL_PX, _END_S = 1.5, 0.06
 _LATENCY_PAIRS = 40  # pairs after which the latency is observed, if the flight shows it at all
 #: Least latency error with fewer pairs, s: the heading of a filter that just started still turns;
