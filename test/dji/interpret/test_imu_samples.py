@@ -50,7 +50,7 @@ def test_a_reading_becomes_a_sample_in_si():
     assert meant.counts == {}
     assert meant.warnings == []
     assert meant.diagnostics["imu_source"] == "broadcast"
-    assert meant.diagnostics["acceleration_unit"] == "g (told)"
+    assert meant.diagnostics["acceleration_unit"] == "g (stated)"
 
 
 @pytest.mark.parametrize(
