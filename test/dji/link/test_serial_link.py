@@ -181,7 +181,7 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
         assert link.read(0.05) == b""
         reads += 1
     assert link.state is LinkState.LOST
-    assert "it hung up" in link.message
+    assert "the device hung up" in link.message
     assert reads < 30  # it does not spin
 
 
@@ -190,11 +190,15 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
     [
         (PermissionError(errno.EACCES, "Permission denied"), "permission_denied", "group dialout"),
         (OSError(errno.EPERM, "Operation not permitted"), "permission_denied", "dialout"),
-        (OSError(errno.EBUSY, "Device or resource busy"), "busy", "another program uses it"),
-        (OSError(errno.EAGAIN, "lock"), "busy", "another program uses it"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "busy", "another program uses the port"),
+        (OSError(errno.EAGAIN, "lock"), "busy", "another program uses the port"),
         (OSError(errno.ENOTTY, "it is a file"), "not_a_port", "not a serial port.*it is a file"),
         (OSError("Could not configure port"), "not_a_port", "Could not configure port"),
-        (ValueError("refuses 12345 baud"), "baud_refused", "set baud .refuses 12345 baud"),
+        (
+            ValueError("refuses 12345 baud"),
+            "baud_refused",
+            "set the parameter baud .refuses 12345 baud",
+        ),
         (OSError(errno.ENXIO, "No such device"), "no_device", "plug the cable in"),
         (OSError(errno.EIO, "Input/output error"), "no_device", "plug the cable in"),
     ],
