@@ -194,11 +194,7 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
         (OSError(errno.EAGAIN, "lock"), "busy", "another program uses the port"),
         (OSError(errno.ENOTTY, "it is a file"), "not_a_port", "not a serial port.*it is a file"),
         (OSError("Could not configure port"), "not_a_port", "Could not configure port"),
-        (
-            ValueError("refuses 12345 baud"),
-            "baud_refused",
-            "set the parameter baud .refuses 12345 baud",
-        ),
+        (ValueError("refuses 12345 baud"), "baud_refused", "parameter baud .refuses 12345 baud"),
         (OSError(errno.ENXIO, "No such device"), "no_device", "plug the cable in"),
         (OSError(errno.EIO, "Input/output error"), "no_device", "plug the cable in"),
     ],

@@ -110,8 +110,8 @@ def test_the_order_of_the_gimbals_angles_is_told_by_the_frame(angles, frame):
         ("rtk_position", fix(START, latitude=91.0), "not a place on the Earth: 91, 4"),
         ("rtk_position", fix(START, altitude=math.nan), "not finite"),
         ("gimbal_angle", vector(START, 4500.0, 0.0, 0.0), "not angles of a gimbal"),
-        ("rtk_yaw", Message(angle=1), "its definition has no data"),
-        ("imu", imu(START - 3600 * SECOND), r"stamped -3600 s from when it was recorded"),
+        ("rtk_yaw", Message(angle=1), "its definition has no field data"),
+        ("imu", imu(START - 3600 * SECOND), r"its stamp is -3600 s from its time of recording"),
     ],
 )
 def test_values_that_make_no_sense_are_refused(name, message, because):
