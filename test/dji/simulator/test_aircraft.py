@@ -132,5 +132,5 @@ def test_a_path_that_is_taken_or_impossible_is_named(tmp_path):
         PseudoTerminal(tmp_path / "file")
     with pytest.raises(DjiError, match=r"no/such: no pseudo-terminal can be made there: No such"):
         PseudoTerminal(tmp_path / "no" / "such")
-    with pytest.raises(DjiError, match=r"123 is not a speed of a serial port"):
+    with pytest.raises(DjiError, match=r"123 baud is not a speed of a serial port"):
         PseudoTerminal(tmp_path / "tty", baud=123)
