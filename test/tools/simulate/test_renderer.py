@@ -201,7 +201,7 @@ def test_a_sloping_flight_is_whole_and_ground_as_high_as_the_flight_refused(flow
             np.testing.assert_allclose(place, HILLSIDE.places(place[None, :2])[0], atol=0.1)
     assert load_observations(flown / "observations.csv")
     (tmp_path / "steep.yaml").write_text(SLOPING.replace("slope_deg: 4.0", "slope_deg: 20.0"))
-    with pytest.raises(ScenarioError, match=r"park: its ground rises to .* fly 3 m above it"):
+    with pytest.raises(ScenarioError, match=r"park: the ground rises to .* fly 3 m above the"):
         simulate(tmp_path / "steep.yaml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -114,7 +114,7 @@ def test_parameters_fit_the_flight(whole):
     ("start_s", "duration_s"), [(-1.0, 2.0), (0.0, 0.0), (3.0, 4.0), (7.0, None), (np.nan, 1.0)]
 )
 def test_a_window_outside_the_flight_is_refused(scenario_path, tmp_path, start_s, duration_s):
-    with pytest.raises(ScenarioError, match=r"short.yaml: no .* s on in a flight of 6 s"):
+    with pytest.raises(ScenarioError, match=r"short.yaml: .* are not within the flight of 6 s"):
         simulate(scenario_path, tmp_path / "out", start_s=start_s, duration_s=duration_s)
     assert not (tmp_path / "out").exists()
 
