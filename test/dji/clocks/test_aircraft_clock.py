@@ -230,7 +230,7 @@ def test_ticks_of_2_5_ms_are_found_before_the_clock_settles(rate_hz, found_s, st
     assert (result["clock tick [ms]"], result["clock state"]) == ("2.5", "settled")
 
 
-def test_a_settled_counter_keeps_its_milliseconds():
+def test_a_settled_counter_keeps_its_tick():
     """For 5 s the line is too slow for the messages, as if the counter had become slower."""
     flown = link(100, 20, exponential(1), seed=21)
     queue_ns = 1.5 * SECOND * np.clip(flown.since_s - 10, 0, 5)

@@ -21,7 +21,7 @@ HOUR = 3600 * SECOND
 UTC_NS = 1_750_000_000 * SECOND
 
 
-def test_after_a_reset_the_stream_goes_on_a_second_later():
+def test_after_a_reset_stamps_continue_a_second_later():
     clock = CaptureTimeline(start_ns=UTC_NS).clock()
     for tick in range(500_000, 501_000, 10):
         newest = clock.stamp_ns(tick)
@@ -144,7 +144,7 @@ def five_a_second(seconds, offset_h, wrong=0):
 
 
 @pytest.mark.parametrize("offset_h", [0, 8])
-def test_a_capture_is_placed_by_its_seconds(offset_h):
+def test_whole_seconds_give_a_captures_civil_time(offset_h):
     powered_ns, messages = five_a_second(60, offset_h, wrong=30)
     seconds = WholeSeconds()
     assert seconds.shift_ns is None

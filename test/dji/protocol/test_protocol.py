@@ -215,7 +215,7 @@ def test_a_push_that_is_decoded_encodes_to_the_same_bytes(case):
     assert encode_push(push) == value
 
 
-def test_a_32_bit_number_is_printed_as_told_apart_from_its_neighbours():
+def test_a_32_bit_number_is_printed_with_the_digits_that_it_needs():
     numbers = np.array([0.1, 1 / 3, 7.3499999, -1e-30, 3.4028235e38, 1.0000001], dtype=np.float32)
     for value in numbers:
         table = PackageTable([Package.of(0, 50, with_timestamp=False, names=("HEIGHT_FUSION",))])

@@ -78,13 +78,13 @@ def near(metres: float) -> Message:
 
 
 @given(st.integers(-(2**15), 2**15 - 1))
-def test_every_rtk_yaw_comes_back(yaw_deg):
+def test_every_rtk_yaw_is_read(yaw_deg):
     (sent,) = struct.unpack("<H", struct.pack("<h", yaw_deg))
     assert PSDK_TOPICS["rtk_yaw"].read(7, Message(yaw=sent)).yaw_deg == yaw_deg
 
 
 @given(angles, st.floats(-120, 60), st.floats(-30, 30))
-def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
+def test_gimbal_round_trip(yaw_deg, pitch_deg, roll_deg):
     """As psdk_ros2 computes them: with constants of single precision, and one turn added."""
     z = single(1.571) - yaw_deg * PI32 / 180
     if z < -PI32:
@@ -101,7 +101,7 @@ def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
 
 
 @given(st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array))
-def test_attitude_there_and_back(rotvec):
+def test_attitude_round_trip(rotvec):
     """R_ENU<-NED R R_FRD<-FLU is sent; q and -q are the same attitude."""
     matrix = matrix_from_quat(quat_from_rotvec(rotvec))
     sent = quat_from_matrix(ENU_NED @ matrix @ FLU_FRD)

@@ -114,7 +114,7 @@ def test_the_order_of_the_gimbals_angles_depends_on_the_frame(angles, frame):
         ("imu", imu(START - 3600 * SECOND), r"its stamp is -3600 s from its time of recording"),
     ],
 )
-def test_values_that_make_no_sense_are_refused(name, message, because):
+def test_invalid_values_are_refused(name, message, because):
     with pytest.raises(MessageError, match=because):
         readings(name, message)
 
@@ -247,7 +247,7 @@ def test_any_order_within_an_epoch_and_any_delay_below_half_of_one(orders, delay
 
 
 @pytest.mark.parametrize("lost", PARTS)
-def test_a_lost_part_costs_itself_alone(lost):
+def test_a_lost_part_costs_no_other_part(lost):
     events = [
         (number * PERIOD + k * MS, part(name, number, number * PERIOD))
         for number in range(3)

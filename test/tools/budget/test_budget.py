@@ -41,7 +41,7 @@ def test_the_forms_agree_for_a_pinhole_camera_and_factors_add_up_in_squares():
         ({"east_error_m": math.nan}, "east_error_m is nan: must be 0 or more"),
     ],
 )
-def test_what_makes_no_sense_is_refused(values, reason):
+def test_invalid_values_are_refused(values, reason):
     with pytest.raises(CalibrationError, match=reason):
         make_budget(values)
     camera = Camera(640, 200, 800.0, 800.0, 319.5, 900.0)  # sees only what is over its axis

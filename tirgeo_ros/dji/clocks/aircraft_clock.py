@@ -110,12 +110,12 @@ class LowerEnvelope:
     """Track the line below the points of the last window; x and y in nanoseconds.
 
     ``x`` is a time of one clock, ``y`` the arrival by another clock minus ``x``. The smallest
-    values of ``y`` lie on a line, whose slope is the drift between the two clocks; all else is
-    delay. Of the lines with the learned slope, it is the highest with no point of the window below
-    it. The slope is that of the lower convex hull's edge over the middle of a longer time (Moon,
-    Skelley, Towsley 1999, and Zhang, Liu, Xia 2002, use that edge as the skew of two clocks). With
-    the slope, a minimum stays valid for the whole window. Without it, a windowed minimum lags by
-    drift times window, and jumps when it leaves the window.
+    values of ``y`` lie on a line, whose slope is the drift between the two clocks; larger values
+    have delays. The tracked line has the learned slope and is the highest with no point of the
+    window below it. The slope is that of the lower convex hull's edge over the middle of a longer
+    time (Moon, Skelley, Towsley 1999, and Zhang, Liu, Xia 2002, use it as the skew of two clocks).
+    With the slope, a minimum stays valid for the whole window. Without it, a windowed minimum lags
+    by drift times window, and jumps when it leaves the window.
 
     ``max_drift`` bounds the slope in both directions. A point costs about a microsecond; once per
     bin the ``_BINS`` lowest points are used again.
@@ -219,7 +219,7 @@ class AircraftClock:
     certain (check sums protect the counts), after half a second if a queue could be the cause.
     Each counter needs its own AircraftClock.
 
-    If a counter shows ticks of 2.5 ms instead of 1 ms before it has settled, these are used:
+    If a counter shows ticks of 2.5 ms instead of 1 ms before it has settled, it is read so:
     stamps fall behind by up to 1 s in the first 1.7 s, then they continue at their right times.
     """
 
@@ -240,7 +240,7 @@ class AircraftClock:
         self._above = _Above()
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """Return the host time in nanoseconds that a message has if its latency is the smallest.
+        """Return the host time (ns) at which a message arrives if its latency is the smallest.
 
         ``ticks`` is the counter's value, ``extra_ns`` the time after that tick if the aircraft
         sends it, ``arrival_ns`` the host's time of the message's last byte.

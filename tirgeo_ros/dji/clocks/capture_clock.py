@@ -42,7 +42,7 @@ _FIRST_YEAR, _LAST_YEAR = 2010, 2099
 DOCUMENTED_OFFSET_H = 8
 #: Tolerance for a file's modification time, which is that of its last byte or a little later.
 _HINT_NS = 2 * _HOUR_NS
-#: Seconds whose shift is further than this from the median have wrong words.
+#: A second whose shift differs from the median by more than this has wrong words.
 _ASTRAY_NS = 2 * _SECOND_NS
 
 

@@ -75,7 +75,7 @@ _CLASSES = (
 #: Direction of the baseline of DJI's kit from the nose: first antenna left, second right.
 _KIT_DEG = 90.0
 NOT_SET = (
-    "aircraft.second_antenna_m is not set: RTK yaw is taken as from DJI's kit, with the first "
+    "aircraft.second_antenna_m is not set: RTK yaw is used as that of DJI's kit, with the first "
     "antenna left and the second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
 )
 
@@ -104,7 +104,7 @@ class ReceiverEpochs:
         self._number = 0
         self._values: dict[str, Value] = {}
         self._changed: set[str] = set()
-        self._new_in: dict[str, int] = {}  # part to the epoch in which it was new
+        self._new_in: dict[str, int] = {}  # by part: the epoch in which it was new
         self._place_before: Value | None = None
 
     def is_late(self, stamp_ns: int, place: Value | None) -> bool:

@@ -75,7 +75,7 @@ _RANK = {origin: rank for rank, origin in enumerate(ImuOrigin)}
 
 # Samples.
 
-#: Larger numbers are invalid in any unit. The filter judges what an aircraft cannot do.
+#: Larger numbers are invalid in any unit. Smaller impossible values are judged by the filter.
 _LARGEST = 1e6
 #: Largest number of samples that wait for their unit: 5 s at 100 Hz of readings that are too few
 #: or too large to decide.

@@ -57,7 +57,7 @@ def parse_key(text: str) -> bytes | None:
     digits = text.strip()
     if not digits:
         return None
-    if not _KEY.fullmatch(digits):  # not in the message: it may be nearly a secret
+    if not _KEY.fullmatch(digits):  # the message must not show it: it may be almost the key
         raise DjiError(
             f"key: {len(digits)} characters that are not {2 * KEY_BYTES} hexadecimal digits: give "
             "the app key of DJI's developer site"

@@ -155,7 +155,7 @@ class Aircraft:
                 _, sample = self._waiting.popleft()
                 if isinstance(sample, ImuSample):
                     imu.append(sample)
-                elif not isinstance(sample, PressureSample | SetHeading):  # not DJI's
+                elif not isinstance(sample, PressureSample | SetHeading):  # DJI sends none
                     self._receivers.take(sample)
             for sample in imu:
                 frames += self._frames(sample, together_ns)

@@ -52,7 +52,7 @@ class Clocks(NamedTuple):
 
 
 class Telemetry:
-    """Convert frames to readings; count what cannot be read.
+    """Convert frames to readings; count the unreadable ones.
 
     Counted: ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts
     whose length fits no layout; ``unknown_package``: pushes of an unknown package, or with another

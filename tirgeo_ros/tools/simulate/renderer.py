@@ -33,8 +33,8 @@ _PAVING, _KERB, _SOIL = 158.0, 192.0, 118.0
 _BED_SPAN, _HOT = 58.0, 150.0
 _KERB_M, _SLAB_M = 0.2, 2.0
 _LEVELS = 4
-_SHIFT = 4  # drawing to a sixteenth of a cell
-#: Size of grain (m) and its standard deviation (grey levels), from weather to tufts.
+_SHIFT = 4  # positions are drawn in sixteenths of a cell
+#: Size of grain (m) and its standard deviation (grey levels), the largest first.
 _GRAINS = ((40.0, 5.0), (9.0, 5.0), (2.5, 4.0), (0.7, 4.0), (0.2, 4.0))
 
 # Targets.
