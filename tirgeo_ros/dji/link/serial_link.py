@@ -82,7 +82,7 @@ _MESSAGES = {
     "parameter port (ls /dev/serial/by-id lists the ports)",
     LinkState.PERMISSION_DENIED: "permission denied: add the user to the group dialout "
     "(sudo usermod -aG dialout $USER) and log in again",
-    LinkState.BUSY: "another program uses the port: close it (fuser -v names it)",
+    LinkState.BUSY: "another program uses the port: end that program (fuser -v names it)",
     LinkState.NOT_A_PORT: "this is not a serial port: set the parameter port",
     LinkState.BAUD_REFUSED: "the port's driver refuses this rate: set the parameter baud",
     LinkState.OPEN: "open",
