@@ -411,8 +411,11 @@ FINDINGS: Mapping[str, Row] = {
     "map_empty": _stop(
         {"dem": "none of the map lies on the elevation model", "": "the map has no features"},
         {"dem": _DEM, "": _MAP},
-        "check that its file has lines, outlines or points, and that the style sheet names its "
-        "layers"),
+        {
+            "dem": "check that the elevation model is that of the map's place",
+            "": "check that its file has lines, outlines or points, and that the style sheet "
+            "names its layers",
+        }),
     "dem_elsewhere": Row(
         {"near": CAUTION, "": STOP},
         "the elevation model has no height at the place of take-off ({latitude:.5f}, "
