@@ -204,7 +204,7 @@ def test_of_another_kind(tmp_path, data):
 def test_another_profile_and_a_device_are_refused(tmp_path):
     with pytest.raises(BagError, match="profile 'ros1' is not 'ros2'"):
         BagReader(foreign(tmp_path / "a.mcap", profile="ros1"))
-    with pytest.raises(BagError, match="/dev/null: is no file: a pipe or a device cannot be read"):
+    with pytest.raises(BagError, match="/dev/null: not a file: a pipe or a device cannot be read"):
         BagReader("/dev/null")
 
 
@@ -283,7 +283,7 @@ def test_an_error_leaves_what_was_written_and_its_end(tmp_path):
             grow(writer, 100)
             writer.write("/imu/data", "sensor_msgs/msg/Image", b"", 10**18)
 
-    with pytest.raises(BagError, match="cannot be"):
+    with pytest.raises(BagError, match="no sensor_msgs/msg/Image can be"):
         spoilt()
     assert BagReader(path).damage is None
     assert sum(1 for _ in BagReader(path).messages()) == 100
