@@ -151,7 +151,7 @@ def test_parameters_may_be_a_mapping(tables, flight):
         filtered(tables, config={"orign_lat_lon_h": []})
     with pytest.raises(ConfigError, match=r"no_such.yaml"):
         filtered(tables, config="no_such.yaml")
-    with pytest.raises(ConfigError, match="dict is no name of a file"):
+    with pytest.raises(ConfigError, match="dict cannot be the name of a file"):
         filtered(tables, config=[config])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+_MESSAGES = ("_msgs", "_srvs", "_interfaces")  # endings of ROS's packages of messages
 #: Module -> Ubuntu's package ("" where there is none) and the name on PyPI: what setup.py lists.
 PACKAGES = {
     "PIL": ("python3-pil", "Pillow"),
@@ -31,9 +32,6 @@ PACKAGES = {
     "yaml": ("python3-yaml", "PyYAML"),
     "zstandard": ("python3-zstandard", "zstandard"),
 }
-
-
-_MESSAGES = ("_msgs", "_srvs", "_interfaces")
 
 
 def missing_line(module: str) -> str:
