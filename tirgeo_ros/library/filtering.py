@@ -255,7 +255,7 @@ def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sampl
 
 
 def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfigs) -> str:
-    """Return why there is no solution: no position, a wrong IMU, else the filter's reason."""
+    """Return why there is no solution: no position, a fault of the IMU, or the filter's reason."""
     if not {"rtk/fix", "gps/fix"} & tables.keys():
         return "there is no position: give rtk_fix or gps_fix"
     own = arrived({"imu/data": tables["imu/data"]}, _ARGUMENTS)

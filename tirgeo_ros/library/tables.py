@@ -133,7 +133,7 @@ def _names(name: str, table: Table) -> list[str]:
 
 
 def _check_presence(name: str, present: list[str], columns: Sequence[Column]) -> None:
-    """Raise TableError for a missing column; the hint is a similar name that is not used."""
+    """Raise TableError for a missing column; suggest a similar name that no other column has."""
     group = {column.name for column in columns if column.is_of_group}
     for column in (_TIME, *columns):
         needed = column.default is None or (column.name in group and not group.isdisjoint(present))
@@ -150,7 +150,7 @@ def _whole(name: str, table: Table, column: str, count: int | None = None) -> In
     """Return times (count,), ns, of whole numbers or of datetimes with or without a time zone."""
     where, times = f"{name}: column {column}", table[column]
     check_unmasked(where, times)
-    zoned = getattr(getattr(times, "dtype", None), "tz", None) is not None  # pandas; in UTC then
+    zoned = getattr(getattr(times, "dtype", None), "tz", None) is not None  # pandas gives UTC
     values = np.asarray(times, "datetime64[ns]" if zoned else None)
     if values.dtype.kind == "M":
         if np.isnat(values).any():

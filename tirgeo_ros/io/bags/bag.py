@@ -194,7 +194,7 @@ def _kind(path: Path) -> type[SqliteFile | McapFile]:
 
 
 def _unpack(path: Path, copy: Path) -> None:
-    """Unpack a file to ``copy``; a cut or damaged one up to the fault, which its reader finds."""
+    """Unpack a file to ``copy``; a damaged one up to the fault, which its reader reports."""
     free = shutil.disk_usage(copy.parent).free - _FREE_BYTES
     most = path.stat().st_size * _MOST_RATIO + _SMALL_BYTES
     with path.open("rb") as file, copy.open("wb") as out, suppress(zstandard.ZstdError):
@@ -212,7 +212,7 @@ def _unpack(path: Path, copy: Path) -> None:
 
 
 def bag_files(path: Path) -> tuple[list[Path], list[str]]:
-    """Return a bag's files in order, and a line for each file that its metadata names in vain.
+    """Return a bag's files in order, and a line for each absent file that its metadata names.
 
     ``path`` is a file, a folder, or the ``metadata.yaml`` in it. Only the files' names are taken
     from the metadata: its times and counts are not always right. Without metadata (the recorder
@@ -265,7 +265,7 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
 
 
 def _file_of(folder: Path, name: str) -> Path | None:
-    """Return the file of this name, or its (un)compressed twin if the recorder was killed."""
+    """Return the file of this name; after a killed recorder with ``.zstd`` added or removed."""
     for spelling in (name, name + _ZSTD, name.removesuffix(_ZSTD)):
         if spelling and (folder / spelling).is_file():
             return folder / spelling

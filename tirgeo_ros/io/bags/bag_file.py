@@ -18,6 +18,8 @@ from lz4.frame import LZ4FrameDecompressor
 
 from tirgeo_ros.core.types.errors import BagError
 
+#: A message in a file: log time (ns), place (chunk, number in the chunk), connection, data.
+Row = tuple[int, int, int, int, bytes]
 #: The loss of messages whose log time does not fit a stamp; their number stands before it.
 TOO_LATE = "messages with a log time after 2038 left out"
 #: First bytes of a compressed file, and of a message that rosbag2 compressed; never of CDR.
@@ -51,10 +53,6 @@ class Connection(NamedTuple):
 
     topic: str
     form: TopicForm
-
-
-#: A message in a file: log time (ns), place (chunk, number in the chunk), connection, data.
-Row = tuple[int, int, int, int, bytes]
 
 
 class BagFile(ABC):

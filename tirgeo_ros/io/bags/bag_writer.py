@@ -15,8 +15,8 @@ from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
 from tirgeo_ros.io.messages.topics import offered_qos
 
-#: What rosbag2 writes when it opens a file. By the version its reader takes the topics' QoS as
-#: words, not numbers; it takes counts and times from the summary at the end of the file.
+#: What rosbag2 writes when it opens a file. From the version its reader knows that the topics' QoS
+#: has words, not numbers; it takes counts and times from the summary at the end of the file.
 _METADATA = """\
 version: 9
 storage_identifier: mcap

@@ -102,7 +102,7 @@ def _shift_remarks(
     """
     try:
         step = transformer.get_last_used_operation()
-    except ProjError:  # there is only one operation, which changes no number
+    except ProjError:  # there is only one operation, and it changes nothing
         step = transformer
     if "Ballpark" not in step.description:
         exact = step.accuracy <= (_PLATE_M if _of_a_plate(system) else _EXACT_M)

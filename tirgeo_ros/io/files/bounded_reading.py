@@ -65,7 +65,7 @@ def bounded_time(most_s: int = MOST_S) -> Iterator[None]:
 
 @contextmanager
 def _limit(kind: int, most: int) -> Iterator[None]:
-    """Lower a limit of the process until the context ends; a lower one that it has stays."""
+    """Lower a limit of the process until the context ends; a limit that is lower already stays."""
     before, hard = resource.getrlimit(kind)
     resource.setrlimit(kind, (min([most, *(each for each in (before, hard) if each >= 0)]), hard))
     try:

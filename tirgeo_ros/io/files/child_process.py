@@ -134,7 +134,7 @@ class ChildProcess:
         assert self._process.stdout is not None
         self._to, self._from = self._process.stdin, self._process.stdout
         for pipe in (self._to, self._from):
-            with suppress(AttributeError, OSError):  # not Linux, or too many large ones already
+            with suppress(AttributeError, OSError):  # not Linux, or too many large pipes already
                 fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
     def send(self, thing: object) -> None:

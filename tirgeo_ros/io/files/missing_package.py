@@ -35,7 +35,7 @@ PACKAGES = {
 
 
 def missing_line(module: str) -> str:
-    """Return one line for a module, as ``cv2`` or ``sensor_msgs.msg``, that cannot be imported."""
+    """Return the line to print if a module (``cv2``, ``sensor_msgs.msg``) cannot be imported."""
     name = module.partition(".")[0]
     distribution = os.environ.get("ROS_DISTRO", "")
     apt, pip = PACKAGES.get(name, ("", name))

@@ -140,7 +140,7 @@ def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents
     shifts_us = np.empty(0, np.int64)
     if gnss is not None:
         dated = gnss.utc_us > 0
-        # before a fix, a receiver reports its own clock, as it runs since the last shutdown
+        # before a fix, a receiver reports only its own clock's count since it was switched on
         fixed = dated & np.isin(gnss.fix, list(_FIXES))
         shifts_us = (gnss.utc_us - gnss.time_us)[fixed if fixed.any() else dated]
     if len(shifts_us):

@@ -41,7 +41,7 @@ from tirgeo_ros.io.messages import SensedSample
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _ROW = "row"
-_FIRST_ROWS = 200  # show the usual number of columns
+_FIRST_ROWS = 200  # by which the usual number of columns is found
 #: What a column of times has: counts since 1970 in UTC or in GPS time, since 1980-01-06 in GPS
 #: time, since the GPS week or the log began; or written dates in UTC, GPS time or local time.
 _NUMBERS = ("utc", "gpst", "gps", "week", "start")
@@ -316,6 +316,6 @@ def _layout(keys: Keys) -> Layout:
 
 
 def _where(keys: Keys) -> tuple[Callable[[Row], bool], ...]:
-    """Return the conditions of a mapping, column's name or number to its values."""
+    """Return the conditions of a mapping from columns (names or numbers) to values."""
     columns = {name: int(name) if name.isdecimal() else name for name in keys.names()}
     return tuple(matching(keys.added(name, at), keys.values(name)) for name, at in columns.items())

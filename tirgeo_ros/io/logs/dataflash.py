@@ -151,7 +151,7 @@ def _read_log(path: Path) -> _Log:
 
 
 def _whole_records(data: mmap) -> list[bytes]:
-    """Return the parts of a log in which each record is followed by another, or by no more.
+    """Return the parts of a log in which another record, or nothing, follows each record.
 
     So a damaged byte costs one record or two; pymavlink would stop at an unknown number.
     """

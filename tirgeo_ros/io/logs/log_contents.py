@@ -32,7 +32,7 @@ _LEAPS = (
 )
 _WRITTEN = re.compile(
     r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})[T\s]+(\d{1,2}):(\d{2}):(\d{2})"
-    r"(?![\d.,]*\s*[AaPp]\.?[Mm]\b)"  # hours up to 12 are not read
+    r"(?![\d.,]*\s*[AaPp]\.?[Mm]\b)"  # a time with AM or PM is not read
     r"(?:[.,](\d{1,9})\d*)?(?:,(\d{3}))?"
     r"[ \t]*(?:(Z|UTC|GMT)\b)?[ \t]*([+-]\d{1,2}(?::?\d{2})?(?![\d:.]))?"
 )

@@ -98,7 +98,7 @@ class _UbxLog:
             self.contents.refused[name, "its length is not known"] += 1
 
     def finish(self) -> None:
-        """Convert what was collected to samples."""
+        """Convert the collected messages to samples."""
         precise = defaultdict(list)  # by time of week, which may repeat in a joined log
         for number, message in self._messages[HPPOSLLH]:
             if not getattr(message, "invalidLlh", 0):

@@ -79,7 +79,7 @@ class MessageParts:
     def __init__(self, types: Callable[[str], type], frames: FrameIds | None = None) -> None:
         self.types = types
         self.frames = frames or FramesConfig().frame_ids
-        #: Message class by its type's name; cached, as a look-up takes as long as a message.
+        #: Message class by its type's name. A look-up would take as long as building a message.
         self._class: Callable[[str], Callable[..., Any]] = cache(types)
         # rclpy takes an array.array as it is, but copies an ndarray byte by byte; rosbags takes
         # an ndarray only.

@@ -145,7 +145,7 @@ class Messages(SensorMessages):
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
         fix = self._fix(located.stamp_ns, self.frames.map, located, located.covariance_n)
-        # Without the rounding of the way to radians and back.
+        # Not converted to radians and back, which would change the last digit.
         fix.latitude, fix.longitude = located.latitude_deg, located.longitude_deg
         return fix
 

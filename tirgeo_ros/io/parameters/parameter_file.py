@@ -105,7 +105,7 @@ class ParameterFile:
 
 
 def paths_of(files: Files) -> list[PathLike]:
-    """Return the files as a list. Raises ConfigError for what names no file."""
+    """Return the files as a list. Raises ConfigError for a value that cannot name a file."""
     if files is None:
         return []
     if isinstance(files, str | os.PathLike) or not isinstance(files, Sequence):
