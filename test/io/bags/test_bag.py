@@ -22,11 +22,11 @@ from tirgeo_ros.io.messages import Messages
 
 IMU = "sensor_msgs/msg/Imu"
 cdr = Cdr()
-made = Messages(cdr.types)
+builder = Messages(cdr.types)
 
 
 def imu(stamp_ns):
-    return made.imu(ImuSample(stamp_ns, np.zeros(3), np.zeros(3)))
+    return builder.imu(ImuSample(stamp_ns, np.zeros(3), np.zeros(3)))
 
 
 def write(path, log_times, topic="/imu/data"):
@@ -57,13 +57,13 @@ def test_every_message_comes_back(tmp_path):
     path = tmp_path / "all.mcap"
     with BagWriter(path) as bag:
         for number, (name, (typename, make)) in enumerate(EVERY_MESSAGE.items()):
-            bag.write("/" + name.replace(" ", "_"), typename, make(made), number)
+            bag.write("/" + name.replace(" ", "_"), typename, make(builder), number)
     reader = BagReader(path)
     read = list(reader.messages())
     assert [m.topic for m in read] == ["/" + n.replace(" ", "_") for n in EVERY_MESSAGE]
     for message, (typename, make) in zip(read, EVERY_MESSAGE.values(), strict=True):
         assert message.typename == typename == reader.topics()[message.topic]
-        assert message.data == cdr.serialize(make(made), typename)
+        assert message.data == cdr.serialize(make(builder), typename)
         assert message.data == cdr.serialize(cdr.deserialize(message.data, typename), typename)
     assert reader.damage is None
 
@@ -228,7 +228,7 @@ def test_foreign_encoding_matters_where_it_is_asked_for(tmp_path, encoding, sche
         cdr.serialize(imu(1), IMU)[:-40],
         cdr.serialize(imu(1), IMU) + bytes(100),
         b"\0\1\0\0" + b"\xff" * 400,
-        cdr.serialize(made.image(0, np.zeros((4, 4), np.uint8)), "sensor_msgs/msg/Image"),
+        cdr.serialize(builder.image(0, np.zeros((4, 4), np.uint8)), "sensor_msgs/msg/Image"),
     ],
 )
 def test_bytes_that_are_no_message(data):
@@ -254,7 +254,7 @@ COUNT = 3000
 
 
 def grow(writer, count=COUNT):
-    message = made.imu(SAMPLE)
+    message = builder.imu(SAMPLE)
     for number in range(count):
         writer.write("/imu/data", IMU, message, 10**18 + number * 10**7)
 
