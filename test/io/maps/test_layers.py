@@ -94,7 +94,7 @@ def test_entries_without_a_file_are_of_the_map(styled):
     layers = styled("layers: [{colour: red}, {layer: main}]", "roads.gpkg")
     assert names(layers) == ["main", "paths", "main"]
     assert [layer.style.line_bgr == RED for layer in layers] == [True, True, False]
-    with pytest.raises(ConfigError, match=r"style.yaml: layer 1: has no file, and the parameter"):
+    with pytest.raises(ConfigError, match=r"style.yaml: layer 1: no key file, and parameter map"):
         styled("layers: [{colour: red}]")
 
 
@@ -199,7 +199,9 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
         f"{sheet}: layer 2: where: no feature of {kinds}: layer kinds matches: "
     )
     assert note.endswith("kind is pump, well")
-    with pytest.raises(ConfigError, match=r"style.yaml: it matches no feature of the map: .*pump"):
+    with pytest.raises(
+        ConfigError, match=r"style.yaml: its conditions match no feature of the map: .*pump"
+    ):
         styled("layers: [{where: kind == hydrant}]", "kinds.geojson")
 
 
@@ -330,7 +332,7 @@ def test_what_pyogrio_cannot_read_and_where_it_is_absent(tmp_path, monkeypatch):
         read_layers(str(path))
     assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "pyogrio", None)
-    with pytest.raises(MapError, match=r"a.xyz: maps are read by pyogrio: pip install pyogrio"):
+    with pytest.raises(MapError, match=r"a.xyz: to read maps needs pyogrio: pip install pyogrio"):
         read_layers(str(path))
 
 

@@ -88,7 +88,7 @@ BAD = {
     "label": ("layers: [{label: true}]", "layer 1: label: True is neither a field nor false"),
     "format": ("layers: [{label: '{b'}]", "layer 1: label: '{b' is not a label"),
     "crs": ("layers: [{crs: EPSG:1}]", "layer 1: crs: unknown .* system 'EPSG:1'"),
-    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition; write it as"),
+    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is not a condition; write it as"),
     "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj: cannot be read"),
 }
 
@@ -193,9 +193,9 @@ BAD_CONDITIONS = [
 
 @pytest.mark.parametrize("text", BAD_CONDITIONS)
 def test_what_is_none(text):
-    with pytest.raises(ConfigError, match="is no condition; write it as") as caught:
+    with pytest.raises(ConfigError, match="is not a condition; write it as") as caught:
         Condition.parsed(text, "s.yaml: layer 1: where")
-    assert str(caught.value).startswith(f"s.yaml: layer 1: where: {text!r} is no condition; ")
+    assert str(caught.value).startswith(f"s.yaml: layer 1: where: {text!r} is not a condition; ")
 
 
 def test_a_condition_that_is_too_long():
@@ -208,7 +208,7 @@ def test_any_text_is_a_condition_or_an_error(text):
     try:
         assert holds(text) in {True, False}
     except ConfigError as error:
-        assert "is no condition" in str(error)  # noqa: PT017  either outcome is right
+        assert "is not a condition" in str(error)  # noqa: PT017  either outcome is right
 
 
 def text(rule, properties):
