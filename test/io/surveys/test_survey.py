@@ -188,8 +188,8 @@ ROWS = ["a,1.5,2,3", "a,1,x,3", "a,1,2", "a,1,nan,3", ",1,2,3", "a,1e400,2,3", f
 OF_POINTS = [
     (POINTS.partition("\n")[2], "names no coordinate system; save it with QGIS 3.26"),
     (MARKS, "not a .points file of QGIS .*give --survey too"),
-    (POINTS.replace("300", "x"), "point 2 is not four numbers"),
-    (POINTS.replace("39.82", "99.82"), "a point is not a place in GEOG"),
+    (POINTS.replace("300", "x"), "point 2 must have four numbers"),
+    (POINTS.replace("39.82", "99.82"), "a point is outside its system GEOG"),
 ]
 OF_MARKS = [
     ("id,column\na,1\n", "no column row; the first line must be id,column,row"),

@@ -23,7 +23,7 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -141,7 +141,7 @@ def register(
 ) -> RegisteredFlight:
     """Read and check the flight. Raise BagError without a pose; CameraError, ElevationError."""
     reader, namespace, overlay = opened.reader, opened.namespace, opened.configs.overlay
-    ground, lens = ground_of(overlay), given_camera(overlay)
+    ground, lens = ground_of(overlay), configured_camera(overlay)
     checks = FlightChecks(opened, ground=ground, camera=lens, pictures=True)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in chosen]
