@@ -203,9 +203,9 @@ def test_located_pixels_are_targets_with_the_pixels_names(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "no GeoPackage; give one of targets from tirgeo"),
-        (b"id,stamp_ns,u,v\n1,2,3,4\n", "no GeoPackage"),
-        (b"SQLite format 3\0" + bytes(5000), "no GeoPackage|damaged"),
+        (b"", "not a GeoPackage; give a file of targets from tirgeo"),
+        (b"id,stamp_ns,u,v\n1,2,3,4\n", "not a GeoPackage"),
+        (b"SQLite format 3\0" + bytes(5000), "not a GeoPackage|damaged"),
     ],
 )
 def test_a_file_that_is_none_of_ours_is_named(content, words, tmp_path):

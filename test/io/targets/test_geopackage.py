@@ -55,12 +55,12 @@ def refused(path, words):
 
 def test_files_of_other_programs_are_left_alone(path, tmp_path):
     path.write_text("id,lat,lon\n1,2,3\n" * 100)
-    refused(path, "it is no GeoPackage; give the targets another name")
+    refused(path, "it is not a GeoPackage; give another file for the targets")
     path.unlink()
     with sqlite3.connect(path) as db:
         db.execute("CREATE TABLE targets (id)")
     db.close()
-    refused(path, "a database that tirgeo did not make; give the targets another name")
+    refused(path, "a database that tirgeo did not make; give another file for the targets")
     add_by_gdal(tmp_path / "gis.gpkg", "targets", "name")
     refused(tmp_path / "gis.gpkg", "a database that tirgeo did not make")
 
@@ -135,14 +135,14 @@ def test_a_file_that_cannot_be_written_is_refused_at_the_start(path, monkeypatch
         return connect(f"file:{name}?immutable=1", *args, uri=True, **kwargs)
 
     monkeypatch.setattr(sqlite3, "connect", read_only)
-    refused(path, "it is read-only: choose a place that can be written")
+    refused(path, "it is read-only: choose another place")
 
 
 def test_a_full_disk_loses_nothing_and_the_next_try_may_succeed(store):
     item = store.add(click(), now_ns=1)
     pages = store._db.execute("PRAGMA page_count").fetchone()[0]
     store._db.execute(f"PRAGMA max_page_count = {pages + 2}")  # SQLite's own "disk is full"
-    with pytest.raises(TargetError, match=r"targets\.gpkg: no room on the disk: make some"):
+    with pytest.raises(TargetError, match=r"targets\.gpkg: no room on the disk: free some"):
         store.add(click(), picture=b"\xff\xd8" + bytes(100_000), now_ns=2)
     assert store.all() == [item]
     store._db.execute("PRAGMA max_page_count = 100000")

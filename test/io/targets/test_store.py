@@ -257,7 +257,7 @@ def test_what_two_wrote_at_once_is_kept_and_chosen_from(store, monkeypatch):
     assert store.get(item.id).note == newer.note
     store.edit(item.id, 10, {"name": "x"}, name="B")
     store.edit(item.id, 10, {"name": "x"}, name="C")
-    with pytest.raises(TargetError, match="it has 5 texts to choose from: choose first"):
+    with pytest.raises(TargetError, match="it has 5 texts to choose from: choose one"):
         store.edit(item.id, 10, {"name": "x"}, name="D")
     store.close()
 

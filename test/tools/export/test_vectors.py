@@ -18,7 +18,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, place
-from tirgeo_ros.io.targets.columns import of_target
+from tirgeo_ros.io.targets.columns import target_cells
 from tirgeo_ros.io.targets.formats import exported as targets_as
 from tirgeo_ros.tools.evaluate.result import load_truth
 from tirgeo_ros.tools.export.vectors import Vectors
@@ -114,7 +114,7 @@ def test_the_track_is_the_true_one(path, sample, by_number):
 def test_targets_are_there_with_their_ellipses(path):
     rows = rows_of(path, "targets")
     for row, target in zip(rows, TARGETS, strict=True):
-        expected = of_target(target)
+        expected = target_cells(target)
         assert {key: row[key] for key in expected} == expected
         place = target.place
         assert row["positions"].tolist() == [[place.longitude_deg, place.latitude_deg]]
