@@ -43,9 +43,9 @@ def feature(line) -> str:
 
 @pytest.fixture
 def child():
-    made = MapProcess()
-    yield made
-    made.stop()
+    process = MapProcess()
+    yield process
+    process.stop()
 
 
 def test_the_map_is_the_one_that_this_process_would_lay(child, config):

@@ -37,12 +37,12 @@ points = st.builds(
 
 @given(st.lists(points, min_size=1, max_size=5, unique_by=lambda point: point.id))
 @pytest.mark.parametrize("suffix", ["csv", "geojson"])
-def test_survey_round_trip(tmp_path_factory, suffix, made):
+def test_survey_round_trip(tmp_path_factory, suffix, expected):
     path = tmp_path_factory.mktemp("survey") / f"survey.{suffix}"
-    save_survey(path, made)
+    save_survey(path, expected)
     result = load_survey(path)
-    assert [p.id for p in result] == [p.id for p in made]
-    for point, wanted in zip(result, made, strict=True):
+    assert [p.id for p in result] == [p.id for p in expected]
+    for point, wanted in zip(result, expected, strict=True):
         # Ten decimals of a degree and four of a metre are written.
         assert abs(point.latitude_rad - wanted.latitude_rad) <= math.radians(0.51e-10)
         assert abs(point.longitude_rad - wanted.longitude_rad) <= math.radians(0.51e-10)
@@ -58,10 +58,10 @@ def test_csv_by_hand(tmp_path):
 
 def test_observation_round_trip(tmp_path):
     path = tmp_path / "o.csv"
-    made = [Observation("P1", 1_700_000_000_123_456_789, 12.125, -3.5), Observation("P2", 0, 0, 1)]
-    save_observations(path, made)
+    rows = [Observation("P1", 1_700_000_000_123_456_789, 12.125, -3.5), Observation("P2", 0, 0, 1)]
+    save_observations(path, rows)
     assert path.read_text().splitlines()[0] == "id,stamp_ns,u,v"
-    assert load_observations(path) == made
+    assert load_observations(path) == rows
 
 
 def feature(geometry=None, properties=None):

@@ -232,12 +232,12 @@ def test_lengths(length, content):
 def test_a_value_comes_back_to_half_a_step(tag, data):
     low, high = range_of(tag)
     value = data.draw(st.floats(low, high))
-    made = packet(MISB_NS, {tag: value})
+    content = packet(MISB_NS, {tag: value})
     # Half a step, and the rounding of numbers of this size.
-    assert abs(values_in(made)[tag] - value) <= 0.5 * step_of(tag) + 1e-15 * max(-low, high)
+    assert abs(values_in(content)[tag] - value) <= 0.5 * step_of(tag) + 1e-15 * max(-low, high)
     # klvdata refuses values that its own rounding carries past the end of the range.
     if low + step_of(tag) < value < high - step_of(tag):
-        assert float(by_klvdata(made)[tag]) == pytest.approx(values_in(made)[tag], abs=1e-9)
+        assert float(by_klvdata(content)[tag]) == pytest.approx(values_in(content)[tag], abs=1e-9)
 
 
 @pytest.mark.parametrize("tag", MAPPED)
@@ -262,9 +262,9 @@ def test_any_values_make_a_good_packet(values, time_ns):
 
 @given(st.text(max_size=200))
 def test_texts_of_any_length_and_both_parities(text):
-    made = packet(MISB_NS, {10: text, 13: 1.0})
-    items = dict(items_in(made))
+    content = packet(MISB_NS, {10: text, 13: 1.0})
+    items = dict(items_in(content))
     kept = items.get(10, b"").decode()  # a character is never cut in two
     assert text.startswith(kept)
     assert len(kept.encode()) > 123 or kept == text
-    by_klvdata(made)
+    by_klvdata(content)

@@ -154,7 +154,7 @@ def test_any_frames_print_as_json(tmp_path_factory, frames):
 @pytest.mark.parametrize("text", [b"", b"no frame in here", bytes(range(256)) * 10])
 def test_a_file_without_a_frame_is_an_error(tirgeo_dump, tmp_path, text):
     code, records, err = tirgeo_dump(text)
-    what = f"no frame in {len(text)} bytes" if text else "empty"
+    what = f"no frame in {len(text)} bytes" if text else "the file is empty"
     assert (code, records) == (1, [])
     assert err.startswith(f"tirgeo dump: {tmp_path}/capture.bin: {what}")
     assert err.count("\n") == 1

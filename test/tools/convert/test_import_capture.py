@@ -129,8 +129,8 @@ def test_the_zone_of_an_old_copy_is_as_documented_and_told(capture, imported, sa
     copy.write_bytes(capture.read_bytes())
     summary = import_flight(copy, tmp_path / "out.mcap", params=sample / "params.yaml")
     assert "give --start-time if that is wrong by hours" in summary["warning"]
-    made, expected = (stamps(p, "/imu/data") for p in (tmp_path / "out.mcap", imported[0]))
-    assert made.tolist() == expected.tolist()
+    outcome, expected = (stamps(p, "/imu/data") for p in (tmp_path / "out.mcap", imported[0]))
+    assert outcome.tolist() == expected.tolist()
 
 
 def test_without_a_date_times_count_from_power_up(capture, import_changed):
@@ -169,7 +169,7 @@ def test_encrypted_frames_need_the_key(capture, imported, import_changed, tmp_pa
 
 def test_a_capture_without_any_time_is_refused(capture, import_changed, tmp_path):
     timeless = (parts._replace(time=None) for parts in broadcasts(capture.read_bytes()))
-    with pytest.raises(DjiError, match=r"changed\.bin: it has no time of the aircraft"):
+    with pytest.raises(DjiError, match=r"changed\.bin: it lacks the aircraft's time"):
         import_changed(framed(timeless))
     assert list(tmp_path.iterdir()) == [tmp_path / "changed.bin"]
 

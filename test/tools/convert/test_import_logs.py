@@ -69,7 +69,7 @@ def test_a_topic_comes_from_the_first_log_that_has_it(folder):
     (folder / "base.pos").write_text(moved)
     result = imported(folder, "base.pos", "rover.pos")
     assert "rover.pos: refused 2 rtk/fix: " in result["warning"]
-    assert "base.pos, named before, has it" in result["warning"]
+    assert "base.pos, named earlier, has it" in result["warning"]
     outcome = samples(folder / "out.mcap")["rtk/fix"]
     assert [math.degrees(s.latitude_rad) > 48.138 for s in outcome] == [True, True]
     (folder / "part2.pos").write_text(POS.replace("07:44:5", "07:45:0"))
@@ -162,7 +162,7 @@ def test_units_that_gravity_contradicts(folder):
         (
             ("rover.pos", "noise.bin"),
             (),
-            r"noise\.bin: no log that can be merged: import it alone",
+            r"noise\.bin: not a log to be merged: import it alone",
         ),
         (("log.nmea",), (), r"log\.nmea: NMEA: it has no covariances"),
     ],
@@ -194,17 +194,17 @@ def test_the_command(folder, capsys):
 
 
 @pytest.mark.parametrize("off_s", [-20.0, 20.0])
-def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s):
+def test_a_row_with_an_outlying_stamp_is_left_out_with_a_warning(folder, capsys, off_s):
     """One IMU row in another time would be between others of another attitude."""
     rows = [f"{1718091879 + k / 100:.2f},0.0,0.0,1.0,0.001,0.002,0.003" for k in range(40)]
     (folder / "imu.csv").write_text("\n".join(rows))
     arguments = ["import", str(folder / "imu.csv"), "--columns", str(folder / "imu.yaml"), "-o"]
     assert main([*arguments, str(folder / "right.mcap")]) == 0
-    assert "jump" not in capsys.readouterr().err
+    assert "outlier" not in capsys.readouterr().err
     rows[9] = rows[9].replace("1718091879.09", f"{1718091879.09 + off_s:.2f}")
     (folder / "imu.csv").write_text("\n".join(rows))
     assert main([*arguments, str(folder / "out.mcap")]) == 0
-    assert "refused 1 imu/data: its time jumps alone" in capsys.readouterr().err
+    assert "refused 1 imu/data: its stamp is an outlier" in capsys.readouterr().err
     expected = samples(folder / "right.mcap")["imu/data"]
     del expected[9]
     outcome = samples(folder / "out.mcap")["imu/data"]

@@ -67,8 +67,8 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module", params=["subscription", "broadcast"])
 def imported(request, folder):
     """A flight as the wrapper records it in either mode, imported: path, summary."""
-    made = wrapper_bag(FLIGHT, broadcast=request.param == "broadcast")
-    source = made.write(folder / f"{request.param}.bag")
+    bag = wrapper_bag(FLIGHT, broadcast=request.param == "broadcast")
+    source = bag.write(folder / f"{request.param}.bag")
     target = folder / f"{request.param}.mcap"
     summary = import_flight(source, target, params=folder / "params.yaml")
     return target, summary
@@ -119,8 +119,8 @@ def test_heading_is_the_baselines_less_its_offset(imported):
     for t_s, message in outcome:
         epoch_s = math.floor(t_s * 5 + 1e-6) / 5
         heading_deg = FLIGHT.yaw_deg(epoch_s) - PARAMETERS.baseline_deg
-        made = rotation(message.orientation)
-        np.testing.assert_allclose(made, about("z", 90 - heading_deg), atol=ROUNDING)
+        attitude = rotation(message.orientation)
+        np.testing.assert_allclose(attitude, about("z", 90 - heading_deg), atol=ROUNDING)
         off_deg = math.remainder(heading_deg - FLIGHT.at(epoch_s).heading_deg, 360)
         assert abs(off_deg) <= 0.5 + ROUNDING  # the aircraft's whole degrees
         assert message.orientation_covariance[8] > 0
@@ -282,10 +282,10 @@ def test_pictures_go_on_as_they_are(empty_folder):
     [
         (
             Pictures("/none"),
-            r"/none is not there; thermal/image_raw takes .*: no topic of the bag",
+            r"/none is not in the bag; thermal/image_raw takes .*, the type of no topic of",
         ),
         (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is of type sensor_msgs/msg/Imu; th"),
-        (Pictures(camera_info="/x"), r"/x is not there; thermal/camera_info takes"),
+        (Pictures(camera_info="/x"), r"/x is not in the bag; thermal/camera_info takes"),
     ],
 )
 def test_pictures_that_are_not_there(empty_folder, pictures, message):
@@ -314,7 +314,7 @@ def test_a_bag_that_was_cut_off_is_read_up_to_the_cut(empty_folder, capsys):
     [
         (b"", "the file is empty"),
         (b"stamp,latitude\n1,2\n", "text in columns: say what they mean"),
-        (b"Dear diary\n", "text of no known log: docs/import.md lists"),
+        (b"Dear diary\n", "a text, but no known log: docs/import.md lists"),
         (b"#ROSBAG V1.2\nxyz", "a ROS 1 bag of an older version"),
         (b"#ROSBAG V2.0\n", "cannot be read: Header could not be read"),
         (b"\x89MCAP0\r\n" + bytes(99), "no message can be read; 99 bytes"),

@@ -30,9 +30,9 @@ MOSAIC = {
 
 
 @pytest.fixture(scope="module")
-def made(params, nine_s, tmp_path_factory):
+def products(params, nine_s, tmp_path_factory):
     """The folder of a run, and its summary."""
-    folder = tmp_path_factory.mktemp("made") / "products"
+    folder = tmp_path_factory.mktemp("out") / "products"
     summary = export(
         nine_s,
         folder,
@@ -43,8 +43,8 @@ def made(params, nine_s, tmp_path_factory):
     return folder, summary
 
 
-def test_files_and_summary(made):
-    folder, summary = made
+def test_files_and_summary(products):
+    folder, summary = products
     assert (summary["pictures"], summary["used"]) == (5, 4)
     assert summary["not_used"] == {"before the first pose": 1}
     assert summary["ortho"]["files"] == summary["stills"]["files"] == 4
@@ -60,9 +60,9 @@ def test_files_and_summary(made):
     assert summary["error"] is None
 
 
-def test_the_rasters_are_in_their_place(made):
+def test_the_rasters_are_in_their_place(products):
     """All on one lattice, and an orthophoto within the mosaic."""
-    folder, summary = made
+    folder, summary = products
     with rasterio.open(folder / "mosaic.tif") as mosaic:
         assert (mosaic.width, mosaic.height) == (
             summary["mosaic"]["width"],

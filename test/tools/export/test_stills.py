@@ -28,8 +28,8 @@ def stills(flight, tmp_path_factory):
     product = Stills(tmp_path_factory.mktemp("out") / "stills", undulation_m=UNDULATION_M)
     for frame in flight.frames:
         product.take(frame)
-    made = product.finish()
-    assert made["files"] == len(flight.frames)
+    summary = product.finish()
+    assert summary["files"] == len(flight.frames)
     return product.folder
 
 
@@ -61,8 +61,8 @@ def test_surveyed_points_are_where_they_were_clicked(sample, flight, stills):
 def test_without_the_undulation_altitudes_are_ellipsoidal(flight, tmp_path):
     product, frame = Stills(tmp_path / "stills"), flight.frames[0]
     product.take(frame)
-    made = {"folder": str(tmp_path / "stills"), "files": 1, "altitude_above": "ellipsoid"}
-    assert product.finish() == made
+    summary = {"folder": str(tmp_path / "stills"), "files": 1, "altitude_above": "ellipsoid"}
+    assert product.finish() == summary
     read = read_still(product.folder / f"{frame.number:06}.jpg")
     height_m = frame.plane.geodetic_from_ned(frame.pose.position_n)[2]
     assert place_of(read)[2] == pytest.approx(float(height_m), abs=1e-4)

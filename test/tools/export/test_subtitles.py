@@ -68,9 +68,9 @@ def written(flight, tmp_path):
         for frame in flight.frames if frames is None else frames:
             product.take(frame)
         assert not path.exists()  # before it is complete
-        made = product.finish()
+        summary = product.finish()
         cues = cues_of(path)
-        assert made == {"file": str(path), "cues": len(cues)}
+        assert summary == {"file": str(path), "cues": len(cues)}
         return cues
 
     return write

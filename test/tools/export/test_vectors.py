@@ -128,9 +128,9 @@ def test_the_track_needs_no_ground_and_is_broken_where_there_is_no_pose(flight, 
     for frame in flight.frames[::9]:
         if not 100 <= frame.number < 150:
             product.take(dataclasses.replace(frame, ground=None))
-    made = product.finish()
-    assert made["footprints"] == 0
-    assert made["pictures_without_ground"] == made["track_points"] > 3
+    summary = product.finish()
+    assert summary["footprints"] == 0
+    assert summary["pictures_without_ground"] == summary["track_points"] > 3
     assert "targets" not in layers_in(tmp_path / "flight.gpkg")
     first, second = rows_of(tmp_path / "flight.gpkg", "track")
     assert first["end"] < second["begin"]
