@@ -136,7 +136,7 @@ def test_a_style_sheet_of_many_layers(tmp_path):
 
 @pytest.mark.slow
 def test_a_large_map_is_taken(tmp_path):
-    """A hundred thousand houses: what is refused above is far beyond it."""
+    """A hundred thousand houses: far smaller than the maps that are refused above."""
     ring = [(16.0 + x, 48.0 + y) for x, y in ((0, 0), (1e-4, 0), (1e-4, 1e-4), (0, 1e-4), (0, 0))]
     house = (gpb(wkb("Polygon", [ring])), "a house", 1)
     write_geopackage(tmp_path / "map.gpkg", {"a": (4326, [house] * 100_000)})

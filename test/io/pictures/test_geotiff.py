@@ -40,7 +40,7 @@ def values_of(dtype, bands):
 @pytest.mark.parametrize(
     ("dtype", "bands"), [("uint8", 1), ("uint8", 3), ("uint16", 1), ("float32", 1)]
 )
-def test_it_is_valid_with_values_place_and_kind(tmp_path, dtype, bands):
+def test_a_file_is_valid_with_its_values_place_and_type(tmp_path, dtype, bands):
     values, path = values_of(dtype, bands), tmp_path / "a.tif"
     write_cog(path, form_of(dtype, bands, "degC" if dtype == "float32" else ""), parts_of(values))
     assert [each.name for each in tmp_path.iterdir()] == ["a.tif"]
@@ -71,7 +71,7 @@ def test_it_is_valid_with_values_place_and_kind(tmp_path, dtype, bands):
             assert (raster.read(bands + 1)[~valid] == 0).all()
 
 
-def test_overviews_are_means_of_what_is_known(tmp_path):
+def test_overviews_are_means_of_known_pixels(tmp_path):
     values = np.full((HEIGHT, WIDTH, 1), 1000, np.uint16)
     write_cog(tmp_path / "a.tif", form_of("uint16"), parts_of(values))
     with rasterio.open(tmp_path / "a.tif", overview_level=0) as half:

@@ -119,7 +119,7 @@ except TirgeoError as error:
 
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_of_too_many_rows_is_refused(tmp_path, name):
-    """What is made of a million rows, ellipses of sixty corners say, takes four gigabytes."""
+    """The results of a million rows, such as ellipses of sixty corners, take four gigabytes."""
     header, row = TABLES[name]
     rows, reason = (30_000, "more than the 20000 allowed: split the file")
     if name == "load_observations":
@@ -165,7 +165,7 @@ def test_a_points_file_of_qgis(tmp_path):
     np.testing.assert_allclose(result.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
 
 
-def test_rows_that_grow_upwards_are_turned():
+def test_rows_counted_upwards_are_reversed():
     up = np.array([[1.0, -5], [2, -700], [3, 2]])  # one a little above the picture
     assert downward(up)[:, 1].tolist() == [5, 700, -2]
     assert downward(-up)[:, 1].tolist() == [5, 700, -2]
@@ -206,7 +206,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("load", "text", "reason"), CASES)
-def test_what_is_refused_names_the_file_and_the_line(tmp_path, load, text, reason):
+def test_errors_name_the_file_and_the_line(tmp_path, load, text, reason):
     write(tmp_path, "s.csv", SURVEY)
     path = write(tmp_path, "refused.csv", text)
     with pytest.raises(SurveyError, match=f"^{path}: {reason}"):

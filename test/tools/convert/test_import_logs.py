@@ -64,7 +64,7 @@ def test_logs_of_one_flight_are_merged_by_their_stamps(folder):
 
 
 def test_a_topic_comes_from_the_first_log_that_has_it(folder):
-    """Two receivers on one topic would be one that jumps between two places."""
+    """Two receivers on one topic would look like one that jumps between two places."""
     moved = POS.replace("48.137", "48.138")
     (folder / "base.pos").write_text(moved)
     result = imported(folder, "base.pos", "rover.pos")
@@ -101,7 +101,7 @@ def test_the_parameters_give_undulation_and_baseline(folder):
     assert "aircraft.second_antenna_m is not set" not in str(result["warning"])
 
 
-def test_whose_antenna_a_position_is_of(folder):
+def test_the_antenna_of_a_position(folder):
     """The rover's, unless the base's log is named first or the rover is the first antenna."""
     pytest.importorskip("pyubx2")
     rover, base = folder / "rover.ubx", folder / "base.ubx"
@@ -130,7 +130,7 @@ def test_impossible_samples_are_refused(folder):
         imported(folder, "clip.srt")
 
 
-def test_times_that_go_back_are_told(folder):
+def test_times_that_go_back_are_noted(folder):
     first, *rest = IMU.splitlines(keepends=True)
     (folder / "imu.csv").write_text("".join([*rest, first]))
     result = imported(folder, "imu.csv", columns=[folder / "imu.yaml"])
@@ -167,7 +167,7 @@ def test_units_that_gravity_contradicts(folder):
         (("log.nmea",), (), r"log\.nmea: NMEA: it has no covariances"),
     ],
 )
-def test_what_cannot_be_imported(folder, names, columns, message):
+def test_files_that_cannot_be_imported(folder, names, columns, message):
     (folder / "noise.bin").write_bytes(bytes(range(256)) * 8)
     (folder / "log.nmea").write_text("# comment\n$GNGGA,1,2\n")
     with pytest.raises(LogError, match=message):
@@ -256,8 +256,8 @@ def real_logs(shared):
 
 
 @pytest.mark.slow
-def test_no_real_log_fails_otherwise_than_in_one_line(shared, tmp_path):
-    """Each gives a bag whose every message is good, or a line; none loses a row by its time."""
+def test_each_real_log_is_imported_or_fails_in_one_line(shared, tmp_path):
+    """Each gives a bag of good messages, or a line; none loses a row because of its stamp."""
     for reader in ("pyulog", "pymavlink", "pyubx2"):
         pytest.importorskip(reader)
     lines = {}

@@ -136,7 +136,7 @@ def test_an_odometry_becomes_a_velocity_east_north_up(mapped, tmp_path):
     assert "wheel odometry" in result["notes"][0]
 
 
-def test_an_imu_on_its_side_is_told_and_turned(tmp_path, capsys):
+def test_an_imu_on_its_side_gives_a_warning_and_is_rotated(tmp_path, capsys):
     bag = mavros_bag(force=(0.0, 9.8, 0.0), q=ON_SIDE)
     path, out = bag.write(tmp_path / "side.bag"), tmp_path / "out.mcap"
     words = ["import", str(path), "-o", str(out), "--map-topic", "/mavros/imu/data=imu/data"]
@@ -159,7 +159,7 @@ def test_an_imu_on_its_side_is_told_and_turned(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_heights_and_fixes_that_are_none_of_rtk(mapped, tmp_path):
+def test_heights_above_the_sea_and_fixes_without_rtk(mapped, tmp_path):
     result = mapped(mavros_bag(), (("/mavros/fix", "rtk/fix"),), undulation_m=43.5)
     first = samples(tmp_path / "out.mcap", Source.RTK_POSITION)[0]
     assert (first.height_m, first.status) == (87.5, FixStatus.SINGLE)
@@ -168,7 +168,7 @@ def test_heights_and_fixes_that_are_none_of_rtk(mapped, tmp_path):
     assert "map it to gps/fix" in result["warning"]
 
 
-def test_stamps_of_another_clock_are_kept_and_told(mapped, tmp_path):
+def test_stamps_of_another_clock_are_kept_with_a_warning(mapped, tmp_path):
     result = mapped(mavros_bag(lag_ns=7_200_000_000_000), MAVROS[:2])
     assert samples(tmp_path / "out.mcap", Source.IMU)[0].stamp_ns == BEGUN_NS
     assert "(/mavros/imu/data -7200.0 s, /mavros/fix -7200.0 s) and are kept" in result["warning"]
@@ -198,7 +198,7 @@ def test_topics_that_do_not_fit_are_named(mapped, tmp_path, pairs, message):
     assert not (tmp_path / "out.mcap").exists()
 
 
-def test_pictures_that_are_left_are_named_with_the_option_that_takes_them(tmp_path, capsys):
+def test_pictures_that_are_not_imported_are_named_with_their_option(tmp_path, capsys):
     bag = mavros_bag()
     header = bag.header(BEGUN_NS)
     kind = bag.store.types["sensor_msgs/msg/CompressedImage"]
@@ -284,8 +284,8 @@ def recordings(bags):
     return sorted((bags / "rosbag2").iterdir())
 
 
-def test_every_recording_is_answered(bags, tmp_path, capsys):
-    """The made ones need no import; the real ones hold nothing that tirgeo takes."""
+def test_every_recording_gets_an_answer(bags, tmp_path, capsys):
+    """The simulated ones need no import; the real ones hold nothing that tirgeo takes."""
     for path in recordings(bags):
         assert main(["import", str(path), "-o", str(tmp_path / "out.mcap")]) == 1
         message = capsys.readouterr().err

@@ -112,7 +112,7 @@ def test_rtk_position_is_ellipsoidal_and_fixed(imported):
         assert message.position_covariance[0] > 0
 
 
-def test_heading_is_the_baselines_less_its_offset(imported):
+def test_heading_is_the_baselines_azimuth_less_its_offset(imported):
     path, _ = imported
     outcome = by_time(path, "/rtk/heading")
     assert len(outcome) == 30
@@ -188,7 +188,7 @@ def test_delays_are_taken_off(folder):
 
 
 def test_gps(imported):
-    """The fused position's height is a barometer's: it goes out as hardly known."""
+    """The fused position's height is a barometer's: its variance in the message is large."""
     path, _ = imported
     for t_s, message in by_time(path, "/gps/fix"):
         state = FLIGHT.at(t_s)
@@ -220,7 +220,7 @@ def test_renamed_prefix_and_namespace(empty_folder):
     assert not (empty_folder / "uav2.mcap").exists()
 
 
-def test_what_is_wrong_is_told_and_the_rest_imported(empty_folder, capsys):
+def test_errors_are_warnings_and_the_rest_is_imported(empty_folder, capsys):
     flight = Flight(duration_s=1.0)
     bag = wrapper_bag(flight)
     kept = [m for m in bag.messages if m[2] not in {"/dji_sdk/rtk_yaw", "/dji_sdk/gimbal_angle"}]
@@ -253,7 +253,7 @@ def test_what_is_wrong_is_told_and_the_rest_imported(empty_folder, capsys):
         assert reports in err
 
 
-def test_pictures_go_on_as_they_are(empty_folder):
+def test_pictures_are_copied_unchanged(empty_folder):
     bag = wrapper_bag(Flight(duration_s=1.0))
     pixels = np.arange(12, dtype=np.uint8)
     form = {"height": 3, "width": 4, "encoding": "mono8", "is_bigendian": 0, "step": 4}
@@ -288,7 +288,7 @@ def test_pictures_go_on_as_they_are(empty_folder):
         (Pictures(camera_info="/x"), r"/x is not in the bag; thermal/camera_info takes"),
     ],
 )
-def test_pictures_that_are_not_there(empty_folder, pictures, message):
+def test_absent_pictures(empty_folder, pictures, message):
     path = empty_folder / "no_pictures.bag"
     if not path.exists():
         wrapper_bag(Flight(duration_s=0.2)).write(path)
@@ -325,8 +325,8 @@ def test_a_bag_that_was_cut_off_is_read_up_to_the_cut(empty_folder, capsys):
         ("bag", "the bag has no message"),
     ],
 )
-def test_what_cannot_be_imported(tmp_path, content, message, capsys):
-    """By its content, whatever its name says; one line, and nothing is left behind."""
+def test_files_that_cannot_be_imported(tmp_path, content, message, capsys):
+    """By its content, not its name; one line, and no file is left."""
     path = tmp_path / "flight.bag"
     if isinstance(content, bytes):
         path.write_bytes(content)

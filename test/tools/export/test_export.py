@@ -60,7 +60,7 @@ def test_files_and_summary(products):
     assert summary["error"] is None
 
 
-def test_the_rasters_are_in_their_place(products):
+def test_the_rasters_are_at_their_coordinates(products):
     """All on one lattice, and an orthophoto within the mosaic."""
     folder, summary = products
     with rasterio.open(folder / "mosaic.tif") as mosaic:
@@ -172,7 +172,7 @@ def test_damaged_pictures_are_counted(params, nine_s, tmp_path):
 
 @pytest.mark.slow
 def test_a_stopped_run_leaves_no_half_file(sample, tmp_path):
-    """Stopped while it writes orthophotos: what has its name is whole, and no tile is left."""
+    """Stopped while it writes orthophotos: each file is whole, and no tile is left."""
     code = "from tirgeo_ros.tools.cli.main import console; console()"
     argv = [sys.executable, "-c", code, "export", str(sample / "flight.mcap"), "-o", str(tmp_path)]
     argv += ["--params", str(sample / "params.yaml"), "--every", "0"]

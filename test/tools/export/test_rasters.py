@@ -46,7 +46,7 @@ def flown(pixels):
     return [frame_of(pixels, pose, k) for k, pose in enumerate(poses)]
 
 
-def test_a_pixel_of_the_file_shows_its_own_place(tmp_path):
+def test_a_pixel_shows_the_ground_at_its_coordinates(tmp_path):
     """The whole way, with the file's own transform: within half a pixel, as everywhere."""
     picture, corner = coded(OBLIQUE, GROUND_M)
     product = Orthophotos(tmp_path / "ortho", setup_of())

@@ -1,4 +1,4 @@
-"""Stills of the sample flight: surveyed points lie where they were seen, by the files alone."""
+"""Stills of the sample flight: their metadata alone project surveyed points onto the clicks."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def stills(flight, tmp_path_factory):
 
 
 def test_surveyed_points_are_where_they_were_clicked(sample, flight, stills):
-    """A receiver that has the file alone projects them: as we do, and onto the clicks."""
+    """A reader of the file alone projects them as we do, and onto the clicks."""
     survey = json.loads((sample / "survey.geojson").read_text())["features"]
     places = {item["properties"]["id"]: item["geometry"]["coordinates"] for item in survey}
     frames = {frame.stamp_ns: frame for frame in flight.frames}

@@ -86,7 +86,7 @@ class Table:
     name: str
     crs: str | None  # WKT or a code
     shapes: Shapes
-    rows: Sequence[Mapping[str, Any]]  # the wanted properties of each feature, by wanted names
+    rows: Sequence[Mapping[str, Any]]  # of each feature: wanted property -> value
     fields: Sequence[str]  # names of all properties
     faults: dict[int, str]  # feature -> why it is left out, wholly or in part
     notes: list[str] = field(default_factory=list)
@@ -150,7 +150,7 @@ def _check_content(path: Path) -> None:
 
 def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # GDAL's remarks on the form of a file that it takes
+        warnings.simplefilter("ignore")  # about the format of files that GDAL can read
         listed = [
             (place, str(name), kind)
             for place in _places(path)

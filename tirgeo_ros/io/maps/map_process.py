@@ -4,7 +4,7 @@
 
     child = MapProcess()                   # of a node
     contents = child.read(config)          # raises what the reading raises
-    draped = child.lay(plane)              # the map that was read; once after each ``read``
+    draped = child.drape(plane)            # the map that was read; once after each ``read``
 
 GDAL has no limits of memory and computing time, and may crash on a file: the process has limits,
 and may crash alone. In a node the video does not wait for it, as it would for a thread that holds
@@ -98,7 +98,7 @@ class MapProcess:
         self._name = ""
 
     def stop(self) -> None:
-        """End what is in progress; nothing can begin after this."""
+        """End the task in progress; no task can begin after this."""
         with self._lock:
             self._stopped = True
             if self._child is not None:
@@ -115,7 +115,7 @@ class MapProcess:
         assert isinstance(contents, MapContents)
         return contents
 
-    def lay(self, plane: TangentPlane) -> DrapedMap:
+    def drape(self, plane: TangentPlane) -> DrapedMap:
         """Return the map draped in a tangent plane, once after ``read``. Raises as ``read``."""
         if self._child is None:
             raise MapError(f"{self._name}: nothing was read")
@@ -244,7 +244,7 @@ def page_map(layers: Sequence[MapLayer]) -> bytes:
 
 
 def _thinned(parts: _Parts) -> tuple[_Parts, str]:
-    """Return the parts, simplified by Douglas and Peucker's rule if necessary, and to what."""
+    """Return the parts, simplified by Douglas and Peucker's rule if too many, and a remark."""
     lines = [_metres(part) for _, part in parts]
     starts = np.append(0, np.cumsum([len(line) for line in lines]))
     if starts[-1] <= MOST_POINTS:
