@@ -98,7 +98,9 @@ def forms_of(paths: Sequence[Path], columns: Sequence[Path]) -> list[Form | None
     if columns and not tables:
         raise LogError(f"{columns[0]}: --columns is for CSV files, and there is none")
     if len(columns) not in {0, 1, tables}:
-        raise LogError(f"{len(columns)} --columns for {tables} CSV files: give one for each")
+        raise LogError(
+            f"{len(columns)} --columns for {tables} CSV files: give one, or one for each"
+        )
     return forms
 
 
