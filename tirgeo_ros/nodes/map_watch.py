@@ -136,7 +136,7 @@ class MapWatch:
             # A map is placed once: for another plane the child reads it again.
             reads = changed or placed_in is not None
             contents = self._child.read(self._config) if reads else None
-            self._results.put((self._child.lay(plane), contents if changed else None))
+            self._results.put((self._child.drape(plane), contents if changed else None))
         except TirgeoError as error:
             self._fail(error)
 

@@ -40,7 +40,7 @@ from tirgeo_ros.io.messages import (
     targets_of,
 )
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
@@ -87,7 +87,7 @@ class OverlayNode(GraphNode):
         self._notice = ""  # of the newest picture: why it has no map
         self._verdicts: dict[str, DrawingVerdict] = {}  # by node
         self.heard_nodes: set[str] = set()  # those of its namespace, by name
-        self._camera = given_camera(self._config)
+        self._camera = configured_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)
         self._logged_notes: tuple[str, ...] = ()  # notes on the current map

@@ -104,7 +104,7 @@ def test_a_file_that_names_no_system_is_noted(tmp_path):
     layers = load_layers(str(tmp_path / "m.shp"))
     [result] = map_findings(drape_layers(layers, PLANE, GROUND_M), GROUND_M)
     assert (result.check, result.severity) == ("map_system_unknown", Severity.NOTE)
-    assert "names no known system" in result.evidence
+    assert "names no known coordinate system" in result.evidence
 
 
 def test_the_checks_of_a_flight_follow_its_plane_and_its_map():

@@ -37,7 +37,7 @@ from tirgeo_ros.io.files.whole_files import (
     write_files,
 )
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.plots import figure, png
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
@@ -207,7 +207,7 @@ def make_budget(
     if output is not None:
         outputs = [Path(output) / name for name in _NAMES]
         check_outputs((*paths_of(params), *configs.files), outputs, CalibrationError)
-    lens = given_camera(configs.overlay)
+    lens = configured_camera(configs.overlay)
     inputs: dict[str, Any] = {"confidence": configs.overlay.confidence, **values}
     errors = budget(Setting(**inputs) if lens is None else Setting(camera=lens, **inputs))
     result: dict[str, object] = {
