@@ -66,7 +66,7 @@ def test_the_estimators_state_is_passed_on_until_it_is_silent():
     assert fields["rtk"] == "float"
     assert fields["heading_sigma_deg"] == pytest.approx(math.degrees(0.0123))
     silent = view.navigation_fields(reports, 100.1 + SILENT_S)
-    assert silent["navigation"] == {"state": "lost", "reason": "nothing is heard of ekf_node"}
+    assert silent["navigation"] == {"state": "lost", "reason": "ekf_node does not report"}
     assert silent["rtk"] is None
 
 

@@ -261,13 +261,13 @@ def test_one_flight_after_the_other(flight):
 def test_gaps_are_missed(numbers, sent, missed):
     result = FrameStatistics()
     for number in numbers:
-        result.heard("x", number)
+        result.count("x", number)
     assert (result.sent, result.missed) == (sent, missed)
 
 
 def test_a_message_without_a_number_is_passed_on_all_the_same():
     taken, numbers = [], FrameStatistics()
-    take = numbers.listening("x", taken.append)
+    take = numbers.counting("x", taken.append)
     take(("one", {"publication_sequence_number": None}))
     assert taken == ["one"]
     assert numbers.sent == 0
@@ -281,7 +281,7 @@ def test_what_gives_way_in_a_shallow_queue_is_counted(environment):
     executor = None
     try:
         numbers, taken = FrameStatistics(), []
-        counted, kind = partial(numbers.listening, "x"), "std_msgs/msg/Header"
+        counted, kind = partial(numbers.counting, "x"), "std_msgs/msg/Header"
         node.listen("x", taken.append, sensor_input(1), kind, counted)
         sender = node.create_publisher(Header, "x", output(100))
         executor = EventsExecutor(context=context)

@@ -344,7 +344,7 @@ def test_a_secret_comes_from_a_file(name, tmp_path):
     config = with_secrets(replace(ViewerConfig(), **{f"{name}_file": str(file)}))
     assert getattr(config, name) == SECRETS[name]
     both = replace(config, **{name: SECRETS[name]})
-    with pytest.raises(ConfigError, match=f"^parameter {name}_file: {name} is given too"):
+    with pytest.raises(ConfigError, match=f"^parameter {name}_file: {name} is set too"):
         with_secrets(both)
 
 
