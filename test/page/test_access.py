@@ -190,9 +190,7 @@ def test_a_viewer_sees_all_and_changes_nothing(guarded):
 
     revision = guarded.backend.targets.revision
     message_text, measure, export = asyncio.run(ask())
-    assert {answer["reason"] for answer in message_text} == {
-        "you may look on, not change anything"
-    }
+    assert {answer["reason"] for answer in message_text} == {"a viewer may not change anything"}
     assert measure["ok"]
     assert export[0] == 200
     assert guarded.backend.targets.revision == revision

@@ -148,7 +148,7 @@ def with_views(path, **views):
     ],
 )
 def test_tables_without_an_end_are_refused_in_time(tmp_path, monkeypatch, views):
-    monkeypatch.setattr(routes, "_OPENED_S", 0.2)
+    monkeypatch.setattr(routes, "_OPEN_S", 0.2)
     path = with_views(tmp_path / "a.mbtiles", **views)
     with pytest.raises(PageError, match=r"a\.mbtiles: its tables take too long to read: give an"):
         Tiles(path)

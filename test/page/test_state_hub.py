@@ -201,7 +201,7 @@ def test_a_request_is_read_with_its_name_and_types():
         ({**CLICK, "kind": ["person"]}, "kind must be one of person, "),
         ({**CLICK, "refine": "../x"}, "refine must be the id of a target"),
         ({**CLICK, "aircraft": "a" * 101}, "aircraft must be a text"),
-        ({**CLICK, "extra": 1}, "click has no field extra"),
+        ({**CLICK, "extra": 1}, "click has an unknown field extra"),
         ({**EDIT, "id": None}, "id must be the id of a target"),
         ({**EDIT, "name": "a\0b"}, "name must be a text without control characters"),
         ({**EDIT, "was": {"name": 1}}, "was must be an object of texts: what each field was"),
