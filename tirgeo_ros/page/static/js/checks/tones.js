@@ -11,7 +11,7 @@ const BAD_POSITION_M = 5.0;
 const LATE_S = 1.0;
 const GONE_S = 3.0;
 
-/** Severities as findings have them: by name, or by rank. */
+/** Tones by the severity of a finding: its name, or its rank. */
 const TONES = {
   stop: "bad",
   error: "bad",

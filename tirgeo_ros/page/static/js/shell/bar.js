@@ -10,7 +10,7 @@ import { changeTheme } from "./settings.js";
 
 const SHOWN = ["rtk", "heading_sigma", "height", "heading", "speed"].map((name) => READINGS[name]);
 
-/** Builds the bar and keeps it as the store says. */
+/** Builds the bar, and updates it with the store. */
 export function buildBar() {
   byId("stages").before(aircraftSwitch());
   byId("bar").append(
@@ -47,7 +47,7 @@ function verdictButton() {
   return made;
 }
 
-/** @returns {HTMLElement} which aircraft is looked at, if there are several */
+/** @returns {HTMLElement} selects the aircraft, if there are several */
 function aircraftSwitch() {
   const holder = element("div", { id: "aircraft", role: "radiogroup", "aria-label": "Aircraft" });
   store.watch(["aircraft", "current"], () => {

@@ -1,4 +1,4 @@
-/** The tabs: targets and checks, and the map where it has no place of its own. */
+/** The tabs: targets and checks; and the map on screens without a part for it. */
 
 import { currentVerdict } from "../checks/verdict.js";
 import { currentState, store } from "../store.js";
@@ -10,7 +10,7 @@ const TABS = [
   ["checks", "checks", "Checks"],
 ];
 
-/** Builds the tabs and shows the part that is chosen. */
+/** Builds the tabs, and shows the chosen part. */
 export function buildTabs() {
   const made = TABS.map(([tab, symbol, words]) => {
     const one = button(symbol, words, () => store.set({ tab }), { role: "tab", data: { tab } });
