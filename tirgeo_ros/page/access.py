@@ -282,7 +282,7 @@ class Guard:
         return web.json_response({"role": role}) if role else refusal(401, "a token is needed")
 
     async def enter(self, request: web.Request) -> web.Response:
-        """Answer ``POST /enter`` with a session for a right token; after a wrong one, delay."""
+        """Answer ``POST /enter``: a right token gets a session, a wrong one a wait."""
         token = await _token(request)
         # No await before ``add``: the next token must meet the wait that this one causes.
         address, now_s = request.remote or "", time.monotonic()

@@ -200,7 +200,7 @@ def tls_context(config: ViewerConfig) -> ssl.SSLContext | None:
 
 
 def _reachable(host: str) -> str:
-    """Return a host that others can reach: of all addresses, that of the default route."""
+    """Return a host that others can reach; for "all addresses", the default route's."""
     if host not in {"0.0.0.0", "::"}:  # noqa: S104 compared, not listened on
         return host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

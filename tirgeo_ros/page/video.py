@@ -44,7 +44,7 @@ HEADER = struct.Struct("<QQIHH")
 _KERNEL_BUFFER = 256 * 1024
 _ANSWERS_A_S = 150.0
 _AGES = 30  # pictures over which an age is taken
-_SENT = 3  # pictures of which one may be on the screen: two unanswered, and the one before
+_SENT = 3  # pictures that may be on the screen: two unanswered, and the one before
 _LOG = logging.getLogger("tirgeo.page")
 
 

@@ -18,17 +18,17 @@ const SVG = "http://www.w3.org/2000/svg";
  * @returns {any}
  */
 export function element(tag, properties = {}, ...children) {
-  const made = document.createElement(tag);
+  const node = document.createElement(tag);
   const { class: classes, text, on = {}, data = {}, ...attributes } = properties;
-  if (classes) made.className = classes;
-  if (text !== undefined) made.textContent = text;
-  for (const [event, listener] of Object.entries(on)) made.addEventListener(event, listener);
-  Object.assign(made.dataset, data);
+  if (classes) node.className = classes;
+  if (text !== undefined) node.textContent = text;
+  for (const [event, listener] of Object.entries(on)) node.addEventListener(event, listener);
+  Object.assign(node.dataset, data);
   for (const [name, value] of Object.entries(attributes)) {
-    if (value !== false && value !== null) made.setAttribute(name, value === true ? "" : value);
+    if (value !== false && value !== null) node.setAttribute(name, value === true ? "" : value);
   }
-  made.append(...children.filter((child) => child !== null));
-  return made;
+  node.append(...children.filter((child) => child !== null));
+  return node;
 }
 
 /**

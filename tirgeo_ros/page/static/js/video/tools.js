@@ -43,18 +43,18 @@ function refineWords(target) {
 
 /** @returns {HTMLElement} */
 function still() {
-  const made = button("still", "still", () => store.set({ still: !store.get("still") }), {
+  const node = button("still", "still", () => store.set({ still: !store.get("still") }), {
     class: "kind",
     id: "still",
     "aria-label": "Still picture",
   });
   store.watch(["still"], () => {
     const on = store.get("still");
-    made.setAttribute("aria-pressed", String(on));
-    setIcon(made, on ? "live" : "still");
-    setText(made.querySelector(".words"), on ? "live" : "still");
+    node.setAttribute("aria-pressed", String(on));
+    setIcon(node, on ? "live" : "still");
+    setText(node.querySelector(".words"), on ? "live" : "still");
   });
-  return made;
+  return node;
 }
 
 /** @returns {HTMLElement} zooms in by steps, and out again: for gloves that cannot pinch */
