@@ -155,7 +155,7 @@ def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
     assert (item.level, item.message) == (OK, "ok")
 
 
-def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
+def test_silence_is_logged_and_so_is_its_end(aircraft, monkeypatch):
     monkeypatch.setattr(dji_node, "SILENT_S", 0.0)
     text = aircraft.source.report()
     assert text.level == WARN

@@ -48,7 +48,7 @@ def test_an_address_needs_no_port(cot, where):
         ("tls://tak.example", "cot_certificate: tls:// needs the certificate"),
     ],
 )
-def test_what_is_no_address_is_refused(cot, words):
+def test_a_wrong_address_is_refused(cot, words):
     with pytest.raises(ConfigError, match=words):
         pytak_settings(CotParameters(cot))
 
