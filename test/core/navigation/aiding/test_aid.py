@@ -278,7 +278,7 @@ BOTH = (Source.RTK_POSITION, Source.RTK_VELOCITY)
 )
 def test_position_and_velocity_that_both_contradict_are_hopeless(sources, times_s, hopeless):
     aids = denied(sources, times_s)
-    why = "rtk/fix and rtk/vel both contradict it"
+    why = "rtk/fix and rtk/vel both contradict the state"
     assert aids.hopeless(2.0) == (why if hopeless else "")
     track = aids.track(sources[-1]).used(ns(2.1), TIMEOUT_NS)  # a use ends it
     assert (track.denied, track.run) == (0, None)
