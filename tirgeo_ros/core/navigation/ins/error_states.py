@@ -47,15 +47,15 @@ def has_antenna(states: int) -> bool:
 
 
 def flat_memory(square: Array) -> memoryview[float]:
-    """Return a matrix's memory by rows: scalars are written there at a tenth of the cost."""
+    """Return a matrix's memory, row by row: writing scalars there costs a tenth."""
     return cast("memoryview[float]", square.reshape(-1).data)
 
 
 def feedback(state: NavState, error: Array) -> NavState:
     """Return the state corrected by an estimated error (n,), of which the first 15 are used.
 
-    Positions are converted from metres; the corrections of position and velocity are summed up in
-    ``correction_n`` and ``push_n``.
+    Position errors are converted from metres; the corrections of position and velocity are added
+    to ``correction_n`` and ``push_n``.
     """
     e = error.tolist()
     meridian, transverse = radii_of_curvature(state.latitude_rad)
