@@ -153,7 +153,7 @@ def test_velocity_is_no_heading(q_nb, use_heading):
     result, aligner = aligned(samples, config_for(flown), use_heading=use_heading)
     assert result is None
     assert "orientation in imu/data" in aligner.reason
-    assert "velocity tells no heading while hovering" in aligner.reason
+    assert "velocity gives no heading while hovering" in aligner.reason
     assert ("rtk/heading" in aligner.reason) == use_heading
 
 
@@ -342,7 +342,7 @@ def test_what_is_wrong_for_long_delays_but_does_not_block(
 @pytest.mark.parametrize(
     ("shape", "source", "change", "lasts_s", "reason"),
     [
-        ("figure_eight", Source.IMU, swung(roll_deg=20.0), 3.0, "tilt found and the orientation"),
+        ("figure_eight", Source.IMU, swung(roll_deg=20.0), 3.0, "tilt and the orientation in"),
         ("figure_eight", Source.IMU, swung(yaw_deg=15.0), 3.0, "rtk/heading and the orientation"),
         # It is the antennas as likely as the compass: never waited out, a person must look.
         *(
