@@ -271,7 +271,7 @@ def test_without_a_variance_it_has_that_of_the_parameter_and_may_come_late():
 @pytest.mark.parametrize(
     ("values", "outcome", "reason"),
     [
-        ({"at_s": 0.2}, Outcome.STANDBY, "does not wait for a heading: needs imu/data"),
+        ({"at_s": 0.2}, Outcome.STANDBY, "does not need a heading now: needs imu/data"),
         ({"autopilot_rad": 0.0, "at_s": 5.0}, Outcome.STANDBY, "own heading is better.*~/reset"),
         (
             {"variance": math.radians(15.0) ** 2},

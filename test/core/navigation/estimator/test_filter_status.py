@@ -99,15 +99,15 @@ COVARIANCE = np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * 9) ** 2
         *((place, 10.1, "position sigma 10.1 m") for place in (6, 7, 8)),
         (2, math.radians(9.99), ""),
         (2, math.radians(10.01), "heading sigma 10.0 deg"),
-        *((place, bad, "not finite") for place in range(18) for bad in (math.nan, math.inf)),
-        *((place, 1e-9j, "a negative variance") for place in range(18)),
+        *((n, bad, "covariance not finite") for n in range(18) for bad in (math.nan, math.inf)),
+        *((place, 1e-9j, "covariance with a negative variance") for place in range(18)),
     ],
 )
 def test_lost_beyond_the_sigmas(place, sigma, why):
     covariance = COVARIANCE.copy()
     covariance[place, place] = (sigma**2).real
     assert health().lost(aids_used(*RTK), covariance) == why
-    spoiled = why in {"not finite", "a negative variance"}
+    spoiled = "covariance" in why
     assert health().spoiled(aids_used(*RTK), covariance) is spoiled
 
 
@@ -130,11 +130,11 @@ def fix(variances, source=Source.GPS_POSITION, status=FixStatus.SINGLE):
 def test_bounds_and_words_of_what_is_admitted():
     admitted = health()
     assert admitted.bounds_m2() == [100.0] * 3
-    admitted.hear(fix((0.0, 0.0, 0.0)))
-    admitted.hear(fix((1e4,) * 3, status=FixStatus.NONE))
+    admitted.take_position(fix((0.0, 0.0, 0.0)))
+    admitted.take_position(fix((1e4,) * 3, status=FixStatus.NONE))
     assert (admitted.bounds_m2(), admitted.poor_gps()) == ([100.0] * 3, "")
-    admitted.hear(fix((400.0, 25.0, 1e4)))
-    admitted.hear(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
+    admitted.take_position(fix((400.0, 25.0, 1e4)))
+    admitted.take_position(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
     assert admitted.bounds_m2() == pytest.approx([900.0, 100.0, 22500.0])
     assert admitted.poor_gps() == "gps/fix has a sigma of 20 m, 100 m in height"
 
@@ -269,7 +269,7 @@ def test_a_flood_of_aids_without_an_imu_stays_bounded_and_is_named():
     order, source = StampOrder(0.5, 0.7, 7.5), Source.RTK_POSITION
     for k in range(10_000):
         order.add(position(10**12 - (k % 3) * k * 10**6))
-    many = Verdict(source, Outcome.TOO_MANY, "120 newer ones wait for imu/data")  # 100 a second
+    many = Verdict(source, Outcome.TOO_MANY, "120 newer samples wait for imu/data")  # 100 a second
     assert list(map(str, order.given_up())) == [str(many)] * (10_000 - 120)
     order.add(imu(10**11))
     assert {(v.source, v.outcome) for v in order.given_up()} == {

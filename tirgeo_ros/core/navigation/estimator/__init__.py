@@ -1,1 +1,1 @@
-"""Estimate: samples in, verdicts and solutions out; the one entrance to the filter."""
+"""Run the filter: take samples, return verdicts and solutions; the entrance for all users."""
