@@ -112,8 +112,8 @@ def test_velocity_design(optional, source, roll, pitch, yaw):
 
     def innovation(b: StateEstimate) -> np.ndarray:
         rate = RATE_B - np.array(b.state.gyro_bias_b)  # RATE_B is the reading
-        found_b = np.array(b.aids.receivers.antenna_b) * rtk
-        swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + found_b)
+        estimated_b = np.array(b.aids.receivers.antenna_b) * rtk
+        swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + estimated_b)
         return sample.velocity_n - (np.array(b.state.velocity_n) + swing_n)
 
     result = AIDS[source](config).measured(sample, estimate, tuple(RATE_B))[0].measurement
@@ -163,8 +163,8 @@ def heading_aid(state, heading_rad, **values):
 @pytest.mark.parametrize("turns", [-1, 0, 1, 2])
 def test_heading_innovation_wraps(turns):
     measured = math.radians(-179.0) + turns * 2 * math.pi
-    made = heading_aid(state_of(0, 0, math.radians(179.0)), measured)
-    assert made.measurement.innovation[0] == pytest.approx(math.radians(2.0), abs=1e-12)
+    aid = heading_aid(state_of(0, 0, math.radians(179.0)), measured)
+    assert aid.measurement.innovation[0] == pytest.approx(math.radians(2.0), abs=1e-12)
 
 
 def test_baseline_of_the_parameters():
@@ -184,18 +184,18 @@ NEW = AidStatus(Receivers(NOW_NS))
 
 
 def steps(track, t_s, *innovation):
-    """The record after a refusal, as the fusion notes it, of a thing that should be zero."""
+    """The record after a refusal, as the fusion keeps it, of an innovation that should be zero."""
     zero = (0.0,) * len(innovation)
     track = track.followed(innovation, zero)
     step = track.stepped(innovation, zero)
     return track.refused(ns(t_s), innovation, 0.2, step=step)
 
 
-def test_a_step_is_told_from_a_drift():
+def test_a_step_is_distinguished_from_a_drift():
     fitted = AidTrack().used(ns(0), TIMEOUT_NS, (0.1, 0.0))
     assert steps(fitted, 0.2, 0.6, 0.0).step == (0.5, 0.0)
-    assert steps(fitted, 0.2, 0.3, 0.0).step == ()  # two thirds of it are new: 0.7 are asked
-    assert steps(AidTrack(), 0.2, 0.6, 0.0).step == ()  # nothing has fitted yet
+    assert steps(fitted, 0.2, 0.3, 0.0).step == ()  # two thirds of it are new; a step needs 0.7
+    assert steps(AidTrack(), 0.2, 0.6, 0.0).step == ()  # nothing was used before
 
 
 def test_a_step_back_ends_it_and_another_step_begins_anew():

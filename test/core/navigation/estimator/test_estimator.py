@@ -185,20 +185,20 @@ def test_a_position_that_jumps_is_not_followed(duration_s, change, said, most_m)
     assert np.abs(result.after(3.0).state[:, 2]).max() < most_m
 
 
-def test_every_verdict_is_heard_also_those_on_samples_that_were_held():
-    """Each fix comes before the IMU's sample of its time, so that its own answer says: held."""
+def test_every_verdict_is_reported_also_those_on_samples_that_were_held():
+    """Each fix comes before the IMU sample of its time, so its first verdict is WAITING."""
     flown = flight(duration_s=DURATION_S)
-    heard = []
-    navigation = Navigation(config_for(flown), heard.append)
+    verdicts = []
+    navigation = Navigation(config_for(flown), verdicts.append)
     samples = sorted(navigation_samples(flown), key=lambda s: s.stamp_ns - 10**7 * is_rtk(s))
     answered = [navigation.process(sample).verdict for sample in samples]
-    counts = Counter((v.source.value, v.outcome.value) for v in heard)
+    counts = Counter((v.source.value, v.outcome.value) for v in verdicts)
     reports = dict(navigation.status().counts)
     assert reports.pop(("imu", "used")) > 0
     assert counts == reports
     assert counts["rtk_position", "used"] > counts["rtk_position", "gated"] == 0
     assert not any(v.used for v in answered if v.source is Source.RTK_POSITION)
-    fixes = [v for v in heard if v.used and v.source is Source.RTK_POSITION]
+    fixes = [v for v in verdicts if v.used and v.source is Source.RTK_POSITION]
     assert all(len(v.innovation) == 3 for v in fixes)
 
 

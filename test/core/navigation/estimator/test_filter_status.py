@@ -214,8 +214,8 @@ def imu(stamp_ns):
     return ImuSample(stamp_ns, np.array([0.0, 0.0, -9.8]), np.zeros(3))
 
 
-def held_up(rng, samples, longest_s):
-    """In the order of arrival over links that halt now and then; none overtakes its own kind."""
+def delayed(rng, samples, longest_s):
+    """In the order of arrival over links that halt at times; each source keeps its order."""
     free_ns, arrival = {}, []
     for sample in samples:
         link = getattr(sample, "source", type(sample))
@@ -242,13 +242,13 @@ def test_the_start_does_not_depend_on_arrival(method):
     samples = [s for s in samples if isinstance(s, ImuSample) or s.stamp_ns < last_ns]
     first, estimate = started(flown, samples, method)
     for seed in range(5):
-        disturbed = held_up(np.random.default_rng(seed), samples, 0.45)  # max_delay_s is 0.5
+        disturbed = delayed(np.random.default_rng(seed), samples, 0.45)  # max_delay_s is 0.5
         assert disturbed != samples
-        other, other_belief = started(flown, disturbed, method)
-        assert abs(other.stamp_ns - first.stamp_ns) <= 0.5 * S  # when the IMU is heard again
-        np.testing.assert_allclose(other_belief.state.q_nb, estimate.state.q_nb, atol=1e-12)
+        other, other_estimate = started(flown, disturbed, method)
+        assert abs(other.stamp_ns - first.stamp_ns) <= 0.5 * S  # when the IMU's samples come again
+        np.testing.assert_allclose(other_estimate.state.q_nb, estimate.state.q_nb, atol=1e-12)
         np.testing.assert_allclose(
-            other_belief.covariance, estimate.covariance, rtol=1e-6, atol=1e-15
+            other_estimate.covariance, estimate.covariance, rtol=1e-6, atol=1e-15
         )
 
 
@@ -289,11 +289,11 @@ def test_a_flood_beside_an_imu_stays_bounded_and_takes_nothing_from_the_others()
         order.add(replace(position(S), stamp_ns=S + k * 10_000))
         order.add(imu(S + k * 1_000))
     reports = Counter(verdict.source for verdict in order.given_up())
-    held = order.pop_until()
-    assert velocity in held
+    samples = order.pop_until()
+    assert velocity in samples
     assert reports[Source.RTK_POSITION] == 10_000 - 120
     assert reports[Source.IMU] == 10_001 - 1200
-    assert len(held) == 120 + 1200 + 1
+    assert len(samples) == 120 + 1200 + 1
 
 
 @pytest.mark.parametrize("flown_s", [0.0, 5.0])
@@ -306,7 +306,7 @@ def test_receivers_that_run_on_while_the_imu_stands_still_are_counted(flown_s):
     for sample in samples:
         if sample.stamp_ns < until_ns:
             navigation.process(sample)
-    for k in range(2000):  # at 10 kHz, each another
+    for k in range(2000):  # at 10 kHz, each with another height
         fix = replace(position(until_ns + k * 100_000), height_m=20 + 1e-3 * k)
         navigation.process(fix)
     assert (navigation._ekf is not None) is (flown_s > 0)

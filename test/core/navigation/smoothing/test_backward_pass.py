@@ -29,7 +29,7 @@ class LinearFilter:
         self.estimates = [self.estimate]
         self.mean, self.joint = self.estimate.copy(), self.covariance.copy()
         self.places = [0]  # where in the joint vector the state after each change begins
-        self.seen = []  # place, H, R, value
+        self.measurements = []  # place, H, R, value
 
     def changed(self, change):
         self.covariance = change.covariance
@@ -59,7 +59,7 @@ class LinearFilter:
         value = self.rng.normal(size=rows)
         innovation = value - design @ self.estimate
         result = update(self.covariance, Measurement(innovation, design, noise, NO_GATE, ease))
-        self.seen.append((self.places[-1], design, noise + ease * result.predicted, value))
+        self.measurements.append((self.places[-1], design, noise + ease * result.predicted, value))
         self.places.append(self.places[-1])
         self.estimate = self.estimate + result.error
         self.changed(Change(result.covariance, correction=result.correction))
@@ -79,14 +79,14 @@ class LinearFilter:
 
     def conditioned(self):
         """Means (changes, n) and covariances (changes, n, n), given every measurement."""
-        rows = sum(len(value) for *_, value in self.seen)
+        rows = sum(len(value) for *_, value in self.measurements)
         design, noise = np.zeros((rows, len(self.mean))), np.zeros((rows, rows))
         at = 0
-        for place, h, r, value in self.seen:
+        for place, h, r, value in self.measurements:
             design[at : at + len(value), place : place + STATES] = h
             noise[at : at + len(value), at : at + len(value)] = r
             at += len(value)
-        values = np.concatenate([value for *_, value in self.seen])
+        values = np.concatenate([value for *_, value in self.measurements])
         gain = np.linalg.solve(design @ self.joint @ design.T + noise, design @ self.joint).T
         mean = self.mean + gain @ (values - design @ self.mean)
         joint = self.joint - gain @ design @ self.joint

@@ -83,12 +83,12 @@ def wrong_headings(sample, t_s):
 def changed_samples(flown, change):
     """All samples but the end's, each aiding one changed with its seconds from the start."""
     start_ns, end_ns = flown.truth.stamp_ns[0], flown.truth.stamp_ns[-1] - 500_000_000
-    kept = [
+    samples = [
         s if isinstance(s, ImuSample) else change(s, (s.stamp_ns - start_ns) * 1e-9)
         for s in navigation_samples(flown)
         if isinstance(s, ImuSample) or s.stamp_ns <= end_ns
     ]
-    return [sample for sample in kept if sample is not None]
+    return [sample for sample in samples if sample is not None]
 
 
 def shuffled_by(rng, samples):

@@ -104,7 +104,7 @@ def flown_with(shape, config):
     return flight, published, navigation._ekf.estimate()
 
 
-def seen_from_antenna(flight):
+def with_truth_of_antenna(flight):
     """The flight with the antenna's place and velocity for its truth."""
     truth, lever_b = flight.truth, np.array([0.0, 0.0, -UP_M])
     rotation_nb = np.array([matrix_from_quat(q) for q in truth.q_nb])
@@ -127,7 +127,7 @@ def seen_from_antenna(flight):
 def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
     """Default parameters, the antenna 0.3 m above the IMU."""
     flight, published, estimate = flown_with(shape, EkfConfig())
-    late = errors(seen_from_antenna(flight), published).after(20.0)
+    late = errors(with_truth_of_antenna(flight), published).after(20.0)
     # RTK's own noise is 1, 1, 2 cm: the published place is better than one fix.
     assert (rms(late.state[:, :3]) < [0.01, 0.01, 0.02]).all()
     # Errors last for seconds, so that 40 s hold some ten of them: chi square of 10 over 10 lies
