@@ -1,4 +1,4 @@
-"""RTK judged against itself: the test's statistic, who is refused, and for how long."""
+"""RTK judged against itself: the test's statistic, which source is refused, for how long."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def states_over(
     faster_n: tuple[float, float, float] = (0, 0, 0),
     status: FixStatus = FixStatus.FIXED,
 ) -> list[Consistency]:
-    """What is kept after each epoch; faults last over ``FAULT_S``, the IMU is perfect."""
+    """Return the state after each epoch; faults last over ``FAULT_S``, the IMU is perfect."""
     place, velocity = motion
     rng = np.random.default_rng(seed)
     t_s = np.arange(0, seconds, 1 / rate_hz)

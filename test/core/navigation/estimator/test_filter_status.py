@@ -1,4 +1,4 @@
-"""The filter's start and state: by stamps alone, from what the aids did; lost, and mean NIS."""
+"""The filter's start by stamps, its state from the records of the aids, LOST, and mean NIS."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def health(**values):
 
 
 def aids_used(*sources, status=FixStatus.FIXED, age_ns=0):
-    """These were used just now, or ``age_ns`` ago."""
+    """The records after these sources were used ``age_ns`` ago."""
     aids = used_at(dict.fromkeys(sources, NOW_NS - age_ns))
     return aids.with_status(status, NOW_NS - age_ns, TIMEOUT_NS)
 
@@ -65,11 +65,11 @@ ALL_MISSING = "no rtk/fix, rtk/vel, rtk/heading, gps/fix"
         ),
     ],
 )
-def test_state_names_what_is_missing(aids, state, reason):
+def test_state_names_missing_aids(aids, state, reason):
     assert health().state(aids, NOW_NS) == (state, reason)
 
 
-def test_what_comes_and_is_refused_is_said_to_be_refused():
+def test_an_aid_that_is_refused_is_not_reported_as_missing():
     gated = Verdict(Source.RTK_HEADING, Outcome.GATED, "90 deg off; antennas swapped?")
     poor = Verdict(Source.RTK_VELOCITY, Outcome.NOT_FIXED, "status single")
     log = VerdictLog()
@@ -120,23 +120,23 @@ def test_lost_after_resets_that_do_not_help():
     assert health().spoiled(aids, COVARIANCE)
 
 
-# What a receiver admits
+# The accuracy that a receiver reports
 
 
 def fix(variances, source=Source.GPS_POSITION, status=FixStatus.SINGLE):
     return PositionSample(NOW_NS, source, status, 0.7, 2.0, 20.0, np.diag(variances))
 
 
-def test_bounds_and_words_of_what_is_admitted():
-    admitted = health()
-    assert admitted.bounds_m2() == [100.0] * 3
-    admitted.take_position(fix((0.0, 0.0, 0.0)))
-    admitted.take_position(fix((1e4,) * 3, status=FixStatus.NONE))
-    assert (admitted.bounds_m2(), admitted.poor_gps()) == ([100.0] * 3, "")
-    admitted.take_position(fix((400.0, 25.0, 1e4)))
-    admitted.take_position(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
-    assert admitted.bounds_m2() == pytest.approx([900.0, 100.0, 22500.0])
-    assert admitted.poor_gps() == "gps/fix has a sigma of 20 m, 100 m in height"
+def test_bounds_and_text_of_the_reported_accuracy():
+    reported = health()
+    assert reported.bounds_m2() == [100.0] * 3
+    reported.take_position(fix((0.0, 0.0, 0.0)))
+    reported.take_position(fix((1e4,) * 3, status=FixStatus.NONE))
+    assert (reported.bounds_m2(), reported.poor_gps()) == ([100.0] * 3, "")
+    reported.take_position(fix((400.0, 25.0, 1e4)))
+    reported.take_position(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
+    assert reported.bounds_m2() == pytest.approx([900.0, 100.0, 22500.0])
+    assert reported.poor_gps() == "gps/fix has a sigma of 20 m, 100 m in height"
 
 
 # Counts and innovations
@@ -155,17 +155,17 @@ def test_the_mean_is_that_of_half_a_minute():
     assert log.nis(now_ns) == {"rtk_velocity": pytest.approx(1.0)}
     log, now_ns = filled([9.0] * 225 + [1.0] * 76)
     assert log.nis(now_ns)["rtk_velocity"] == pytest.approx((75 * 9 + 76) / 151)
-    for number in (19, 20):  # few say nothing
+    for number in (19, 20):  # fewer than 20 are not reported
         log, now_ns = filled([9.0] * number)
         assert bool(log.nis(now_ns)) is bool(list(log.warnings(now_ns))) is (number == 20)
 
 
-def test_what_is_high_is_named_with_what_to_look_at():
+def test_a_high_nis_is_named_with_the_parameters_to_check():
     log, now_ns = filled([4.1] * 100)
     (reports,) = log.warnings(now_ns)
     assert reports.startswith("rtk/vel: innovations are 2.0 times their sigma over 30 s: look at ")
     assert "rtk.velocity_delay_s" in reports
-    assert ";" not in reports  # which parts warnings in diagnostics
+    assert ";" not in reports  # it separates warnings in diagnostics
     assert not list(filled([3.9] * 100)[0].warnings(now_ns))
     assert not list(log.warnings(now_ns + 31 * SECOND_NS))  # silent since
 

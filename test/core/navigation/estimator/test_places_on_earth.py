@@ -56,7 +56,7 @@ def errors_at(place):
 
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_errors_are_small(place):
-    """What is asked of the filter after any fault is asked without one, too."""
+    """The limits are those that the filter keeps after a fault."""
     late = errors_at(place)
     assert max(abs(s.longitude_rad) for s in solutions_at(place)) <= math.pi
     assert np.abs(np.degrees(late.rpy)).max() < 0.3
@@ -64,7 +64,7 @@ def test_errors_are_small(place):
 
 
 def test_longitudes_beyond_180_degrees_are_the_same_places():
-    """Some receivers count to 360 degrees."""
+    """Some receivers give longitudes from 0 to 360 degrees."""
     place = PLACES["antimeridian, eastwards"]
     flown = flown_at(place)
     moved = [

@@ -1,4 +1,4 @@
-"""The baselines: lever arm, velocity, ages, and what they say when something is missing."""
+"""The baselines: lever arm, velocity, ages, and the reason given when something is missing."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def square(record, lower):
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("block", [4096, 7])
-def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
+def test_the_smoother_gives_mean_and_covariance_under_all_measurements(seed, block, monkeypatch):
     monkeypatch.setattr(smoothed_navigation, "_BLOCK", block)
     result = flown(seed)
     mean, covariance = result.conditioned()
@@ -126,14 +126,14 @@ def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monke
     np.testing.assert_allclose(result.estimates + errors, mean, atol=TOLERANCE)
     smoothed = square(result.record, result.record.covariances)
     np.testing.assert_allclose(smoothed, covariance, atol=TOLERANCE)
-    # The last is that of the filter, of whose covariance one half is stored.
+    # The last one is the filter's, of whose covariance one triangle is stored.
     assert (errors[-1] == 0).all()
     np.testing.assert_allclose(smoothed[-1], result.covariance, atol=1e-15)
 
 
 @pytest.mark.parametrize("variance", [np.nan, -1e-9])
-def test_an_impossible_covariance_stays_out(variance):
-    """Where a filter is lost, the record up to there is smoothed as if it ended there."""
+def test_an_impossible_covariance_is_left_out(variance):
+    """The record of a lost filter is smoothed as if it ended where the filter was lost."""
     sound, lost = flown(1), flown(1)
     nothing = np.full((STATES, STATES), variance)
     lost.record.add(Change(nothing, nothing))

@@ -17,7 +17,7 @@ FAULTS_S, END_S = 12.0, 24.0
 
 
 def test_paper_flight_after_20_s():
-    """The figures that the method is held to: 0.12 deg and 2 cm."""
+    """The accuracy that the method must reach: 0.12 deg and 2 cm."""
     result, _, navigation = filtered(flight())
     late = result.after(20.0)
     assert np.degrees(rms(late.rpy)).max() <= 0.12
@@ -51,7 +51,7 @@ def test_angular_rate_is_within_its_own_sigma():
 
 
 def disordered(rng, sample):
-    """What becomes of a sample: lost, doubled, under another stamp, or with another value."""
+    """A faulty sample: lost, doubled, under another stamp, or with another value."""
     kind = rng.integers(0, 6)
     if kind == 0:
         return []

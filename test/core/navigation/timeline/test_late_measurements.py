@@ -29,7 +29,7 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 
 def started(flown, samples, **values):
-    """A filter just aligned, and the samples that come after."""
+    """A filter that has just been aligned, and the samples that follow."""
     config, rest = config_for(flown, **values), iter(samples)
     result, _ = aligned(rest, config)
     filter_ = Ekf(config, result)
@@ -38,7 +38,7 @@ def started(flown, samples, **values):
 
 
 def run(filter_, samples):
-    """The verdicts, those on held samples too."""
+    """The verdicts, including those on held samples."""
     verdicts = []
     for sample in samples:
         if isinstance(sample, ImuSample):
@@ -81,7 +81,7 @@ def wrong_headings(sample, t_s):
 
 
 def changed_samples(flown, change):
-    """All samples but the end's, each aiding one changed with its seconds from the start."""
+    """All samples but the last; ``change`` takes each aiding one and its time, s."""
     start_ns, end_ns = flown.truth.stamp_ns[0], flown.truth.stamp_ns[-1] - 500_000_000
     samples = [
         s if isinstance(s, ImuSample) else change(s, (s.stamp_ns - start_ns) * 1e-9)
@@ -222,7 +222,7 @@ def test_headings_have_the_delay_of_rtk_unless_they_have_their_own():
         ({"barometer__delay_s": -0.3, "imu__delay_s": 0.1}, 0.9),
     ],
 )
-def test_what_delays_bring_ahead_of_the_imu_is_held_for_longer(values, hold_s):
+def test_measurements_ahead_of_the_imu_by_their_delay_are_held_for_longer(values, hold_s):
     assert longest_hold_s(ekf_config(**values)) == pytest.approx(hold_s, abs=1e-9)
 
 
@@ -261,7 +261,7 @@ def moved(samples, by_s):
 
 
 def statuses(flown, fed, **values):
-    """After each sample up to the last of the IMU: aids go on to come for a while after it."""
+    """The status after each sample up to the IMU's last one: aids go on after that."""
     navigation = Navigation(config_for(flown, **values))
     last = max(k for k, sample in enumerate(fed) if isinstance(sample, ImuSample))
     result = []
@@ -292,7 +292,7 @@ def test_another_clock_is_named_while_aligning(by_s, outcome, reason):
     assert ("rtk_position", "waiting") not in last.counts
 
 
-def test_on_ordinary_gps_it_starts_and_goes_on_telling():
+def test_on_ordinary_gps_it_starts_and_still_names_the_clock():
     """Bursts of aids between two IMU samples, as at 50 Hz, do not silence the IMU."""
     flown = flight(duration_s=12.0)
     fed = moved(navigation_samples(flown), 18.0)
@@ -303,10 +303,12 @@ def test_on_ordinary_gps_it_starts_and_goes_on_telling():
     assert f"rtk/fix is 17.9 s ahead of {CLOCK}" in result[-1].reason
 
 
-def test_a_delay_longer_than_allowed_is_named_as_such():
+def test_a_delay_longer_than_allowed_is_named():
     flown = flight(duration_s=12.0)
     late = moved(navigation_samples(flown), -0.7)
-    late.sort(key=lambda s: s.stamp_ns + (780_000_000 if s.source in RTK else 0))  # as they came
+    late.sort(
+        key=lambda s: s.stamp_ns + (780_000_000 if s.source in RTK else 0)
+    )  # in order of arrival
     last = statuses(flown, late, alignment__wait_s=1.0)[-1]
     assert "rtk/fix is 0.8 s behind imu/data: more than max_delay_s, 0.5 s" in last.reason
 
