@@ -89,7 +89,7 @@ class AidMeasurement(NamedTuple):
     invariant: tuple[float, ...]  # innovation, in a form that motion does not change
     expected: tuple[float, ...]  # the invariant of an innovation of zero
     slack: float  # largest difference of two invariants that have the same cause
-    stale: bool = False  # the sample repeats the value of the one before
+    stale: bool = False  # the sample repeats the value of the previous one
 
     def verdict(self, outcome: Outcome, reason: str, ratio: float) -> Verdict:
         """Return the verdict on the measurement, with its numbers; ``ratio`` is the test ratio."""
@@ -137,7 +137,7 @@ class Aid:
     moved: ClassVar[str] = ""
     #: Whether a step of the innovation, unlike a drift, counts as a fault of this aid.
     steps: ClassVar[bool] = False
-    #: Whether it is eased in after a silence; at once, it would move the map in one step.
+    #: Whether it is eased in after a silence, so that the map does not move in one step.
     eased: ClassVar[bool] = False
     #: The error states that a reset sets as measured, after a long contradiction.
     resets: ClassVar[slice | None] = None
@@ -220,7 +220,7 @@ class Aid:
         """Return the estimate reset to a measurement that was refused for long; None: too early.
 
         Only measurements that agree with each other count. A single position that jumps has no
-        effect; those of a receiver that is frozen while the aircraft moves never agree.
+        effect; positions of a receiver that is frozen while the aircraft moves never agree.
         """
         run = estimate.aids.track(aid.source).run
         if run is None:

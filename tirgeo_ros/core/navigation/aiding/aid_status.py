@@ -49,7 +49,7 @@ class AidTrack(NamedTuple):
 
     used_ns: int = NEVER_NS
     agreed_ns: int = 0  # time in use, without silences and refusals
-    ease: int = 0  # remaining steps (see EASE_STEPS)
+    ease: int = 0  # remaining correction steps (see EASE_STEPS)
     run: RefusedRun | None = None
     mean_rad: float = 0.0  # running mean of the heading innovations
     newest: tuple[float, ...] = ()  # newest innovation, in the form of ``RefusedRun``
@@ -78,7 +78,7 @@ class AidTrack(NamedTuple):
         """Return the record after a possible step of a new innovation, which is not gated yet.
 
         ``expected`` is the innovation of zero, in the same form. A step back to it ends the
-        recorded step. Any other step is added to it, and the count of refusals starts again.
+        recorded step. Another step is added to the recorded one; refusals are counted anew.
         """
         if not self.step:
             return self
@@ -166,7 +166,7 @@ class RtkStatus(NamedTuple):
     consistency: Consistency = Consistency()  # positions against velocities
 
     def at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
-        """Return the newest fix status; None where it is older than the time-out."""
+        """Return the newest fix status; None if it is older than the time-out."""
         return self.status if now_ns - self.status_ns <= timeout_ns else None
 
 

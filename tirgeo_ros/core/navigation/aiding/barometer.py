@@ -30,7 +30,7 @@ _GAS_J_KG_K, _GRAVITY_M_S2 = 287.05287, 9.80665
 _EXPONENT = _GAS_J_KG_K * _LAPSE_K_M / _GRAVITY_M_S2
 _DOWN = POSITION.stop - 1
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
-#: Readings closer in time to the last one examined are skipped: they have the same error.
+#: Readings that follow the last examined one sooner are skipped: they have the same error.
 _LEAST_STEP_NS = 90_000_000
 
 
@@ -85,7 +85,7 @@ class BarometerAid(Aid):
     def measured(
         self, sample: PressureSample, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement; STANDBY while the state, being better, sets the reference."""
+        """Return the measurement; STANDBY while the state is better and sets the reference."""
         aids, stamp_ns = estimate.aids, sample.stamp_ns
         has_position = any(aids.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
         height_m = standard_height_m(sample.pressure_pa)

@@ -107,7 +107,7 @@ class HeadingAid(Aid):
     def measured(
         self, sample: HeadingSample, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement; INVALID where the baseline is near the vertical."""
+        """Return the measurement; INVALID if the baseline is near the vertical."""
         obstacle = self._obstacle(sample, estimate.aids)
         if obstacle:
             return Verdict(self.source, Outcome.NOT_FIXED, obstacle), estimate

@@ -63,7 +63,7 @@ _LEAST_HOLD_S = 0.2
 
 
 class Delays(NamedTuple):
-    """Hold stamp minus time of measurement (ns) by sensor; negative where stamps are early."""
+    """Hold stamp minus time of measurement (ns) by sensor; negative if stamps are early."""
 
     imu_ns: int
     aid_ns: Mapping[Source, int]
@@ -116,8 +116,8 @@ class Fusion:
         """Return the verdict on a sample, and the estimate after it.
 
         ``angular_rate_b`` (rad/s) has its bias removed. A ``stale`` sample repeats the value of
-        the one before, so its refusal proves less against the state. The autopilot's attitude
-        (4,), wxyz, is consulted where headings contradict the state.
+        the previous one, so its refusal proves less against the state. The autopilot's attitude
+        (4,), wxyz, is consulted if headings contradict the state.
         """
         if self.spare(sample, estimate.aids):
             return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), estimate)

@@ -80,7 +80,7 @@ class AutopilotHeadingAid(Aid):
     def measured(
         self, sample: AutopilotHeading, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement; STANDBY where the filter's own heading is better."""
+        """Return the measurement; STANDBY if the filter's own heading is better."""
         if not self._is_needed(estimate.covariance):
             reason = "the filter's heading is more precise"
             return Verdict(self.source, Outcome.STANDBY, reason), estimate
@@ -114,7 +114,7 @@ class SetHeadingAid(Aid):
         return Verdict(cls.source, Outcome.INVALID, reason)
 
     def measured(self, sample: SetHeading, estimate: StateEstimate, _rate_b: Vector) -> Modelled:
-        """Return the measurement; STANDBY where the filter's own heading is better."""
+        """Return the measurement; STANDBY if the filter's own heading is better."""
         useless = self.useless(sample, self._config)
         if useless is not None:
             return useless, estimate

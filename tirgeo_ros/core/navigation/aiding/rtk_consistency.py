@@ -37,7 +37,8 @@ _VELOCITY_PAIRS, _FIX_PAIRS = 2, 3  # pairs whose mean decides
 #: If the two largest intervals hold more than this share of a change, it is a step, not a drift.
 _STEP_SHARE = 0.7
 #: Share of the contradiction by which the velocities have left the IMU's path: above the first
-#: value they are wrong, below the second the fixes. Outside 0 to 1 by the first, the IMU is wrong.
+#: value they are wrong, below the second the fixes. The IMU is wrong if the share is outside 0 to
+#: 1 by more than the first value.
 _LEAST_LEFT, _MOST_STAYED = 0.6, 0.4
 #: Before the window the two may have drifted apart by this share of the contradiction.
 _MOST_BEFORE = 0.25
@@ -110,7 +111,7 @@ class Lag(NamedTuple):
 
 
 class Consistency(NamedTuple):
-    """Hold the newest pairs of RTK, and which source is refused."""
+    """Hold the newest pairs of fix and velocity, and which source is refused."""
 
     fix: PositionSample | None = None  # waits for the velocity of its epoch
     fix_m2: Array = _ZERO

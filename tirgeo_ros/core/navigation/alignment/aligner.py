@@ -55,8 +55,8 @@ _MOST_IMU_HZ = 1000
 _SET = SetHeading, Source.SET_HEADING
 #: Longer windows to try if ``alignment.duration_s`` is shorter and gives no result.
 _LONGER_S = (2.5, 6.0)
-_LARGEST_AGE_NS = 2_000_000_000  # of the window's end
-_RETRY_NS = 500_000_000  # between two costly trials
+_LARGEST_AGE_NS = 2_000_000_000  # largest age of the window's end
+_RETRY_NS = 500_000_000  # pause between two costly trials
 #: Pause between trials while only motion is missing: share of the time so far, and its limit.
 _WAIT_SHARE, _LONGEST_RETRY_NS = 0.1, 2_000_000_000
 #: Pairs of velocity and position source, best first. Errors of ordinary GPS positions change

@@ -1,4 +1,4 @@
-"""Test whether the IMU's biases agree with the parameters, and enlarge their prior where not.
+"""Test whether the IMU's biases agree with the parameters, and enlarge their prior if not.
 
 Under a true prior, the biases of a fit have the covariance ``P - P'`` (prior less posterior), so
 their normalised square is chi-square over the directions that the window observes. A value far

@@ -196,7 +196,7 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Alignment
 def heading_observations(
     samples: Sequence[HeadingSample | SetHeading], config: EkfConfig
 ) -> list[AlignmentObservation]:
-    """Return the azimuths of the antenna baseline, or of the nose where a person has set it.
+    """Return the azimuths of the antenna baseline, or of the nose if a person has set it.
 
     Rounding to whole degrees errs by 1/sqrt(12) deg. If readings spread by s degrees (by noise or
     a turn), averaging multiplies that error by ``exp(-2 pi^2 s^2)`` (Widrow and Kollar,
@@ -209,7 +209,7 @@ def heading_observations(
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
     headings_rad = np.array([s.heading_rad for s in samples])
     spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
-    shared_rad = 0.0  # rounding error, where the headings are in whole degrees
+    shared_rad = 0.0  # rounding error, if the headings are in whole degrees
     if np.abs(spread_deg - np.round(spread_deg)).max() <= _WHOLE_DEG:
         before_rounding = max(float(np.var(spread_deg)) - 1 / 12, 0.0)
         shared_rad = float(np.radians(np.sqrt(1 / 12) * np.exp(-2 * np.pi**2 * before_rounding)))

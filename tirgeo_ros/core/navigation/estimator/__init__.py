@@ -1,1 +1,1 @@
-"""Run the filter: take samples, return verdicts and solutions; the entrance for all users."""
+"""Run the chosen estimator: take samples, return verdicts and solutions."""

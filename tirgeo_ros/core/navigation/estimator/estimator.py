@@ -45,7 +45,7 @@ _IMU_KEY = (Source.IMU, Outcome.USED)
 
 
 class Step(NamedTuple):
-    """Hold the verdict on one sample, and the solution where it is due to be published."""
+    """Hold the verdict on one sample, and the solution if one is due to be published."""
 
     verdict: Verdict
     solution: NavSolution | None = None

@@ -15,7 +15,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
-#: Ratio of the bound to the reported sigma: the state may drift by about the position's sigma.
+#: Ratio of the bound to a position's reported sigma: the state may drift by about that sigma.
 _DRIFT_RATIO = 1.5
 #: The fix status of a receiver that has been silent for longer is NONE.
 _STATUS_AGE_NS = 2_000_000_000

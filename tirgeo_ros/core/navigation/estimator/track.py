@@ -10,7 +10,7 @@ from tirgeo_ros.core.types.poses import BodyPose
 
 T = TypeVar("T")
 
-#: The track is sent whole each time: with more points it would hold up the filter.
+#: The whole track is sent each time: with more points it would delay the filter.
 MOST_POINTS = 1000
 _FIRST_SPACING_M = 1.0
 

@@ -9,7 +9,7 @@ All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 9-11   gyroscope bias             rad/s
 12-14  accelerometer bias         m/s2
 15-17  error of the ordinary GPS  m
-18-20  RTK antenna's place in b   m, only where it is not measured
+18-20  RTK antenna position in b  m, only if it is not measured
 =====  =========================  =====
 
 Their dynamics are in ``propagation``.
@@ -42,7 +42,7 @@ def states_of(config: EkfConfig) -> int:
 
 
 def has_antenna(states: int) -> bool:
-    """Return whether the RTK antenna's place is one of ``states`` error states."""
+    """Return whether ``states`` error states include the RTK antenna's position."""
     return states >= ANTENNA.stop
 
 

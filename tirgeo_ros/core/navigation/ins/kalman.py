@@ -79,7 +79,7 @@ class Update(NamedTuple):
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
-    """Return the update of a covariance (n, n); refused where the test ratio is outside 0 to 1.
+    """Return the update of a covariance (n, n); refused if the test ratio is outside 0 to 1.
 
     A negative ratio or nan means that the noise is no covariance matrix. With the optimal gain
     Joseph's form is ``P - K H P``, made symmetric. ``ease`` k limits the correction to 1 / (k + 1)

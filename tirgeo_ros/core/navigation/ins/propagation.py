@@ -56,7 +56,7 @@ E = TypeVar("E", bound="Epoch")
 
 
 class Propagated(NamedTuple):
-    """Hold a state and its covariance; that is ``lag_s`` older and is propagated later."""
+    """Hold a state, and its covariance, which is ``lag_s`` older and is propagated later."""
 
     state: NavState
     covariance: Array
@@ -243,7 +243,7 @@ class CovariancePropagation:
         _write_dynamics(self._flat_f, self._states, state, rates, force_n)
         transition, a = self._transition, self._a
         np.multiply(self._f, step_s, out=a)
-        a.dot(a, out=transition)  # np.dot(a, a) takes a detour in Python
+        a.dot(a, out=transition)  # np.dot(a, a) has more overhead in Python
         transition *= 0.5
         transition += a
         transition += self._identity

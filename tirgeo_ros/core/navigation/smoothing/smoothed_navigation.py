@@ -97,7 +97,7 @@ class SmoothedRun:
         self._stamps_ns, self._marks = record.stamps_ns, record.marks
 
     def at(self, stamp_ns: int) -> NavSolution:
-        """Return the solution at an IMU sample's stamp. Raise KeyError where there is none."""
+        """Return the solution at an IMU sample's stamp. Raise KeyError if there is none."""
         place = bisect.bisect_left(self._stamps_ns, stamp_ns)
         if place == len(self._stamps_ns) or self._stamps_ns[place] != stamp_ns:
             raise KeyError(stamp_ns)

@@ -192,7 +192,7 @@ class Ekf:
             return Verdict(sample.source, Outcome.TOO_NEW, "newer than imu/data")
         held = stamp_ns > newest_ns
         if held and len(self._held) >= self._most_held:
-            reason = f"{self._most_held} others wait for imu/data"
+            reason = f"{self._most_held} other measurements wait for imu/data"
             return Verdict(sample.source, Outcome.TOO_MANY, reason)
         record = HistoryRecord(sample, stale, held)
         index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
@@ -370,7 +370,7 @@ class SolutionMaker:
         """Return the solution of a state and the covariance (n, n) of its error.
 
         ``rate_b`` is the angular rate as read (rad/s), ``white_b`` the variances of its white
-        noise, ``antenna_b`` the estimated part of the RTK antenna's place (m).
+        noise, ``antenna_b`` the estimated part of the RTK antenna's position (m).
         """
         bias, (x, y, z), item = state.gyro_bias_b, white_b, covariance.item
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]

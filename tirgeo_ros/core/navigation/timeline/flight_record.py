@@ -29,7 +29,10 @@ class FlightRecord:
         self.lower = np.tril_indices(states)
         self.kinds = array("b")
         self.steps_s = array("d")
-        self.stamps_ns, self.marks = array("q"), array("q")  # by epoch; its newest change
+        self.stamps_ns, self.marks = (
+            array("q"),
+            array("q"),
+        )  # by epoch: stamp, and its newest change
         self._covariances, self._transitions = array("d"), array("d")
         self._corrections, self._epochs = array("d"), array("d")
 
@@ -71,7 +74,7 @@ class FlightRecord:
 
     @property
     def square(self) -> npt.NDArray[np.intp]:
-        """Return the places (n, n) of a symmetric matrix's entries in its lower triangle."""
+        """Return the indices (n, n) of a symmetric matrix's entries in its lower triangle."""
         places = np.zeros((self.states, self.states), np.intp)
         places[self.lower] = places.T[self.lower] = range(len(self.lower[0]))
         return places

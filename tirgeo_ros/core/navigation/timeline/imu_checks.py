@@ -201,7 +201,7 @@ class Clipping:
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}  # channel -> samples at full scale
-        self.since_ns: int | None = None  # when the newest spell began; None before the first
+        self.since_ns: int | None = None  # when the newest clipping began; None before the first
         self.newest_ns: int | None = None
         self._ends: dict[tuple[int, bool], _End] = {}  # key: channel, whether positive
         self._before: ImuSample | None = None
@@ -231,7 +231,7 @@ class Clipping:
         return tuple(
             f"imu/data: {CHANNELS[channel]} clipped at {end.level:.3g} {_UNITS[channel]} "
             f"({end.number()} samples in 1 s): vibration beyond its range"
-            for channel, end in dict(lately).items()  # one end of each
+            for channel, end in dict(lately).items()  # one end of each channel
         )
 
     def _look(self, stamp_ns: int, values: list[float], earlier: list[float], first: int) -> None:
