@@ -260,7 +260,7 @@ def test_the_filter_begins_with_a_heading_that_is_set(spawn, meet, hover):
         {TOPIC: list(wrong)},
         lambda: reports("invalid") and reports("standby") and "its frame is" in node.text(),
     )
-    assert "~/set_heading: standby: the alignment does not wait for a heading" in node.text()
+    assert "~/set_heading: standby: the alignment does not need a heading now" in node.text()
     spawn("bag_player", "-p", f"bag:={bag}", "-p", "wait_for:=imu/data,rtk/fix,rtk/vel")
     stranger.spin_until(lambda: "~/set_heading" in stranger.diagnostic(ITEM).get("reason", ""))
     stranger.send({TOPIC: [heading(true_rad)]}, lambda: reports("used"))
@@ -270,4 +270,4 @@ def test_the_filter_begins_with_a_heading_that_is_set(spawn, meet, hover):
     assert abs(wrapped(heading_of(first.q_nb) - true_rad)) < 3 * sigma_rad
     # The gyroscopes' bias adds to it, 0.4 deg/s since it was said.
     assert math.radians(0.9 * SIGMA_DEG) < sigma_rad < math.radians(4 * SIGMA_DEG)
-    assert "~/set_heading: used: the filter begins with it" in node.text()
+    assert "~/set_heading: used: the filter starts with this heading" in node.text()

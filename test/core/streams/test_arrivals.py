@@ -1,4 +1,4 @@
-"""Order and stamps of arrival: lanes come out as they arrived, no stamp becomes the arrival."""
+"""Lanes are merged by time of arrival; a sample without a stamp gets its time of arrival."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def order_of(depth: int, *lanes: str) -> ArrivalOrder[str]:
     return order
 
 
-def rest(order: ArrivalOrder[str]) -> list[str]:
-    found = []
+def remaining(order: ArrivalOrder[str]) -> list[str]:
+    items = []
     while (item := order.pop()) is not None:
-        found.append(item)
+        items.append(item)
     assert len(order) == 0
-    return found
+    return items
 
 
 def test_a_lane_keeps_its_order_where_the_clock_of_arrivals_was_set_back():
@@ -32,7 +32,7 @@ def test_a_lane_keeps_its_order_where_the_clock_of_arrivals_was_set_back():
     for arrived_ns in (100, 5, 6):
         order.put("imu", arrived_ns, f"imu {arrived_ns}")
     order.put("fix", 7, "fix 7")
-    assert rest(order) == ["fix 7", "imu 100", "imu 5", "imu 6"]
+    assert remaining(order) == ["fix 7", "imu 100", "imu 5", "imu 6"]
 
 
 def test_a_full_lane_gives_up_its_oldest_and_no_other_lanes():
@@ -41,19 +41,19 @@ def test_a_full_lane_gives_up_its_oldest_and_no_other_lanes():
     for arrived_ns in (2, 3, 4, 5):
         order.put("imu", arrived_ns, f"imu {arrived_ns}")
     assert order.given_up == {"imu": 2}
-    assert rest(order) == ["fix 1", "imu 4", "imu 5"]
+    assert remaining(order) == ["fix 1", "imu 4", "imu 5"]
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 9)), max_size=30))
-def test_nothing_is_lost_or_doubled_and_lanes_that_rise_come_out_sorted(found):
+def test_nothing_is_lost_or_doubled_and_lanes_that_rise_come_out_sorted(entries):
     order: ArrivalOrder[tuple[int, int]] = ArrivalOrder()
     for lane in "abc":
         order.open(lane, 30)
-    for number, (lane, arrived_ns) in sorted(enumerate(found), key=lambda pair: pair[1]):
+    for number, (lane, arrived_ns) in sorted(enumerate(entries), key=lambda pair: pair[1]):
         order.put(lane, arrived_ns, (arrived_ns, number))
-    taken = rest(order)
-    assert sorted(number for _, number in taken) == list(range(len(found)))
-    assert [arrived_ns for arrived_ns, _ in taken] == sorted(ns for _, ns in found)
+    taken = remaining(order)
+    assert sorted(number for _, number in taken) == list(range(len(entries)))
+    assert [arrived_ns for arrived_ns, _ in taken] == sorted(ns for _, ns in entries)
 
 
 SAMPLES = [
@@ -67,7 +67,7 @@ SAMPLES = [
 
 
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda sample: type(sample).__name__)
-def test_what_has_no_stamp_gets_that_of_its_arrival(sample):
+def test_a_sample_without_a_stamp_gets_its_time_of_arrival(sample):
     arrivals = Arrivals()
     assert arrivals.stamped("some/topic", sample, 5_000) is sample
     assert arrivals.counts == {}

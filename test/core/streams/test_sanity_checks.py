@@ -1,4 +1,4 @@
-"""What is refused of a sample by itself, with its reason, and what is not."""
+"""Which samples are refused for their own values, and with which reason."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def put(array, index, value):
         (HEADING, "variance_rad2", "heading"),
     ],
 )
-def test_what_is_not_finite_is_named(sample, name, what, bad):
+def test_a_value_that_is_not_finite_is_named(sample, name, what, bad):
     value = getattr(sample, name)
     broken = [put(value, index, bad) for index in np.ndindex(np.shape(value))] or [bad]
     for changed in broken:
@@ -103,7 +103,7 @@ def test_bounds(sample, values, fault):
         (np.diag([1.0, 1.0, 1e300]), "covariance is not finite"),
     ],
 )
-def test_covariance_that_cannot_be(sample, covariance, fault):
+def test_an_impossible_covariance_is_refused(sample, covariance, fault):
     assert fault_of(dataclasses.replace(sample, covariance_n=covariance)) == fault
 
 
@@ -129,7 +129,7 @@ def test_no_real_covariance_is_refused(seed, scale):
         (0.98 * REST, False),
     ],
 )
-def test_what_is_an_attitude(q, usable):
+def test_which_quaternions_are_attitudes(q, usable):
     assert usable_attitude(q) is usable
 
 

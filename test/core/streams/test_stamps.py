@@ -1,4 +1,4 @@
-"""Which stamps are due at a rate or an interval apart, and when a stream counts as there."""
+"""Which stamps are due at a rate, and when a stream counts as steady or gone."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def test_schedule_begins_anew_after_a_pause_and_when_stamps_go_back():
     first = [10 * MS * k for k in range(50)]
     later = [5_000 * MS + stamp for stamp in first]
     result = due(10.0, [*first, *later, *first])
-    # In each run of half a second: the first stamp, then one 80 ms on (the schedule's 100 ms less
-    # the jitter that is let pass), then one each 100 ms.
+    # In each run of half a second: the first stamp, then one after 80 ms (the schedule's 100 ms
+    # less the allowed jitter), then one each 100 ms.
     run = [0, 80 * MS, 180 * MS, 280 * MS, 380 * MS, 480 * MS]
     assert result == [*run, *(5_000 * MS + stamp for stamp in run), *run]
 
@@ -37,7 +37,7 @@ def test_schedule_begins_anew_after_a_pause_and_when_stamps_go_back():
 def steady(period_ms=20, from_ms=0):
     presence = StreamPresence()
     t_ms = from_ms
-    while not presence.heard(t_ms * MS):
+    while not presence.add(t_ms * MS):
         assert t_ms - from_ms < 20_000
         t_ms += period_ms
     return presence, t_ms
@@ -48,15 +48,15 @@ def test_steady_after_two_seconds_and_five_samples(period_ms, after_ms):
     presence, at_ms = steady(period_ms)
     assert at_ms == after_ms
     assert presence.steady
-    assert not presence.heard((at_ms + period_ms) * MS)  # it is so already
+    assert not presence.add((at_ms + period_ms) * MS)  # it is steady already
 
 
 def test_gone_after_two_seconds_of_silence_and_steady_again():
     presence, at_ms = steady()
     assert not presence.gone((at_ms + 1999) * MS)
     assert presence.gone((at_ms + 2000) * MS)
-    assert not presence.gone((at_ms + 5000) * MS)  # told once
-    assert not presence.heard((at_ms + 5000) * MS)
+    assert not presence.gone((at_ms + 5000) * MS)  # reported only once
+    assert not presence.add((at_ms + 5000) * MS)
     _, again_ms = steady(from_ms=at_ms + 5000)
     assert again_ms == at_ms + 7000
 
@@ -66,7 +66,7 @@ def test_becoming_and_ending_take_turns(events):
     presence, now_ms, reports = StreamPresence(), 0, []
     for is_sample, elapsed_ms in events:
         now_ms += elapsed_ms
-        if is_sample and presence.heard(now_ms * MS):
+        if is_sample and presence.add(now_ms * MS):
             reports.append("there")
         elif not is_sample and presence.gone(now_ms * MS):
             reports.append("gone")

@@ -4,9 +4,8 @@ Unless a single shape is given, functions accept leading axes: quaternions ``(..
 matrices ``(..., 3, 3)``.
 Equations: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems,
 2nd ed., section 2.2; rotation vectors as in its section 2.2.4.
-Azimuths and headings are in radians from true north, clockwise, wrapped to half a turn: ``math``
-serves single values at the filter's rate, NumPy serves arrays; their wrapped intervals differ in
-which end is closed.
+Azimuths and headings are in radians from true north, clockwise. ``math`` computes single values,
+which is faster: they are wrapped to [-pi, pi]. NumPy computes arrays, wrapped to [-pi, pi).
 
 NED and ENU differ by a swap of the first two axes and the sign of the third; FRD and FLU by the
 signs of the last two. Each conversion is its own inverse: one function serves both directions.
@@ -22,6 +21,16 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import Array, Quaternion
+
+#: NED to ENU, or ENU to NED (the matrix is its own inverse).
+ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+#: FRD to FLU, or FLU to FRD.
+FLU_FRD = np.diag([1.0, -1.0, -1.0])
+#: ``R_gc``: optical frame (right, down, forward) to camera body (forward, right, down).
+BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+#: ``q_gc``, (w, x, y, z): the quaternion of BODY_OPTICAL.
+Q_BODY_OPTICAL = np.array([0.5, 0.5, 0.5, 0.5])
+_SQRT_HALF = math.sqrt(0.5)
 
 
 def skew(v: Array) -> Array:
@@ -109,8 +118,8 @@ def quat_multiply(p: Array, q: Array) -> Array: ...
 def quat_multiply(p: Any, q: Any) -> Any:
     """Return the Hamilton product, with ``R(p q) = R(p) R(q)``.
 
-    The product of two tuples of 4 floats is one too, which is faster; that of arrays (..., 4),
-    whose leading axes broadcast, is an array.
+    Two tuples of 4 floats give a tuple, which is faster. Arrays (..., 4) give an array, and their
+    leading axes broadcast.
     """
     tuples = isinstance(p, tuple) and isinstance(q, tuple)
     if not tuples:
@@ -253,7 +262,7 @@ def heading_of(q_nb: Array) -> float:
 
 
 def azimuth_row(direction_n: Sequence[float] | Array) -> tuple[float, float, float]:
-    """Return the derivative (3,) of a direction's azimuth by the attitude error ``phi_n``.
+    """Return the partials (3,) of a direction's azimuth by the attitude error ``phi_n``.
 
     With ``u = R u_b`` and ``du = phi x u`` the azimuth changes by
     ``phi_D - u_D (u_N phi_N + u_E phi_E) / (u_N^2 + u_E^2)``. For the nose it is the last row of
@@ -264,18 +273,6 @@ def azimuth_row(direction_n: Sequence[float] | Array) -> tuple[float, float, flo
     return -down * north / horizontal, -down * east / horizontal, 1.0
 
 
-#: NED to ENU, or ENU to NED (the matrix is its own inverse).
-ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-#: FRD to FLU, or FLU to FRD.
-FLU_FRD = np.diag([1.0, -1.0, -1.0])
-#: ``R_gc``: optical frame (right, down, forward) to camera body (forward, right, down).
-BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-#: ``q_gc``, (w, x, y, z): the quaternion of BODY_OPTICAL.
-Q_BODY_OPTICAL = np.array([0.5, 0.5, 0.5, 0.5])
-
-_HALF = math.sqrt(0.5)
-
-
 def flu_from_frd(v: Array) -> Array:
     """Convert vectors (..., 3) from FRD to FLU, or from FLU to FRD."""
     return np.asarray(np.asarray(v, float) * FLU_FRD.diagonal())
@@ -283,4 +280,5 @@ def flu_from_frd(v: Array) -> Array:
 
 def quat_turned_both(w: float, x: float, y: float, z: float) -> Quaternion:
     """Convert an attitude quaternion (w, x, y, z) from FRD-to-NED to FLU-to-ENU, or back."""
-    return _HALF * (w + z), _HALF * (x + y), _HALF * (x - y), _HALF * (w - z)
+    h = _SQRT_HALF
+    return h * (w + z), h * (x + y), h * (x - y), h * (w - z)

@@ -65,8 +65,8 @@ class TangentPlane:
     def body_pose(self, solution: NavSolution) -> BodyPose:
         """Convert a solution, whose axes are those at the aircraft, to a pose in the plane."""
         latitude, longitude = solution.latitude_rad, solution.longitude_rad
-        both = np.zeros((6, 6))
-        both[:3, :3] = both[3:, 3:] = self.rotation_from_local(latitude, longitude)
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = self.rotation_from_local(latitude, longitude)
         q_ln = quat_multiply(self._q_ne, quat_ecef_from_ned(latitude, longitude))
         place_e = ecef(latitude, longitude, solution.height_m, FLOAT_FUNCTIONS)
         from_origin_e = [a - b for a, b in zip(place_e, self._origin_e.tolist(), strict=True)]
@@ -74,5 +74,5 @@ class TangentPlane:
             solution.stamp_ns,
             np.dot(np.array(from_origin_e), self._rotation_en),
             np.array(quat_multiply(q_ln, tuple(solution.q_nb.tolist()))),
-            np.dot(np.dot(both, solution.pose_covariance), both.T),
+            np.dot(np.dot(turn, solution.pose_covariance), turn.T),
         )

@@ -79,7 +79,7 @@ def ecef_from_geodetic(
 
 
 def ecef(latitude: Any, longitude: Any, height: Any, functions: Functions) -> tuple[Any, Any, Any]:
-    """Return ``ecef_from_geodetic`` as x, y, z; of floats in a tenth of the time."""
+    """Return ``ecef_from_geodetic`` as x, y, z; with floats it takes a tenth of the time."""
     _, _, sin, cos, sqrt = functions
     sine = sin(latitude)
     transverse = SEMI_MAJOR_AXIS_M / sqrt(1 - ECCENTRICITY_SQUARED * (sine * sine))

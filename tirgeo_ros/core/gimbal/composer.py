@@ -177,7 +177,7 @@ class GimbalComposer:
         if self._choice == "auto":
             if not sample.computed:
                 self._joints.put(sample.stamp_ns, camera_turn(sample, self._mount.joint_order))
-            if self._presence.heard(sample.stamp_ns):
+            if self._presence.add(sample.stamp_ns):
                 self._switch(to_joints=True)
         return self._take(sample, in_use=self._by_joints)
 

@@ -19,7 +19,7 @@ from tirgeo_ros.core.types.measurements import (
 
 #: Far above any height at which an aircraft can fly.
 LARGEST_HEIGHT_M = 50_000.0
-#: Upper bound of the distance between two such places: the earth's diameter plus twice the height.
+#: Upper bound of the distance between two places up to that height, on opposite sides of earth.
 _LARGEST_DISTANCE_M = 2 * (SEMI_MAJOR_AXIS_M + LARGEST_HEIGHT_M)
 # Beyond the full scale of any IMU on an aircraft (40 g, 4000 deg/s), and beyond any flight speed.
 _LARGEST_FORCE_M_S2 = 400.0
@@ -77,6 +77,15 @@ def usable_attitude(q: Array | None) -> bool:
     return q is not None and abs(math.hypot(*q) - 1.0) < 0.01
 
 
+def place_fault(latitude_rad: float, longitude_rad: float, height_m: float) -> str:
+    """Return why a geodetic position is impossible, or an empty string if it is possible."""
+    if not all(map(math.isfinite, (latitude_rad, longitude_rad, height_m))):
+        return "position is not finite"
+    if abs(latitude_rad) > math.pi / 2 or abs(longitude_rad) > 2 * math.pi:
+        return "latitude or longitude is out of range"
+    return "" if abs(height_m) < LARGEST_HEIGHT_M else "height is out of range"
+
+
 def _imu_fault(sample: ImuSample) -> str:
     force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
     if _within(force_b, _LARGEST_FORCE_M_S2) and _within(rate_b, _LARGEST_RATE_RAD_S):
@@ -86,18 +95,9 @@ def _imu_fault(sample: ImuSample) -> str:
 
 
 def _within(vector: Sequence[float], limit: float) -> bool:
-    """Return whether no entry of a vector (3,) exceeds the limit in size; False for NaN."""
+    """Return whether every entry of a vector (3,) is within -limit to limit; False for NaN."""
     x, y, z = vector
     return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
-
-
-def place_fault(latitude_rad: float, longitude_rad: float, height_m: float) -> str:
-    """Return why a geodetic position is impossible, or an empty string if it is not."""
-    if not all(map(math.isfinite, (latitude_rad, longitude_rad, height_m))):
-        return "position is not finite"
-    if abs(latitude_rad) > math.pi / 2 or abs(longitude_rad) > 2 * math.pi:
-        return "latitude or longitude is out of range"
-    return "" if abs(height_m) < LARGEST_HEIGHT_M else "height is out of range"
 
 
 def _position_fault(sample: PositionSample) -> str:
@@ -111,7 +111,7 @@ def _covariance_fault(covariance: Array) -> str:
     total = abs(a) + abs(b) + abs(c) + abs(d) + abs(e) + abs(f) + abs(b2) + abs(c2) + abs(e2)
     if not total < _LARGEST_VARIANCE:  # "not <" also catches NaN
         return "covariance is not finite"
-    if a <= 0 or d <= 0 or f <= 0:  # the source marks the covariance as unknown: no fault
+    if a <= 0 or d <= 0 or f <= 0:  # the source marks it as unknown: no fault
         return ""
     largest = max(a, d, f)
     b, c, e = 0.5 * (b + b2) / largest, 0.5 * (c + c2) / largest, 0.5 * (e + e2) / largest

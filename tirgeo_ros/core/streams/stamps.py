@@ -1,4 +1,4 @@
-"""Judge the stamps of streams: arrival, due, steady, silent, jumping alone; the exposure."""
+"""Check time stamps: an output's rate, a stream's presence and outliers, order of arrival."""
 
 from __future__ import annotations
 
@@ -12,21 +12,28 @@ import numpy as np
 from tirgeo_ros.core.types.arrays import BoolArray, IntArray
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
 
-#: A stream is steady after this many samples over at least this time.
+#: A stream becomes steady after this many samples over at least this time.
 _SAMPLES = 5
 _STEADY_NS = 2_000_000_000
-#: A steady stream is gone after this silence. Before that, a gap of this length or a step back of
-#: the stamps restarts the count.
+#: A steady stream is gone after this silence. In a stream that is not steady yet, a gap of this
+#: length or a stamp that goes back restarts the count.
 _SILENT_NS = 2_000_000_000
+#: A stamp is an outlier if it is this far from the median of the five around it, in ns and in
+#: steps. A stamp in order is at most two steps from that median.
+_OUTLIER_NS, _OUTLIER_STEPS = 1_000_000_000, 3
+
+S = TypeVar("S", bound=NavigationInput | JointSample | CameraAttitudeSample)
+T = TypeVar("T")
+Entry = tuple[int, int, T]  # time of arrival in ns, number, item
 
 
 def exposure_ns(stamp_ns: int, video_latency_s: float) -> int:
-    """Return when a picture was exposed, ns: its stamp less the video's latency."""
+    """Return the exposure time of a picture, ns: its stamp less the video's latency."""
     return stamp_ns - round(video_latency_s * 1e9)
 
 
 class RateLimit:
-    """Select from a stream of time stamps those at which an output is due at a rate (Hz).
+    """Select the time stamps of a stream at which an output of a given rate (Hz) is due.
 
     A stamp may be early by a quarter of a period, so that all inputs at the rate itself are due.
     """
@@ -51,14 +58,14 @@ class RateLimit:
 
 
 class Spacing:
-    """Select the stamps of a stream that are an interval apart; one that goes back is due too."""
+    """Select stamps that are at least an interval apart; a stamp that goes back is due too."""
 
     def __init__(self, interval_ns: int) -> None:
         self._interval_ns = interval_ns
         self._newest_ns: int | None = None
 
     def is_due(self, stamp_ns: int) -> bool:
-        """Return whether a stamp would be taken."""
+        """Return whether ``take`` would take a stamp."""
         newest_ns = self._newest_ns
         return newest_ns is None or not 0 <= stamp_ns - newest_ns < self._interval_ns
 
@@ -79,7 +86,7 @@ class StreamPresence:
         self._newest_ns = 0
         self._count = 0
 
-    def heard(self, stamp_ns: int) -> bool:
+    def add(self, stamp_ns: int) -> bool:
         """Take a sample's stamp (ns); return True if the stream becomes steady with it."""
         if self._count and not 0 <= stamp_ns - self._newest_ns < _SILENT_NS:
             self._count = 0
@@ -101,14 +108,10 @@ class StreamPresence:
         return True
 
 
-#: A stamp jumps if it is this far from the median of the five about it, which two steps are not.
-_LEAST_NS, _LEAST_STEPS = 1_000_000_000, 3
-
-
 def lone_stamps(stamps_ns: Sequence[int] | IntArray) -> BoolArray:
-    """Return which stamps (N,) are far from those beside them; none of fewer than five.
+    """Return which stamps (N,) are outliers, far from their neighbours; none of fewer than five.
 
-    After a gap, or when a clock is set, there are others of the same time beside a stamp.
+    A stamp after a gap, or after a clock was set, is no outlier: its neighbours are near it.
     """
     stamps = np.asarray(stamps_ns, np.int64)
     if len(stamps) < 5:
@@ -116,12 +119,7 @@ def lone_stamps(stamps_ns: Sequence[int] | IntArray) -> BoolArray:
     near = np.sort(np.lib.stride_tricks.sliding_window_view(stamps, 5))
     steps = np.sort(np.diff(near))[:, 1]
     medians, steps = (np.pad(each, 2, mode="edge") for each in (near[:, 2], steps))
-    return np.asarray(np.abs(stamps - medians) > np.maximum(_LEAST_NS, _LEAST_STEPS * steps))
-
-
-S = TypeVar("S", bound=NavigationInput | JointSample | CameraAttitudeSample)
-T = TypeVar("T")
-Entry = tuple[int, int, T]  # time of arrival in ns, number, item
+    return np.asarray(np.abs(stamps - medians) > np.maximum(_OUTLIER_NS, _OUTLIER_STEPS * steps))
 
 
 class Arrivals:
@@ -132,7 +130,7 @@ class Arrivals:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return the number of samples without a stamp by topic."""
+        """Return the number of samples without a stamp, by topic."""
         return dict(self._counts)
 
     @property

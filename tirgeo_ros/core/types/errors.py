@@ -10,8 +10,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-_LISTED = 40  # names that a message lists
-MOST = 2000  # characters in one line (a reason, a name or a path)
+_LISTED = 40  # most names that a message lists
+MOST = 2000  # most characters in one line (a reason, a name or a path)
 
 
 def cut(text: str, most: int = MOST) -> str:
@@ -20,7 +20,7 @@ def cut(text: str, most: int = MOST) -> str:
 
 
 def shown(text: object, most: int = MOST) -> str:
-    """Return a text cut to ``most`` characters, each unprintable one escaped as in ``repr``.
+    """Return a text cut to ``most`` characters, with unprintable ones escaped as in ``repr``.
 
     Line breaks, terminal escape sequences and lone surrogates from outside then do no harm in a
     log. The escapes may make the line longer than ``most``.
@@ -32,7 +32,7 @@ def shown(text: object, most: int = MOST) -> str:
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:
-    """Return the end of a message: the nearest of the known names, else all if they are few."""
+    """Return the end of a message: the most similar of the known names, or all if they are few."""
     names = [*map(str, candidates)]
     near = difflib.get_close_matches(name, names, n=1)
     if near:
@@ -77,7 +77,7 @@ class SurveyError(TirgeoError):
 
 
 class TargetError(TirgeoError):
-    """Report a file of targets, a target or a change of it that is not possible."""
+    """Report a target file, a target or a change of a target that is not valid."""
 
 
 class ScenarioError(TirgeoError):
@@ -109,15 +109,15 @@ class DjiError(TirgeoError):
 
 
 class LogError(TirgeoError):
-    """Report a log of another maker that cannot be read, or that leaves a needed thing open."""
+    """Report a log of another maker that cannot be read, or that lacks needed information."""
 
 
 class ManyFlightsError(TirgeoError):
-    """Report flights that cannot be processed together, or a cluster that cannot do it."""
+    """Report flights that cannot be processed together, or a cluster that cannot process them."""
 
 
 class PageError(TirgeoError):
-    """Report an operator's page that cannot be served as its parameters say."""
+    """Report an operator's page that cannot be served with its parameters."""
 
 
 class TableError(TirgeoError):
@@ -125,4 +125,4 @@ class TableError(TirgeoError):
 
 
 class PoseError(TirgeoError):
-    """Report an instant at which a pose is wanted and not known."""
+    """Report a time at which a pose is needed but not available."""

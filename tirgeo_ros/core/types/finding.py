@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-#: A verdict on a flight whose outputs are wrong begins with it.
+#: First words of the verdict on a flight whose outputs are wrong.
 NO_GO = "NO GO"
 
 
@@ -40,21 +40,21 @@ class Finding:
 
 
 def sorted_findings(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings sorted by severity, the worst first, and one for each check.
+    """Return one finding for each check, sorted by severity, the worst first.
 
     Of several findings of one check the most severe is kept, the first of equals. Findings of
     equal severity keep the order in which their checks first appear.
     """
-    kept: dict[str, Finding] = {}
+    worst: dict[str, Finding] = {}
     for finding in findings:
-        before = kept.get(finding.check)
+        before = worst.get(finding.check)
         if before is None or before.severity < finding.severity:
-            kept[finding.check] = finding
-    return sorted(kept.values(), key=lambda finding: -finding.severity)
+            worst[finding.check] = finding
+    return sorted(worst.values(), key=lambda finding: -finding.severity)
 
 
 def stop_line(findings: Sequence[Finding]) -> str | None:
-    """Return ``NO GO: ...`` if one is a STOP, else None: commands then end with exit code 1."""
+    """Return ``NO GO: ...`` if a finding is a STOP, else None. Commands exit with 1 after it."""
     stopped = any(finding.severity is Severity.STOP for finding in findings)
     return verdict_line(findings) if stopped else None
 

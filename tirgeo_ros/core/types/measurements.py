@@ -15,14 +15,13 @@ from typing import ClassVar
 from tirgeo_ros.core.types.arrays import Array
 
 JOINTS = ("yaw", "roll", "pitch")
-#: Of the parameters ``joint_order``; the usual one first.
+#: Values of the parameters ``joint_order``; the usual order first.
 JOINT_ORDERS = tuple("-".join(order) for order in itertools.permutations(JOINTS))
 USUAL_ORDER = JOINT_ORDERS[0]
 
-
-#: Stamps of ROS messages end here, in 2038: their seconds are an int32.
+#: End of the stamps of ROS messages, in 2038: their seconds are an int32.
 LAST_NS = (1 << 31) * 1_000_000_000
-#: Range of air pressures: those of the standard atmosphere from 11 km down to 1 km below the sea.
+#: Range of air pressure: the standard atmosphere from 11 km high to 1 km below sea level.
 PRESSURES_PA = (22_632.0, 113_930.0)
 
 
@@ -131,13 +130,13 @@ class PressureSample:
 
     @property
     def fault(self) -> str:
-        """Return why it cannot be a pressure at which an aircraft flies, or an empty string."""
+        """Return why no aircraft can fly at this pressure, or an empty string."""
         if not 0 <= self.variance_pa2 < math.inf:
-            return "variance is not finite or negative"
+            return "variance is negative or not finite"
         least, most = PRESSURES_PA
         if least <= self.pressure_pa <= most:
             return ""
-        return f"pressure is {self.pressure_pa:g}, not {least:g} to {most:g} Pa"
+        return f"pressure is {self.pressure_pa:g} Pa, not {least:g} to {most:g} Pa"
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +150,7 @@ class SetHeading:
 
     @property
     def fault(self) -> str:
-        """Return why it cannot be a heading, or an empty string."""
+        """Return why the heading cannot be used, or an empty string."""
         finite = math.isfinite(self.heading_rad) and math.isfinite(self.variance_rad2)
         return "" if finite else "heading or its variance is not finite"
 

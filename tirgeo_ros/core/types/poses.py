@@ -13,7 +13,7 @@ from tirgeo_ros.core.types.arrays import Array
 
 
 class NavSolution(NamedTuple):
-    """Hold the aircraft's navigation state: the position is the IMU's, ``n`` at the aircraft."""
+    """Hold the aircraft's navigation state: position of the IMU, axes ``n`` at the aircraft."""
 
     stamp_ns: int
     latitude_rad: float

@@ -1,21 +1,21 @@
-"""Write times, and texts that people typed, so that every reader takes them."""
+"""Format times, and texts that people typed, so that every program can read them."""
 
 from __future__ import annotations
 
 from datetime import datetime, timedelta
 
-#: Line end, zero-width non-joiner, zero-width joiner.
+#: Unprintable characters to keep: line end, zero-width non-joiner, zero-width joiner.
 _KEPT = "\n\u200c\u200d"
-_BEGIN = datetime(1970, 1, 1)  # noqa: DTZ001  UTC, without its words
+_EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001  UTC; a time zone would add "+00:00"
 
 
 def legible(text: str) -> str:
-    """Return a text without control characters; each tab or other space is a plain one."""
+    """Return a text without control characters; tabs and other spaces become plain spaces."""
     spaced = (" " if c.isspace() and c != "\n" else c for c in text)
     return "".join(c for c in spaced if c.isprintable() or c in _KEPT)
 
 
 def utc(stamp_ns: int) -> str:
-    """Return ISO 8601, UTC with Z, to a millisecond, rounded down."""
-    moment = _BEGIN + timedelta(milliseconds=stamp_ns // 1_000_000)
+    """Return a stamp (ns) as ISO 8601, UTC with Z, rounded down to a millisecond."""
+    moment = _EPOCH + timedelta(milliseconds=stamp_ns // 1_000_000)
     return moment.isoformat(timespec="milliseconds") + "Z"

@@ -65,7 +65,7 @@ class FilterState(Enum):
     WAITING = "waiting"  # no data to start from yet
     ALIGNING = "aligning"
     RUNNING = "running"
-    DEGRADED = "degraded"  # an aid of the method is missing, the position is still measured
+    DEGRADED = "degraded"  # an aid of the method is missing; position still measured
     DEAD_RECKONING = "dead_reckoning"  # the position is not measured, only integrated
     LOST = "lost"  # the state cannot be trusted; nothing is published
 
@@ -103,14 +103,14 @@ class NavigationStatus:
 
     @property
     def for_operator(self) -> str:
-        """Return the state in an operator's words, empty while running; ``reason`` says more."""
+        """Return the state in words for an operator; empty while running. ``reason`` says more."""
         return _AGAIN.get(self.began_again) or _STATES.get(self.state, "")
 
 
 _STATES = {
     FilterState.WAITING: "No position, as sensor data are missing",
     FilterState.ALIGNING: "No position yet, the filter aligns itself",
-    FilterState.DEGRADED: "Less accurate, as a receiver is not fixed or not heard",
+    FilterState.DEGRADED: "Less accurate, as a receiver is not fixed or is silent",
     FilterState.DEAD_RECKONING: "Nothing measures the position, it drifts",
     FilterState.LOST: "No position, as the filter's errors grew too large",
 }

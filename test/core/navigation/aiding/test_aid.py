@@ -53,12 +53,12 @@ with_and_without_more_states = pytest.mark.parametrize(
 
 
 def second(baseline_m):
-    """The second antenna's place with this baseline; none of none."""
+    """The second antenna's place for a baseline; none without a baseline."""
     return tuple(a + b for a, b in zip(ANTENNA_M, baseline_m, strict=True)) if baseline_m else ()
 
 
 def moved(estimate: StateEstimate, error: np.ndarray) -> StateEstimate:
-    """The estimate with an error of all its states put in, the receivers' too."""
+    """The estimate with an error added to all its states, those of the receivers too."""
     place_b = error[ANTENNA] if has_antenna(len(error)) else ZERO
     receivers = estimate.aids.receivers.changed(error[GPS_ERROR], place_b)
     aids = estimate.aids._replace(receivers=receivers)
@@ -80,7 +80,7 @@ def differences(innovation, estimate: StateEstimate) -> np.ndarray:
 @settings(max_examples=60)
 @given(roll=tilts, pitch=tilts, yaw=headings)
 def test_position_design(optional, source, roll, pitch, yaw):
-    """That of the ordinary GPS with its slow error in it."""
+    """The ordinary GPS is modelled with its slow error."""
     config = armed_config(**optional)
     error = np.zeros(states_of(config))
     error[GPS_ERROR] = 0.5, -0.7, 2.0
@@ -112,8 +112,8 @@ def test_velocity_design(optional, source, roll, pitch, yaw):
 
     def innovation(b: StateEstimate) -> np.ndarray:
         rate = RATE_B - np.array(b.state.gyro_bias_b)  # RATE_B is the reading
-        found_b = np.array(b.aids.receivers.antenna_b) * rtk
-        swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + found_b)
+        estimated_b = np.array(b.aids.receivers.antenna_b) * rtk
+        swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + estimated_b)
         return sample.velocity_n - (np.array(b.state.velocity_n) + swing_n)
 
     result = AIDS[source](config).measured(sample, estimate, tuple(RATE_B))[0].measurement
@@ -129,14 +129,14 @@ def test_velocity_design(optional, source, roll, pitch, yaw):
 @settings(max_examples=40)
 @given(roll=tilts, pitch=tilts, yaw=headings)
 def test_heading_design(optional, baseline_m, roll, pitch, yaw):
-    """Of the azimuth of a baseline in space, whether it lies level in the body or not."""
+    """The heading is the azimuth of a baseline in space, level in the body or not."""
     config = armed_config(**optional, aircraft__second_antenna_m=second(baseline_m))
     forward, left, up = baseline_m or (1.0, 0.0, 0.0)
     baseline_b = np.array([forward, -left, -up])
     estimate = estimate_of(state_of(roll, pitch, yaw), states_of(config))
 
     def reported(b: StateEstimate) -> float:
-        """What a perfect receiver says: the baseline's azimuth less its own in the body."""
+        """A perfect receiver's heading: the baseline's azimuth less its direction in the body."""
         north, east, _ = matrix(rotation_of(b.state.q_nb)) @ baseline_b
         level = math.atan2(baseline_b[1], baseline_b[0])
         return math.atan2(east, north) - level
@@ -163,8 +163,8 @@ def heading_aid(state, heading_rad, **values):
 @pytest.mark.parametrize("turns", [-1, 0, 1, 2])
 def test_heading_innovation_wraps(turns):
     measured = math.radians(-179.0) + turns * 2 * math.pi
-    made = heading_aid(state_of(0, 0, math.radians(179.0)), measured)
-    assert made.measurement.innovation[0] == pytest.approx(math.radians(2.0), abs=1e-12)
+    aid = heading_aid(state_of(0, 0, math.radians(179.0)), measured)
+    assert aid.measurement.innovation[0] == pytest.approx(math.radians(2.0), abs=1e-12)
 
 
 def test_baseline_of_the_parameters():
@@ -184,21 +184,21 @@ NEW = AidStatus(Receivers(NOW_NS))
 
 
 def steps(track, t_s, *innovation):
-    """The record after a refusal, as the fusion notes it, of a thing that should be zero."""
+    """The record after a refusal, as the fusion keeps it, of an innovation that should be zero."""
     zero = (0.0,) * len(innovation)
     track = track.followed(innovation, zero)
     step = track.stepped(innovation, zero)
     return track.refused(ns(t_s), innovation, 0.2, step=step)
 
 
-def test_a_step_is_told_from_a_drift():
+def test_a_step_is_distinguished_from_a_drift():
     fitted = AidTrack().used(ns(0), TIMEOUT_NS, (0.1, 0.0))
     assert steps(fitted, 0.2, 0.6, 0.0).step == (0.5, 0.0)
-    assert steps(fitted, 0.2, 0.3, 0.0).step == ()  # two thirds of it are new: 0.7 are asked
-    assert steps(AidTrack(), 0.2, 0.6, 0.0).step == ()  # nothing has fitted yet
+    assert steps(fitted, 0.2, 0.3, 0.0).step == ()  # two thirds of it are new; a step needs 0.7
+    assert steps(AidTrack(), 0.2, 0.6, 0.0).step == ()  # nothing was used before
 
 
-def test_a_step_back_ends_it_and_another_step_begins_anew():
+def test_a_step_back_ends_the_step_and_another_step_begins_anew():
     track = steps(AidTrack().used(ns(0), TIMEOUT_NS, (0.0,)), 0.2, 0.5)
     track = steps(track, 0.4, 0.55)
     assert (track.step, track.denied_ns) == ((0.5,), ns(0.2))
@@ -209,7 +209,7 @@ def test_a_step_back_ends_it_and_another_step_begins_anew():
     assert other.denied_ns == ns(0.6)
 
 
-def test_fixed_again_is_eased_and_only_the_position():
+def test_positions_that_are_fixed_again_are_eased_and_no_other_aid():
     aids = heard(heard(NEW, 0.0), 1.0, FixStatus.FLOAT)
     assert not any(t.ease for t in aids.tracks)
     first, *others = (t.ease for t in heard(aids, 2.0).tracks)
@@ -246,7 +246,7 @@ def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
         aids = aids.with_reset(source, ns(t_s), "")
         assert aids.hopeless(2.0) == ""
     aids = aids.with_reset(Source.RTK_POSITION, ns(last_s), "position moved")
-    aids = aids.with_reset(Source.BAROMETER, ns(last_s), "offset")  # not the one to name
+    aids = aids.with_reset(Source.BAROMETER, ns(last_s), "offset")  # not the reset to name
     why = "reset repeatedly: position moved"
     assert aids.hopeless(2.0) == (why if hopeless else "")
 
@@ -272,14 +272,14 @@ BOTH = (Source.RTK_POSITION, Source.RTK_VELOCITY)
         (BOTH, FIVE_A_SECOND, True),
         (BOTH, FIVE_A_SECOND[:-1], False),  # not for long enough
         (BOTH, (0.0, 0.6, 1.2, 2.0), False),  # too few
-        (BOTH[:1], FIVE_A_SECOND, False),  # the other one may be right
+        (BOTH[:1], FIVE_A_SECOND, False),  # the other source may be right
         (BOTH[1:], FIVE_A_SECOND, False),
     ],
 )
 def test_position_and_velocity_that_both_contradict_are_hopeless(sources, times_s, hopeless):
     aids = denied(sources, times_s)
-    why = "rtk/fix and rtk/vel both contradict it"
+    why = "rtk/fix and rtk/vel both contradict the state"
     assert aids.hopeless(2.0) == (why if hopeless else "")
-    track = aids.track(sources[-1]).used(ns(2.1), TIMEOUT_NS)  # a use ends it
+    track = aids.track(sources[-1]).used(ns(2.1), TIMEOUT_NS)  # a use ends the refusals
     assert (track.denied, track.run) == (0, None)
     assert aids.with_track(sources[-1], track).hopeless(2.0) == ""

@@ -39,7 +39,7 @@ def ns(t_s: float) -> int:
 
 
 def pressure(t_s: float, off_m: float = 0.0, variance_pa2: float = 0.0) -> PressureSample:
-    """A reading whose height is off by so much from what the filter expects."""
+    """A reading whose height differs by ``off_m`` from the height that the filter expects."""
     height_m = HEIGHT_M + OFFSET_M + off_m
     return PressureSample(ns(t_s), standard_pressure_pa(height_m), variance_pa2)
 
@@ -56,7 +56,7 @@ def estimate_of(sigma_m, *, position_s=None, reference=True) -> StateEstimate:
 
 
 def beside_rtk(estimate: StateEstimate, t_s: float) -> StateEstimate:
-    """The estimate with an RTK position used at a time."""
+    """The estimate after an RTK position was used at ``t_s``."""
     aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
     return estimate._replace(aids=aids)
 
@@ -113,7 +113,7 @@ def test_reference_follows_the_state_beside_a_position_and_stays_without():
 
 @pytest.mark.parametrize("sigma_m", [2.0, 5.0, 30.0])
 @pytest.mark.parametrize("t_s", [5.0, 60.0])
-def test_a_reading_leaves_twice_the_variance_of_what_lasts(sigma_m, t_s):
+def test_a_reading_leaves_twice_the_lasting_variance(sigma_m, t_s):
     fused = Fusion(CONFIG).fuse(pressure(t_s, 1.0), estimate_of(sigma_m), ZERO)
     assert fused.verdict.outcome is Outcome.USED
     left = fused.estimate.covariance[DOWN, DOWN]
@@ -166,7 +166,7 @@ def test_a_step_is_refused_and_then_becomes_the_reference(sigma_m, position):
     assert reference_of(estimate).offset_m == pytest.approx(OFFSET_M + 40.0, abs=0.1)
 
 
-def test_one_reading_that_is_off_changes_nothing():
+def test_a_single_wrong_reading_changes_nothing():
     fusion, estimate = Fusion(CONFIG), estimate_of(2.0)
     before = reference_of(estimate)
     off = fusion.fuse(pressure(5.0, -60.0), estimate, ZERO)
@@ -202,7 +202,7 @@ def flown(seed: int, duration_s: float = 107.0):
 
 
 def without_barometer(change=lambda s, _: s):
-    """The same change, and no reading."""
+    """The same change, without readings of the barometer."""
     return lambda s, t_s: None if isinstance(s, PressureSample) else change(s, t_s)
 
 
@@ -215,14 +215,14 @@ def test_height_after_sixty_seconds_without_satellites():
         silent = without(*RTK, *GPS, begin_s=40.0, end_s=100.0)
         for barometer in (True, False):
             change = silent if barometer else without_barometer(silent)
-            # It may drift as far as it does.
+            # Without a barometer the height may drift without a limit.
             result = filtered(flight, change, trust__lost_position_sigma_m=1e4).errors
             row = int(np.searchsorted(result.t_s, 99.9)) - 1
             off[barometer].append(result.state[row, 2])
             sigmas[barometer].append(result.sigma[row, 2])
     assert rms(np.array(off[False])) == pytest.approx(5.1, abs=0.1)
     assert rms(np.array(off[True])) == pytest.approx(1.1, abs=0.1)
-    # Both are honest: the mean of six squares of errors over sigma, 99 % of chi-square / 6.
+    # Both sigmas are right: mean square of six errors over sigma, 99 % of chi-square / 6.
     for barometer in (True, False):
         assert np.mean(np.square(off[barometer]) / np.square(sigmas[barometer])) < 2.8
 

@@ -42,9 +42,9 @@ CONFIG = ekf_config(
 
 
 def fixed_estimate(fixed_s: float, now_s: float) -> StateEstimate:
-    """Level, nose north, fixed for so long, headings not used yet."""
+    """Level, nose north, RTK fixed for ``fixed_s``, headings not used yet."""
     aids, t_s = heard(AidStatus(Receivers(ns(now_s))), now_s - fixed_s), now_s - fixed_s
-    while t_s < now_s:  # the receiver says so five times a second
+    while t_s < now_s:  # the receiver reports it five times a second
         t_s = min(t_s + 0.2, now_s)
         aids = heard(aids, t_s)
     covariance = 1e-4 * np.eye(18)
@@ -84,15 +84,15 @@ def test_headings_go_on_where_they_were_used_lately():
 def test_headings_stop_where_the_status_is_silent(age_s, reason):
     estimate = fused(fixed_estimate(3.0, 5.0), heading(5.0)).estimate
     assert fused(estimate, heading(5.0 + age_s)).verdict.reason == reason
-    # A fix of now does not count from before the silence.
+    # After a silence, the time with a fix counts anew.
     assert while_fixed(estimate, 65.0).verdict.outcome is Outcome.NOT_FIXED
 
 
-# Headings: for how long they must contradict
+# How long headings must contradict the state
 
 
 def agreed(seconds: float) -> StateEstimate:
-    """An estimate that headings of zero have confirmed for so long, five times a second."""
+    """An estimate that headings of zero have confirmed for ``seconds``, five times a second."""
     estimate = fixed_estimate(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
         result = while_fixed(estimate, 0.2 * k)
@@ -102,7 +102,7 @@ def agreed(seconds: float) -> StateEstimate:
 
 
 def with_sigma(estimate: StateEstimate) -> StateEstimate:
-    """Its covariance as at first: nothing is learned, nothing drifts."""
+    """The estimate with its first covariance: nothing is learned, nothing drifts."""
     return estimate._replace(covariance=fixed_estimate(3.0, 0.0).covariance)
 
 
@@ -131,10 +131,10 @@ def given_up_after(estimate: StateEstimate, start_s: float, offs_deg, autopilot_
         (90.0, 80.0, 5.0),
         (-90.0, 80.0, None),
         (180.0, -170.0, 5.0),
-        (10.0, 10.0, None),  # so little the autopilot may err by
+        (10.0, 10.0, None),  # the autopilot may err by as little
     ],
 )
-def test_headings_that_step_away_are_the_antennas_unless_the_autopilot_has_seen_it_too(
+def test_headings_that_step_are_refused_unless_the_autopilot_has_turned_as_well(
     off_deg, autopilot_deg, patience_s
 ):
     result = given_up_after(agreed(100.0), 100.2, [off_deg] * 400, autopilot_deg)
@@ -149,11 +149,11 @@ def test_headings_that_step_away_are_the_antennas_unless_the_autopilot_has_seen_
         (100.0, 60.0),  # a minute at most
     ],
 )
-def test_what_has_drifted_away_must_last_as_long_as_the_agreement(agreed_s, patience_s):
+def test_a_drift_must_last_as_long_as_the_agreement_before_it(agreed_s, patience_s):
     """Gyroscopes that fail turn the state by degrees: the headings are right then."""
     ramp = list(np.arange(0.0, 12.0, 1.0))
     result = given_up_after(agreed(agreed_s), agreed_s + 0.2, ramp + [12.0] * 400)
-    # On the ramp, which lasts 2.4 s, they do not agree with each other.
+    # On the ramp, which lasts 2.4 s, headings do not agree with each other.
     assert patience_s <= result + 1e-9 <= patience_s + 2.4
 
 
@@ -164,7 +164,7 @@ def test_headings_that_come_late_and_far_off_do_not_win():
 
 
 def test_contradictions_that_do_not_agree_prove_nothing():
-    """A heading that runs round: refused for a minute and more, the state stays."""
+    """A heading that turns all the time is refused for more than a minute; the state stays."""
     estimate = agreed(10.0)
     for k in range(500):
         t_s = 10.2 + 0.2 * k
@@ -177,12 +177,12 @@ def test_contradictions_that_do_not_agree_prove_nothing():
 def test_one_chance_agreement_does_not_spend_the_trust():
     """Headings agreed for a minute; then wrong, once right by chance, and wrong again."""
     estimate = agreed(60.0)
-    for k in range(25):  # the mean of the innovations is far away for a while
+    for k in range(25):  # the mean of the innovations stays large for a while
         t_s = 60.2 + 0.2 * k
         estimate = while_fixed(estimate, t_s, 90.0 if k < 10 else 0.0).estimate
         if estimate.aids.track(Source.RTK_HEADING).run is None and k > 10:
             break
-    assert estimate.aids.track(Source.RTK_HEADING).run is None  # it has agreed
+    assert estimate.aids.track(Source.RTK_HEADING).run is None  # the last heading has agreed
     assert given_up_after(with_sigma(estimate), t_s + 0.2, [90.0] * 400) is None
 
 
@@ -231,7 +231,7 @@ def heading_at(flown, sample) -> float:
     return heading_of(flown.truth.q_nb[flown.truth.stamp_ns.index(sample.stamp_ns)])
 
 
-def test_error_over_sigma_of_a_filter_that_begins_with_it():
+def test_error_over_sigma_of_a_filter_that_starts_with_a_set_heading():
     ratios = []
     for seed in range(10):
         flown = flight(seed, HOVER_S, "hover")
@@ -248,7 +248,7 @@ def test_error_over_sigma_of_a_filter_that_begins_with_it():
     assert 0.3 < math.sqrt(np.mean(np.square(ratios))) < 1.7
 
 
-def test_where_two_antennas_are_awaited_it_counts_before_the_autopilot():
+def test_while_antennas_are_awaited_a_set_heading_counts_before_the_autopilot():
     """Before wait_s, with a compass that is 40 deg off."""
     flown = flight(1, HOVER_S, "hover")
     _, first, navigation = begun(flown, method="ekf_heading", autopilot_rad=math.radians(40.0))
@@ -257,7 +257,7 @@ def test_where_two_antennas_are_awaited_it_counts_before_the_autopilot():
     assert navigation.status().counts["set_heading", "used"] == 1
 
 
-def test_without_a_variance_it_has_that_of_the_parameter_and_may_come_late():
+def test_a_set_heading_without_a_variance_has_the_parameters_and_may_come_late():
     flown = flight(1, HOVER_S, "hover")
     result = [begun(flown, variance=0.0, late_s=late_s)[1] for late_s in (0.0, 0.3)]
     first, later = result
@@ -271,7 +271,7 @@ def test_without_a_variance_it_has_that_of_the_parameter_and_may_come_late():
 @pytest.mark.parametrize(
     ("values", "outcome", "reason"),
     [
-        ({"at_s": 0.2}, Outcome.STANDBY, "does not wait for a heading: needs imu/data"),
+        ({"at_s": 0.2}, Outcome.STANDBY, "does not need a heading now: needs imu/data"),
         ({"autopilot_rad": 0.0, "at_s": 5.0}, Outcome.STANDBY, "own heading is better.*~/reset"),
         (
             {"variance": math.radians(15.0) ** 2},
@@ -283,7 +283,7 @@ def test_without_a_variance_it_has_that_of_the_parameter_and_may_come_late():
         ({"method": "rtk"}, Outcome.UNUSED, ""),
     ],
 )
-def test_what_is_refused_says_why(values, outcome, reason):
+def test_a_refused_set_heading_has_a_reason(values, outcome, reason):
     verdicts, _, navigation = begun(flight(1, HOVER_S, "hover"), **values)
     verdict = verdicts[-1]
     assert verdict.outcome is outcome
@@ -295,14 +295,14 @@ def test_what_is_refused_says_why(values, outcome, reason):
     ("own_deg", "off_deg", "outcome"),
     [(8.0, 6.0, Outcome.USED), (2.0, 6.0, Outcome.STANDBY), (8.0, 60.0, Outcome.GATED)],
 )
-def test_a_filter_that_runs_takes_it_where_its_own_is_worse(own_deg, off_deg, outcome):
+def test_a_running_filter_takes_a_set_heading_if_its_own_is_worse(own_deg, off_deg, outcome):
     estimate = estimate_of(state_of(0.0, 0.0, 0.0))
     estimate.covariance[2, 2] = math.radians(own_deg) ** 2
     reports = SetHeading(SECOND_NS, math.radians(off_deg), SIGMA**2)
     verdict, after = Fusion(EkfConfig()).fuse(reports, estimate, (0.0, 0.0, 0.0))
     assert verdict.outcome is outcome
     turned = math.degrees(heading_of(np.array(after.state.q_nb)))
-    # Afterwards it is as certain as was said, 3 deg, and saying it again changes nothing.
+    # The heading is then as certain as the one set, 3 deg; setting it again changes nothing.
     share = 1 - (3.0 / own_deg) ** 2 if outcome is Outcome.USED else 0.0
     assert turned == pytest.approx(share * off_deg, abs=1e-2)
     left_deg = math.degrees(math.sqrt(after.covariance[2, 2]))
@@ -314,7 +314,7 @@ def test_a_filter_that_runs_takes_it_where_its_own_is_worse(own_deg, off_deg, ou
         assert verdict.reason == "60 deg off"
 
 
-def test_it_is_no_stream_that_the_checks_could_miss():
+def test_a_set_heading_is_no_stream_that_checks_report_missing():
     checks, topic = NavigationChecks(EkfConfig(), None), Source.SET_HEADING.topic
     for stamp_ns in (SECOND_NS, 60 * SECOND_NS, 61 * SECOND_NS):
         checks.take(topic, SetHeading(stamp_ns, 1.0, SIGMA**2), stamp_ns)

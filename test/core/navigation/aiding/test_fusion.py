@@ -60,7 +60,7 @@ def test_direct_position_is_the_rtk_position():
     assert innovation_n(fused.estimate.state, sample, lever_n) == pytest.approx(ZERO, abs=2e-6)
     turned = rotate(rotation_of(fused.estimate.state.q_nb), tuple(LEVER_B))
     moved_m = innovation_n(fused.estimate.state, sample, turned)
-    assert np.abs(moved_m).max() < 0.1  # the lever arm turned with the attitude that was kept
+    assert np.abs(moved_m).max() < 0.1  # the lever arm turned with the corrected attitude
 
 
 @pytest.mark.parametrize("before", [GOOD, (*GOOD, ZERO)])
@@ -86,8 +86,8 @@ def test_velocity_enters_with_its_floor():
     assert fused.estimate.state.velocity_n[0] == pytest.approx(3.475, abs=1e-9)
 
 
-def test_gps_error_takes_what_the_state_does_not():
-    """Where the position is known, a GPS position says what the receiver is off."""
+def test_gps_error_takes_the_part_that_the_position_does_not():
+    """If the position is certain, a GPS position shows the error of the receiver."""
     covariance = np.diag(np.r_[np.zeros(6), np.full(3, 1e-4), np.zeros(6), np.full(3, 4.0)])
     estimate = estimate_of(LEVEL, covariance=covariance)
     sample = antenna_fix(LEVEL, np.array([1.0, -2.0, 3.0]), Source.GPS_POSITION)
@@ -149,7 +149,7 @@ def test_position_comes_back_in_equal_steps():
     # Equal but for the noise's share, 1e-4 of the state's variance, five times.
     assert places[:5] == pytest.approx([0.16, 0.32, 0.48, 0.64, 0.8], abs=5 * 1e-3 * 0.8)
     assert places[5] == pytest.approx(0.8, abs=0.01)
-    # What is left to go is never more than the covariance says: 0.8 m was 0.8 sigma.
+    # The rest is never more than the covariance says: 0.8 m was 0.8 sigma.
     left = 0.8 - np.array(places)
     assert (left[:5] <= 1.01 * np.array(sigmas[:5])).all()
     assert sigmas == sorted(sigmas, reverse=True)
@@ -165,8 +165,8 @@ def test_position_that_was_used_lately_is_not_eased():
     assert result.estimate.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
 
 
-def test_covariance_of_an_eased_position_is_honest():
-    """Monte Carlo: error over sigma, at most one on the way and one at its end."""
+def test_covariance_of_an_eased_position_is_not_too_small():
+    """Monte Carlo: error over sigma is at most one while easing, and one at the end."""
     rng = np.random.default_rng(5)
     ratios = []
     for _ in range(300):
@@ -178,12 +178,12 @@ def test_covariance_of_an_eased_position_is_honest():
             left = truth - estimate.state.correction_n[0]
             ratios.append(left / math.sqrt(estimate.covariance[6, 6]))
     result = np.sqrt(np.mean(np.square(np.reshape(ratios, (-1, 6))), axis=0))
-    # 300 draws: 4 % one sigma. On the way it is on the safe side: each fix says more than it may.
+    # 300 draws: 4 % one sigma. While easing, sigma is too large: each fix has too little weight.
     assert (result < 1.16).all()
     assert result[5] == pytest.approx(1.0, abs=0.16)
 
 
-def test_float_positions_weigh_what_their_slow_error_leaves():
+def test_float_positions_weigh_as_their_slow_error_allows():
     """Monte Carlo over minutes: a Gauss-Markov error of the float, and the sigma after it.
 
     The state stands still with a random walk of its own, as an inertial position does.
@@ -252,7 +252,7 @@ def test_velocities_are_spare_while_rtk_s_are_used(rtk_s, spare):
     assert GpsVelocityAid(CONFIG).spare(sample, aids_used(rtk_s)) is spare
 
 
-def test_a_fix_that_is_none_is_not_used():
+def test_a_position_without_a_fix_is_not_used():
     estimate = StateEstimate(HOVER, np.eye(18), aids_used())
     result = Fusion(CONFIG).fuse(gps_fix(10.0, status=FixStatus.NONE), estimate, ZERO)
     assert (result.verdict.outcome, result.verdict.reason) == (Outcome.NOT_FIXED, "status none")
@@ -263,16 +263,14 @@ def test_a_fix_that_is_none_is_not_used():
     [
         (None, None, 1.0, 0.0, 0.0),
         (None, None, 0.1, 0.0, 0.0),
-        (None, None, 1.0, 9.0, 9.0),  # the first says all that it can
-        (None, 9.9, 1.0, 9.0, 9.0 * 900),  # 2 x 45 s over 0.1 s: what lasts does not average
+        (None, None, 1.0, 9.0, 9.0),  # the first position counts in full
+        (None, 9.9, 1.0, 9.0, 9.0 * 900),  # 2 x 45 s over 0.1 s: a lasting error
         (None, 5.0, 1.0, 9.0, 9.0 * 90),
         (9.0, 9.9, 1.0, 9.0, 9.0),  # its error is learned against RTK
     ],
 )
-def test_what_the_receiver_admits_beyond_its_slow_error_is_noise(
-    rtk_s, gps_s, share, more, beyond
-):
-    """Its variances less those that the state has, not below zero."""
+def test_reported_variance_beyond_the_slow_error_is_noise(rtk_s, gps_s, share, more, beyond):
+    """The noise is the reported variance less that of the state, not below zero."""
     gps = CONFIG.gps
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
     estimate = StateEstimate(HOVER, np.eye(18), aids_used(rtk_s, gps_s))
@@ -305,7 +303,7 @@ def test_learned_error_fades_with_time_alone(looked_at_s):
 
 
 def test_fading_does_not_depend_on_how_often_something_is_used():
-    """Twenty updates in between or none: the same estimate, if they say nothing of it."""
+    """Twenty updates in between or none give the same estimate, if they do not observe it."""
     covariance = np.diag(np.r_[np.full(15, 1e-6), np.full(3, 1.0)])
     fusion, estimate = Fusion(CONFIG), with_error(covariance)
     for k in range(1, 21):
@@ -335,8 +333,8 @@ def test_a_constant_height_above_the_geoid_is_learned():
     assert (np.abs(during.state / during.sigma)[keep, :3] < 4.0).all()
 
 
-def test_position_and_error_start_tied():
-    """A start from the GPS: what its position is off, its error is, negated."""
+def test_position_and_gps_error_start_correlated():
+    """After a start from GPS, the error of the position is the GPS error, negated."""
     flown = flight(44, 12.0)
     navigation = Navigation(config_for(flown, method="ekf"))
     for sample in navigation_samples(flown):

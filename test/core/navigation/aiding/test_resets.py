@@ -39,7 +39,7 @@ SHIFT_N = np.array([3.0, -4.0, 1.0])
 
 
 def correlated(states: int, seed: int = 3) -> np.ndarray:
-    """A covariance with ties between all states, small enough that jumps are refused."""
+    """A covariance with all states correlated, small enough that jumps are refused."""
     scales = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [1e-4] * 3, [5e-3] * 3, [0.5] * 3, [0.01]]
     root = np.random.default_rng(seed).normal(size=(states, 2 * states)) / math.sqrt(2 * states)
     root *= scales[:states, None]
@@ -76,7 +76,7 @@ def test_position_is_set_where_it_is_measured():
     assert verdicts[-1].reason == "position moved by 5.10 m"
     assert after.state.correction_n == pytest.approx(tuple(SHIFT_N), abs=1e-5)
     np.testing.assert_allclose(after.covariance[POSITION, POSITION], np.diag([1e-4, 1e-4, 4e-4]))
-    # Nothing else is touched: the other states, and what they know of each other.
+    # Nothing else is touched: the other states and their covariances.
     assert after.state.q_nb == pytest.approx(START.q_nb, abs=1e-15)
     assert after.state.velocity_n == START.velocity_n
     others = np.r_[0:6, 9:15]
@@ -84,7 +84,7 @@ def test_position_is_set_where_it_is_measured():
     np.testing.assert_array_equal(after.covariance[chosen], before.covariance[chosen])
     assert_covariance(after.covariance)
     assert after.aids.resets[0] == sum(after.aids.resets) == 1
-    # The ordinary GPS stands: its error was against the position that was wrong.
+    # The ordinary GPS did not move: its error was against the wrong position.
     result = after.aids.receivers.gps_error_n
     assert result == pytest.approx((0.5 - 3.0, -0.2 + 4.0, 2.0 - 1.0), abs=0.15)  # 2 s of 45 fade
 
@@ -96,7 +96,7 @@ def wandering(t_s):
 @pytest.mark.parametrize(
     ("make", "seconds"), [(lambda t_s: fix(t_s, SHIFT_N), 1.8), (wandering, 20.0)]
 )
-def test_short_runs_and_positions_that_do_not_agree_do_not_set_it(make, seconds):
+def test_short_runs_and_positions_that_disagree_do_not_set_the_position(make, seconds):
     verdicts, _, after = again_and_again(estimate_of(), make, seconds)
     assert {v.outcome for v in verdicts} == {Outcome.GATED}
     assert after.state is START
@@ -108,7 +108,7 @@ def off(t_s, source=Source.RTK_VELOCITY):
 
 
 def test_velocity_is_not_set_while_positions_fit():
-    """Positions that fit say that the velocity does too."""
+    """Positions that fit confirm the state's velocity, too."""
     estimate, fusion = estimate_of(), Fusion(CONFIG)
     for k in range(100):
         aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(0.2 * k)))
@@ -129,7 +129,7 @@ def by_gps(t_s):
     return fix(t_s, (0.0, 0.0, 60.0), Source.GPS_POSITION, FixStatus.SINGLE)
 
 
-def test_gps_reset_changes_its_error_and_says_nothing_of_the_position():
+def test_gps_reset_changes_its_error_and_not_the_position():
     """Position and GPS error together are measured, neither of them alone."""
     covariance = correlated(18)
     covariance[POSITION, POSITION] += 4.0 * np.eye(3)
@@ -158,7 +158,7 @@ def turned(config, degrees, estimate=None):
     """The estimates before and after the reset to headings that are off, and when it came."""
     fusion, estimate = Fusion(config), estimate_of() if estimate is None else estimate
     off_rad = float(euler_from_quat(np.array(START.q_nb))[2]) + math.radians(degrees)
-    # The autopilot has turned as well: it is the state that is wrong.
+    # The autopilot has turned as well, so the state is wrong.
     q_nb = quat_multiply(quat_from_euler(0.0, 0.0, math.radians(degrees)), np.array(START.q_nb))
     for k in range(400):
         t_s = 0.2 * k
@@ -181,7 +181,7 @@ def test_attitude_turns_about_the_vertical(degrees):
     left = math.remainder(yaw - was[2] - math.radians(degrees), 2 * math.pi)
     assert left == pytest.approx(0.0, abs=1e-12)
     assert after.covariance[2, 2] == pytest.approx(math.radians(0.6) ** 2)
-    # A start so wrong has spoiled what was estimated with it.
+    # After such a wrong start, tilt and biases were wrong, too.
     assert after.state.gyro_bias_b == after.state.accel_bias_b == ZERO
     turn_on = EkfConfig().imu.gyro_turn_on_bias
     assert after.covariance[9, 9] == pytest.approx(turn_on**2, rel=1e-3)

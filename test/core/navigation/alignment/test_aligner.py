@@ -1,4 +1,4 @@
-"""The first state: at rest and in motion, what serves where the best is missing, and doubts.
+"""The first state: at rest and in motion, with sources missing or in doubt.
 
 An alignment is not deceived by what is wrong for a while, nor held up by it for ever.
 """
@@ -51,7 +51,7 @@ def test_error_over_sigma_at_starts_in_motion(shape):
     assert (rms[:9] < 1.3).all()
 
 
-def test_the_covariance_is_that_of_the_errors_cross_terms_too():
+def test_the_covariance_is_that_of_the_errors_with_cross_terms():
     """NEES of all 15 states over 100 seeds, with biases unknown and known from before."""
     values = {"duration_s": 2.4, "route.shape": "figure_eight", "route.hover_s": 0.0}
     distances = []
@@ -108,7 +108,7 @@ def test_anywhere_at_any_rate(values, longest_s):
         ([*RTK, Source.GPS_VELOCITY], True),  # the longest window: 6 s
     ],
 )
-def test_what_serves_after_a_while_where_the_best_is_missing(missing, use_heading):
+def test_which_sources_replace_missing_ones_after_the_wait(missing, use_heading):
     flown = flight(6, 50.0, "figure_eight")
     for start_s in (0.0, 17.3):
         samples = samples_from(flown, start_s, missing)
@@ -118,7 +118,7 @@ def test_what_serves_after_a_while_where_the_best_is_missing(missing, use_headin
 
 
 def test_ordinary_gps_has_its_own_lever_arm():
-    """Each antenna a metre and more from the other, and no error but theirs."""
+    """The antennas are more than a metre apart, and there is no other error."""
     perfect = {
         "imu.noise_scale": 0.0,
         "gps.velocity_sigma_m_s": 0.0,
@@ -145,7 +145,7 @@ def test_without_antennas_the_autopilot_gives_the_heading_at_once():
 
 @pytest.mark.parametrize("q_nb", [None, np.zeros(4), np.full(4, math.nan)])
 @pytest.mark.parametrize("use_heading", [True, False])
-def test_velocity_is_no_heading(q_nb, use_heading):
+def test_velocity_gives_no_heading(q_nb, use_heading):
     """Neither antennas nor autopilot: no start, however long the flight and its courses."""
     flown = flight(4, 50.0, "figure_eight")
     samples = samples_from(flown, 5.0, [Source.RTK_HEADING])
@@ -153,7 +153,7 @@ def test_velocity_is_no_heading(q_nb, use_heading):
     result, aligner = aligned(samples, config_for(flown), use_heading=use_heading)
     assert result is None
     assert "orientation in imu/data" in aligner.reason
-    assert "velocity tells no heading while hovering" in aligner.reason
+    assert "velocity gives no heading while hovering" in aligner.reason
     assert ("rtk/heading" in aligner.reason) == use_heading
 
 
@@ -174,7 +174,7 @@ def test_what_is_missing_is_named(missing, length_s, reason):
     assert reason in aligner.reason
 
 
-def test_what_came_after_the_stamp_is_kept():
+def test_samples_after_the_stamp_are_kept():
     """Ordinary GPS comes at once, RTK 150 ms later: that is ahead of the window's end."""
     flown = fly(scenario_from({"duration_s": 3.0, "rtk.arrival_delay_s": 0.15}), 1)
     samples = samples_from(flown)
@@ -188,7 +188,7 @@ def test_what_came_after_the_stamp_is_kept():
 
 @pytest.mark.parametrize("before", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
 def test_headings_count_only_once_rtk_is_fixed_for_a_while(before):
-    """Headings 60 deg off until RTK is fixed, as a receiver gives them without: not used."""
+    """Headings that are 60 deg off until RTK is fixed are not used."""
     flown = flight(4, 50.0, "figure_eight")
     samples = samples_from(flown, 5.0)
     for source, change in (
@@ -213,7 +213,7 @@ def test_float_positions_do_not_average_to_nothing():
     assert (sigma_m < 0.3).all()
 
 
-def test_memory_is_bounded_and_forever_waiting_is_cheap():
+def test_memory_and_cost_are_bounded_while_waiting():
     flown = flight(4, 50.0, "figure_eight")
     aligner = Aligner(config_for(flown), use_heading=True)
     for sample in samples_from(flown, 0.0, [Source.RTK_POSITION, Source.GPS_POSITION], 40.0):
@@ -317,21 +317,21 @@ def test_one_wrong_measurement_does_no_harm(shape, kind, change, at_s):
     clean = samples_from(flown, 9.3)
     assert sum(a is not b for a, b in zip(samples, clean, strict=True)) == 1
     assert_right(flown, result)
-    assert duration_s(samples, result) < 3.0  # once it has left the window of 1 s
+    assert duration_s(samples, result) < 3.0  # once the wrong sample has left the window of 1 s
 
 
 @pytest.mark.parametrize(
     ("shape", "source", "change", "times_s", "earliest_s", "latest_s"),
     [
-        # Longer than the window, so that all headings in it agree: not with the autopilot.
+        # Longer than the window: all headings in it agree, but not with the autopilot.
         ("hover", Source.RTK_HEADING, turned(180.0), (0.0, 2.0), 2.0, 4.0),
-        # Never right, and doubted from the first window on: positions serve instead.
+        # Never right, and doubted from the first window on: positions are used instead.
         ("figure_eight", Source.RTK_VELOCITY, backwards, (), WAIT_S, WAIT_S + 3.0),
         ("figure_eight", Source.IMU, swung(roll_deg=20.0), (), WAIT_S, WAIT_S + 1.6),
         ("figure_eight", Source.IMU, swung(yaw_deg=15.0), (), WAIT_S, WAIT_S + 1.6),
     ],
 )
-def test_what_is_wrong_for_long_delays_but_does_not_block(
+def test_a_long_fault_delays_but_does_not_block(
     shape, source, change, times_s, earliest_s, latest_s
 ):
     flown, samples, result, _ = outcome(shape, source, change, *times_s)
@@ -342,9 +342,9 @@ def test_what_is_wrong_for_long_delays_but_does_not_block(
 @pytest.mark.parametrize(
     ("shape", "source", "change", "lasts_s", "reason"),
     [
-        ("figure_eight", Source.IMU, swung(roll_deg=20.0), 3.0, "tilt found and the orientation"),
+        ("figure_eight", Source.IMU, swung(roll_deg=20.0), 3.0, "tilt and the orientation in"),
         ("figure_eight", Source.IMU, swung(yaw_deg=15.0), 3.0, "rtk/heading and the orientation"),
-        # It is the antennas as likely as the compass: never waited out, a person must look.
+        # Antennas or compass may be wrong: this doubt does not end by itself, a person must look.
         *(
             ("figure_eight", Source.IMU, swung(yaw_deg=yaw_deg), 14.0, "aircraft.second_antenna_m")
             for yaw_deg in (25.0, -90.0, 180.0)
@@ -353,7 +353,7 @@ def test_what_is_wrong_for_long_delays_but_does_not_block(
         ("hover", Source.RTK_HEADING, every_other_turned, 4.0, "rtk/heading disagree"),
     ],
 )
-def test_what_contradicts_the_rest_is_refused_and_named(shape, source, change, lasts_s, reason):
+def test_a_contradicting_source_is_refused_and_named(shape, source, change, lasts_s, reason):
     flown = flight(7, 50.0, shape)
     samples = spoilt(samples_from(flown, 5.3, length_s=lasts_s), source, change)
     result, aligner = aligned(samples, config_for(flown))
@@ -361,8 +361,8 @@ def test_what_contradicts_the_rest_is_refused_and_named(shape, source, change, l
     assert reason in aligner.reason
 
 
-def test_a_fault_of_the_imu_is_not_called_a_lack_of_what_is_there():
-    """Of an aircraft without ordinary GPS, whose acceleration is in g, also after the wait."""
+def test_a_fault_of_the_imu_is_not_reported_as_a_missing_source():
+    """An aircraft without ordinary GPS, its acceleration in g; also after the wait."""
     flown = flight(4, 50.0, "hover")
     samples = samples_from(flown, 0.0, [Source.GPS_POSITION, Source.GPS_VELOCITY], 12.0)
     in_g = spoilt(
@@ -373,7 +373,7 @@ def test_a_fault_of_the_imu_is_not_called_a_lack_of_what_is_there():
     assert aligner.reason == "imu/data: a mean force of 1.0 m/s2 is not gravity"
 
 
-def test_one_glitch_of_the_autopilot_is_no_heading():
+def test_a_single_wrong_attitude_of_the_autopilot_is_not_used():
     """Method ekf: the last attitude before the window's end is 90 deg off."""
     flown, _, result, _ = outcome(
         "hover", Source.IMU, swung(yaw_deg=90.0), 0.995, 1.005, use_heading=False
@@ -400,7 +400,7 @@ def test_a_frozen_imu_does_not_align():
     samples = samples_from(flown, 0.0)
     first = samples[0]
     same = {"specific_force_b": first.specific_force_b, "angular_rate_b": first.angular_rate_b}
-    # It has lived for a moment: the same from the first sample on is a bench without noise.
+    # The sensor was live for a moment; constant from the first sample on, it would be a bench.
     frozen = spoilt(samples, Source.IMU, lambda s: replace(s, **same), 0.05, 4.0)
     early = [s for s in frozen if s.stamp_ns < first.stamp_ns + 4_000_000_000]
     result, aligner = aligned(early, config_for(flown))

@@ -1,4 +1,4 @@
-"""The fit of a window: its partials against differences, and what headings are worth."""
+"""The fit of a window: its partials against differences, and the weight of headings."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PERFECT = {
 
 @pytest.mark.parametrize("rate_hz", [100.0, 400.0])
 def test_perfect_measurements_give_the_state_back(rate_hz):
-    """Left over: the earth's rate and Coriolis, and the steps of the integration."""
+    """Not exact: earth rate and Coriolis are left out, and integration has steps."""
     flown = fly(scenario_from({**PERFECT, "imu.rate_hz": rate_hz, "duration_s": 24.0}), 1)
     for start_s in (0.0, 9.3, 20.3):
         result, _ = aligned(samples_from(flown, start_s), config_for(flown))
@@ -97,7 +97,7 @@ def test_whole_degrees_average_as_far_as_they_scatter(headings_deg, lasting_deg)
         assert math.degrees(math.sqrt(observation.white[0, 0])) == pytest.approx(0.6)
 
 
-def test_rounding_that_averages_is_as_large_as_said():
+def test_averaged_rounding_error_is_as_large_as_computed():
     """Means of five rounded readings of one direction, by how much the readings scatter."""
     rng = np.random.default_rng(3)
     ratios = []

@@ -1,4 +1,4 @@
-"""An IMU whose biases are far beyond the turn-on sigmas: noticed, and waited out."""
+"""An IMU whose biases are far beyond the turn-on sigmas: the alignment waits for motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KEYS = ("imu.gyro_turn_on_bias", "imu.accel_turn_on_bias")
 
 
 def estimates(count, truth_scale=1.0):
-    """Linear estimates of six biases, of which two are hardly seen, with their prior."""
+    """Linear estimates of six biases, two of them hardly observed, with their prior."""
     rng = np.random.default_rng(11)
     sigma = np.repeat([7e-3, 2e-2], 3)
     prior = Biases((0.0,) * 3, (0.0,) * 3, np.diag(sigma**2))
@@ -35,7 +35,7 @@ def estimates(count, truth_scale=1.0):
 
 
 def test_surprise_is_normal_where_the_prior_is_true():
-    """Two of the directions are not seen, and would make it smaller."""
+    """Two directions are not observed; counting them would make it smaller."""
     result = np.array([surprise(*estimate) for estimate in estimates(1000)])
     # Four sigma of a mean and of a standard deviation; the cube root is good to some hundredths.
     assert result.mean() == pytest.approx(0.0, abs=4 / np.sqrt(1000) + 0.03)
@@ -50,7 +50,7 @@ def test_biases_ten_times_the_prior_are_beyond_chance():
 
 
 def biased(samples, gyro_b, accel_b):
-    """Samples of an IMU with so much more bias."""
+    """Samples of an IMU with biases added."""
 
     def change(s):
         return ImuSample(
@@ -99,8 +99,8 @@ def test_larger_turn_on_sigmas_start_at_rest(resting):
     assert np.degrees(np.sqrt(result.covariance[0, 0])) > 2.0
 
 
-def test_what_a_flight_has_learned_starts_at_once(resting):
-    """Known biases, however large, are no surprise; such that have gone are."""
+def test_biases_learned_in_flight_allow_a_start_at_once(resting):
+    """Known biases are no surprise, however large; their disappearance is one."""
     samples = consumer(samples_from(resting))
     sigma = np.repeat([1e-3, 5e-3], 3)
     gyro, accel = GYRO_RAD_S * np.array([1, -1, 1]), ACCEL_M_S2 * np.array([-1, 1, 1])
@@ -116,7 +116,7 @@ def test_what_a_flight_has_learned_starts_at_once(resting):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("use_heading", [True, False])
-def test_a_turn_tells_biases_and_tilt_apart(use_heading):
+def test_a_turn_separates_biases_from_tilt(use_heading):
     flown = flight(5, 50.0, "figure_eight")
     samples = consumer(samples_from(flown, 8.3))
     result, _ = aligned(samples, config_for(flown), use_heading=use_heading)

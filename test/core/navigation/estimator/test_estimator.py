@@ -1,4 +1,4 @@
-"""The one door: verdicts on bad data, methods, the map's origin, clocks, publishing, the track."""
+"""The estimator: verdicts on bad data, methods, the map's origin, clocks, resets, the track."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_states_and_reasons():
         "rtk_position",
         "rtk_velocity",
         "rtk_heading",
-        "gps_position",  # looked at once a second while RTK is there
+        "gps_position",  # used once a second while RTK is used
     }
     assert status.resets == {}
     assert status.last_reset == ""
@@ -66,7 +66,7 @@ def test_silent_receiver_has_no_status():
 
 
 def test_a_bag_played_again_starts_again():
-    """Stamps that go back by more than a second: another run, so a new alignment."""
+    """Stamps that go back by more than a second mean another run, so a new alignment."""
     flown = flight(duration_s=DURATION_S)
     navigation = filtered(flown).navigation
     result = [navigation.process(s).solution for s in navigation_samples(flown)]
@@ -119,8 +119,8 @@ def raised(sample, metres):
     return replace(sample, height_m=sample.height_m + metres) if is_rtk(sample) else sample
 
 
-def test_a_wrong_start_is_noticed_and_mended():
-    """The alignment's fixes 50 m off: refused later, so reset."""
+def test_a_wrong_start_is_noticed_and_corrected():
+    """The alignment's fixes are 50 m off: later fixes are refused, and cause a reset."""
 
     def change(sample, t_s):
         return raised(sample, 50.0 if t_s <= 1.3 else 0.0)
@@ -139,7 +139,7 @@ def test_a_wrong_start_is_noticed_and_mended():
 
 @pytest.mark.parametrize(("gps", "patience_s"), [(False, 2.0), (True, 20.0)])
 def test_a_position_that_stays_away_is_followed_after_a_counted_reset(gps, patience_s):
-    """3 m down for good from 5 s on; ordinary GPS, which may err by that, gives it less credit."""
+    """3 m down for good from 5 s on; ordinary GPS, which may err as much, delays the reset."""
 
     dropped = without(*(() if gps else (Source.GPS_POSITION,)))
 
@@ -151,12 +151,12 @@ def test_a_position_that_stays_away_is_followed_after_a_counted_reset(gps, patie
     assert status.resets == {"rtk_position": 1}
     assert navigation.state_and_resets() == (status.state, 1)
     assert status.last_reset.startswith("position moved by 3.")
-    # Refusals at 5 Hz, the first at 5.2 s; the one after so long sets the state.
+    # Refusals at 5 Hz, the first at 5.2 s; the first one after the patience sets the state.
     assert status.counts["rtk_position", "gated"] == round(5 * patience_s)
     before = (result.t_s > 5.4) & (result.t_s < 5.2 + patience_s)
-    # What the receiver says of motion is taken, so the state has held: five of 2 cm.
+    # The receiver's motion is used, so the state stays right: five sigma of 2 cm.
     assert np.abs(result.state[before, 2]).max() < 0.1
-    assert (result.sigma[before, 2] > 2.9).all()  # but it says that it may be 3 m elsewhere
+    assert (result.sigma[before, 2] > 2.9).all()  # but its sigma covers the 3 m
     assert result.after(5.5 + patience_s).state[:, 2] == pytest.approx(3.0, abs=0.1)
 
 
@@ -185,20 +185,20 @@ def test_a_position_that_jumps_is_not_followed(duration_s, change, said, most_m)
     assert np.abs(result.after(3.0).state[:, 2]).max() < most_m
 
 
-def test_every_verdict_is_heard_also_those_on_samples_that_were_held():
-    """Each fix comes before the IMU's sample of its time, so that its own answer says: held."""
+def test_every_verdict_is_reported_also_those_on_samples_that_were_held():
+    """Each fix comes before the IMU sample of its time, so its first verdict is WAITING."""
     flown = flight(duration_s=DURATION_S)
-    heard = []
-    navigation = Navigation(config_for(flown), heard.append)
+    verdicts = []
+    navigation = Navigation(config_for(flown), verdicts.append)
     samples = sorted(navigation_samples(flown), key=lambda s: s.stamp_ns - 10**7 * is_rtk(s))
     answered = [navigation.process(sample).verdict for sample in samples]
-    counts = Counter((v.source.value, v.outcome.value) for v in heard)
+    counts = Counter((v.source.value, v.outcome.value) for v in verdicts)
     reports = dict(navigation.status().counts)
     assert reports.pop(("imu", "used")) > 0
     assert counts == reports
     assert counts["rtk_position", "used"] > counts["rtk_position", "gated"] == 0
     assert not any(v.used for v in answered if v.source is Source.RTK_POSITION)
-    fixes = [v for v in heard if v.used and v.source is Source.RTK_POSITION]
+    fixes = [v for v in verdicts if v.used and v.source is Source.RTK_POSITION]
     assert all(len(v.innovation) == 3 for v in fixes)
 
 
@@ -225,7 +225,7 @@ def test_points_are_a_metre_apart_and_the_last_is_the_aircraft():
     assert len(track.points()) == 6
 
 
-def test_a_long_flight_stays_whole_in_few_points():
+def test_the_track_of_a_long_flight_is_whole_in_few_points():
     track = track_of_norths()
     longest = 0
     for k in range(5000):

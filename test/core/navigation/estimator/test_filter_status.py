@@ -1,4 +1,4 @@
-"""The filter's start and state: by stamps alone, from what the aids did; lost, and mean NIS."""
+"""The filter's start by stamps, its state from the records of the aids, LOST, and mean NIS."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def health(**values):
 
 
 def aids_used(*sources, status=FixStatus.FIXED, age_ns=0):
-    """These were used just now, or ``age_ns`` ago."""
+    """The records after these sources were used ``age_ns`` ago."""
     aids = used_at(dict.fromkeys(sources, NOW_NS - age_ns))
     return aids.with_status(status, NOW_NS - age_ns, TIMEOUT_NS)
 
@@ -65,11 +65,11 @@ ALL_MISSING = "no rtk/fix, rtk/vel, rtk/heading, gps/fix"
         ),
     ],
 )
-def test_state_names_what_is_missing(aids, state, reason):
+def test_state_names_missing_aids(aids, state, reason):
     assert health().state(aids, NOW_NS) == (state, reason)
 
 
-def test_what_comes_and_is_refused_is_said_to_be_refused():
+def test_an_aid_that_is_refused_is_not_reported_as_missing():
     gated = Verdict(Source.RTK_HEADING, Outcome.GATED, "90 deg off; antennas swapped?")
     poor = Verdict(Source.RTK_VELOCITY, Outcome.NOT_FIXED, "status single")
     log = VerdictLog()
@@ -99,15 +99,15 @@ COVARIANCE = np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * 9) ** 2
         *((place, 10.1, "position sigma 10.1 m") for place in (6, 7, 8)),
         (2, math.radians(9.99), ""),
         (2, math.radians(10.01), "heading sigma 10.0 deg"),
-        *((place, bad, "not finite") for place in range(18) for bad in (math.nan, math.inf)),
-        *((place, 1e-9j, "a negative variance") for place in range(18)),
+        *((n, bad, "covariance not finite") for n in range(18) for bad in (math.nan, math.inf)),
+        *((place, 1e-9j, "covariance with a negative variance") for place in range(18)),
     ],
 )
 def test_lost_beyond_the_sigmas(place, sigma, why):
     covariance = COVARIANCE.copy()
     covariance[place, place] = (sigma**2).real
     assert health().lost(aids_used(*RTK), covariance) == why
-    spoiled = why in {"not finite", "a negative variance"}
+    spoiled = "covariance" in why
     assert health().spoiled(aids_used(*RTK), covariance) is spoiled
 
 
@@ -120,23 +120,23 @@ def test_lost_after_resets_that_do_not_help():
     assert health().spoiled(aids, COVARIANCE)
 
 
-# What a receiver admits
+# The accuracy that a receiver reports
 
 
 def fix(variances, source=Source.GPS_POSITION, status=FixStatus.SINGLE):
     return PositionSample(NOW_NS, source, status, 0.7, 2.0, 20.0, np.diag(variances))
 
 
-def test_bounds_and_words_of_what_is_admitted():
-    admitted = health()
-    assert admitted.bounds_m2() == [100.0] * 3
-    admitted.hear(fix((0.0, 0.0, 0.0)))
-    admitted.hear(fix((1e4,) * 3, status=FixStatus.NONE))
-    assert (admitted.bounds_m2(), admitted.poor_gps()) == ([100.0] * 3, "")
-    admitted.hear(fix((400.0, 25.0, 1e4)))
-    admitted.hear(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
-    assert admitted.bounds_m2() == pytest.approx([900.0, 100.0, 22500.0])
-    assert admitted.poor_gps() == "gps/fix has a sigma of 20 m, 100 m in height"
+def test_bounds_and_text_of_the_reported_accuracy():
+    reported = health()
+    assert reported.bounds_m2() == [100.0] * 3
+    reported.take_position(fix((0.0, 0.0, 0.0)))
+    reported.take_position(fix((1e4,) * 3, status=FixStatus.NONE))
+    assert (reported.bounds_m2(), reported.poor_gps()) == ([100.0] * 3, "")
+    reported.take_position(fix((400.0, 25.0, 1e4)))
+    reported.take_position(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
+    assert reported.bounds_m2() == pytest.approx([900.0, 100.0, 22500.0])
+    assert reported.poor_gps() == "gps/fix has a sigma of 20 m, 100 m in height"
 
 
 # Counts and innovations
@@ -155,17 +155,17 @@ def test_the_mean_is_that_of_half_a_minute():
     assert log.nis(now_ns) == {"rtk_velocity": pytest.approx(1.0)}
     log, now_ns = filled([9.0] * 225 + [1.0] * 76)
     assert log.nis(now_ns)["rtk_velocity"] == pytest.approx((75 * 9 + 76) / 151)
-    for number in (19, 20):  # few say nothing
+    for number in (19, 20):  # fewer than 20 are not reported
         log, now_ns = filled([9.0] * number)
         assert bool(log.nis(now_ns)) is bool(list(log.warnings(now_ns))) is (number == 20)
 
 
-def test_what_is_high_is_named_with_what_to_look_at():
+def test_a_high_nis_is_named_with_the_parameters_to_check():
     log, now_ns = filled([4.1] * 100)
     (reports,) = log.warnings(now_ns)
     assert reports.startswith("rtk/vel: innovations are 2.0 times their sigma over 30 s: look at ")
     assert "rtk.velocity_delay_s" in reports
-    assert ";" not in reports  # which parts warnings in diagnostics
+    assert ";" not in reports  # it separates warnings in diagnostics
     assert not list(filled([3.9] * 100)[0].warnings(now_ns))
     assert not list(log.warnings(now_ns + 31 * SECOND_NS))  # silent since
 
@@ -214,8 +214,8 @@ def imu(stamp_ns):
     return ImuSample(stamp_ns, np.array([0.0, 0.0, -9.8]), np.zeros(3))
 
 
-def held_up(rng, samples, longest_s):
-    """In the order of arrival over links that halt now and then; none overtakes its own kind."""
+def delayed(rng, samples, longest_s):
+    """In the order of arrival over links that halt at times; each source keeps its order."""
     free_ns, arrival = {}, []
     for sample in samples:
         link = getattr(sample, "source", type(sample))
@@ -242,13 +242,13 @@ def test_the_start_does_not_depend_on_arrival(method):
     samples = [s for s in samples if isinstance(s, ImuSample) or s.stamp_ns < last_ns]
     first, estimate = started(flown, samples, method)
     for seed in range(5):
-        disturbed = held_up(np.random.default_rng(seed), samples, 0.45)  # max_delay_s is 0.5
+        disturbed = delayed(np.random.default_rng(seed), samples, 0.45)  # max_delay_s is 0.5
         assert disturbed != samples
-        other, other_belief = started(flown, disturbed, method)
-        assert abs(other.stamp_ns - first.stamp_ns) <= 0.5 * S  # when the IMU is heard again
-        np.testing.assert_allclose(other_belief.state.q_nb, estimate.state.q_nb, atol=1e-12)
+        other, other_estimate = started(flown, disturbed, method)
+        assert abs(other.stamp_ns - first.stamp_ns) <= 0.5 * S  # when the IMU's samples come again
+        np.testing.assert_allclose(other_estimate.state.q_nb, estimate.state.q_nb, atol=1e-12)
         np.testing.assert_allclose(
-            other_belief.covariance, estimate.covariance, rtol=1e-6, atol=1e-15
+            other_estimate.covariance, estimate.covariance, rtol=1e-6, atol=1e-15
         )
 
 
@@ -269,7 +269,7 @@ def test_a_flood_of_aids_without_an_imu_stays_bounded_and_is_named():
     order, source = StampOrder(0.5, 0.7, 7.5), Source.RTK_POSITION
     for k in range(10_000):
         order.add(position(10**12 - (k % 3) * k * 10**6))
-    many = Verdict(source, Outcome.TOO_MANY, "120 newer ones wait for imu/data")  # 100 a second
+    many = Verdict(source, Outcome.TOO_MANY, "120 newer samples wait for imu/data")  # 100 a second
     assert list(map(str, order.given_up())) == [str(many)] * (10_000 - 120)
     order.add(imu(10**11))
     assert {(v.source, v.outcome) for v in order.given_up()} == {
@@ -289,11 +289,11 @@ def test_a_flood_beside_an_imu_stays_bounded_and_takes_nothing_from_the_others()
         order.add(replace(position(S), stamp_ns=S + k * 10_000))
         order.add(imu(S + k * 1_000))
     reports = Counter(verdict.source for verdict in order.given_up())
-    held = order.pop_until()
-    assert velocity in held
+    samples = order.pop_until()
+    assert velocity in samples
     assert reports[Source.RTK_POSITION] == 10_000 - 120
     assert reports[Source.IMU] == 10_001 - 1200
-    assert len(held) == 120 + 1200 + 1
+    assert len(samples) == 120 + 1200 + 1
 
 
 @pytest.mark.parametrize("flown_s", [0.0, 5.0])
@@ -306,7 +306,7 @@ def test_receivers_that_run_on_while_the_imu_stands_still_are_counted(flown_s):
     for sample in samples:
         if sample.stamp_ns < until_ns:
             navigation.process(sample)
-    for k in range(2000):  # at 10 kHz, each another
+    for k in range(2000):  # at 10 kHz, each with another height
         fix = replace(position(until_ns + k * 100_000), height_m=20 + 1e-3 * k)
         navigation.process(fix)
     assert (navigation._ekf is not None) is (flown_s > 0)

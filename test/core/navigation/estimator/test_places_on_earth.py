@@ -46,25 +46,25 @@ def config_at(place, **values):
 
 
 @functools.lru_cache(maxsize=16)
-def found_at(place):
+def solutions_at(place):
     return solutions(flown_at(place), config_at(place))
 
 
 def errors_at(place):
-    return errors(flown_at(place), found_at(place)).after(SETTLED_S)
+    return errors(flown_at(place), solutions_at(place)).after(SETTLED_S)
 
 
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_errors_are_small(place):
-    """What is asked of the filter after any fault is asked without one, too."""
+    """The limits are those that the filter keeps after a fault."""
     late = errors_at(place)
-    assert max(abs(s.longitude_rad) for s in found_at(place)) <= math.pi
+    assert max(abs(s.longitude_rad) for s in solutions_at(place)) <= math.pi
     assert np.abs(np.degrees(late.rpy)).max() < 0.3
     assert np.abs(late.state[:, :3]).max() < 0.05
 
 
 def test_longitudes_beyond_180_degrees_are_the_same_places():
-    """Some receivers count to 360 degrees."""
+    """Some receivers give longitudes from 0 to 360 degrees."""
     place = PLACES["antimeridian, eastwards"]
     flown = flown_at(place)
     moved = [

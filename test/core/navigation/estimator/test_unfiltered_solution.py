@@ -1,4 +1,4 @@
-"""The baselines: lever arm, velocity, ages, and what they say when something is missing."""
+"""The baselines: lever arm, velocity, ages, and the reason given when something is missing."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ def velocity(age_ns=0, source=RTK[1], covariance=COVARIANCE, v=(3.0, -2.0, 1.0))
 
 
 def fed(*samples, source=RTK[0]):
-    made = UnfilteredSolution(CONFIG, source)
+    result = UnfilteredSolution(CONFIG, source)
     for sample in samples:
-        made.add_imu(sample) if isinstance(sample, ImuSample) else made.add_aiding(sample)
-    return made
+        result.add_imu(sample) if isinstance(sample, ImuSample) else result.add_aiding(sample)
+    return result
 
 
 def place_n(solution, plane=PLANE):
@@ -92,7 +92,7 @@ def test_position_is_carried_to_the_imu_s_time(age_s):
     np.testing.assert_array_equal(solution.velocity_n, [3, -2, 1])
 
 
-def test_old_velocity_is_as_none():
+def test_an_old_velocity_is_not_used():
     solution = fed(position(SECOND_NS // 2), velocity(SECOND_NS + 1), imu()).solution()
     np.testing.assert_array_equal(solution.velocity_n, 0)
     np.testing.assert_array_equal(solution.covariance[6:, 6:], np.eye(3))
@@ -109,26 +109,26 @@ def test_longitude_goes_on_behind_the_date_line():
 
 
 @receivers
-@pytest.mark.parametrize("told", [COVARIANCE, 0.0 * np.eye(3), -1.0 * np.eye(3)])
-def test_covariance_of_a_message_is_taken_or_has_a_default(receiver, told):
-    known = told is COVARIANCE
+@pytest.mark.parametrize("reported", [COVARIANCE, 0.0 * np.eye(3), -1.0 * np.eye(3)])
+def test_covariance_of_a_message_is_taken_or_has_a_default(receiver, reported):
+    is_known = reported is COVARIANCE
     source, other = receiver
-    samples = position(0, source, told), velocity(0, other, told)
+    samples = position(0, source, reported), velocity(0, other, reported)
     result = fed(imu(), *samples, source=source).solution().covariance
-    np.testing.assert_allclose(result[:3, :3], told if known else DEFAULTS[receiver])
+    np.testing.assert_allclose(result[:3, :3], reported if is_known else DEFAULTS[receiver])
     attitude = np.radians(CONFIG.autopilot.attitude_sigma_deg) ** 2
     np.testing.assert_allclose(np.diag(result)[3:6], attitude)
-    np.testing.assert_array_equal(result[6:, 6:], told if known else np.eye(3))
+    np.testing.assert_array_equal(result[6:, 6:], reported if is_known else np.eye(3))
 
 
 @pytest.mark.parametrize("q", [None, np.zeros(4), np.full(4, math.nan), np.ones(4)])
-def test_missing_attitude_is_said(q):
-    made = fed(position())
+def test_a_missing_attitude_is_reported(q):
+    estimator = fed(position())
     for _ in range(2):  # without an IMU sample, and with one that has no attitude
-        assert made.reason == "imu/data has no orientation"
-        assert made.solution() is None
-        assert made.add_imu(imu(q)) == (Outcome.INVALID, "no orientation")
-    assert made.add_imu(imu()) == (Outcome.USED, "")
+        assert estimator.reason == "imu/data has no orientation"
+        assert estimator.solution() is None
+        assert estimator.add_imu(imu(q)) == (Outcome.INVALID, "no orientation")
+    assert estimator.add_imu(imu()) == (Outcome.USED, "")
 
 
 @receivers
@@ -136,16 +136,16 @@ def test_missing_attitude_is_said(q):
 def test_age_of_the_position(receiver, age_ns, good):
     source = receiver[0]
     for sign in (1, -1):
-        made = fed(position(sign * age_ns, source), imu(), source=source)
-        assert (made.solution() is not None) is good
-        assert made.reason == ("" if good else f"no {source.topic} within 1 s")
+        estimator = fed(position(sign * age_ns, source), imu(), source=source)
+        assert (estimator.solution() is not None) is good
+        assert estimator.reason == ("" if good else f"no {source.topic} within 1 s")
 
 
 @receivers
 def test_only_the_chosen_receiver_is_used(receiver):
-    made = UnfilteredSolution(CONFIG, receiver[0])
+    estimator = UnfilteredSolution(CONFIG, receiver[0])
     samples = [position(source=s[0]) for s in (RTK, GPS)] + [velocity(source=RTK[1])]
     for sample in (*samples, velocity(source=GPS[1]), HeadingSample(NOW_NS, 0.0, 1e-4)):
-        verdict = made.add_aiding(sample)
+        verdict = estimator.add_aiding(sample)
         expected = Outcome.USED if sample.source in receiver else Outcome.UNUSED
         assert (verdict.source, verdict.outcome) == (sample.source, expected)

@@ -1,4 +1,4 @@
-"""Flights without RTK: they start on ordinary GPS and stay, whatever its receiver admits."""
+"""Flights without RTK start on ordinary GPS and go on, whatever accuracy it reports."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 
 def poor(sigma_m=None, begin_s=1e9, end_s=1e9):
-    """No RTK, and no GPS in between; ``sigma_m`` (3,) in every gps/fix, zeros as of none told."""
+    """No RTK, and no GPS in between; ``sigma_m`` (3,) in every gps/fix, zeros if unknown."""
     silent = without(*GPS, begin_s=begin_s, end_s=end_s)
 
     def change(sample, t_s):
@@ -59,11 +59,11 @@ def test_it_starts_after_its_wait_and_stays_degraded(method, sigma_m, said):
     assert (late.sigma[:, :3] > 0.5 * np.array(EkfConfig().gps.position_sigma_m)).all()
     assert (np.abs(late.state[:, :2]) < 5.0).all()  # four of the receiver's true 1.28 m
     if sigma_m and sigma_m[2] >= 30:
-        assert late.sigma[-1, 2] > 0.5 * sigma_m[2]  # what lasts is not averaged away
+        assert late.sigma[-1, 2] > 0.5 * sigma_m[2]  # a lasting error does not average out
 
 
 def test_it_outlasts_a_silence_of_a_poor_receiver():
-    """Five seconds on velocities alone: dead reckoning, not lost; what was poor is so still."""
+    """Five seconds on velocities alone: dead reckoning, not lost; a poor GPS is still poor."""
     change = poor((0.9, 1.3, 100.0), 20.0, 25.0)
     states = filtered(flight(44, 40.0), change, watched=True, method="ekf").states
     observed = Counter(state for _, state in states)
@@ -73,7 +73,7 @@ def test_it_outlasts_a_silence_of_a_poor_receiver():
 
 
 @pytest.mark.slow
-def test_the_autopilots_heading_serves_where_nothing_holds_it():
+def test_the_autopilots_heading_is_used_where_nothing_else_gives_one():
     """Hovering in still air for three minutes: poses all the time, within their sigma."""
     calm = {"wind.gust_m_s": 0.0, "wind.mean_m_s": [0.0, 0.0], "route.hold_error_m": 0.0}
     values = calm | {"duration_s": 180.0, "route.hover_s": 180.0}
@@ -84,8 +84,8 @@ def test_the_autopilots_heading_serves_where_nothing_holds_it():
     late = result.after(10.0)
     sigma_deg = np.degrees(late.sigma[:, 5])
     limit_deg = 3 * EkfConfig().autopilot.attitude_sigma_deg[2]
-    assert (sigma_deg < 1.1 * limit_deg).all()  # it is looked at ten times a second
-    # Three sigmas of the autopilot in the state, one in its own word: three of both.
+    assert (sigma_deg < 1.1 * limit_deg).all()  # the heading is checked ten times a second
+    # Three sigmas of the autopilot in the state, one in its own heading: three of both.
     assert (np.abs(np.degrees(late.rpy[:, 2])) < 3 * limit_deg).all()
 
 
@@ -107,9 +107,7 @@ def uncertain(heading_sigma_deg):
         (9.0, 180.0, Outcome.GATED),
     ],
 )
-def test_it_is_taken_where_it_tells_more_and_refused_where_it_contradicts(
-    sigma_deg, off_deg, outcome
-):
+def test_it_is_used_if_more_certain_and_refused_if_it_contradicts(sigma_deg, off_deg, outcome):
     variance = math.radians(1.8) ** 2
     sample = AutopilotHeading(SECOND_NS, math.radians(30.0 + off_deg), variance)
     config = EkfConfig()
@@ -120,7 +118,7 @@ def test_it_is_taken_where_it_tells_more_and_refused_where_it_contradicts(
         assert after.covariance[2, 2] == pytest.approx(expected, rel=1e-6)
 
 
-def test_it_is_offered_once_a_second():
+def test_the_autopilots_heading_is_taken_once_a_second():
     headings = AutopilotHeadingAid(EkfConfig())
     covariance = uncertain(6.0).covariance
     q_nb = quat_from_euler(0.1, -0.2, math.radians(-50.0))

@@ -106,7 +106,7 @@ def test_gauss_markov_errors_keep_their_standard_deviation(config):
     sigmas[9:12], sigmas[12:15] = IMU.gyro_bias_instability, IMU.accel_bias_instability
     sigmas[GPS_ERROR] = config.gps.position_sigma_m
     if has_antenna(states):
-        sigmas[ANTENNA] = 0.1, 0.2, 0.3  # a place stays as unknown as it is
+        sigmas[ANTENNA] = 0.1, 0.2, 0.3  # the variance of a constant stays
     covariance = np.diag(sigmas**2)
     state = state_of(0.7, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0))
     propagation = CovariancePropagation(config)
@@ -160,8 +160,8 @@ def test_covariance_stays_symmetric_and_positive(seed):
     assert np.linalg.eigvalsh(scaled).min() > -1e-9 * np.linalg.eigvalsh(scaled).max()
 
 
-def test_propagation_gives_what_it_gave_whatever_came_between():
-    """Its workspace carries nothing from one call to the next."""
+def test_propagation_does_not_depend_on_earlier_calls():
+    """The work arrays carry nothing from one call to the next."""
     state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
     other = state_of(-0.9, -0.4, 0.3, -2.0, (-8.0, 5.0, 1.0))
     _, rates = propagate(state, (0.5, 0.3, -9.7), (0.2, 0.1, -0.4), 0.04)
@@ -172,5 +172,5 @@ def test_propagation_gives_what_it_gave_whatever_came_between():
     propagation.step(covariance, other, other_rates, other_rates.specific_force_n, 0.01)
     again = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
     assert np.array_equal(again, kept)
-    assert np.array_equal(first, kept)  # nor is what was given out written over
+    assert np.array_equal(first, kept)  # an earlier result is not overwritten, either
     assert np.array_equal(covariance, np.eye(18))

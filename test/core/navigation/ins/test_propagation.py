@@ -66,7 +66,7 @@ def propagated_through(epochs):
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 400])
-def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
+def test_covariance_at_its_lower_rate_is_that_of_small_steps(rate_hz):
     """Two seconds of turns, against a covariance that follows at 400 Hz."""
     stamps = np.arange(0, 2.0 + 1e-9, 1 / rate_hz)
     result = propagated_through(epochs_of(stamps))
@@ -86,7 +86,7 @@ def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
 
 @pytest.mark.parametrize("cuts_s", [(0.004,), (0.001, 0.0035, 0.0081), (0.01,)])
 def test_parts_of_an_interval_are_the_whole(cuts_s):
-    """Readings are linear in between, so the way does not matter to second order."""
+    """Readings are linear in between, so the cuts do not matter to second order."""
     epochs = epochs_of([0.0, 0.01])
     mechanisation = Propagation(CONFIG)
     start, end = epochs
@@ -105,7 +105,7 @@ def test_parts_of_an_interval_are_the_whole(cuts_s):
 
 
 @pytest.mark.parametrize(("gap_s", "bridged"), [(0.02, False), (0.035, False), (0.04, True)])
-def test_lost_samples_make_less_certain(gap_s, bridged):
+def test_lost_samples_enlarge_the_covariance(gap_s, bridged):
     """One sample of a 50 Hz IMU with jitter is not a loss, two are."""
     result = propagated_through(epochs_of([0.0, gap_s]))
     plain = np.diag(estimate().covariance)[:3]
@@ -128,7 +128,7 @@ def flown(rng, seconds, rate_hz=400):
 
 @pytest.mark.parametrize("gap_s", [0.06, 0.12, 0.2])
 def test_monte_carlo_of_lost_samples(gap_s):
-    """What the bridge adds covers the errors that it makes: error over sigma at most one."""
+    """The added variance covers the errors of bridging: error over sigma is at most one."""
     rng = np.random.default_rng(9)
     ratios = []
     for _ in range(60):
@@ -149,7 +149,7 @@ def test_monte_carlo_of_lost_samples(gap_s):
 
 
 def test_a_gap_covers_a_clock_that_was_set_forward():
-    """Nothing was lost, 0.15 s never were: the state is too far on, and says that it may be."""
+    """0.15 s never happened, so the state is too far ahead; its covariance covers that."""
     readings = np.array([0.5, 0, -9.8]), np.zeros(3)
     result = propagated_through(epochs_of([0.0, 0.15], lambda _: readings))
     moved_m = 0.15 * math.hypot(*START.velocity_n)
@@ -189,7 +189,7 @@ def test_white_noise_is_measured_whatever_the_rate(rate_hz):
     )
 
 
-def test_motion_is_no_noise():
+def test_motion_does_not_count_as_noise():
     """A roll of 30 deg in half a second and a push of 5 m/s2 beside the shipped densities."""
     t_s = np.arange(0, 6, 1 / RATE_HZ)
     turn = np.outer(np.sin(2 * np.pi * t_s), [1.0, 0.5, 0.6])
@@ -200,7 +200,7 @@ def test_motion_is_no_noise():
     assert np.all(result[3:] * imu.accel_vibration_share < imu.velocity_random_walk)
 
 
-def test_calm_is_believed_again_after_some_seconds():
+def test_densities_fall_again_after_some_seconds_of_calm():
     meter = VibrationMeter()
     shaken = measured(*white(6.0, 3), meter=meter)
     calm = measured(np.zeros((900, 3)), np.zeros((900, 3)), meter=meter)
@@ -208,7 +208,7 @@ def test_calm_is_believed_again_after_some_seconds():
     assert calm == pytest.approx(shaken * np.exp(-1.5), rel=0.15)
 
 
-def test_a_step_across_lost_samples_is_left_out():
+def test_differences_across_lost_samples_are_left_out():
     meter = VibrationMeter()
     for k in range(50):
         before = meter.add(0.01, (0.0, 0.0, 0.1 * (k % 2)), (0.0, 0.0, 0.0))
@@ -281,7 +281,7 @@ def test_ratio_is_the_squared_distance_over_the_limit(seed, size, gate_sigma):
 
 @given(seeds, sizes, st.floats(0.1, 10))
 def test_ease_is_more_noise_behind_the_same_gate(seed, size, ease):
-    """Noise larger by k H P H': of what is asked for, 1 / (k + 1) at the most."""
+    """Noise larger by k H P H': at most 1 / (k + 1) of the innovation is corrected."""
     covariance, plain = problem(seed, size)
     predicted = plain.design @ covariance @ plain.design.T
     eased = update(covariance, plain._replace(ease=ease))

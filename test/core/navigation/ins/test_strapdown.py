@@ -80,7 +80,7 @@ def test_flight_along_a_parallel(east, lat, lon):
 # Free fall
 
 
-def test_free_fall_and_its_way_east():
+def test_free_fall_and_its_eastward_deflection():
     """Height g t^2 / 2; east omega g t^3 cos(lat) / 3, the classic deflection."""
     start, seconds = state_at(0.7, 2.0, 500.0), 4.0
     end = run(start, ZERO, ZERO, seconds, step_s=0.001)
@@ -99,7 +99,7 @@ def test_free_fall_and_its_way_east():
 
 @given(vectors, vectors)
 def test_attitude_of_a_constant_rate_is_its_exponential(rate_b, gyro_bias):
-    """In one long step or in a hundred; the frame's own turn is put on top of the rate."""
+    """In one long step or in a hundred; the turn of the frame is added to the rate."""
     start = state_at(0.7, 2.0, 30.0, euler=(0.3, -0.2, 0.1))
     start = start._replace(gyro_bias_b=tuple(gyro_bias))
     read = tuple((np.array(rate_b) + gyro_bias).tolist())

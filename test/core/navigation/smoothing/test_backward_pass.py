@@ -29,7 +29,7 @@ class LinearFilter:
         self.estimates = [self.estimate]
         self.mean, self.joint = self.estimate.copy(), self.covariance.copy()
         self.places = [0]  # where in the joint vector the state after each change begins
-        self.seen = []  # place, H, R, value
+        self.measurements = []  # place, H, R, value
 
     def changed(self, change):
         self.covariance = change.covariance
@@ -59,7 +59,7 @@ class LinearFilter:
         value = self.rng.normal(size=rows)
         innovation = value - design @ self.estimate
         result = update(self.covariance, Measurement(innovation, design, noise, NO_GATE, ease))
-        self.seen.append((self.places[-1], design, noise + ease * result.predicted, value))
+        self.measurements.append((self.places[-1], design, noise + ease * result.predicted, value))
         self.places.append(self.places[-1])
         self.estimate = self.estimate + result.error
         self.changed(Change(result.covariance, correction=result.correction))
@@ -79,14 +79,14 @@ class LinearFilter:
 
     def conditioned(self):
         """Means (changes, n) and covariances (changes, n, n), given every measurement."""
-        rows = sum(len(value) for *_, value in self.seen)
+        rows = sum(len(value) for *_, value in self.measurements)
         design, noise = np.zeros((rows, len(self.mean))), np.zeros((rows, rows))
         at = 0
-        for place, h, r, value in self.seen:
+        for place, h, r, value in self.measurements:
             design[at : at + len(value), place : place + STATES] = h
             noise[at : at + len(value), at : at + len(value)] = r
             at += len(value)
-        values = np.concatenate([value for *_, value in self.seen])
+        values = np.concatenate([value for *_, value in self.measurements])
         gain = np.linalg.solve(design @ self.joint @ design.T + noise, design @ self.joint).T
         mean = self.mean + gain @ (values - design @ self.mean)
         joint = self.joint - gain @ design @ self.joint
@@ -118,7 +118,7 @@ def square(record, lower):
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("block", [4096, 7])
-def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
+def test_the_smoother_gives_mean_and_covariance_under_all_measurements(seed, block, monkeypatch):
     monkeypatch.setattr(smoothed_navigation, "_BLOCK", block)
     result = flown(seed)
     mean, covariance = result.conditioned()
@@ -126,14 +126,14 @@ def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monke
     np.testing.assert_allclose(result.estimates + errors, mean, atol=TOLERANCE)
     smoothed = square(result.record, result.record.covariances)
     np.testing.assert_allclose(smoothed, covariance, atol=TOLERANCE)
-    # The last is that of the filter, of whose covariance one half is stored.
+    # The last one is the filter's, of whose covariance one triangle is stored.
     assert (errors[-1] == 0).all()
     np.testing.assert_allclose(smoothed[-1], result.covariance, atol=1e-15)
 
 
 @pytest.mark.parametrize("variance", [np.nan, -1e-9])
-def test_an_impossible_covariance_stays_out(variance):
-    """Where a filter is lost, the record up to there is smoothed as if it ended there."""
+def test_an_impossible_covariance_is_left_out(variance):
+    """The record of a lost filter is smoothed as if it ended where the filter was lost."""
     sound, lost = flown(1), flown(1)
     nothing = np.full((STATES, STATES), variance)
     lost.record.add(Change(nothing, nothing))

@@ -24,7 +24,7 @@ SILENT = (*RTK, *GPS)
 
 
 def changed(*, lost=(), lost_s=(0.0, 0.0), moved_m=0.0, moved_from_s=1e9):
-    """Samples of a flight; some sources are lost for a while, RTK's height has a step."""
+    """Samples of a flight; ``lost`` sources are missing for a time, RTK's height has a step."""
     flown, result = flight(5, LENGTH_S), []
     for sample in navigation_samples(flown):
         t_s = (sample.stamp_ns - flown.truth.stamp_ns[0]) * 1e-9
@@ -53,7 +53,7 @@ def run(navigation, samples):
 
 @functools.cache
 def both(way, **values):
-    """What the filter and the smoother make of a flight, and the two."""
+    """The steps of the filter and the smoother over a flight, and the two estimators."""
     config = config_for(flight(5, LENGTH_S), **values)
     samples = changed(**WAYS[way])
     pair = Navigation(config), smoothed(config, samples)
@@ -94,8 +94,8 @@ def test_covariances_are_symmetric_and_positive(way):
 
 
 @pytest.mark.parametrize("way", ["ordinary", "reset", "two runs"])
-def test_it_ends_as_the_filter_does(way):
-    """At the last IMU sample nothing comes later; measurements that came late are in both."""
+def test_the_last_pose_is_the_filters(way):
+    """No measurement follows the last IMU sample; late measurements are in both."""
     navigation, samples = both(way)[2], changed(**WAYS[way])
     last_ns = max(sample.stamp_ns for sample in samples if isinstance(sample, ImuSample))
     result = next(item for item in solutions(both(way)[1]) if item.stamp_ns == last_ns)
@@ -106,8 +106,8 @@ def test_it_ends_as_the_filter_does(way):
         np.testing.assert_allclose(item, other, rtol=1e-9, atol=1e-15)
 
 
-def test_it_is_nearer_to_the_truth_and_says_so():
-    """Half of the variance is a filter's loss to a smoother in the middle of white noise."""
+def test_smoothed_poses_and_sigmas_are_smaller_than_the_filters():
+    """With white noise, a smoother's variance in the middle is half of a filter's."""
     result = {}
     for name, steps in zip(("filter", "smoother"), both("ordinary"), strict=False):
         late = errors(flight(5, LENGTH_S), solutions(steps)).after(8.0)
@@ -136,7 +136,7 @@ def test_an_outage_is_bridged_from_both_ends():
     assert sigma_m[1] < 0.3 * sigma_m[0]
 
 
-def test_before_a_reset_nothing_of_it_is_known():
+def test_a_reset_does_not_change_the_poses_before_it():
     """RTK's step of 6 m is followed from the reset on; the poses before stay where they were."""
     steps, smooth, *_ = both("reset")
     outcomes = [step.verdict.outcome for step in steps]
@@ -152,7 +152,7 @@ def test_before_a_reset_nothing_of_it_is_known():
 
 
 def test_each_run_is_smoothed_by_itself():
-    """What comes after the filter has begun anew changes nothing of the poses before."""
+    """Samples after a restart of the filter do not change the poses before it."""
     steps, smooth, *_ = both("two runs")
     assert Outcome.GAP in [step.verdict.outcome for step in steps]
     config, samples = config_for(flight(5, LENGTH_S)), changed(**WAYS["two runs"])
@@ -165,8 +165,8 @@ def test_each_run_is_smoothed_by_itself():
 
 
 @pytest.mark.slow
-def test_late_measurements_stand_at_their_own_time():
-    """RTK that arrives half a second late gives what it gives in time, but for rounding."""
+def test_late_measurements_count_at_their_own_time():
+    """RTK that arrives half a second late gives the same result, except for rounding."""
     config = config_for(flight(5, LENGTH_S))
     timely = sorted(changed(), key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
     late_ns = dict.fromkeys(RTK, 500000000)

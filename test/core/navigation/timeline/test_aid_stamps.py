@@ -24,7 +24,7 @@ def moving(t_s, north_m_s, source=Source.RTK_VELOCITY):
 
 
 def polled(seconds, poll_hz=50.0, receiver_hz=5.0, jitter_s=0.0, seed=1):
-    """(poll time, epoch of the receiver) of a driver that asks faster than there is news."""
+    """(poll time, epoch of the receiver) of a driver that polls faster than the receiver."""
     rng = np.random.default_rng(seed)
     for k in range(round(seconds * poll_hz)):
         t_s = k / poll_hz
@@ -53,7 +53,7 @@ def test_polled_positions_and_velocities_are_taken_once(make, source, jitter_s):
 
 @pytest.mark.parametrize(("jitter_s", "burst"), [(0.0, False), (0.004, False), (0.0, True)])
 def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s, burst):
-    """They say the same for many epochs; the positions with them tell when there is news.
+    """They repeat for many epochs; the positions beside them show when a measurement is new.
 
     A burst is a serial line that held one fix back: it does not make a fast receiver.
     """
@@ -70,7 +70,7 @@ def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s, burst):
 
 
 def test_at_rest_with_constant_values_something_is_taken():
-    """A test bench, a receiver that rounds: about one a second, so that aids are not missing."""
+    """On a test bench, or with rounding: about one a second is used, so no aid is missing."""
     repeats = DuplicateDetector()
     taken = [t for t, _ in polled(20.0) if repeats.compared(position(t, 0.0)) is not AGAIN]
     gaps = np.diff(taken)
@@ -79,13 +79,13 @@ def test_at_rest_with_constant_values_something_is_taken():
 
 @pytest.mark.parametrize("worse", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
 def test_the_same_position_with_a_worse_fix_is_news(worse):
-    """Whoever learns of it with the next position only believes centimetres until then."""
+    """Else the filter would trust centimetres until the next position."""
     repeats, fixed = DuplicateDetector(), position(0.0, 1.0)
     repeats.compared(fixed)
     fallen = replace(fixed, stamp_ns=ns(0.02), status=worse)
     assert repeats.compared(fallen) is NEW
     assert repeats.compared(replace(fallen, stamp_ns=ns(0.04))) is AGAIN
-    # Fixed again with the old place: it was no fixed one.
+    # Fixed again with the old position: that was not measured when fixed.
     assert repeats.compared(replace(fixed, stamp_ns=ns(0.06))) is AGAIN
 
 

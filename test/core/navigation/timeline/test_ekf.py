@@ -17,7 +17,7 @@ FAULTS_S, END_S = 12.0, 24.0
 
 
 def test_paper_flight_after_20_s():
-    """The figures that the method is held to: 0.12 deg and 2 cm."""
+    """The accuracy that the method must reach: 0.12 deg and 2 cm."""
     result, _, navigation = filtered(flight())
     late = result.after(20.0)
     assert np.degrees(rms(late.rpy)).max() <= 0.12
@@ -51,7 +51,7 @@ def test_angular_rate_is_within_its_own_sigma():
 
 
 def disordered(rng, sample):
-    """What becomes of a sample: lost, doubled, under another stamp, or with another value."""
+    """A faulty sample: lost, doubled, under another stamp, or with another value."""
     kind = rng.integers(0, 6)
     if kind == 0:
         return []
@@ -94,10 +94,10 @@ def flown_through(seed, aid_share, imu_share):
     flown = flight(duration_s=END_S)
     start_ns, rng = flown.truth.stamp_ns[0], np.random.default_rng(seed)
     navigation, result = Navigation(config_for(flown, publish_rate_hz=20.0)), []
-    for given in navigation_samples(flown):
-        share = imu_share if isinstance(given, ImuSample) else aid_share
-        faulty = (given.stamp_ns - start_ns) * 1e-9 < FAULTS_S and rng.random() < share
-        for sample in disordered(rng, given) if faulty else [given]:
+    for original in navigation_samples(flown):
+        share = imu_share if isinstance(original, ImuSample) else aid_share
+        faulty = (original.stamp_ns - start_ns) * 1e-9 < FAULTS_S and rng.random() < share
+        for sample in disordered(rng, original) if faulty else [original]:
             solution = navigation.process(sample).solution
             if solution is not None:
                 result.append(solution)
@@ -121,7 +121,7 @@ def test_disorder_ends_in_running(aid_share, imu_share):
             # Of 9 x 9 entries up to one, rounded by 1e-16 over a few hundred updates.
             assert np.linalg.eigvalsh(scaled)[0] > -1e-10
         assert navigation.status().state is FilterState.RUNNING
-        known = set(flown.truth.stamp_ns)
-        late = errors(flown, [s for s in result if s.stamp_ns in known]).after(FAULTS_S + 10.0)
+        true_ns = set(flown.truth.stamp_ns)
+        late = errors(flown, [s for s in result if s.stamp_ns in true_ns]).after(FAULTS_S + 10.0)
         assert len(late.t_s) > 30
         assert np.abs(late.state[:, :3]).max() < 0.1  # five sigma of RTK's height

@@ -52,7 +52,7 @@ def test_late_and_doubled_samples_are_dropped(late):
 
 
 def test_stamps_grow_whatever_comes():
-    """Any disorder: what is for use is in order within each time."""
+    """In any disorder, the accepted samples are in order within each time line."""
     rng = np.random.default_rng(8)
     for _ in range(30):
         clock, newest_ns = ImuClock(0.2), -1
@@ -89,10 +89,10 @@ def test_a_gap_up_to_the_limit_is_bridged_with_no_sample_lost(gap_s):
 
 @pytest.mark.parametrize(
     ("max_gap_s", "gap_s"),
-    # Of less than two slow samples, too.
+    # Gaps shorter than two samples of a slow IMU, too.
     [(0.2, 0.21), (0.2, 1.0), (0.2, 3600.0), (0.025, 0.045), (0.04, 0.045)],
 )
-def test_a_longer_gap_begins_another_time_and_says_so(max_gap_s, gap_s):
+def test_a_longer_gap_begins_a_new_time_line_and_is_reported(max_gap_s, gap_s):
     clock = started(max_gap_s)
     first = clock.check(live(100, 0.99 + gap_s))
     assert (first.outcome, first.use) == (Outcome.WAITING, ())
@@ -106,9 +106,9 @@ def test_a_longer_gap_begins_another_time_and_says_so(max_gap_s, gap_s):
 @pytest.mark.parametrize(
     ("back_s", "number"),
     [
-        (0.5, 5),  # might be disorder: five in order tell
+        (0.5, 5),  # might be disorder: five in order decide
         (1.0, 5),
-        (1.2, 2),  # no network holds a sample back so long
+        (1.2, 2),  # no network delays a sample for so long
         (100.0, 2),
         (1.7e9, 2),  # from epoch to a clock since power-up
     ],
@@ -132,7 +132,7 @@ def test_a_clock_that_goes_back(back_s, number):
 
 
 def frozen(begin, end):
-    """The reading of the last sample of ``started`` under the stamps of others."""
+    """The last reading of ``started``, repeated with later stamps."""
     return [replace(live(99), stamp_ns=live(k).stamp_ns) for k in range(begin, end)]
 
 
@@ -147,7 +147,7 @@ def test_a_frozen_sensor_is_noticed_within_a_tenth_of_a_second():
 
 @pytest.mark.parametrize(("number", "begins"), [(10, False), (100, True)])
 def test_a_sensor_that_thaws_goes_on_or_begins(number, begins):
-    """Frozen for a tenth of a second it was a gap to be bridged, for a second another time."""
+    """Frozen for 0.1 s it was a gap to bridge; after a second, a new time line begins."""
     clock = started()
     outcomes(clock, frozen(100, 100 + number))
     result = [clock.check(live(k)) for k in range(100 + number, 140 + number)]
@@ -220,7 +220,7 @@ def test_an_accelerometer_at_its_end_is_counted(range_m_s2):
     assert warning.endswith(" samples in 1 s): vibration beyond its range")
 
 
-def test_it_ends():
+def test_clipping_ends():
     values = np.clip(shaken(sigma_m_s2=30.0), -39.2, 39.2)
     clipping = followed(values)
     end_ns = clipping.newest_ns
@@ -238,7 +238,7 @@ def test_it_ends():
 @pytest.mark.slow
 @pytest.mark.parametrize("step_m_s2", [0.0, 0.0048, 0.02, 0.08])
 @pytest.mark.parametrize("seed", range(4))
-def test_strong_vibration_within_the_range_is_none(seed, step_m_s2):
+def test_strong_vibration_within_the_range_is_no_clipping(seed, step_m_s2):
     """White, and a line that wanders; readings of 10 to 16 bits."""
     values = shaken(seed, 60.0)
     rng = np.random.default_rng(seed)
@@ -250,7 +250,7 @@ def test_strong_vibration_within_the_range_is_none(seed, step_m_s2):
     assert followed(values).counts == {}
 
 
-def test_long_turns_rest_and_repeated_readings_are_none():
+def test_long_turns_rest_and_repeated_readings_are_no_clipping():
     values = shaken(2, 60.0, 0.1, 0.01)
     values[:, 2] -= 12.0 * np.hanning(len(values))  # 2.2 g
     values[:, 5] += 3.0 * np.hanning(len(values))
@@ -279,7 +279,7 @@ def test_navigation_counts_and_warns():
     status = filtered(flight(duration_s=8.0), shaken_too).status
     assert status.clipped["accelerometer z"] > 50
     assert "accelerometer z clipped at 39.2 m/s2" in status.warnings[0]
-    assert status.counts["imu", "used"] > 0  # the samples are used all the same
+    assert status.counts["imu", "used"] > 0  # clipped samples are used nevertheless
 
 
 def test_no_recorded_flight_clips(sample, shared):

@@ -29,7 +29,7 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 
 def started(flown, samples, **values):
-    """A filter just aligned, and the samples that come after."""
+    """A filter that has just been aligned, and the samples that follow."""
     config, rest = config_for(flown, **values), iter(samples)
     result, _ = aligned(rest, config)
     filter_ = Ekf(config, result)
@@ -38,7 +38,7 @@ def started(flown, samples, **values):
 
 
 def run(filter_, samples):
-    """The verdicts, those on held samples too."""
+    """The verdicts, including those on held samples."""
     verdicts = []
     for sample in samples:
         if isinstance(sample, ImuSample):
@@ -81,14 +81,14 @@ def wrong_headings(sample, t_s):
 
 
 def changed_samples(flown, change):
-    """All samples but the end's, each aiding one changed with its seconds from the start."""
+    """All samples but the last; ``change`` takes each aiding one and its time, s."""
     start_ns, end_ns = flown.truth.stamp_ns[0], flown.truth.stamp_ns[-1] - 500_000_000
-    kept = [
+    samples = [
         s if isinstance(s, ImuSample) else change(s, (s.stamp_ns - start_ns) * 1e-9)
         for s in navigation_samples(flown)
         if isinstance(s, ImuSample) or s.stamp_ns <= end_ns
     ]
-    return [sample for sample in kept if sample is not None]
+    return [sample for sample in samples if sample is not None]
 
 
 def shuffled_by(rng, samples):
@@ -222,7 +222,7 @@ def test_headings_have_the_delay_of_rtk_unless_they_have_their_own():
         ({"barometer__delay_s": -0.3, "imu__delay_s": 0.1}, 0.9),
     ],
 )
-def test_what_delays_bring_ahead_of_the_imu_is_held_for_longer(values, hold_s):
+def test_measurements_ahead_of_the_imu_by_their_delay_are_held_for_longer(values, hold_s):
     assert longest_hold_s(ekf_config(**values)) == pytest.approx(hold_s, abs=1e-9)
 
 
@@ -261,7 +261,7 @@ def moved(samples, by_s):
 
 
 def statuses(flown, fed, **values):
-    """After each sample up to the last of the IMU: aids go on to come for a while after it."""
+    """The status after each sample up to the IMU's last one: aids go on after that."""
     navigation = Navigation(config_for(flown, **values))
     last = max(k for k, sample in enumerate(fed) if isinstance(sample, ImuSample))
     result = []
@@ -271,25 +271,28 @@ def statuses(flown, fed, **values):
     return result
 
 
+CLOCK = "imu/data: do both use the same clock?"
+
+
 @pytest.mark.parametrize(
-    ("by_s", "outcome", "said"),
+    ("by_s", "outcome", "reason"),
     [
-        (18.0, "too_new", "17.9 s ahead of imu/data: same clock? (GPS time is 18 s ahead of UTC)"),
-        (-18.0, "too_old", "18.1 s behind imu/data: same clock? (GPS time is 18 s ahead of UTC)"),
-        (130.0, "too_new", "129.9 s ahead of imu/data: same clock?"),
+        (18.0, "too_new", f"17.9 s ahead of {CLOCK} (GPS time is 18 s ahead of UTC)"),
+        (-18.0, "too_old", f"18.1 s behind {CLOCK} (GPS time is 18 s ahead of UTC)"),
+        (130.0, "too_new", f"129.9 s ahead of {CLOCK}"),
     ],
 )
-def test_another_clock_is_named_while_aligning(by_s, outcome, said):
+def test_another_clock_is_named_while_aligning(by_s, outcome, reason):
     flown = flight(duration_s=12.0)
     fed = [s for s in moved(navigation_samples(flown), by_s) if s.source not in GPS]
     last = statuses(flown, fed)[-1]
     assert last.state is FilterState.ALIGNING
-    assert last.reason == f"rtk/fix is {said}; rtk/vel, rtk/heading too"
+    assert last.reason == f"rtk/fix is {reason}; rtk/vel, rtk/heading too"
     assert last.counts["rtk_position", outcome] == 60  # 12 s at 5 Hz; the IMU was there first
     assert ("rtk_position", "waiting") not in last.counts
 
 
-def test_on_ordinary_gps_it_starts_and_goes_on_telling():
+def test_on_ordinary_gps_it_starts_and_still_names_the_clock():
     """Bursts of aids between two IMU samples, as at 50 Hz, do not silence the IMU."""
     flown = flight(duration_s=12.0)
     fed = moved(navigation_samples(flown), 18.0)
@@ -297,13 +300,15 @@ def test_on_ordinary_gps_it_starts_and_goes_on_telling():
     result = statuses(flown, burst)
     assert {s.state for s in result[-200:]} == {FilterState.DEGRADED}
     assert "no imu/data" not in " ".join(s.reason for s in result)
-    assert "rtk/fix is 17.9 s ahead of imu/data: same clock?" in result[-1].reason
+    assert f"rtk/fix is 17.9 s ahead of {CLOCK}" in result[-1].reason
 
 
-def test_a_delay_longer_than_allowed_is_named_as_such():
+def test_a_delay_longer_than_allowed_is_named():
     flown = flight(duration_s=12.0)
     late = moved(navigation_samples(flown), -0.7)
-    late.sort(key=lambda s: s.stamp_ns + (780_000_000 if s.source in RTK else 0))  # as they came
+    late.sort(
+        key=lambda s: s.stamp_ns + (780_000_000 if s.source in RTK else 0)
+    )  # in order of arrival
     last = statuses(flown, late, alignment__wait_s=1.0)[-1]
     assert "rtk/fix is 0.8 s behind imu/data: more than max_delay_s, 0.5 s" in last.reason
 
@@ -313,6 +318,6 @@ def test_a_clock_that_is_right_again_is_not_named_any_more():
     samples = navigation_samples(flown)
     half = len(samples) // 2
     result = statuses(flown, moved(samples[:half], 18.0) + samples[half:])
-    assert "same clock?" in result[half - 1].reason
+    assert CLOCK in result[half - 1].reason
     assert result[-1].reason == ""
     assert result[-1].state is FilterState.RUNNING

@@ -1,4 +1,4 @@
-"""The solution of an RTK antenna that nobody measured: its partials, and flights with it."""
+"""The solution at an RTK antenna whose position nobody measured: partials, and flights."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MOUNTED = {
 
 
 def antennas_solution(error, covariance=None):
-    """What is published where the estimate is off by ``error`` (21,), with this covariance."""
+    """The solution of an estimate that is off by ``error`` (21,), with this covariance."""
     state = feedback(STATE, error)
     estimate = estimate_of(state, STATES, covariance)
     receivers = estimate.aids.receivers.changed([0.0] * 3, PLACE_B)
@@ -86,7 +86,7 @@ def test_the_covariance_is_that_of_the_differences(seed):
     direction changes, by central differences."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=STATES)
-    step = 1e-5  # its cube is rounding beside 1
+    step = 1e-5  # its cube is below the rounding of 1
     ahead, behind = (antennas_solution(sign * step * direction) for sign in (1, -1))
     changed = apart(ahead, behind) / (2 * step)
     result = antennas_solution(np.zeros(STATES), np.outer(direction, direction)).covariance
@@ -95,7 +95,7 @@ def test_the_covariance_is_that_of_the_differences(seed):
 
 
 def flown_with(shape, config):
-    """A flight of 60 s with the antenna above the IMU; what is published, and the estimate."""
+    """A flight of 60 s with the antenna above the IMU; the solutions, and the last estimate."""
     places = {"rtk.lever_arm_m": (0.0, 0.0, UP_M), "rtk.second_antenna_m": (1.0, 0.0, UP_M)}
     flight = fly(scenario_from({"duration_s": 60.0, "route.shape": shape, **places}), 2)
     navigation = Navigation(config)
@@ -104,7 +104,7 @@ def flown_with(shape, config):
     return flight, published, navigation._ekf.estimate()
 
 
-def seen_from_antenna(flight):
+def with_truth_of_antenna(flight):
     """The flight with the antenna's place and velocity for its truth."""
     truth, lever_b = flight.truth, np.array([0.0, 0.0, -UP_M])
     rotation_nb = np.array([matrix_from_quat(q) for q in truth.q_nb])
@@ -127,7 +127,7 @@ def seen_from_antenna(flight):
 def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
     """Default parameters, the antenna 0.3 m above the IMU."""
     flight, published, estimate = flown_with(shape, EkfConfig())
-    late = errors(seen_from_antenna(flight), published).after(20.0)
+    late = errors(with_truth_of_antenna(flight), published).after(20.0)
     # RTK's own noise is 1, 1, 2 cm: the published place is better than one fix.
     assert (rms(late.state[:, :3]) < [0.01, 0.01, 0.02]).all()
     # Errors last for seconds, so that 40 s hold some ten of them: chi square of 10 over 10 lies
@@ -151,7 +151,7 @@ def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
         ({}, 21),
         ({"aircraft.rtk_antenna_m": (0.0, 0.0, 0.3)}, 18),
         ({"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}, 18),
-        ({"aircraft.imu_m": (0.0, 0.0, -0.3)}, 18),  # the tape began at the antenna
+        ({"aircraft.imu_m": (0.0, 0.0, -0.3)}, 18),  # measured from the antenna
         (MOUNTED, 21),
     ],
 )

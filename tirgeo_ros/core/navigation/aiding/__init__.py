@@ -1,1 +1,1 @@
-"""Convert aiding measurements to updates of the filter, one module a source."""
+"""Convert aiding measurements to updates of the filter, one module for each source."""

@@ -1,6 +1,6 @@
-"""Define the filter's estimate, and what an aid of the filter declares.
+"""Define the filter's estimate, and ``Aid``, the base class of the filter's aids.
 
-Each aid is a subclass of ``Aid`` in a file of its own subject.
+Each aid is a subclass of ``Aid`` in the module of its subject.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: Contradiction that any reset needs where the values repeat: most likely a receiver that is
-#: frozen in a hover.
+#: Longest contradiction that a reset needs. Repeated values always need it: most likely the
+#: receiver is frozen, and the aircraft hovers.
 LONGEST_PATIENCE_S = 60.0
-#: A state is lost only beyond the sigma at which the autopilot's heading is used, with a margin.
+#: Least heading sigma of a lost state, over the autopilot's sigma: with a margin above the ratio
+#: at which the autopilot's heading is used (``nose_heading``).
 _LOST_SIGMAS = 3.5
 
-
 Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample | SetHeading
-#: The same, and the heading that the filter takes from the IMU's messages.
+#: ``Aiding``, and the heading that the filter takes from the IMU's messages.
 AidSample = Aiding | AutopilotHeading
 
 
 class StateEstimate(NamedTuple):
     """Hold the state, the covariance (n, n) of its error, and the records of the aids.
 
-    ``changes`` are those by which a measurement has led to it.
+    ``changes`` are those of the covariance that the newest measurement caused.
     """
 
     state: NavState
@@ -67,8 +67,8 @@ class StateEstimate(NamedTuple):
 
     def corrected(self, error: Array, changes: tuple[Change, ...]) -> StateEstimate:
         """Return the estimate with the state and the receivers corrected by an error (n,)."""
-        moved = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
-        receivers = self.aids.receivers.changed(error[GPS_ERROR].tolist(), moved)
+        antenna_b = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
+        receivers = self.aids.receivers.changed(error[GPS_ERROR].tolist(), antenna_b)
         aids = self.aids._replace(receivers=receivers)
         return StateEstimate(feedback(self.state, error), changes[-1].covariance, aids, changes)
 
@@ -81,18 +81,18 @@ class Fused(NamedTuple):
 
 
 class AidMeasurement(NamedTuple):
-    """Hold a measurement for the update, with the numbers by which its refusals are compared."""
+    """Hold a measurement for the update, and numbers to compare its refusal with earlier ones."""
 
     source: Source
     stamp_ns: int
     measurement: Measurement
     invariant: tuple[float, ...]  # innovation, in a form that motion does not change
-    expected: tuple[float, ...]  # the same for an innovation of zero
-    slack: float  # by which two of them with one cause may differ
-    stale: bool = False  # the sample repeats the value of the one before
+    expected: tuple[float, ...]  # the invariant of an innovation of zero
+    slack: float  # largest difference of two invariants that have the same cause
+    stale: bool = False  # the sample repeats the value of the previous one
 
     def verdict(self, outcome: Outcome, reason: str, ratio: float) -> Verdict:
-        """Return the verdict on it, with its numbers; ``ratio`` is that of its test."""
+        """Return the verdict on the measurement, with its numbers; ``ratio`` is the test ratio."""
         innovation = tuple(self.measurement.innovation.tolist())
         degrees = len(innovation)
         limit = chi_square_limit(self.measurement.gate_sigma, degrees)
@@ -114,7 +114,7 @@ def added(a: Vector, b: Vector) -> Vector:
 
 
 def floored(covariance: Array, sigma: float) -> Array:
-    """Return a covariance (3, 3) with sigmas of at least ``sigma``; diagonal if one is absent."""
+    """Return a covariance (3, 3) with sigmas >= ``sigma``; diagonal if a variance is absent."""
     a, b, c = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     least = sigma * sigma
     if a >= least and b >= least and c >= least:
@@ -130,22 +130,22 @@ class Aid:
     source: ClassVar[Source]
     #: The parameter that holds its delay: stamp minus time of measurement.
     delay: ClassVar[str] = ""
-    #: The parameters that may be wrong where innovations are much larger than their sigma.
+    #: The parameters to check if innovations are much larger than their sigma.
     look_at: ClassVar[str] = ""
     unit: ClassVar[str] = "m"
-    #: Words for a reset to it, before how much.
+    #: Words that describe a reset to this aid; its size follows them.
     moved: ClassVar[str] = ""
-    #: Whether a step of its innovation counts as its own fault, unlike a drift.
+    #: Whether a step of the innovation, unlike a drift, counts as a fault of this aid.
     steps: ClassVar[bool] = False
-    #: Whether it is eased in after a silence, since it would move the map in one step.
+    #: Whether it is eased in after a silence, so that the map does not move in one step.
     eased: ClassVar[bool] = False
-    #: The error states that are set to it once it has contradicted them for long.
+    #: The error states that a reset sets as measured, after a long contradiction.
     resets: ClassVar[slice | None] = None
-    #: Whether its samples come out of the IMU's messages (``of_imu``).
+    #: Whether its samples are taken from the IMU's messages (``of_imu``).
     in_imu: ClassVar[bool] = False
 
     def __init__(self, config: EkfConfig) -> None:
-        """Take the parameters. Raises ConfigError where they are of no use."""
+        """Take the parameters. Raises ConfigError if they cannot be used."""
         self._config = config
         self._states = states_of(config)
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
@@ -157,11 +157,11 @@ class Aid:
 
     @classmethod
     def useless(cls, _sample: Any, _config: EkfConfig) -> Verdict | None:
-        """Return the verdict on a sample that serves no state, else None."""
+        """Return the verdict on a sample that can improve no state, else None."""
         return None
 
     def of_imu(self, _imu: ImuSample, _covariance: Array) -> AidSample | None:
-        """Return the sample that an IMU message holds; None where it is of no use."""
+        """Return the aid's sample in an IMU message; None if it is absent or not needed."""
         return None
 
     def spare(self, _sample: Any, _aids: AidStatus) -> bool:
@@ -179,7 +179,7 @@ class Aid:
     def averaged(
         self, track: AidTrack, _measurement: Measurement, _predicted: Array, reason: str
     ) -> tuple[AidTrack, str]:
-        """Return the record with one more innovation, and why it is refused, or ""."""
+        """Return the record with one more innovation, and why that is refused, or ""."""
         return track, reason
 
     def correction(
@@ -191,7 +191,7 @@ class Aid:
         return result.error, (Change(result.covariance, correction=result.correction),)
 
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:
-        """Return in words how far a measurement is off; of a step, how large it was."""
+        """Describe how far a measurement is off; after a step, how large the step is."""
         size = math.hypot(*track.step) or float(np.linalg.norm(aid.measurement.innovation))
         return f"{size:.1f} {self.unit} off"
 
@@ -201,9 +201,9 @@ class Aid:
         return track.refused(aid.stamp_ns, aid.invariant, aid.slack, stale=aid.stale, step=step)
 
     def step(self, aid: AidMeasurement, track: AidTrack) -> tuple[float, ...]:
-        """Return the step that led to a refusal, empty where it drifted there.
+        """Return the innovation's step that led to a refusal; empty if the innovation drifted.
 
-        What returns after a silence meets a state that has drifted: its difference is no step.
+        After a silence the state has drifted: a difference from it is no step of the aid.
         """
         lately = track.step or track.denied or track.recent(aid.stamp_ns, self._timeout_ns)
         return track.stepped(aid.invariant, aid.expected) if self.steps and lately else ()
@@ -211,7 +211,7 @@ class Aid:
     def after_step(
         self, _aid: AidMeasurement, _estimate: StateEstimate, _track: AidTrack
     ) -> Fused | None:
-        """Return what becomes of a measurement since its aid has stepped; None: a narrow gate."""
+        """Return the result of a measurement while its aid has stepped; None: gate it narrowly."""
         return None
 
     def after_refusal(
@@ -219,8 +219,8 @@ class Aid:
     ) -> StateEstimate | None:
         """Return the estimate reset to a measurement that was refused for long; None: too early.
 
-        Only measurements that agree with each other count. One position that jumps is forgotten;
-        a receiver that is frozen while the aircraft moves never agrees with itself.
+        Only measurements that agree with each other count. A single position that jumps has no
+        effect; positions of a receiver that is frozen while the aircraft moves never agree.
         """
         run = estimate.aids.track(aid.source).run
         if run is None:
@@ -238,7 +238,7 @@ class Aid:
         return max(STEPPED_S, reset_after_s) if stepped else reset_after_s
 
     def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate | None:
-        """Return the estimate with the states of ``resets`` as measured, and nothing else."""
+        """Return the estimate with only the states of ``resets`` set as measured."""
         if self.resets is None:
             return None
         innovation = aid.measurement.innovation
@@ -255,7 +255,7 @@ class Aid:
         return aids.with_reset(self.source, now_ns, self.reset_text(size))
 
     def reset_text(self, size: float) -> str:
-        """Return a reset in words; ``size`` in m, m/s or rad."""
+        """Describe a reset; ``size`` in m, m/s or rad."""
         return f"{self.moved} {size:.2f} {self.unit}"
 
 

@@ -1,7 +1,7 @@
 """Record what each aid has done lately: whether it is used or refused, and since when.
 
-The records are part of the filter's estimate and are kept at each epoch of the time line. A
-measurement that arrives late thus meets the same decisions as one that arrived in time.
+The records are part of the filter's estimate and are kept at each epoch of the time line. So a
+late measurement is judged by the same records as if it had arrived in time.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ PLACE: dict[Source, int] = {source: place for place, source in enumerate(AID_SOU
 NEVER_NS = -(1 << 62)
 #: An aid that returns after a silence corrects the drift since then in this many equal steps.
 EASE_STEPS = 5
-_LEAST_RUN = 5
-#: A contradiction of which this share came from one measurement to the next is a step. It is the
-#: receiver's, for the state carried by the IMU drifts away gradually.
+_LEAST_RUN = 5  # refusals that count as a run
+#: A contradiction is a step if this share of it appeared between two measurements. The receiver
+#: has stepped then, since a state propagated with the IMU drifts gradually.
 _STEP_SHARE = 0.7
-#: A receiver that has stepped is followed after this, where no other aid can decide.
+#: The state follows a receiver that has stepped after this time, if no other aid can decide.
 STEPPED_S = 20.0
-#: This many resets of position or velocity within this time: the filter does not recover.
+#: With this many resets of position or velocity in this time, the filter does not recover.
 _HOPELESS_RESETS, _HOPELESS_NS = 3, 10_000_000_000
 
 
@@ -49,14 +49,14 @@ class AidTrack(NamedTuple):
 
     used_ns: int = NEVER_NS
     agreed_ns: int = 0  # time in use, without silences and refusals
-    ease: int = 0  # steps still to go (see EASE_STEPS)
+    ease: int = 0  # remaining correction steps (see EASE_STEPS)
     run: RefusedRun | None = None
     mean_rad: float = 0.0  # running mean of the heading innovations
     newest: tuple[float, ...] = ()  # newest innovation, in the form of ``RefusedRun``
-    step: tuple[float, ...] = ()  # from the fitting to the refused innovation; empty: it drifted
+    step: tuple[float, ...] = ()  # from the last used to the refused innovation; empty: a drift
     # Refusals since the last use, whether they agree or not, without stale ones:
-    denied_ns: int = 0  # of the first
-    denied_to_ns: int = 0  # of the newest
+    denied_ns: int = 0  # stamp of the first
+    denied_to_ns: int = 0  # stamp of the newest
     denied: int = 0  # their number
     own: Any = None  # what the aid itself keeps from one sample to the next
 
@@ -65,7 +65,7 @@ class AidTrack(NamedTuple):
         return now_ns - self.used_ns <= timeout_ns
 
     def used(self, now_ns: int, timeout_ns: int, innovation: tuple[float, ...] = ()) -> AidTrack:
-        """Return the record after a use."""
+        """Return the record after a measurement was used."""
         agreed_ns = self.agreed_ns
         if self.run is None and self.recent(now_ns, timeout_ns):
             agreed_ns += now_ns - self.used_ns
@@ -75,10 +75,10 @@ class AidTrack(NamedTuple):
         )
 
     def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> AidTrack:
-        """Return the record updated with a step of a new innovation, before that is gated.
+        """Return the record after a possible step of a new innovation, which is not gated yet.
 
-        ``expected`` is the innovation that would fit, in the same form. A step back to it ends the
-        step that was recorded; any other step is added to that, and its refusals are counted anew.
+        ``expected`` is the innovation of zero, in the same form. A step back to it ends the
+        recorded step. Another step is added to the recorded one; refusals are counted anew.
         """
         if not self.step:
             return self
@@ -92,7 +92,7 @@ class AidTrack(NamedTuple):
     def stepped(
         self, innovation: tuple[float, ...], expected: tuple[float, ...]
     ) -> tuple[float, ...]:
-        """Return the step from the last fitting innovation to this one; empty if it drifted."""
+        """Return the step from the last used innovation to this one; empty if it drifted."""
         if self.step or self.denied or not self.newest:
             return self.step
         step = tuple(map(operator.sub, innovation, self.newest))
@@ -108,7 +108,7 @@ class AidTrack(NamedTuple):
         stale: bool = False,
         step: tuple[float, ...] = (),
     ) -> AidTrack:
-        """Return the record after a refusal, which joins the run if within ``slack`` of it."""
+        """Return the record after a refusal; it joins the run if within ``slack`` of its first."""
         run = self.run
         if run is None or max(map(abs, map(operator.sub, run.innovation, innovation))) > slack:
             run = RefusedRun(now_ns, now_ns, 1, innovation)
@@ -126,10 +126,10 @@ class Receivers(NamedTuple):
 
     stamp_ns: int
     gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
-    antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's place less the configured one, FRD
+    antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's position less the configured one, FRD
 
     def at(self, stamp_ns: int, gps_time_s: float) -> Receivers:
-        """Return the errors at another time: that of GPS decays with its correlation time (s)."""
+        """Return the errors at another time: the GPS error decays with ``gps_time_s``."""
         fade = math.exp((self.stamp_ns - stamp_ns) * 1e-9 / gps_time_s)
         north, east, down = self.gps_error_n
         faded = (north * fade, east * fade, down * fade)
@@ -138,7 +138,7 @@ class Receivers(NamedTuple):
     def changed(
         self, gps_error_n: Sequence[float], antenna_b: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Receivers:
-        """Return the sum of these errors and changes of them, m."""
+        """Return the errors plus the given changes, m."""
         moved: Vector = tuple(map(operator.add, self.gps_error_n, gps_error_n))
         place: Vector = tuple(map(operator.add, self.antenna_b, antenna_b))
         return Receivers(self.stamp_ns, moved, place)
@@ -157,7 +157,7 @@ class Reset(NamedTuple):
 
 
 class RtkStatus(NamedTuple):
-    """Hold what the RTK receiver has said of its solution."""
+    """Hold the RTK receiver's fix status, and its newest positions and velocities."""
 
     status: FixStatus | None = None  # of rtk/fix; None: no sample yet
     status_ns: int = NEVER_NS
@@ -166,7 +166,7 @@ class RtkStatus(NamedTuple):
     consistency: Consistency = Consistency()  # positions against velocities
 
     def at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
-        """Return the newest fix status; None where it is older than the time-out."""
+        """Return the newest fix status; None if it is older than the time-out."""
         return self.status if now_ns - self.status_ns <= timeout_ns else None
 
 
@@ -177,7 +177,7 @@ class AidStatus(NamedTuple):
     tracks: tuple[AidTrack, ...] = (AidTrack(),) * len(AID_SOURCES)
     rtk: RtkStatus = RtkStatus()
     resets: tuple[int, ...] = (0,) * len(AID_SOURCES)
-    rtk_resets: tuple[Reset, ...] = ()  # the newest ones to RTK positions and velocities
+    rtk_resets: tuple[Reset, ...] = ()  # the newest resets to RTK positions and velocities
     last_reset: Reset | None = None
 
     def track(self, source: Source) -> AidTrack:
@@ -195,7 +195,7 @@ class AidStatus(NamedTuple):
         return self._replace(tracks=(*self.tracks[:place], track, *self.tracks[place + 1 :]))
 
     def with_status(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
-        """Return a copy after a status of the RTK receiver; fixed again, it is eased in."""
+        """Return a copy with RTK's newest fix status; positions fixed again are eased in."""
         fixed = status is FixStatus.FIXED
         was_fixed = self.rtk.at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.rtk.fixed_since_ns if fixed and was_fixed else now_ns
@@ -203,12 +203,12 @@ class AidStatus(NamedTuple):
         after = self._replace(rtk=rtk)
         if not fixed or was_fixed or self.rtk.status is None:
             return after
-        # The offset has grown while the solution was float.
+        # State and positions have drifted apart while the solution was float.
         track = self.track(Source.RTK_POSITION)._replace(ease=EASE_STEPS)
         return after.with_track(Source.RTK_POSITION, track)
 
     def with_reset(self, source: Source, now_ns: int, text: str) -> AidStatus:
-        """Return a copy after a reset, ``text`` in words: counted, with a new record."""
+        """Return a copy after a reset, described by ``text``: counted, with a new record."""
         counts = list(self.resets)
         counts[PLACE[source]] += 1
         newest, rtk = Reset(source, now_ns, text), self.rtk_resets
@@ -223,13 +223,12 @@ class AidStatus(NamedTuple):
         rtk = self.rtk_resets
         if len(rtk) == _HOPELESS_RESETS and rtk[-1].stamp_ns - rtk[0].stamp_ns <= _HOPELESS_NS:
             return f"reset repeatedly: {rtk[-1]}"
-        # Two measurements of different kinds do not fail together. Where the state runs away,
-        # their refused innovations do not agree with themselves either, so all refusals are
-        # counted.
+        # Positions and velocities do not fail together. If the state diverges, their refused
+        # innovations do not agree with each other, so all refusals are counted, not only runs.
         both = [self.track(source) for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)]
         if any(track.step for track in both):  # the receiver has stepped, not the state
             patience_s = max(patience_s, STEPPED_S)
         for_long = all(t.denied_to_ns - t.denied_ns >= patience_s * 1e9 for t in both)
         if for_long and all(track.denied >= _LEAST_RUN for track in both):
-            return "rtk/fix and rtk/vel both contradict it"
+            return "rtk/fix and rtk/vel both contradict the state"
         return ""

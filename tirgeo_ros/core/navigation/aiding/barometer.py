@@ -1,10 +1,10 @@
-"""Aid the filter with the height of a barometer, where it is known better than the state's own.
+"""Aid the filter with a barometer's height while that is more certain than the state's height.
 
 Pressure gives a height in the standard atmosphere; weather, temperature and the air's flow around
-the aircraft make that differ from the true height by metres. The difference is measured while a
-satellite position holds the state's height. When that is gone, pressure continues the height from
-there. The error of a barometer lasts: many readings do not average it away. So a reading never
-makes the height's variance smaller than twice that of the barometer's own lasting error.
+the aircraft make it differ from the true height by metres. This offset is measured while a
+satellite position holds the state's height. Without such a position, pressure less the offset
+gives the height. The error of a barometer lasts: averaging many readings does not remove it. So a
+reading never makes the height's variance smaller than twice that of this lasting error.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _GAS_J_KG_K, _GRAVITY_M_S2 = 287.05287, 9.80665
 _EXPONENT = _GAS_J_KG_K * _LAPSE_K_M / _GRAVITY_M_S2
 _DOWN = POSITION.stop - 1
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
-#: Readings nearer to the last one used are skipped: they have the same error.
+#: Readings that follow the last examined one sooner are skipped: they have the same error.
 _LEAST_STEP_NS = 90_000_000
 
 
@@ -44,29 +44,29 @@ def standard_height_m(pressure_pa: float) -> float:
 
 
 def standard_pressure_pa(height_m: float) -> float:
-    """Return the pressure at a height in that layer, the inverse."""
+    """Return the pressure, Pa: the inverse of ``standard_height_m``."""
     ratio = 1.0 - _LAPSE_K_M / _TEMPERATURE_K * height_m
     return float(_PRESSURE_PA * ratio ** (1 / _EXPONENT))
 
 
 def metres_per_pa(pressure_pa: float) -> float:
-    """Return the height that one pascal less makes up: ``R T / (g0 p)``."""
+    """Return the gain of height per pascal of lower pressure, m/Pa: ``R T / (g0 p)``."""
     temperature_k = _TEMPERATURE_K * (pressure_pa / _PRESSURE_PA) ** _EXPONENT
     return float(_GAS_J_KG_K * temperature_k / (_GRAVITY_M_S2 * pressure_pa))
 
 
 class Reference(NamedTuple):
-    """Hold the offset of the standard height from the state's, as last measured."""
+    """Hold the newest measured offset of the standard height from the state's height."""
 
     stamp_ns: int
     height_m: float  # standard height at that time
     offset_m: float  # standard height less the state's
     variance_m2: float  # of the offset
-    taken_ns: int  # stamp of the newest reading that was looked at
+    taken_ns: int  # stamp of the newest reading examined
 
 
 class BarometerAid(Aid):
-    """Use the height by pressure where the state's own has become less sure."""
+    """Use the height by pressure once the state's height is less certain."""
 
     source = Source.BAROMETER
     delay = "barometer.delay_s"
@@ -78,29 +78,29 @@ class BarometerAid(Aid):
         self._barometer = config.barometer
 
     def spare(self, sample: PressureSample, aids: AidStatus) -> bool:
-        """Return whether a reading was looked at less than a tenth of a second before."""
+        """Return whether another reading was examined less than 0.09 s before."""
         own = aids.track(self.source).own
         return own is not None and 0 <= sample.stamp_ns - own.taken_ns < _LEAST_STEP_NS
 
     def measured(
         self, sample: PressureSample, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement; STANDBY while the state is better: it sets the reference."""
+        """Return the measurement; STANDBY while the state is better and sets the reference."""
         aids, stamp_ns = estimate.aids, sample.stamp_ns
-        held = any(aids.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
+        has_position = any(aids.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
         height_m = standard_height_m(sample.pressure_pa)
         reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
         noise_m2 = max(reported_m2, self._barometer.noise_m**2)
         own_m2 = float(estimate.covariance[_DOWN, _DOWN])
         before = aids.track(self.source)
-        if before.own is None and not held:
+        if before.own is None and not has_position:
             reason = "no satellite position to take the height from"
             return Verdict(self.source, Outcome.STANDBY, reason), estimate
         if before.own is None:
             offset_m = height_m - estimate.state.height_m
             first = Reference(stamp_ns, height_m, offset_m, noise_m2 + own_m2, stamp_ns)
-            verdict = Verdict(self.source, Outcome.STANDBY, "takes its reference")
-            return verdict, _noted(estimate, first)
+            verdict = Verdict(self.source, Outcome.STANDBY, "takes its reference height")
+            return verdict, _with_reference(estimate, first)
         reference: Reference = before.own._replace(taken_ns=stamp_ns)
         lasting_m2 = self._offset_m2(reference, stamp_ns, height_m)
         off_m = estimate.state.height_m - (height_m - reference.offset_m)
@@ -108,8 +108,8 @@ class BarometerAid(Aid):
         nis = off_m * off_m / (own_m2 + lasting_m2 + noise_m2)
         ratio = nis / chi_square_limit(self._barometer.gate_sigma, 1)
         if own_m2 > 2 * lasting_m2 or ratio > 1:
-            return aid, _noted(estimate, reference, before)
-        if held and own_m2 < lasting_m2:
+            return aid, _with_reference(estimate, reference, before)
+        if has_position and own_m2 < lasting_m2:
             gain = lasting_m2 / (lasting_m2 + noise_m2 + own_m2)
             offset_m = reference.offset_m - gain * off_m
             left_m2 = max((1 - gain) * lasting_m2, own_m2)
@@ -122,7 +122,7 @@ class BarometerAid(Aid):
             (off_m,),
             nis,
         )
-        return verdict, _noted(estimate, reference)
+        return verdict, _with_reference(estimate, reference)
 
     def patience_s(
         self, _aid: AidMeasurement, _estimate: StateEstimate, _autopilot_q_nb: Array | None
@@ -138,7 +138,7 @@ class BarometerAid(Aid):
         height_m = estimate.state.height_m + offset_m
         reference = Reference(aid.stamp_ns, height_m, offset_m, variance_m2, aid.stamp_ns)
         aids = self.with_reset(estimate.aids, aid.stamp_ns, abs(off_m))
-        return _noted(estimate._replace(aids=aids), reference)
+        return _with_reference(estimate._replace(aids=aids), reference)
 
     def _measurement(
         self,
@@ -149,8 +149,8 @@ class BarometerAid(Aid):
     ) -> AidMeasurement:
         """Return the measurement of the position down, with lasting and white variances (m2).
 
-        Its correction leaves the height with twice the lasting variance. Then the weight of many
-        readings is that of one, and the error of an inertial height that they hold is in it too.
+        The correction leaves the height with at least twice the lasting variance. So many readings
+        weigh as much as one, and the variance also covers the error of the inertial height.
         """
         lasting_m2, noise_m2 = variances_m2
         own_m2, plain_m2 = float(estimate.covariance[_DOWN, _DOWN]), lasting_m2 + noise_m2
@@ -171,7 +171,7 @@ class BarometerAid(Aid):
         )
 
     def _offset_m2(self, reference: Reference, stamp_ns: int, height_m: float) -> float:
-        """Return the offset's variance by now: weather, slow error and warmer or colder air."""
+        """Return the offset's variance at a stamp, m2: weather, slow error, air temperature."""
         config, passed_s = self._barometer, abs(stamp_ns - reference.stamp_ns) * 1e-9
         walked_m2 = config.drift**2 * passed_s
         slow_m2 = 2 * config.sigma_m**2 * -math.expm1(-passed_s / config.time_s)
@@ -179,10 +179,10 @@ class BarometerAid(Aid):
         return reference.variance_m2 + walked_m2 + slow_m2 + scaled_m * scaled_m
 
 
-def _noted(
+def _with_reference(
     estimate: StateEstimate, reference: Reference, refused: AidTrack | None = None
 ) -> StateEstimate:
-    """Return the estimate with a reference; the record of refusals ends unless it is given."""
+    """Return the estimate with a reference, and with ``refused`` as record of refusals if any."""
     aids = estimate.aids
     track = refused or AidTrack(aids.track(Source.BAROMETER).used_ns)
     aids = aids.with_track(Source.BAROMETER, track._replace(own=reference))

@@ -1,6 +1,6 @@
 """Aid the filter with the heading of two antennas (Eq. 7 and 9 of Ren et al. 2022).
 
-The row of H is that of the full attitude, not the printed one.
+H is derived for the full attitude, unlike the row that the paper prints.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: A larger turn is the antennas' fault: no gyroscope misses it and few compasses err by as much.
+#: A larger turn is the antennas' fault: no gyroscope misses it, and few compasses err so much.
 LARGE_TURN_RAD = math.radians(20.0)
 #: A baseline with a smaller horizontal share gives no useful heading (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
 #: Weight of the newest innovation in the running mean, which averages about twenty.
 _MEAN_SHARE = 0.1
 _MEAN_GATE_SIGMA = 5.0
-#: Longest contradiction needed for a turn below one heading's gate.
+#: Longest contradiction that a reset needs if it turns by less than the gate of one heading.
 _SMALL_LONGEST_S = 10.0
-#: A larger turn follows a wrong initial heading, which has spoiled tilt and biases as well.
+#: A larger reset means that the initial heading was wrong, and with it tilt and biases.
 _SPOILING_TURN_RAD = math.radians(5.0)
 _TILT_SIGMA_RAD = math.radians(1.0)
 
@@ -54,14 +54,14 @@ class Baseline(NamedTuple):
     """Hold the direction from the first antenna to the second, and the heading's offset."""
 
     direction_b: Vector  # unit vector, FRD
-    reported_less_azimuth_rad: float  # what the receiver has added to the baseline's azimuth
+    reported_less_azimuth_rad: float  # added by the receiver to the baseline's azimuth
 
     @classmethod
     def from_config(cls, aircraft: AircraftConfig) -> Baseline:
         """Return the baseline of the two antennas; with one antenna, level along the nose.
 
         The reported heading is the azimuth of the baseline less its direction in a level body.
-        Raises ConfigError where the two antennas give no heading.
+        Raises ConfigError if the two antennas give no heading.
         """
         baseline_b = aircraft.baseline_b
         if baseline_b is None:
@@ -92,7 +92,7 @@ class HeadingAid(Aid):
         return config.rtk.delay_s if math.isnan(own_s) else own_s
 
     def _obstacle(self, sample: HeadingSample, aids: AidStatus) -> str:
-        """Return why a heading is not used now, or "": RTK must be fixed, at first for a while."""
+        """Return why a heading is not used, or "": RTK must be fixed, for a time at the start."""
         now_ns = sample.stamp_ns
         if aids.rtk.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"
@@ -107,7 +107,7 @@ class HeadingAid(Aid):
     def measured(
         self, sample: HeadingSample, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement; INVALID where the baseline is near the vertical."""
+        """Return the measurement; INVALID if the baseline is near the vertical."""
         obstacle = self._obstacle(sample, estimate.aids)
         if obstacle:
             return Verdict(self.source, Outcome.NOT_FIXED, obstacle), estimate
@@ -129,7 +129,7 @@ class HeadingAid(Aid):
         ), estimate
 
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:
-        """Return in words how far a heading is off; of a step, a chord of the unit circle."""
+        """Describe how far a heading is off; a step is a chord of the unit circle."""
         turn = abs(float(aid.measurement.innovation[0]))
         if track.step:
             turn = 2 * math.asin(min(math.hypot(*track.step) / 2, 1.0))
@@ -141,13 +141,13 @@ class HeadingAid(Aid):
     ) -> tuple[AidTrack, str]:
         """Return the record with one more innovation in its mean, and why a heading is refused.
 
-        A heading that is off by less than the gate passes alone. The mean of many that are off by
-        as much lies far outside the scatter of a mean of good ones.
+        A single heading that is off by less than the gate passes it. The mean of many such
+        headings lies far outside the scatter that a mean of correct headings has.
         """
         noise, own = float(measurement.noise[0, 0]), float(predicted[0, 0])
         off = float(measurement.innovation[0])
         if abs(off) > 2 * measurement.gate_sigma * math.sqrt(own + noise):
-            return track, reason  # a flip is no small lasting error
+            return track, reason  # too large for a small lasting error: a flip
         mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
         scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
         if not reason and abs(mean) > _MEAN_GATE_SIGMA * scatter:
@@ -155,10 +155,10 @@ class HeadingAid(Aid):
         return track._replace(mean_rad=mean), reason
 
     def step(self, aid: AidMeasurement, track: AidTrack) -> tuple[float, ...]:
-        """Return the step that led to a refusal, empty where it drifted there.
+        """Return the innovation's step that led to a refusal; empty if the innovation drifted.
 
-        A heading that returns after a silence is compared with the gyroscopes, which drift little:
-        its difference is a step.
+        After a silence a heading is compared with the gyroscopes, which drift little: a difference
+        from them is a step.
         """
         if track.step or track.denied or track.recent(aid.stamp_ns, self._timeout_ns):
             return super().step(aid, track)
@@ -167,14 +167,14 @@ class HeadingAid(Aid):
     def patience_s(
         self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
     ) -> float:
-        """Return how long a run must last; infinite for a turn that the autopilot has not made."""
+        """Return how long a run must last; infinite for a turn that the autopilot denies."""
         track = estimate.aids.track(aid.source)
         measurement, turn = aid.measurement, float(aid.measurement.innovation[0])
         if track.step or (not track.agreed_ns and abs(turn) > LARGE_TURN_RAD):
             supported = _supported(turn, estimate.state, autopilot_q_nb)
             return self._heading.reset_after_s if supported else math.inf
-        # The longer the two have agreed, the less one contradiction says against the state. Where
-        # it is below one heading's gate, the gyroscopes may as well be the cause.
+        # The longer headings and state have agreed, the less a contradiction proves against the
+        # state. One below the gate of a heading may as well come from the gyroscopes.
         gate_rad = measurement.gate_sigma * math.sqrt(measurement.noise[0, 0])
         longest_s = _SMALL_LONGEST_S if abs(turn) < gate_rad else LONGEST_PATIENCE_S
         return max(self._heading.reset_after_s, min(track.agreed_ns * 1e-9, longest_s))
@@ -204,7 +204,7 @@ class HeadingAid(Aid):
         return StateEstimate(feedback(state, error), covariance, aids, changes)
 
     def reset_text(self, size: float) -> str:
-        """Return a turn in words, degrees."""
+        """Describe a turn, in degrees."""
         return f"{self.moved} {math.degrees(size):+.1f} deg"
 
 

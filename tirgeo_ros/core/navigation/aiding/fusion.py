@@ -1,6 +1,6 @@
-"""List the aids of the filter and each method's sources, and fuse their samples into its estimate.
+"""List the filter's aids and the sources of each method; fuse samples into the estimate.
 
-The aids hold what differs between them; records, easing and gates are the same for all.
+Each aid's class holds what differs between aids; records, easing and gates are here, for all.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: Everything that asks for an aid finds it here, by its source.
+#: All aids, by source.
 AIDS: Mapping[Source, type[Aid]] = {
     aid.source: aid
     for aid in (
@@ -56,14 +56,14 @@ EXPECTED: Mapping[str, tuple[Source, ...]] = {
     "ekf": (Source.RTK_POSITION, Source.RTK_VELOCITY),
     "ekf_heading": (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING),
 }
-#: Gate of an aid that has stepped: it passes only if the state may be off by as much.
+#: Gate of an aid that has stepped: narrow, so it passes only if the state may be as far off.
 _STEPPED_GATE_SIGMA = 2.0
 #: Measurements may be ahead of the IMU by at least this, however small ``max_delay_s`` is.
 _LEAST_HOLD_S = 0.2
 
 
 class Delays(NamedTuple):
-    """Hold stamp minus time of measurement (ns) by sensor; negative where stamps are early."""
+    """Hold stamp minus time of measurement (ns) by sensor; negative if stamps are early."""
 
     imu_ns: int
     aid_ns: Mapping[Source, int]
@@ -81,7 +81,7 @@ class Delays(NamedTuple):
         """Return how far the corrected stamp of an aid may be ahead of the IMU's on arrival.
 
         It is the IMU's delay less the smallest delay of an aid, and never negative. A barometer
-        without a delay does not count: most aircraft have none here.
+        whose delay is 0 does not count: most aircraft have no barometer topic.
         """
         delays_ns = (ns for s, ns in self.aid_ns.items() if ns or s is not Source.BAROMETER)
         return max(0, self.imu_ns - min(delays_ns))
@@ -113,11 +113,11 @@ class Fusion:
         stale: bool = False,
         autopilot_q_nb: Array | None = None,
     ) -> Fused:
-        """Return the estimate with a sample in it, and the verdict.
+        """Return the verdict on a sample, and the estimate after it.
 
         ``angular_rate_b`` (rad/s) has its bias removed. A ``stale`` sample repeats the value of
-        the one before, so its refusal proves less against the state. The autopilot's attitude
-        (4,), wxyz, is consulted where headings contradict the state.
+        the previous one, so its refusal proves less against the state. The autopilot's attitude
+        (4,), wxyz, is consulted if headings contradict the state.
         """
         if self.spare(sample, estimate.aids):
             return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), estimate)
@@ -132,7 +132,7 @@ class Fusion:
     def _judged(
         self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
     ) -> Fused:
-        """Return the estimate with a measurement in it, or without it where the gates refuse."""
+        """Return the estimate after a measurement, or before it if the gates refuse it."""
         model, aids, measurement = self._models[aid.source], estimate.aids, aid.measurement
         track = aids.track(aid.source).followed(aid.invariant, aid.expected)
         if model.eased and not track.recent(aid.stamp_ns, self._timeout_ns):

@@ -2,9 +2,8 @@
 
 H includes the lever arm's partials in attitude, which the paper leaves out.
 
-The solution of an RTK receiver may step, by a wrong fix or from float to fixed. While it has
-stepped, only the motion that it reports is used; once the step has lasted, the position follows
-it.
+The solution of an RTK receiver may step, by a wrong fix or from float to fixed. After a step, only
+the motion that the receiver reports is used; once the step has lasted, the position follows it.
 
 The error of ordinary GPS, metres that vary over a minute, is a state of the filter. While RTK is
 fixed it is learned from one position a second. Without RTK, positions less the estimated error
@@ -51,11 +50,11 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: A step that is accepted counts as a reset from this size on. A smaller one, which ordinary GPS
-#: cannot confirm, is accepted after this time: a receiver's passing fault lasts for a second.
+#: An accepted step counts as a reset from this size on. A smaller step, which ordinary GPS cannot
+#: confirm, is accepted after this time: a short fault of a receiver lasts for a second.
 _COUNTED_STEP_M = 1.0
 _SMALL_STEP_S = 1.2
-#: While RTK is there the GPS error is learned at this interval: a second less stamp jitter.
+#: While RTK is used, the GPS error is learned at this interval: a second less stamp jitter.
 _LEARNING_NS = 950_000_000
 #: Variation of a GPS error that still counts as the same error.
 _SLACK_M = 2.0
@@ -81,16 +80,16 @@ def arm_design(states: int, arm_n: Vector, first: int) -> Array:
 
 
 def white_factor(time_s: float, step_ns: int) -> float:
-    """Return the factor that makes the variance of a lasting error one of white noise.
+    """Return the factor that converts the variance of a lasting error to one of white noise.
 
-    Positions do not average it away. White noise with the same power at low frequency has
-    2 tau / step times its variance, tau being the correlation time.
+    Averaging positions does not remove a lasting error. White noise with the same power at low
+    frequency has 2 tau / step times its variance, tau being the correlation time.
     """
     return max(2 * time_s / min(max(step_ns * 1e-9, 0.02), 1.0), 1.0)
 
 
 class RtkPositionAid(Aid):
-    """Use positions of RTK from float on."""
+    """Use RTK positions that are float or fixed."""
 
     source = Source.RTK_POSITION
     delay = "rtk.delay_s"
@@ -109,7 +108,7 @@ class RtkPositionAid(Aid):
     def measured(
         self, sample: PositionSample, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement; the estimate has its status, and its offset for the median."""
+        """Return the measurement, and the estimate with its fix status and offset recorded."""
         state = estimate.state
         aids = estimate.aids.with_status(sample.status, sample.stamp_ns, self._timeout_ns)
         if sample.status < FixStatus.FLOAT:
@@ -140,14 +139,14 @@ class RtkPositionAid(Aid):
     def _median(
         self, offset: Vector, moved_n: Vector, aids: AidStatus
     ) -> tuple[Vector, AidStatus]:
-        """Return the innovation of the median offset, NED m, and the records with it."""
+        """Return the innovation of the median offset, NED m, and the records with ``offset``."""
         offsets = (*aids.rtk.offsets_n, offset)[-self._rtk.median_window :]
         north, east, down = np.median(offsets, axis=0).tolist()
         innovation = north - moved_n[0], east - moved_n[1], down - moved_n[2]
         return innovation, aids._replace(rtk=aids.rtk._replace(offsets_n=offsets))
 
     def _noise(self, sample: PositionSample, aids: AidStatus) -> tuple[Array, float]:
-        """Return R (3, 3), and the scatter (m) of one position against the next."""
+        """Return R (3, 3), and the scatter (m) between consecutive positions."""
         if sample.status is FixStatus.FIXED:
             noise = floored(sample.covariance_n, self._rtk.position_sigma_floor_m)
             return noise, math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
@@ -158,9 +157,9 @@ class RtkPositionAid(Aid):
     def correction(
         self, measurement: Measurement, result: Update
     ) -> tuple[Array, tuple[Change, ...]]:
-        """Return the error to correct by; with ``rtk_direct`` the position is that of RTK.
+        """Return the error to correct by; with ``rtk_direct`` the position is set to RTK's.
 
-        The other states are filtered then: the cycle of Ren et al. 2022 (section 3.3).
+        Only the other states are filtered then, as in Ren et al. 2022, section 3.3.
         """
         error, changes = super().correction(measurement, result)
         if not self._direct:
@@ -175,9 +174,9 @@ class RtkPositionAid(Aid):
     def after_step(self, aid: AidMeasurement, estimate: StateEstimate, track: AidTrack) -> Fused:
         """Return the estimate after a position that has stepped: only its motion is used.
 
-        The motion that a receiver reports stays right when its solution jumps. After a while
-        without a step back the place becomes as uncertain as the step is large, and the next
-        position decides; a large step resets the position instead, and is counted.
+        The motion that a receiver reports stays right when its solution jumps. After some time
+        without a step back, the position becomes as uncertain as the step is large, and the next
+        measurement decides. A large step resets the position instead, and is counted.
         """
         plain = aid.measurement
         ratio = update(estimate.covariance, plain).test_ratio
@@ -198,7 +197,7 @@ class RtkPositionAid(Aid):
         return Fused(off, estimate)
 
     def _loosened(self, estimate: StateEstimate, track: AidTrack) -> StateEstimate:
-        """Return the estimate that the next positions move gently to where they stepped."""
+        """Return the estimate, made so uncertain that the next positions move it gradually."""
         covariance = estimate.covariance.copy()
         covariance[POSITION, POSITION] += np.outer(track.step, track.step)
         track = AidTrack(track.used_ns, track.agreed_ns, EASE_STEPS)
@@ -206,7 +205,7 @@ class RtkPositionAid(Aid):
         return StateEstimate(estimate.state, covariance, aids, (Change(covariance),))
 
     def _step_patience_s(self, aid: AidMeasurement, aids: AidStatus) -> float:
-        """Return how long a step must last: longer, or for ever, where ordinary GPS denies it."""
+        """Return how long a step must last: longer, or for ever, if the GPS contradicts it."""
         patience_s, track = self._rtk.reset_after_s, aids.track(aid.source)
         gps, last = aids.track(Source.GPS_POSITION), aids.last_reset
         if math.hypot(*track.step) < _COUNTED_STEP_M:
@@ -214,14 +213,14 @@ class RtkPositionAid(Aid):
         if not gps.recent(aid.stamp_ns, self._timeout_ns):
             return patience_s
         if last and last.source is Source.GPS_POSITION and last.stamp_ns > track.denied_ns:
-            return patience_s  # it has contradicted the state too
+            return patience_s  # GPS has contradicted the state too
         sigmas = np.array(track.step) / np.array(self._config.gps.position_sigma_m)
         if np.linalg.norm(sigmas) > self._config.gps.gate_sigma:
             return math.inf
         return max(STEPPED_S, patience_s)
 
     def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
-        """Set the position; the ordinary GPS stays, so its error against the position changes."""
+        """Set the position; the ordinary GPS did not move, so its estimated error changes."""
         after = super().reset(aid, estimate)
         assert after is not None
         moved = (-aid.measurement.innovation).tolist()
@@ -246,7 +245,7 @@ class GpsPositionAid(Aid):
         self._modelled_m2 = np.square(config.gps.position_sigma_m) + noise_m2
 
     def spare(self, sample: PositionSample, aids: AidStatus) -> bool:
-        """Return whether RTK is fixed and used, and the error was learned within a second."""
+        """Return whether RTK is fixed and used, and the GPS error was learned within a second."""
         now_ns = sample.stamp_ns
         return (
             aids.rtk.status is FixStatus.FIXED
@@ -257,7 +256,7 @@ class GpsPositionAid(Aid):
     def measured(
         self, sample: PositionSample, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement of a position with its slow error in it, and the estimate."""
+        """Return the measurement of position plus slow error, and the estimate."""
         if sample.status < FixStatus.SINGLE:
             return not_fixed(self.source, sample.status), estimate
         state, error_n = estimate.state, estimate.aids.receivers.gps_error_n
@@ -276,7 +275,7 @@ class GpsPositionAid(Aid):
         ), estimate
 
     def _beyond_factor(self, aids: AidStatus, now_ns: int) -> float:
-        """Return the factor on variances beyond the state's: 1 until RTK is gone for long."""
+        """Return the factor on variances beyond the state's: 1 until RTK is missing for long."""
         used_ns, rtk = aids.track(self.source).used_ns, aids.track(Source.RTK_POSITION)
         time_s = self._gps.position_time_s
         if used_ns == NEVER_NS or rtk.recent(now_ns, round(time_s * 1e9)):
@@ -284,13 +283,13 @@ class GpsPositionAid(Aid):
         return white_factor(time_s, now_ns - used_ns)
 
     def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
-        """Set the GPS error as measured; a jump of the GPS leaves the position unchanged."""
+        """Set the GPS error as measured; the position stays, since the GPS has jumped."""
         state, aids = estimate.state, estimate.aids
         innovation, noise = aid.measurement.innovation, aid.measurement.noise
         covariance = uncorrelated(estimate.covariance, GPS_ERROR)
         transition = cut(len(covariance), GPS_ERROR)
         covariance[GPS_ERROR, GPS_ERROR] = noise
-        # Their sum is measured: the error of the one is that of the other, negated.
+        # Position plus GPS error is measured: an error in one is that of the other, negated.
         covariance[GPS_ERROR, :] -= covariance[POSITION, :]
         covariance[:, GPS_ERROR] -= covariance[:, POSITION]
         transition[GPS_ERROR, POSITION] = -np.eye(3)

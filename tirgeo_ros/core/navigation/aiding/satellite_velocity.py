@@ -45,14 +45,14 @@ def velocity_design(
 
 
 class VelocityAid(Aid):
-    """Make measurements of the velocities of one receiver."""
+    """Use the velocities of one receiver."""
 
     unit = "m/s"
     moved = "velocity changed by"
     resets = VELOCITY
 
     def __init__(self, config: EkfConfig) -> None:
-        """Take the parameters of the receiver, and its antenna's place."""
+        """Take the parameters of the receiver, and its antenna's lever arm."""
         super().__init__(config)
         rtk = self.source is Source.RTK_VELOCITY
         receiver = config.rtk if rtk else config.gps
@@ -70,7 +70,9 @@ class VelocityAid(Aid):
         lever_b = self._lever_b
         if self._estimates_antenna:
             lever_b = added(lever_b, estimate.aids.receivers.antenna_b)
-        swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, NED m/s
+        swing = rotate(
+            rotation, cross(angular_rate_b, lever_b)
+        )  # of the antenna against the IMU, m/s
         (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
         innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
         noise = floored(sample.covariance_n, self._floor_m_s)
@@ -87,14 +89,14 @@ class VelocityAid(Aid):
     def patience_s(
         self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
     ) -> float:
-        """Return how long it must be refused; for ever while positions that fit confirm it."""
+        """Return how long a run must last; infinite while RTK positions confirm the state."""
         if estimate.aids.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns):
             return math.inf
         return super().patience_s(aid, estimate, autopilot_q_nb)
 
 
 class RtkVelocityAid(VelocityAid):
-    """Use velocities of RTK from float on, unless the fixes contradict them for long."""
+    """Use velocities of a float or fixed RTK, unless the fixes contradict them for long."""
 
     source = Source.RTK_VELOCITY
     delay = "rtk.delay_s"
@@ -127,7 +129,7 @@ class RtkVelocityAid(VelocityAid):
 
 
 class GpsVelocityAid(VelocityAid):
-    """Use velocities of the ordinary GPS where those of RTK are missing."""
+    """Use velocities of the ordinary GPS while those of RTK are missing."""
 
     source = Source.GPS_VELOCITY
     delay = look_at = "gps.delay_s"

@@ -1,9 +1,9 @@
-"""Find the filter's initial state, at rest or in flight, from the measurements that are there.
+"""Find the filter's initial state, at rest or in flight, from the measurements available.
 
 A window of some seconds is fitted as a whole (``batch_least_squares``). Tilt comes from the
 accelerometers corrected by the change of velocity, heading from two antennas or from the
 autopilot. While the measurements contradict each other the alignment waits; after a long
-contradiction it tries the next best ones.
+contradiction it tries the next best sources.
 """
 
 from __future__ import annotations
@@ -47,10 +47,28 @@ from tirgeo_ros.core.types.measurements import (
 )
 
 _LEAST_INSTANTS = 3  # two always fit, and would hide a wrong one
+_LEAST_POSITIONS = 2
+_LEAST_HEADINGS = 3
 #: Bound on the measurements kept per second: five sources at 100 Hz.
 _MOST_HZ = 500
 _MOST_IMU_HZ = 1000
 _SET = SetHeading, Source.SET_HEADING
+#: Longer windows to try if ``alignment.duration_s`` is shorter and gives no result.
+_LONGER_S = (2.5, 6.0)
+_LARGEST_AGE_NS = 2_000_000_000  # largest age of the window's end
+_RETRY_NS = 500_000_000  # pause between two costly trials
+#: Pause between trials while only motion is missing: share of the time so far, and its limit.
+_WAIT_SHARE, _LONGEST_RETRY_NS = 0.1, 2_000_000_000
+#: Pairs of velocity and position source, best first. Errors of ordinary GPS positions change
+#: slowly, so their differences give a velocity, though only over the longest window.
+_SOURCES = (
+    (Source.RTK_VELOCITY, Source.RTK_POSITION),
+    (None, Source.RTK_POSITION),
+    (Source.GPS_VELOCITY, Source.RTK_POSITION),
+    (Source.RTK_VELOCITY, Source.GPS_POSITION),
+    (Source.GPS_VELOCITY, Source.GPS_POSITION),
+    (None, Source.GPS_POSITION),
+)
 _T = TypeVar("_T", bound=NavigationInput)
 
 
@@ -68,7 +86,7 @@ class AlignmentSamples:
 
     @property
     def ready(self) -> bool:
-        """Return whether there is an IMU interval."""
+        """Return whether there are two IMU samples, so at least one interval."""
         return len(self._imu) > 1
 
     @property
@@ -78,7 +96,7 @@ class AlignmentSamples:
 
     @property
     def imu_s(self) -> float:
-        """Return the time since the first IMU sample ever, s."""
+        """Return the time since the very first IMU sample, s."""
         return (self.newest_ns - self._first_ns) * 1e-9 if self._imu else 0.0
 
     def add(self, sample: NavigationInput) -> None:
@@ -101,16 +119,16 @@ class AlignmentSamples:
             or before.angular_rate_b.tolist() != sample.angular_rate_b.tolist()
         ):
             self._changed_ns = sample.stamp_ns
-        # Readings that never changed are a bench without noise; those of a live sensor have
-        # changed.
-        lived = self._changed_ns > self._first_ns
-        self.frozen = lived and sample.stamp_ns - self._changed_ns > self._gap_ns
+        # Readings that have never changed come from a test bench without noise. Those of a live
+        # sensor have changed at least once.
+        was_alive = self._changed_ns > self._first_ns
+        self.frozen = was_alive and sample.stamp_ns - self._changed_ns > self._gap_ns
         if self.frozen or (before and sample.stamp_ns - before.stamp_ns > self._gap_ns):
             self._imu.clear()
         self._imu.append(sample)
 
     def positions(self, source: Source) -> list[PositionSample]:
-        """Return a source's positions with a good fix, by stamp; none if its newest has none."""
+        """Return a source's positions with a good fix, by stamp; none if the newest one is bad."""
         least = FixStatus.FLOAT if source is Source.RTK_POSITION else FixStatus.SINGLE
         positions = self.reached(PositionSample, source)
         if not positions or positions[-1].status < least:
@@ -124,16 +142,16 @@ class AlignmentSamples:
         return before[-1] if before else None
 
     def headings(self, first_ns: int, last_ns: int, settled_s: float) -> list[HeadingSample]:
-        """Return the headings between two stamps around which RTK was fixed, by stamp."""
+        """Return the headings between two stamps, by stamp, with RTK fixed for ``settled_s``."""
         fixes = self.reached(PositionSample, Source.RTK_POSITION)
 
         def fixed_around(stamp_ns: int) -> bool:
             begin_ns = stamp_ns - round(settled_s * 1e9)
             before = [s for s in fixes if begin_ns <= s.stamp_ns < stamp_ns]
+            # A fix of the same instant may come later: the first one from then on decides, too.
             after = [s for s in fixes if s.stamp_ns >= stamp_ns][:1]
             return bool(after) and all(s.status is FixStatus.FIXED for s in (*before, *after))
 
-        # Before for ``settled_s``, and the first one after: those of an instant come in any order.
         headings = self.reached(HeadingSample, Source.RTK_HEADING)
         inside = [s for s in headings if first_ns <= s.stamp_ns <= last_ns]
         return [s for s in inside if fixed_around(s.stamp_ns)]
@@ -145,7 +163,7 @@ class AlignmentSamples:
         return imu[begin : bisect.bisect_left(imu, last_ns, key=stamp_of) + 1]
 
     def rest(self, stamp_ns: int) -> tuple[tuple[ImuSample, ...], tuple[NavigationInput, ...]]:
-        """Return the newest IMU sample up to a stamp and all later; and the later measurements."""
+        """Return the newest IMU sample up to a stamp, all later ones, and later measurements."""
         before = [s for s in self._imu if s.stamp_ns <= stamp_ns][-1:]
         after = [s for s in self._imu if s.stamp_ns > stamp_ns]
         return (*before, *after), tuple(s for s in self._aiding if s.stamp_ns > stamp_ns)
@@ -161,7 +179,7 @@ class AlignmentSamples:
 def span(
     samples: Sequence[PositionSample | VelocitySample], length_ns: int
 ) -> tuple[int, int] | None:
-    """Return the first and last stamp of three or more samples over ``length_ns``, or None."""
+    """Return first and last stamp of at least three samples that span ``length_ns``, or None."""
     stamps = [s.stamp_ns for s in samples]
     if not stamps:
         return None
@@ -170,19 +188,9 @@ def span(
     return (first, stamps[-1]) if first is not None and enough else None
 
 
-#: Longer windows to try, where ``alignment.duration_s`` is shorter and gives no result.
-_LONGER_S = (2.5, 6.0)
-_LEAST_POSITIONS = 2
-_LEAST_HEADINGS = 3
-_LARGEST_AGE_NS = 2_000_000_000  # of the window's end
-_RETRY_NS = 500_000_000  # between two costly trials
-#: While only motion is missing: this share of the time so far, within the pause before and this.
-_WAIT_SHARE, _LONGEST_RETRY_NS = 0.1, 2_000_000_000
-
-
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Hold a state to start the filter from: that of the IMU at ``stamp_ns``."""
+    """Hold the state to start the filter from: the IMU's at ``stamp_ns``."""
 
     stamp_ns: int
     state: NavState
@@ -203,24 +211,12 @@ class _Plan(NamedTuple):
     heading: Source  # of two antennas, set by a person, or the autopilot's
 
 
-#: Best first. Errors of ordinary GPS positions change slowly, so their differences give a
-#: velocity, though only over the longest window.
-_SOURCES = (
-    (Source.RTK_VELOCITY, Source.RTK_POSITION),
-    (None, Source.RTK_POSITION),
-    (Source.GPS_VELOCITY, Source.RTK_POSITION),
-    (Source.RTK_VELOCITY, Source.GPS_POSITION),
-    (Source.GPS_VELOCITY, Source.GPS_POSITION),
-    (None, Source.GPS_POSITION),
-)
-
-
 class Aligner:
     """Collect samples until they give a state; ``reason`` says what is missing.
 
     Samples must arrive in the order of their stamps (``start_up``); those older than
-    ``keep_s`` are dropped. ``prior`` is what an earlier run of the filter estimated of the IMU's
-    biases.
+    ``keep_s`` are dropped. ``prior`` holds the IMU's biases as an earlier run of the filter
+    estimated them.
     """
 
     def __init__(
@@ -239,10 +235,10 @@ class Aligner:
         antennas = "rtk/heading or " if use_heading else ""
         self._needs_heading = (
             f"needs {antennas}an orientation in imu/data that follows the gyroscopes, or "
-            "~/set_heading: velocity tells no heading while hovering"
+            "~/set_heading: velocity gives no heading while hovering"
         )
         self.reason = "needs imu/data"
-        #: Whether nothing but a heading is missing: one that is set would do.
+        #: Whether only a heading is missing, so that ``~/set_heading`` would help.
         self.lacks_heading = False
 
     def add(self, sample: NavigationInput) -> Alignment | None:
@@ -285,7 +281,7 @@ class Aligner:
                 self._next_ns = max(retry_ns, now_ns + min(longer_ns, _LONGEST_RETRY_NS))
                 break  # no other sources are better
             contradicted = True
-            # In a turn wrong headings contradict the motion too; report the antennas.
+            # In a turn wrong headings contradict the motion too: report the doubt on the antennas.
             doubt = outcome if outcome.lasting else self._lately_doubted()
             self.reason = str(doubt or outcome)
             if doubt:
@@ -295,7 +291,7 @@ class Aligner:
         if lacks:
             lack = furthest(lacks)
             self.lacks_heading = lack.stage in HEADING_STAGES
-            # What better sources contradict is to mend, not what lesser ones lack.
+            # Report a contradiction of better sources, not what worse sources lack.
             self.reason = self.reason if contradicted and lack.stage < MOTION_STAGE else str(lack)
         return None
 
@@ -305,12 +301,12 @@ class Aligner:
         plans = [_Plan(v, p, h) for v, p in _SOURCES for h in (*kinds, Source.AUTOPILOT_HEADING)]
         if not self._waited:
             return plans[: max(len(kinds), 1)]
-        # While antennas are in doubt, they are not replaced by the autopilot's heading.
+        # While the antennas are in doubt, the autopilot's heading does not replace theirs.
         antennas = [plan for plan in plans if plan.heading is Source.RTK_HEADING]
         return antennas if self._lately_doubted() else plans
 
     def _lately_doubted(self) -> NotAlignedError | None:
-        """Return a lasting doubt (antennas against autopilot) for ``wait_s``, then None."""
+        """Return the newest lasting doubt (antennas against autopilot) up to ``wait_s`` old."""
         stamp_ns, doubt = self._lasting
         passed_ns = self._samples.newest_ns - stamp_ns
         return doubt if passed_ns < self._config.alignment.wait_s * 1e9 else None
@@ -318,20 +314,20 @@ class Aligner:
     def _outcome(self, plan: _Plan) -> Alignment | NotAlignedError:
         """Return the result of the shortest window that gives one, or why none does."""
         widened = self._turn_on.widened
-        last_word = MOTION_STAGE if widened else CONTRADICTION
+        final_stage = MOTION_STAGE if widened else CONTRADICTION
         errors: list[NotAlignedError] = []
-        # With a widened prior the longest that fits, for a shorter one shows less motion.
+        # With a widened prior the longest window comes first: a shorter one shows less motion.
         for length_s in sorted(self._lengths_s, reverse=widened):
             try:
                 return self._align(plan, length_s)
             except NotAlignedError as error:  # noqa: PERF203 a few windows
                 errors.append(error)
-                if error.stage == last_word:
+                if error.stage == final_stage:
                     return error
         return furthest(errors)
 
     def _still_doubted(self, what: str) -> bool:
-        """Note a doubt; return False once it has recurred for ``wait_s``."""
+        """Record a doubt; return False once it has recurred for ``wait_s``."""
         lasted_s = self._doubts[what].again_s(self._samples.newest_ns)
         return lasted_s < self._config.alignment.wait_s
 
@@ -350,11 +346,11 @@ class Aligner:
             autopilot = self._config.autopilot
             for what, doubt in differences(fitted.fit, fitted.hint_nb, autopilot).items():
                 if what == "heading" and plan.heading is Source.SET_HEADING:
-                    continue  # a person says it because the autopilot is wrong
+                    continue  # a person sets a heading because the autopilot's is wrong
                 if doubt.lasting or self._still_doubted(what):
                     raise doubt
         elif plan.heading is Source.RTK_HEADING and doubted is not None:
-            raise doubted  # nothing has contradicted the doubt since
+            raise doubted  # nothing has removed the doubt since
         sources = {positions[-1].source, *(s.source for s in velocities)}
         if plan.heading is not Source.AUTOPILOT_HEADING:
             sources.add(plan.heading)
@@ -363,7 +359,7 @@ class Aligner:
     def _headings(
         self, plan: _Plan, first: int, last: int, imu: Sequence[ImuSample]
     ) -> Sequence[HeadingSample | SetHeading]:
-        """Return the headings between two stamps, none for the autopilot's; or NotAlignedError."""
+        """Return headings between two stamps, none of the autopilot; raises NotAlignedError."""
         if plan.heading is Source.RTK_HEADING:
             settled_s = self._config.heading.start_after_s
             readings = self._samples.headings(first, last, settled_s)

@@ -1,4 +1,4 @@
-"""Fit the state at the end of a short window to all that was measured in it.
+"""Fit the state at the end of a short window to all measurements in it.
 
 Generalised least squares on readings that are integrated backwards from the end, which needs no
 attitude (Groves, 2nd ed., section 5.6.2). Seen from the end, at time T, the gyroscopes carry body
@@ -12,7 +12,7 @@ gravity, ``S = integral of D f`` and ``W = integral of S``, both from t to T. Wi
 So every observation is ``a v + b p + c g + R x`` with its own scalars a, b, c and body vector x.
 Noise and bias of the IMU enter through x and correlate the errors of all observations; the
 covariance of the end's state has all cross terms. Earth rate and Coriolis force are left out: over
-some seconds they are a tenth of what the turn-on biases may be.
+some seconds they are a tenth of possible turn-on biases.
 """
 
 from __future__ import annotations
@@ -30,6 +30,12 @@ from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
 from tirgeo_ros.core.navigation.ins.propagation import Powers
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
+
+#: Steps in which the IMU's noise is integrated: their length, and the most in a window.
+_NOISE_STEP_NS = 20_000_000
+_NOISE_STEPS = 100
+_ITERATIONS = 8
+_CONVERGED_RAD = 1e-7
 
 
 class Biases(NamedTuple):
@@ -77,7 +83,7 @@ def integrate(
     nodes = np.unique(np.concatenate([inside, np.array(stamps_ns, np.int64)]))
     readings = [[*s.angular_rate_b, *s.specific_force_b] for s in imu]
     columns = np.array(readings).T - taken[:, None]
-    # Seconds from the first: a float holds today's nanoseconds to a quarter of a microsecond.
+    # Seconds from the first: a float of today's time in ns resolves only a quarter of a us.
     imu_s, seconds = (imu_ns - first) * 1e-9, (nodes - first) * 1e-9
     values = np.stack([np.interp(seconds, imu_s, column) for column in columns], -1)
     rate_b, force_b = values[:, :3], values[:, 3:]
@@ -102,14 +108,8 @@ def _sums_to_end(parts: Array) -> Array:
     return np.concatenate([sums, np.zeros((1, 3))])
 
 
-_NOISE_STEP_NS = 20_000_000
-_NOISE_STEPS = 100
-_ITERATIONS = 8
-_CONVERGED_RAD = 1e-7
-
-
 class ObservationKind(Enum):
-    """Name the quantity that an observation measures; the value is its unit for people."""
+    """Name the quantity that an observation measures; the value is its unit in messages."""
 
     VELOCITY = "m/s"
     POSITION = "m"
@@ -125,9 +125,9 @@ class AlignmentObservation:
     kind: ObservationKind
     value: Array  # (k,) NED m/s or m of an antenna, or the azimuth of a direction in rad
     arm_b: Array  # (3,) lever arm from IMU to antenna in m, or the direction
-    white: Array  # (k, k) covariance of the error that is new each time
-    slow_sigma: Array  # (k,) standard deviation of the error that lasts
-    slow_time_s: float = np.inf  # correlation time of the latter
+    white: Array  # (k, k) covariance of the white error
+    slow_sigma: Array  # (k,) standard deviation of the slow error
+    slow_time_s: float = np.inf  # correlation time of the slow error
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +139,14 @@ class WindowFit:
     position_n: Array  # (3,) m, in the axes of the observations
     biases: Array  # (6,) gyroscope rad/s, accelerometer m/s2
     covariance: Array  # (15, 15) attitude, velocity, position, biases
-    tilt_sigma_rad: float  # larger of the two, for biases without error
+    tilt_sigma_rad: float  # larger one of the two tilt angles, for biases without error
     residuals: list[Array]  # (k,) of each observation
     distances: Array  # (m,) squared distance per degree of freedom, of each observation
     settled: bool
 
 
 class _Terms:
-    """Compute the model's terms by observation: scalars, body vectors, partials by IMU errors."""
+    """Compute the model's terms for each observation: scalars, body vector, IMU partials."""
 
     def __init__(
         self,
@@ -179,10 +179,10 @@ class _Terms:
     def _kernels(self, window: PreintegratedImu, at: npt.NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the effect of a unit IMU error in a step on each observation: (m, steps, 3, 6).
 
-        The lengths of the steps (s) come second. A turn at time s turns all body vectors before s,
+        Also return the lengths of the steps (s). A turn at time s turns all body vectors before s,
         and the part of an integral up to s.
         """
-        # Instants 20 ms or 1 % of the window apart, and all observations.
+        # Use instants 20 ms or 1 % of the window apart, and those of all observations.
         before_ns = window.stamps_ns - window.stamps_ns[-1]
         step_ns = max(_NOISE_STEP_NS, -int(before_ns[0]) // _NOISE_STEPS)
         first = np.unique(before_ns // step_ns, return_index=True)[1]
@@ -210,7 +210,7 @@ def fit(
     biases: Biases,
     powers: Powers,
 ) -> WindowFit:
-    """Fit the state to the observations; ``settled`` tells that the iteration converged.
+    """Fit the state to the observations; ``settled``: the iteration has converged.
 
     ``start_nb`` (3, 3) is an attitude right to some tens of degrees, ``biases`` are the prior,
     ``powers`` the densities of the IMU's white noise. The observations must hold azimuths,
@@ -243,8 +243,8 @@ def fit(
     inverse = np.linalg.inv(information)
     covariance = 0.5 * (inverse + inverse.T)
     residual = residual - design @ step
-    # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
-    # ratio defined.
+    # An observation that alone determines a state has no residual: a millionth of its noise keeps
+    # the ratio defined.
     spread = (1 + 1e-6) * noise - design @ covariance @ design.T
     places = _rows(observations)
     parts = [residual[rows] for rows in places]
@@ -284,7 +284,7 @@ def _residual(
 
 
 def _rows(observations: Sequence[AlignmentObservation]) -> list[slice]:
-    """Return the rows of each observation among those of all."""
+    """Return the rows of each observation in the stacked vector of all."""
     ends = itertools.accumulate(len(o.value) for o in observations)
     return [slice(end - len(o.value), end) for o, end in zip(observations, ends, strict=True)]
 
@@ -312,7 +312,7 @@ def _design(terms: _Terms, rotation: Array, projection: Array) -> Array:
 
 
 def _measured_noise(observations: Sequence[AlignmentObservation]) -> Array:
-    """Return the covariance (rows, rows) of white errors and of slow ones that a source shares."""
+    """Return the covariance (rows, rows) of white errors and of each source's slow error."""
     owner = np.repeat(np.arange(len(observations)), [len(o.value) for o in observations])
     axis = np.concatenate([np.arange(len(o.value)) for o in observations])
     names = np.unique([o.name for o in observations], return_inverse=True)[1].reshape(-1)[owner]

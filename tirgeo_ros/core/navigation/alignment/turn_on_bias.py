@@ -1,10 +1,10 @@
-"""Test whether the IMU's biases agree with the parameters, and enlarge their prior where not.
+"""Test whether the IMU's biases agree with the parameters, and enlarge their prior if not.
 
-Under a true prior, the biases that a fit gives has the covariance ``P - P'`` (prior less
-posterior), so its normalised square is chi-square over the directions that the window observes.
-Far beyond chance, the IMU is of another class than ``imu.*_turn_on_bias``. The same errors may
-hide in its tilt. So the prior is enlarged, and the alignment waits for a motion that separates
-tilt and accelerometer bias.
+Under a true prior, the biases of a fit have the covariance ``P - P'`` (prior less posterior), so
+their normalised square is chi-square over the directions that the window observes. A value far
+beyond chance means that the IMU is of another class than ``imu.*_turn_on_bias``. Its errors may
+then hide in the tilt as well. So the prior is enlarged, and the alignment waits for a motion that
+separates tilt and accelerometer bias.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from tirgeo_ros.core.navigation.alignment.window_estimate import (
 )
 from tirgeo_ros.core.types.arrays import Array
 
-#: A direction counts where the window removes at least this share of its prior variance.
+#: A direction counts if the window removes at least this share of its prior variance.
 _LEAST_SHOWN = 0.1
-#: Beyond the first a longer window must be fitted; beyond the second it is not chance.
+#: Surprise above which a longer window must be fitted, and above which it is not chance.
 _SUSPECT_SIGMA, _SURPRISE_SIGMA = 3.0, 4.0
 #: Sigma of the gyroscope bias by the autopilot's attitudes over a second, and its growth
 #: with the rate: the autopilot's axes and the IMU's are some degrees apart.
 _HINT_GYRO_RAD_S, _HINT_GYRO_SHARE = 5e-3, 0.05
 #: Prior sigmas that cover any IMU, 9 deg/s and 0.15 g, to find the size of the biases.
 _ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2 = 0.15, 1.5
-#: The enlarged sigma over the largest bias: others may be larger.
+#: Ratio of the enlarged sigma to the largest bias found: others may be larger.
 _MARGIN = 2.0
 #: Tilt error of an autopilot, beyond its configured sigma, per m/s2 of acceleration. The mean
 #: over a long turn does not show the acceleration, so the tilt is not compared there.
@@ -46,9 +46,9 @@ _LEAN_SIGMAS = 3.0
 _LARGEST_LEAN_RAD = np.radians(10.0)  # 0.17 g: beyond it the autopilot's axes are wrong
 _LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
 _GRAVITY_M_S2 = 9.81
-#: Biases are accepted after this time; one wrong measurement leaves the second window sooner.
+#: Biases are accepted after this time; one wrong measurement leaves the second window earlier.
 _SURE_S = 2.6
-_LONG_WINDOW_S = 2.4  # the second window, but for a sample
+_LONG_WINDOW_S = 2.4  # the second window, less one sample
 
 
 def surprise(biases: Array, covariance: Array, prior: Biases) -> float:
@@ -79,14 +79,14 @@ def _surprise_of(fitted: FittedWindow, prior: Biases) -> float:
 
 
 def _apart_rad(fitted: FittedWindow) -> float:
-    """Return the angle between the vertical fitted and the autopilot's; pi without the latter."""
+    """Return the angle between fitted and autopilot's vertical; pi without an autopilot."""
     return (
         np.pi if fitted.hint_nb is None else tilt_between(fitted.fit.rotation_nb, fitted.hint_nb)
     )
 
 
 class TurnOnBiases:
-    """Hold the prior of the IMU's biases; ``widened`` once it has proved far too small."""
+    """Hold the prior of the IMU's biases; ``widened`` once it has proved far too narrow."""
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config = config
@@ -118,7 +118,7 @@ class TurnOnBiases:
             loose = self._loosely(measured, any_imu)
         except NotAlignedError:  # biases are not the cause, or not the only one
             checked(fitted.fit, fitted.observations)
-            raise NotAlignedError("imu/data does not fit the motion measured") from None
+            raise NotAlignedError("imu/data does not fit the measured motion") from None
         if self._doubt.again_s(now_ns) < _SURE_S:  # a wrong measurement may look like biases
             checked(fitted.fit, fitted.observations)
             self._suspected_ns = now_ns
@@ -134,7 +134,7 @@ class TurnOnBiases:
         return fitted
 
     def _loosely(self, measured: Measured, prior: Biases) -> FittedWindow:
-        """Fit a window, also to the autopilot's turn; raises where biases do not explain it."""
+        """Fit a window and the autopilot's turn; NotAlignedError if biases do not explain it."""
         fitted = fit_window(measured, self._config, prior, self._taken, gyros_unknown=True)
         checked(fitted.fit, fitted.observations)
         return fitted
@@ -168,7 +168,7 @@ class TurnOnBiases:
         return gyro, max(accel, _GRAVITY_M_S2 * self._lean_rad(plain))
 
     def _lean_rad(self, fitted: FittedWindow) -> float:
-        """Return by how much the tilt differs from the autopilot's; 0 where that may be chance."""
+        """Return the angle of the tilt from the autopilot's tilt; 0 if it may be chance."""
         window, fit = fitted.window, fitted.fit
         turned = rotvec_from_quat(quat_from_matrix(window.to_end[0]))
         if fitted.hint_nb is None or np.linalg.norm(turned) > _LONG_TURN_RAD:
@@ -184,7 +184,7 @@ class TurnOnBiases:
 
 
 def _tilt_sigma_rad(fit: WindowFit) -> float:
-    """Return the larger sigma of the two tilt angles, with the uncertainty of the biases in it."""
+    """Return the larger sigma of the two tilt angles, the biases' uncertainty included."""
     return float(np.sqrt(max(fit.covariance[0, 0], fit.covariance[1, 1])))
 
 

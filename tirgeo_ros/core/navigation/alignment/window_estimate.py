@@ -4,9 +4,9 @@ The errors of a float solution and of ordinary GPS last longer than the window: 
 not average them away, but their differences give the velocity. Headings in whole degrees average
 only as far as they scatter.
 
-The fit is linear in the biases. Where those it finds turn the window by much, the window is
-integrated again with them subtracted. What the window holds must agree, so that one wrong
-measurement spoils no alignment.
+The fit is linear in the biases. If the fitted biases turn the window by much, it is integrated
+again with them subtracted. The measurements of a window must agree, so that one wrong measurement
+spoils no alignment.
 """
 
 from __future__ import annotations
@@ -57,23 +57,42 @@ from tirgeo_ros.core.types.measurements import (
 #: Error of the autopilot's azimuth: white part, and correlation time of the rest (as simulated).
 _AZIMUTH_NOISE_RAD = np.radians(0.3)
 _AZIMUTH_TIME_S = 30.0
-_WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
+_WHOLE_DEG = 1e-3  # error of whole degrees after a message in single precision
 _PASSES = 5
 #: A change of the biases that turns the window by less needs no new integration: the linear fit
 #: errs by half the square of the turn.
 _TURN_RAD = 0.03
-_PICKED = 9
+_PICKED = 9  # attitudes of the autopilot, spread over the window
 _AUTOPILOT_APART_RAD = np.radians(5.0)
+#: Largest squared misfit per degree of freedom: six sigma is not chance.
+_LARGEST_DISTANCE = 36.0
+#: Up to this tilt error a linear filter is right: its second-order error is a hundredth of it.
+_LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
+#: Headings are compared before the tilt is known: ten times the default sigma floor.
+_HEADINGS_APART_RAD = np.radians(6.0)
+#: Mean force over a second or more of flight: between half of gravity and twice gravity.
+_LEAST_FORCE_M_S2, _LARGEST_FORCE_M_S2 = 4.9, 19.6
+_AUTOPILOT_TILT_RAD = np.radians(10.0)  # possible error of an autopilot in a hard turn
+_AUTOPILOT_SIGMAS = 5.0
+_DOUBT_ENDS_NS = 1_000_000_000
+_LOOK_AT_ANTENNAS = (
+    ": are the antennas swapped, or aircraft.second_antenna_m wrong? (for a compass with such "
+    "errors set autopilot.attitude_sigma_deg)"
+)
+#: Stage of an alignment that lacks only motion, and of one whose measurements disagree.
+MOTION_STAGE, CONTRADICTION = 5, 6
+#: Stages of an alignment that lacks a heading.
+HEADING_STAGES = (2, 3)
 
 
 class Measured(NamedTuple):
-    """Hold a window's samples. Without readings of antennas the autopilot gives the heading."""
+    """Hold a window's samples. Without heading ``readings`` the autopilot gives the heading."""
 
     imu: Sequence[ImuSample]
     positions: Sequence[PositionSample]
     velocities: Sequence[VelocitySample]
     readings: Sequence[HeadingSample | SetHeading]  # of one kind
-    needs_heading: str  # the reason given where there is no heading
+    needs_heading: str  # the reason to report if there is no heading
 
     @property
     def last_ns(self) -> int:
@@ -145,7 +164,7 @@ def position_observation(
     elif sample.status is FixStatus.FIXED:
         white = floored(sample.covariance_n, config.rtk.position_sigma_floor_m)
         slow, time_s = np.zeros(3), np.inf
-    else:  # receivers differ in how much of a float solution's error is white: half is assumed
+    else:  # the white share of a float solution's error differs by receiver: half is assumed
         halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
         white, slow, time_s = np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
     return AlignmentObservation(
@@ -177,10 +196,10 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Alignment
 def heading_observations(
     samples: Sequence[HeadingSample | SetHeading], config: EkfConfig
 ) -> list[AlignmentObservation]:
-    """Return the azimuths of the antenna baseline, or of the nose where a person has set it.
+    """Return the azimuths of the antenna baseline, or of the nose if a person has set it.
 
-    Rounding to whole degrees errs by 1/sqrt(12) deg. Where readings spread by s degrees (by noise
-    or a turn), that averages away down to ``exp(-2 pi^2 s^2)`` of it (Widrow and Kollar,
+    Rounding to whole degrees errs by 1/sqrt(12) deg. If readings spread by s degrees (by noise or
+    a turn), averaging multiplies that error by ``exp(-2 pi^2 s^2)`` (Widrow and Kollar,
     Quantization Noise, chapter 5).
     """
     set_by_hand = [s for s in samples if isinstance(s, SetHeading)]
@@ -190,7 +209,7 @@ def heading_observations(
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
     headings_rad = np.array([s.heading_rad for s in samples])
     spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
-    shared_rad = 0.0  # rounding error, where the headings are in whole degrees
+    shared_rad = 0.0  # rounding error, if the headings are in whole degrees
     if np.abs(spread_deg - np.round(spread_deg)).max() <= _WHOLE_DEG:
         before_rounding = max(float(np.var(spread_deg)) - 1 / 12, 0.0)
         shared_rad = float(np.radians(np.sqrt(1 / 12) * np.exp(-2 * np.pi**2 * before_rounding)))
@@ -211,9 +230,9 @@ def heading_observations(
 def _headings(
     measured: Measured, config: EkfConfig, hint_nb: Array | None, *, gyros_unknown: bool
 ) -> list[AlignmentObservation]:
-    """Return the azimuths of the antennas or, without any, of the nose by the autopilot.
+    """Return the azimuths of the antennas or, without headings, of the autopilot's nose.
 
-    The autopilot's errors last, so that a single one counts. With ``gyros_unknown`` some over the
+    The autopilot's errors last, so one azimuth is enough. With ``gyros_unknown``, several over the
     window show how fast the aircraft turns.
     """
     if measured.readings:
@@ -254,7 +273,7 @@ def _of_nose(
 
 
 def usable_samples(imu: Sequence[ImuSample], first_ns: int, last_ns: int) -> list[ImuSample]:
-    """Return some samples of a window with an attitude, evenly spaced."""
+    """Return up to nine samples of a window that have an attitude, evenly spaced."""
     usable = [
         s for s in imu if first_ns <= s.stamp_ns <= last_ns and usable_attitude(s.autopilot_q_nb)
     ]
@@ -275,7 +294,7 @@ def _autopilot_at_end(window: PreintegratedImu, imu: Sequence[ImuSample]) -> tup
 
 
 def autopilot_gyro_bias(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
-    """Return the gyroscope bias (3,), rad/s, by the autopilot's attitudes; None if they are few.
+    """Return the gyroscope bias (3,), rad/s, from autopilot attitudes; None if they are too few.
 
     Carried to the window's end, each attitude is turned by the bias times the time to the end.
     """
@@ -301,32 +320,11 @@ def autopilot_attitude(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Ar
     return np.asarray(at_end[middle]) if near.sum() * 2 > len(at_end) else None
 
 
-#: Squared misfit per degree of freedom: six sigma is not chance.
-_LARGEST_DISTANCE = 36.0
-#: Up to here a linear filter is right: its error, of second order, is a hundredth of the tilt.
-_LARGEST_TILT_SIGMA_RAD = np.radians(1.0)
-#: Headings are compared before the tilt is known: ten times the default sigma floor.
-_HEADINGS_APART_RAD = np.radians(6.0)
-#: Mean force over a second or more of flight: between half of gravity and twice it.
-_LEAST_FORCE_M_S2, _LARGEST_FORCE_M_S2 = 4.9, 19.6
-_AUTOPILOT_TILT_RAD = np.radians(10.0)  # possible error of an autopilot in a hard turn
-_AUTOPILOT_SIGMAS = 5.0
-_DOUBT_ENDS_NS = 1_000_000_000
-_LOOK_AT_ANTENNAS = (
-    ": are the antennas swapped, or aircraft.second_antenna_m wrong? (for a compass with such "
-    "errors set autopilot.attitude_sigma_deg)"
-)
-#: Stages of an alignment that lacks nothing but motion, and of one that nothing is lacking.
-MOTION_STAGE, CONTRADICTION = 5, 6
-#: Stages of one that lacks a heading.
-HEADING_STAGES = (2, 3)
-
-
 class NotAlignedError(Exception):
-    """Report why a window gives no alignment, and how far it came.
+    """Report why a window gives no alignment, and the stage that it reached.
 
-    Missing by stage: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion.
-    At 6 the measurements contradict each other; ``lasting``: waiting does not help.
+    A stage is named by what is missing: 0 velocity, 1 position, 2 rtk/heading, 3 any heading,
+    4 precision, 5 motion. At 6 the measurements disagree; ``lasting``: waiting does not help.
     """
 
     def __init__(self, reason: str, stage: int = CONTRADICTION, *, lasting: bool = False) -> None:
@@ -335,13 +333,13 @@ class NotAlignedError(Exception):
 
 
 class Recurrence:
-    """Measure for how long a doubt has come again and again, with pauses of a second at most."""
+    """Measure for how long a doubt has recurred, with pauses of a second at most."""
 
     def __init__(self) -> None:
         self._since_ns = self._latest_ns = NEVER_NS
 
     def again_s(self, now_ns: int) -> float:
-        """Note the doubt; return for how long it has recurred, s."""
+        """Record the doubt; return for how long it has recurred, s."""
         if now_ns - self._latest_ns > _DOUBT_ENDS_NS:
             self._since_ns = now_ns
         self._latest_ns = now_ns
@@ -349,12 +347,12 @@ class Recurrence:
 
 
 def furthest(errors: Sequence[NotAlignedError]) -> NotAlignedError:
-    """Return the error of the alignment that came furthest; of equals the first."""
+    """Return the error of the highest stage; of equal ones the first."""
     return max(errors, key=lambda error: error.stage)
 
 
 def central(apart: Array, limit: float) -> tuple[int, BoolArray]:
-    """Return the most central of n things ``apart`` (n, n), and which (n,) are near it."""
+    """Return the index of the most central of n things ``apart`` (n, n), and which are near."""
     middle = int(np.argmin(np.median(apart, axis=1)))
     return middle, apart[middle] < limit
 
@@ -364,8 +362,8 @@ def agreeing(
 ) -> tuple[list[AlignmentObservation], Array]:
     """Return the headings that agree with most others, and a first attitude (3, 3) with them.
 
-    The attitude is that at rest. Raises NotAlignedError where fewer than two thirds agree,
-    or the mean force is not gravity.
+    The attitude assumes an aircraft at rest. Raises NotAlignedError if fewer than two thirds
+    agree, or the mean force is not gravity.
     """
     against_b, length_s = -window.velocity[0], float(window.before_s[0])  # the mean force
     force = float(np.linalg.norm(against_b)) / length_s
@@ -394,7 +392,7 @@ def _shortest_turn(a: Array, b: Array) -> Array:
 
 
 def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> WindowFit:
-    """Return a fit that is near all measurements and knows the tilt; raises NotAlignedError."""
+    """Return the fit if it is near all measurements, with a good tilt; else NotAlignedError."""
     worst = int(np.argmax(result.distances))
     if result.distances[worst] > _LARGEST_DISTANCE:
         wrong, size = observations[worst], float(np.linalg.norm(result.residuals[worst]))
@@ -402,7 +400,7 @@ def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> 
         off = f"{size:.2g} {wrong.kind.value} ({np.sqrt(result.distances[worst]):.0f} sigma)"
         raise NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
     if not result.settled:
-        raise NotAlignedError("imu/data does not fit the motion measured")
+        raise NotAlignedError("imu/data does not fit the measured motion")
     if result.rotation_nb[2, 2] <= 0:
         raise NotAlignedError("imu/data is upside down: check its axes and signs")
     if result.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
@@ -418,7 +416,7 @@ def tilt_between(a_nb: Array, b_nb: Array) -> float:
 def differences(
     result: WindowFit, hint_nb: Array, autopilot: AutopilotConfig
 ) -> dict[str, NotAlignedError]:
-    """Return doubts on "tilt" and "heading" where they differ from the autopilot's (3, 3)."""
+    """Return doubts on "tilt" and "heading" if they differ from the autopilot's (3, 3)."""
     tilt = tilt_between(result.rotation_nb, hint_nb)
     heading = abs(float(wrap_pi(azimuth(result.rotation_nb[:, 0]) - azimuth(hint_nb[:, 0]))))
     own = np.sqrt(result.covariance[2, 2])
@@ -426,7 +424,7 @@ def differences(
     text = "{} and the orientation in imu/data differ by {:.0f} deg"
     out = {}
     if tilt > _AUTOPILOT_TILT_RAD:
-        out["tilt"] = NotAlignedError(text.format("the tilt found", np.degrees(tilt)))
+        out["tilt"] = NotAlignedError(text.format("the estimated tilt", np.degrees(tilt)))
     if heading > _AUTOPILOT_SIGMAS * sigma:
         words = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
         out["heading"] = NotAlignedError(words, lasting=heading > LARGE_TURN_RAD)

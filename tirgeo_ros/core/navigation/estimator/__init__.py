@@ -1,1 +1,1 @@
-"""Estimate: samples in, verdicts and solutions out; the one entrance to the filter."""
+"""Run the chosen estimator: take samples, return verdicts and solutions."""

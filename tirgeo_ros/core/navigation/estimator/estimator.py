@@ -45,7 +45,7 @@ _IMU_KEY = (Source.IMU, Outcome.USED)
 
 
 class Step(NamedTuple):
-    """Hold the verdict on one sample, and the solution where it is due to be published."""
+    """Hold the verdict on one sample, and the solution if one is due to be published."""
 
     verdict: Verdict
     solution: NavSolution | None = None
@@ -54,14 +54,16 @@ class Step(NamedTuple):
 class Navigation:
     """Run the configured method on samples in the order of their arrival.
 
-    ``heard`` is called with every verdict but that on an IMU sample that was used. A sample that
-    was held has a second one. ``plane`` is that of ``map``: as configured, or at the first
+    ``on_verdict`` is called with every verdict except those on used IMU samples. A sample that was
+    held has a second verdict. ``plane`` is that of ``map``: as configured, or at the first
     accepted position. Raises ConfigError for an origin that is not on earth.
     """
 
-    def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
+    def __init__(
+        self, config: EkfConfig, on_verdict: Callable[[Verdict], None] | None = None
+    ) -> None:
         self._config = config
-        self._log = VerdictLog(heard)
+        self._log = VerdictLog(on_verdict)
         self._filtering = config.method in {"ekf", "ekf_heading"}
         gps = config.method == "raw"
         self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
@@ -99,10 +101,10 @@ class Navigation:
         self._watched_ns = 0
 
     def configure(self, config: EkfConfig) -> None:
-        """Use other parameters from the next sample on; those that are not live must be the same.
+        """Use new parameters from the next sample on; only live ones may differ from the old ones.
 
-        A filter that runs keeps its state. Measurements of the last ``max_delay_s`` that a late
-        one makes it compute again meet the new ones. An alignment begins again.
+        A running filter keeps its state. If a late measurement makes it compute the last
+        ``max_delay_s`` again, the new parameters hold for them. An alignment begins again.
         """
         if config.publish_rate_hz != self._config.publish_rate_hz:
             self._rate = RateLimit(config.publish_rate_hz)
@@ -118,7 +120,7 @@ class Navigation:
             self._start_up = StartUp(config, self._start_up.prior)
 
     def process(self, sample: NavigationInput) -> Step:
-        """Take one sample, whatever is in it; return its verdict, and a solution if one is due."""
+        """Take one sample, valid or not; return its verdict, and a solution if one is due."""
         fault, has_begun = fault_of(sample), self._ekf is not None
         if fault:
             step = Step(Verdict(sample.source, Outcome.INVALID, fault))
@@ -161,7 +163,7 @@ class Navigation:
         )
 
     def state_and_resets(self) -> tuple[FilterState, int]:
-        """Return the state and the number of resets, at a tenth of what ``status`` costs."""
+        """Return the state and the number of resets, at a tenth of the cost of ``status``."""
         state, _ = self._state()
         of_this = sum(self._ekf.aids.resets) if self._ekf else 0
         return state, self._resets.total() + of_this
@@ -173,7 +175,7 @@ class Navigation:
         aids = self._ekf.aids
         counts = Counter(dict(zip(AID_SOURCES, aids.resets, strict=True)))
         last = str(aids.last_reset) if aids.last_reset else self._last_reset
-        return self._resets + counts, last  # the sum is of those above zero
+        return self._resets + counts, last  # the sum drops counts of zero
 
     def _enter(self, state: FilterState) -> None:
         now_ns = self._clocks.now_ns
@@ -210,9 +212,9 @@ class Navigation:
         if begins:
             prior = self._ekf.biases() if self._ekf else None
             self._begin(checked.reason, checked.outcome, prior)
-        self._clocks.hear_imu(sample.stamp_ns)
-        for held in checked.use:
-            outcome, reason = self._take_imu(held)
+        self._clocks.take_imu(sample.stamp_ns)
+        for accepted in checked.use:
+            outcome, reason = self._take_imu(accepted)
         if begins:
             outcome, reason = checked.outcome, checked.reason
         solution = self._due_solution(sample.stamp_ns)
@@ -239,11 +241,11 @@ class Navigation:
         delay_ns = self._delays.aid_ns.get(source, 0)
         if delay_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
-        self._clocks.hear_aid(source, sample.stamp_ns)
+        self._clocks.take_aid(source, sample.stamp_ns)
         if source not in METHOD_SOURCES[self._config.method]:
             return Verdict(source, Outcome.UNUSED)
         if isinstance(sample, PositionSample):
-            self._health.hear(sample)
+            self._health.take_position(sample)
         same = self._repeats.compared(sample)
         if same is Same.MEASUREMENT:
             return Verdict(source, Outcome.REPEATED, "the same value as the previous sample")
@@ -265,7 +267,7 @@ class Navigation:
         return verdict
 
     def _align(self, sample: NavigationInput) -> None:
-        """Give a sample to the alignment; once it succeeds, run the filter."""
+        """Give a sample to the alignment; once that succeeds, run the filter."""
         verdicts = self._start_up.add(sample)
         self._ekf = self._start_up.ekf
         if self._ekf is not None and self._start_up.first_state is not None:
@@ -275,12 +277,12 @@ class Navigation:
             self._count(verdict)
 
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
-        """Check the filter's health, aided by the IMU's message if need be; restart if lost."""
+        """Use aids in the IMU's message, check the filter's health, and restart it if lost."""
         self._watched_ns = ekf.newest_ns
         for aid in self._in_imu:
-            held = aid.of_imu(sample, ekf.estimate().covariance)
-            if held is not None:
-                self._count(ekf.add_aiding(held))
+            aiding = aid.of_imu(sample, ekf.estimate().covariance)
+            if aiding is not None:
+                self._count(ekf.add_aiding(aiding))
         estimate = ekf.estimate()
         covariance, aids = estimate.covariance, estimate.aids
         self._enter(self._health.state(aids, ekf.newest_ns, self._log.unused)[0])

@@ -15,7 +15,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
-#: Bound over reported sigma: a state with a position of some sigma may drift by about as much.
+#: Ratio of the bound to a position's reported sigma: the state may drift by about that sigma.
 _DRIFT_RATIO = 1.5
 #: The fix status of a receiver that has been silent for longer is NONE.
 _STATUS_AGE_NS = 2_000_000_000
@@ -34,11 +34,11 @@ Unused = tuple[int, str]
 
 
 def covariance_fault(covariance: Array) -> str:
-    """Return what makes a covariance (n, n) impossible, or an empty string."""
+    """Return why a covariance (n, n) is impossible, or an empty string."""
     variances = covariance.diagonal().tolist()
     if not math.isfinite(sum(variances)):
-        return "not finite"
-    return "a negative variance" if min(variances) < 0 else ""
+        return "covariance not finite"
+    return "covariance with a negative variance" if min(variances) < 0 else ""
 
 
 class FilterHealth:
@@ -51,15 +51,15 @@ class FilterHealth:
         self._expected = EXPECTED.get(config.method, ())
 
     def configure(self, config: EkfConfig) -> None:
-        """Take the parameters, also others in flight."""
+        """Take the parameters, at the start or in flight."""
         trust = config.trust
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
         self._bound_m = trust.lost_position_sigma_m
         self._heading_rad2 = lost_heading_rad(config) ** 2
         self._patience_s = config.rtk.reset_after_s
 
-    def hear(self, sample: PositionSample) -> None:
-        """Take a position, for the status and the accuracy that its receiver reports."""
+    def take_position(self, sample: PositionSample) -> None:
+        """Record the fix status and the accuracy that a receiver reports with a position."""
         north, east, down = sample.covariance_n.diagonal().tolist()
         if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
             self._variances[sample.source] = north, east, down
@@ -74,7 +74,7 @@ class FilterHealth:
     def state(
         self, aids: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None
     ) -> tuple[FilterState, str]:
-        """Return RUNNING, DEGRADED or DEAD_RECKONING, and which aids are refused or do not come.
+        """Return RUNNING, DEGRADED or DEAD_RECKONING, and which aids are refused or missing.
 
         ``unused`` holds for each source when a sample was last not used, and why.
         """
@@ -114,7 +114,7 @@ class FilterHealth:
         return f"gps/fix has a sigma of {', '.join(sizes)}" if sizes else ""
 
     def lost(self, aids: AidStatus, covariance: Array) -> str:
-        """Return why a state with this error covariance (n, n) is not to be trusted, or ""."""
+        """Return why a state with this error covariance (n, n) cannot be trusted, or ""."""
         fault = covariance_fault(covariance)
         if fault:
             return fault
@@ -128,29 +128,29 @@ class FilterHealth:
         return aids.hopeless(self._patience_s)
 
     def spoiled(self, aids: AidStatus, covariance: Array) -> bool:
-        """Return whether the bias estimates of a lost state are not to be trusted either."""
+        """Return whether the bias estimates of a lost state cannot be trusted either."""
         return bool(covariance_fault(covariance) or aids.hopeless(self._patience_s))
 
 
 class VerdictLog:
-    """Record every verdict but that on an IMU sample that was used, and give it to ``heard``.
+    """Record every verdict except those on used IMU samples, and pass it to ``on_verdict``.
 
-    Besides counts it holds the newest test ratios and reasons of disuse, and the normalised
-    innovations squared (NIS) of 30 s. Their mean over the degrees of freedom is 1 for measurements
-    whose noise, place and time are as the parameters and messages say (Bar-Shalom, Li and
+    Besides counts it holds, by source, the newest test ratio, why samples are not used, and the
+    normalised innovations squared (NIS) of 30 s. Their mean per degree of freedom is 1 if the
+    noise, lever arm and delay of measurements are as configured and reported (Bar-Shalom, Li and
     Kirubarajan, Estimation with Applications to Tracking and Navigation, section 5.4).
     """
 
-    def __init__(self, heard: Callable[[Verdict], None] | None = None) -> None:
+    def __init__(self, on_verdict: Callable[[Verdict], None] | None = None) -> None:
         self.counts: Counter[tuple[Source, Outcome]] = Counter()
         self.test_ratios: dict[Source, float] = {}
         self.unused: dict[Source, Unused] = {}
-        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, 30 s of each
-        self._means: dict[Source, float] = {}  # of those, until the next value
-        self._heard = heard
+        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
+        self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
+        self._on_verdict = on_verdict
 
     def begin(self) -> None:
-        """Forget what belongs to the former state."""
+        """Forget the records of the former state."""
         self.unused = {}
         self._nis = {}
         self._means = {}
@@ -173,11 +173,11 @@ class VerdictLog:
             self.unused[source] = now_ns, f"refused: {verdict.reason}"
         elif verdict.outcome is Outcome.NOT_FIXED:
             self.unused[source] = now_ns, f"not used: {verdict.reason}"
-        if self._heard is not None:
-            self._heard(verdict)
+        if self._on_verdict is not None:
+            self._on_verdict(verdict)
 
     def nis(self, now_ns: int) -> dict[str, float]:
-        """Return the mean NIS over degrees of freedom by source, where there are enough values."""
+        """Return the mean NIS per degree of freedom, by source, if there are enough values."""
         return {
             source.value: self._mean(source, values)
             for source, values in self._nis.items()
@@ -185,7 +185,7 @@ class VerdictLog:
         }
 
     def _mean(self, source: Source, values: deque[tuple[int, float]]) -> float:
-        # The status is asked for at each IMU sample: 30 s of values are not added up each time.
+        # Callers may ask at each IMU sample: the values of 30 s are not added up each time.
         if source not in self._means:
             self._means[source] = sum(nis for _, nis in values) / len(values)
         return self._means[source]

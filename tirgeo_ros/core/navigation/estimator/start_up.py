@@ -1,4 +1,4 @@
-"""Start the filter: sort samples by their stamps, align, and catch up with what came meanwhile.
+"""Start the filter: sort samples by stamp, align, and process the samples that came meanwhile.
 
 The result of an alignment must not depend on the load of the computer. Until the filter runs no
 solution is due, so samples are held until everything that may precede them has arrived.
@@ -34,7 +34,7 @@ class StampOrder:
     """Hold each sample until the newest IMU sample is ``wait_s`` beyond its stamp.
 
     A measurement may be ``hold_s`` ahead of the IMU and ``keep_s`` behind it, once there is an IMU
-    sample to compare with. Where a source exceeds its bound, its oldest samples are dropped.
+    sample to compare with. If a source exceeds its bound, its oldest sample is dropped.
     """
 
     def __init__(self, wait_s: float, hold_s: float, keep_s: float) -> None:
@@ -42,7 +42,7 @@ class StampOrder:
             round(s * 1e9) for s in (wait_s, hold_s, keep_s)
         )
         self._span_s = wait_s + hold_s
-        self._held: defaultdict[Source, list[_Entry]] = defaultdict(list)  # each sorted
+        self._queues: defaultdict[Source, list[_Entry]] = defaultdict(list)  # each sorted
         self._given_up: list[Verdict] = []
         self._number = 0
         self._imu_ns: int | None = None
@@ -58,7 +58,7 @@ class StampOrder:
         return Verdict(source, outcome, f"{ahead_ns * 1e-9:+.1f} s from imu/data")
 
     def given_up(self) -> list[Verdict]:
-        """Return the verdicts on held samples that were dropped, each once."""
+        """Return the verdicts on dropped samples since the last call."""
         dropped, self._given_up = self._given_up, []
         return dropped
 
@@ -66,17 +66,17 @@ class StampOrder:
         """Take a sample; return those that are due, oldest first."""
         source = sample.source
         self._number += 1
-        held = self._held[source]
-        bisect.insort(held, (sample.stamp_ns, _PLACE[source], self._number, sample))
+        queue = self._queues[source]
+        bisect.insort(queue, (sample.stamp_ns, _PLACE[source], self._number, sample))
         most_hz = _MOST_IMU_HZ if source is Source.IMU else _MOST_OTHER_HZ
         most = math.ceil(self._span_s * most_hz)
-        if len(held) > most:
-            del held[0]
-            reason = f"{most} newer ones wait for imu/data"
+        if len(queue) > most:
+            del queue[0]
+            reason = f"{most} newer samples wait for imu/data"
             self._given_up.append(Verdict(source, Outcome.TOO_MANY, reason))
         if source is Source.IMU:
             begins, self._imu_ns = self._imu_ns is None, sample.stamp_ns
-            for earlier, entries in self._held.items() if begins else ():
+            for earlier, entries in self._queues.items() if begins else ():
                 judged = [(entry, self.out_of_reach(earlier, entry[0])) for entry in entries]
                 entries[:] = [entry for entry, far in judged if far is None]
                 self._given_up += [far for _, far in judged if far is not None]
@@ -85,15 +85,15 @@ class StampOrder:
     def pop_until(self, end_ns: float = math.inf) -> list[NavigationInput]:
         """Remove and return the samples up to a stamp, oldest first."""
         due_entries: list[_Entry] = []
-        for held in self._held.values():
-            due = bisect.bisect_right(held, end_ns, key=operator.itemgetter(0))
-            due_entries += held[:due]
-            del held[:due]
+        for queue in self._queues.values():
+            due = bisect.bisect_right(queue, end_ns, key=operator.itemgetter(0))
+            due_entries += queue[:due]
+            del queue[:due]
         return [entry[3] for entry in sorted(due_entries)]
 
 
 class StartUp:
-    """Take samples until ``ekf`` is there; ``prior`` is of the IMU's biases."""
+    """Take samples until the filter ``ekf`` starts; ``prior`` is of the IMU's biases."""
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config, self.prior = config, prior
@@ -106,15 +106,15 @@ class StartUp:
         self.record: FlightRecord | None = None  # of the filter, for a smoother
 
     def refused(self, sample: Aiding) -> Verdict | None:
-        """Return the verdict on a sample that does not serve to align, else None."""
+        """Return the verdict on a sample that the alignment cannot use, else None."""
         if isinstance(sample, SetHeading) and not self.aligner.lacks_heading:
-            reason = f"the alignment does not wait for a heading: {self.aligner.reason}"
+            reason = f"the alignment does not need a heading now: {self.aligner.reason}"
             return Verdict(sample.source, Outcome.STANDBY, reason)
         useless = AIDS[sample.source].useless(sample, self._config)
         return useless or self.order.out_of_reach(sample.source, sample.stamp_ns)
 
     def add(self, sample: NavigationInput) -> list[Verdict]:
-        """Take a sample; return the verdicts on samples dropped, and on those of a start."""
+        """Take a sample; return verdicts on dropped samples and, at a start, on later ones."""
         due = iter(self.order.add(sample))
         verdicts = self.order.given_up()
         for earlier in due:
@@ -124,15 +124,16 @@ class StartUp:
         return verdicts
 
     def _started(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> list[Verdict]:
-        """Start the filter; ``rest`` are samples that the alignment has not had."""
+        """Start the filter; ``rest`` are the samples that the alignment has not taken."""
         self.ekf = Ekf(self._config, alignment, record=self.record)
         self.first_state = alignment.state
         later = sorted((*alignment.imu[1:], *alignment.later), key=lambda s: s.stamp_ns)
-        unseen = (s for s in rest if s.stamp_ns > alignment.stamp_ns)
+        newer = (s for s in rest if s.stamp_ns > alignment.stamp_ns)
         verdicts = []
         if Source.SET_HEADING in alignment.sources:
-            verdicts.append(Verdict(Source.SET_HEADING, Outcome.USED, "the filter begins with it"))
-        for sample in (*later, *unseen):
+            reason = "the filter starts with this heading"
+            verdicts.append(Verdict(Source.SET_HEADING, Outcome.USED, reason))
+        for sample in (*later, *newer):
             if isinstance(sample, ImuSample):
                 verdicts += self.ekf.add_imu(sample)
             else:

@@ -10,7 +10,7 @@ from tirgeo_ros.core.types.poses import BodyPose
 
 T = TypeVar("T")
 
-#: The track is sent whole each time: with more points it would hold up the filter.
+#: The whole track is sent each time: with more points it would delay the filter.
 MOST_POINTS = 1000
 _FIRST_SPACING_M = 1.0
 
@@ -19,7 +19,7 @@ class Track(Generic[T]):
     """Keep points of a track, each made once from a pose by ``point_of``.
 
     Two points are a metre apart or more. When there are ``MOST_POINTS``, every second one is
-    dropped and the spacing doubles, so the whole flight stays.
+    dropped and the spacing doubles, so the track still covers the whole flight.
     """
 
     def __init__(self, point_of: Callable[[BodyPose], T]) -> None:
@@ -34,7 +34,7 @@ class Track(Generic[T]):
         self._newest: BodyPose | None = None
 
     def add(self, body: BodyPose) -> None:
-        """Add a pose; one with an earlier stamp than the last begins a new track."""
+        """Add a pose; a stamp earlier than the newest begins a new track."""
         if self._newest is not None and body.stamp_ns < self._newest.stamp_ns:
             self.clear()
         self._newest = body
@@ -53,5 +53,5 @@ class Track(Generic[T]):
         return [*self._points, self._point_of(self._newest)]
 
     @staticmethod
-    def _apart_m(one: BodyPose, other: BodyPose) -> float:
-        return math.dist(one.position_n.tolist(), other.position_n.tolist())
+    def _apart_m(a: BodyPose, b: BodyPose) -> float:
+        return math.dist(a.position_n.tolist(), b.position_n.tolist())

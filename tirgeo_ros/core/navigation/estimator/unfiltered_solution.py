@@ -1,6 +1,6 @@
 """Estimate the baselines ``raw`` and ``rtk``: the autopilot's attitude and a satellite position.
 
-Between two positions the last one is extrapolated with the last velocity. There is no filter.
+Between two positions, the last position is extrapolated with the last velocity, unfiltered.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class UnfilteredSolution:
         self.configure(config)
 
     def configure(self, config: EkfConfig) -> None:
-        """Take the parameters, also others in flight."""
+        """Take the parameters, at the start or in flight."""
         rtk = self._source is Source.RTK_POSITION
         gps_m, rtk_m = config.gps.position_sigma_m, config.rtk.position_sigma_floor_m
         self._default_covariance = np.diag(np.square((rtk_m,) * 3 if rtk else gps_m))
@@ -56,7 +56,7 @@ class UnfilteredSolution:
         return ""
 
     def add_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
-        """Store an IMU sample, of which the attitude and the rate enter the solution."""
+        """Store an IMU sample; the solution uses its attitude and angular rate."""
         self._imu = sample
         if usable_attitude(sample.autopilot_q_nb):
             return Outcome.USED, ""
@@ -106,5 +106,5 @@ class UnfilteredSolution:
 
 
 def _or_else(covariance: Array, otherwise: Array) -> Array:
-    """Return ``covariance``, or ``otherwise`` where a message has none: a variance of zero."""
+    """Return ``covariance``, or ``otherwise`` if one of its variances is unknown (zero)."""
     return covariance if np.all(np.diag(covariance) > 0) else otherwise

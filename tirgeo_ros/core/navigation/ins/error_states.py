@@ -9,7 +9,7 @@ All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 9-11   gyroscope bias             rad/s
 12-14  accelerometer bias         m/s2
 15-17  error of the ordinary GPS  m
-18-20  RTK antenna's place in b   m, only where it is not measured
+18-20  RTK antenna position in b  m, only if it is not measured
 =====  =========================  =====
 
 Their dynamics are in ``propagation``.
@@ -42,20 +42,20 @@ def states_of(config: EkfConfig) -> int:
 
 
 def has_antenna(states: int) -> bool:
-    """Return whether the RTK antenna's place is one of ``states`` error states."""
+    """Return whether ``states`` error states include the RTK antenna's position."""
     return states >= ANTENNA.stop
 
 
 def flat_memory(square: Array) -> memoryview[float]:
-    """Return a matrix's memory by rows: scalars are written there at a tenth of the cost."""
+    """Return a matrix's memory, row by row: writing scalars there costs a tenth."""
     return cast("memoryview[float]", square.reshape(-1).data)
 
 
 def feedback(state: NavState, error: Array) -> NavState:
     """Return the state corrected by an estimated error (n,), of which the first 15 are used.
 
-    Positions are converted from metres; the corrections of position and velocity are summed up in
-    ``correction_n`` and ``push_n``.
+    Position errors are converted from metres; the corrections of position and velocity are added
+    to ``correction_n`` and ``push_n``.
     """
     e = error.tolist()
     meridian, transverse = radii_of_curvature(state.latitude_rad)

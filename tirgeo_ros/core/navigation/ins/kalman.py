@@ -1,8 +1,8 @@
-"""Compute the Kalman update of an error state, with its gate; note changes of the covariance.
+"""Compute the Kalman update of an error state, with its gate; link changes of the covariance.
 
-A smoother goes back through the changes. A mark leads to the one before it, as the filter's states
-do: where a late measurement makes the filter compute again, new marks continue from the state that
-it goes back to, and the old ones are forgotten with the states that they led to.
+A smoother goes back through the changes, from each mark to the mark before it. If a late
+measurement makes the filter compute again, new marks continue from the state that it goes back to,
+and the replaced marks are discarded with their states.
 """
 
 from __future__ import annotations
@@ -16,9 +16,12 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 
+#: Up to this sigma a float holds the probability of an exceedance to full precision.
+_RAREST_SIGMA = 30.0
+
 
 class Correction(NamedTuple):
-    """Hold a Kalman update by its measurement (m rows)."""
+    """Hold the measurement of a Kalman update (m rows)."""
 
     design: Array  # (m, n) H
     weight: Array  # (m, m) inverse of the innovation's covariance
@@ -26,13 +29,13 @@ class Correction(NamedTuple):
 
 
 class Change(NamedTuple):
-    """Hold one step of the covariance of the error states.
+    """Hold one change of the covariance of the error states.
 
-    The error after it is ``transition @ error`` plus noise (None: identity), or the update by
-    ``correction``.
+    The error after the change is ``transition @ error`` plus noise (None: identity), or the
+    update by ``correction``.
     """
 
-    covariance: Array  # (n, n) after it
+    covariance: Array  # (n, n) after the change
     transition: Array | None = None  # (n, n)
     correction: Correction | None = None
     step_s: float = 0.0  # length of a propagation
@@ -40,11 +43,11 @@ class Change(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Mark:
-    """Hold a change, and the way to the one before it."""
+    """Hold a change, and the mark of the change before it."""
 
     change: Change
     before: Mark | None = None
-    number: int = -1  # its place in the record, once it is there
+    number: int = -1  # index in the flight record, once recorded
 
 
 def cut(states: int, *blocks: slice) -> Array:
@@ -53,10 +56,6 @@ def cut(states: int, *blocks: slice) -> Array:
     for block in blocks:
         transition[block, :] = 0.0
     return transition
-
-
-#: Up to here a float holds the probability of an exceedance to all its digits.
-_RAREST_SIGMA = 30.0
 
 
 class Measurement(NamedTuple):
@@ -70,7 +69,7 @@ class Measurement(NamedTuple):
 
 
 class Update(NamedTuple):
-    """Hold an update; its result is None where the gate refused it."""
+    """Hold an update; its results are None if the gate refused it."""
 
     test_ratio: float
     error: Array | None  # (n,)
@@ -80,12 +79,11 @@ class Update(NamedTuple):
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
-    """Return the update of a covariance (n, n); refused where the test ratio is outside 0 to 1.
+    """Return the update of a covariance (n, n); refused if the test ratio is outside 0 to 1.
 
-    A negative ratio or nan comes from a noise that is no covariance matrix. With the optimal gain
+    A negative ratio or nan means that the noise is no covariance matrix. With the optimal gain
     Joseph's form is ``P - K H P``, made symmetric. ``ease`` k limits the correction to 1 / (k + 1)
-    of the innovation at most: the noise, but not that of the gate, is enlarged by k times the
-    prediction's covariance.
+    of the innovation: after the gate, k times the prediction's covariance is added to the noise.
     """
     innovation, design, noise = measurement.innovation, measurement.design, measurement.noise
     cross = covariance.dot(design.T)
@@ -129,12 +127,12 @@ def _inverse(spread: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def chi_square_limit(sigma: float, degrees: int) -> float:
-    """Return the squared distance that is exceeded as rarely as ``sigma`` in one dimension.
+    """Return the squared distance exceeded with the probability of ``sigma`` in one dimension.
 
     ``degrees`` (of freedom) is 1, 2 or 3; the survival functions are closed forms, inverted by
     bisection.
     """
-    if sigma > _RAREST_SIGMA:  # further out the limit grows as sigma^2 but for a logarithm
+    if sigma > _RAREST_SIGMA:  # beyond, the limit grows as sigma^2, except for a logarithm
         rarest = chi_square_limit(_RAREST_SIGMA, degrees)
         return rarest + sigma * sigma - _RAREST_SIGMA * _RAREST_SIGMA
     wanted = math.erfc(sigma / math.sqrt(2))

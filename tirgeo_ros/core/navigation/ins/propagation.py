@@ -3,8 +3,8 @@
 The covariance follows the state at a lower rate, and at every measurement. With
 ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the matrix
 of the first 15 error states (``error_states``); it is Groves, 2nd ed., section 14.2.4, in metres
-and with the opposite sign of error. The error of the GPS is a first-order Gauss-Markov process, as
-the biases are; the antenna's place is constant.
+and with the opposite sign of error. The GPS error, like the biases, is a first-order Gauss-Markov
+process; the antenna's position is constant.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from tirgeo_ros.core.types.measurements import ImuSample
 _LARGEST_STEP_S = 0.02
 #: Shortest step of the covariance; it gives steps of 50 ms at IMU rates of 100 to 400 Hz.
 _COVARIANCE_STEP_S = 0.0495
-#: An interval longer than that of the slowest IMU, with jitter, has lost samples: a difference
-#: of readings across it would contain motion.
+#: In an interval longer than this, that of the slowest IMU with jitter, samples are lost: a
+#: difference of readings across it would contain motion.
 _LOST_SAMPLES_S = 0.035
-#: Motion possible in such an interval beyond what the samples around it show.
+#: Possible motion in such an interval that the samples around it do not show.
 _UNSEEN_RATE_RAD_S = 0.03
 _UNSEEN_FORCE_M_S2 = 0.2
-#: Rms of a number uniform in 0 to 1: the unknown share of the motion that did not take place.
+#: Rms of a number uniform in 0 to 1: the unknown share of a gap's motion that did not happen.
 _UNIFORM_RMS = 0.58
 
 #: Power densities: gyroscopes x, y, z in rad2/s, accelerometers x, y, z in m2/s3.
@@ -49,14 +49,14 @@ Powers = tuple[float, float, float, float, float, float]
 STILL: Powers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 #: Length of the running mean of the IMU's noise.
 _MEMORY_S = 3.0
-#: While clipped PX4's EKF2 uses 4.9 m/s2 a step of 10 ms: 0.49 m/s/sqrt(s); this in m2/s3.
+#: Noise of clipped accelerometers, m2/s3: PX4's EKF2 uses 4.9 m/s2 over 10 ms, 0.49 m/s/sqrt(s).
 _CLIPPED = 0.49**2
 
 E = TypeVar("E", bound="Epoch")
 
 
 class Propagated(NamedTuple):
-    """Hold a state, and a covariance that is older by ``lag_s`` and is propagated later."""
+    """Hold a state, and its covariance, which is ``lag_s`` older and is propagated later."""
 
     state: NavState
     covariance: Array
@@ -64,7 +64,7 @@ class Propagated(NamedTuple):
     start: NavState | None = None  # the state at the covariance's time
     rates: Rates | None = None  # near the middle of the lag
     vibration: Powers = STILL  # IMU noise of the last seconds
-    trail: Mark | None = None  # what led to the covariance, where a smoother needs it
+    trail: Mark | None = None  # newest change of the covariance, if a smoother needs it
 
 
 @dataclass(slots=True, eq=False)
@@ -154,7 +154,7 @@ class Propagation:
         lag_s += step_s
         start = now.start or now.state
         fields = (state, now.covariance, lag_s, start, middle, end.vibration, now.trail)
-        lagging: Propagated = tuple.__new__(Propagated, fields)  # half of Propagated(...)
+        lagging: Propagated = tuple.__new__(Propagated, fields)  # at half the cost
         return self.followed(lagging) if lag_s >= _COVARIANCE_STEP_S else lagging
 
     def followed(self, now: Propagated) -> Propagated:
@@ -176,9 +176,9 @@ class Propagation:
     def _bridged(self, now: Propagated, start: Epoch, end: Epoch) -> Propagated:
         """Return ``now`` with a covariance enlarged for a gap between two samples.
 
-        Unseen motion may have happened in the gap. The gap may also not exist: a clock that was
-        set forward looks the same. The share of the motion that took place is then uncertain
-        between none and all.
+        Motion may have happened in the gap that no sample shows. Or there is no gap: a clock that
+        was set forward looks the same. So the share of the propagated motion that did happen is
+        unknown, from 0 to 1.
         """
         followed = self.followed(now)
         state, covariance = followed.state, followed.covariance
@@ -199,7 +199,7 @@ class Propagation:
 
 
 class CovariancePropagation:
-    """Propagate the covariance; the work arrays are kept, since it runs many times a second."""
+    """Propagate the covariance; work arrays are reused, since it runs many times a second."""
 
     def __init__(self, config: EkfConfig) -> None:
         states = states_of(config)
@@ -218,7 +218,7 @@ class CovariancePropagation:
         )
         self._f[range(9, states), range(9, states)] = -1 / times_s
         self._noise_powers = NoisePowers(imu)
-        # A Gauss-Markov state of sigma s and correlation time tau is driven by s sqrt(2 / tau).
+        # White noise of density s sqrt(2 / tau) drives a Gauss-Markov state (sigma s, time tau).
         self._driving = np.diag(np.concatenate([np.zeros(9), sigmas**2 * 2 / times_s]))
 
     @property
@@ -238,12 +238,12 @@ class CovariancePropagation:
         """Return the covariance (n, n) after a step: second-order transition, noise in ``n``.
 
         ``force_n`` (m/s2) is the mean specific force of the step; ``state`` and ``rates`` are
-        those of an instant within it; ``vibration`` are the noise densities of the IMU's readings.
+        of an instant within it; ``vibration`` holds the noise densities of the IMU's readings.
         """
         _write_dynamics(self._flat_f, self._states, state, rates, force_n)
         transition, a = self._transition, self._a
         np.multiply(self._f, step_s, out=a)
-        a.dot(a, out=transition)  # np.dot(a, a) takes a detour in Python
+        a.dot(a, out=transition)  # np.dot(a, a) has more overhead in Python
         transition *= 0.5
         transition += a
         transition += self._identity
@@ -336,7 +336,7 @@ def _write_dynamics(
 
 
 class VibrationMeter:
-    """Measure the power densities of an IMU, sample by sample."""
+    """Measure the noise power densities of an IMU, sample by sample."""
 
     def __init__(self, initial: Powers = STILL, initial_s: float = 0.0) -> None:
         """Begin with ``initial`` densities, the mean over ``initial_s`` seconds."""
@@ -349,7 +349,7 @@ class VibrationMeter:
         self._rate_step: Vector = (0.0, 0.0, 0.0)
 
     def add(self, step_s: float, force_b: Vector, rate_b: Vector) -> Powers:
-        """Take a reading ``step_s`` after the one before (m/s2, rad/s); return the means."""
+        """Take a reading, ``step_s`` after the last (m/s2, rad/s); return the mean densities."""
         fx, fy, fz = force_b
         wx, wy, wz = rate_b
         px, py, pz = self._force
@@ -403,13 +403,13 @@ def mean_powers(imu: Sequence[ImuSample]) -> Powers:
 
 
 def clipped_powers(powers: Powers) -> Powers:
-    """Return densities that hold where the accelerometers are shaken beyond their range."""
+    """Return the densities while the accelerometers are shaken beyond their range."""
     x, y, z, a, b, c = powers
     return x, y, z, max(a, _CLIPPED), max(b, _CLIPPED), max(c, _CLIPPED)
 
 
 def densities(powers: Powers) -> Powers:
-    """Return square roots: rad/sqrt(s) of the gyroscopes, m/s/sqrt(s) of the accelerometers."""
+    """Return the square roots: gyroscopes in rad/sqrt(s), accelerometers in m/s/sqrt(s)."""
     return tuple(map(math.sqrt, powers))  # type: ignore[return-value]
 
 
@@ -427,7 +427,7 @@ class NoisePowers:
         return self.under(vibration) != self._least
 
     def under(self, vibration: Powers) -> Powers:
-        """Return all six under a vibration: never less than the configured ones."""
+        """Return the six densities under a vibration, never less than those configured."""
         a, b, c, d, e, f = self._least
         x, y, z, u, v, w = vibration
         gyro, accel = self._gyro, self._accel

@@ -33,7 +33,7 @@ class NavState(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Hold what the error model needs of a state and of the step that starts there."""
+    """Hold what the error model needs of a state and of the step that starts from it."""
 
     rotation_nb: Rotation
     specific_force_n: Vector  # m/s2
@@ -106,7 +106,7 @@ def propagate(
     fn = r0 * fx + r1 * fy + r2 * fz
     fe = r3 * fx + r4 * fy + r5 * fz
     fd = r6 * fx + r7 * fy + r8 * fz
-    # At this place: radii, gravity, earth rate and transport rate (Groves 2.105, 2.106, 2.123,
+    # At this position: radii, gravity, earth rate and transport rate (Groves 2.105, 2.106, 2.123,
     # 2.134, 2.139, 5.44).
     sine, cosine, meridian, transverse, gravity = earth_at(latitude, height)
     earth_n, earth_d = EARTH_RATE_RAD_S * cosine, -EARTH_RATE_RAD_S * sine

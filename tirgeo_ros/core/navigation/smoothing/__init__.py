@@ -1,1 +1,1 @@
-"""Smooth a flight: give every pose what the measurements before and after it say."""
+"""Smooth a flight: estimate each pose from the measurements before and after it."""

@@ -1,7 +1,7 @@
-"""Smooth a flight backwards: run the estimator twice, to record it and to publish it smoothed.
+"""Smooth a flight: run the estimator twice, to record it and to publish smoothed solutions.
 
 The second run is the filter again, with its verdicts, states and plane; only the solutions are
-replaced. So whatever takes the filter's poses takes the smoothed ones unchanged.
+replaced. So code that takes the filter's poses takes the smoothed ones, too.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, feedback, has_antenna, states_of
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
-from tirgeo_ros.core.navigation.timeline.ekf import SolutionMaker, unsure_by
+from tirgeo_ros.core.navigation.timeline.ekf import SolutionMaker, with_pending_step
 from tirgeo_ros.core.navigation.timeline.flight_record import CORRECTED, MOVED, FlightRecord
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Verdict
 
-#: Changes that are computed together: their matrices take 20 MB.
+#: Number of changes computed together: their matrices take 20 MB.
 _BLOCK = 4096
+_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 class BackwardPass:
-    """Go back through the record of a run."""
+    """Go back through the record of a run, from its last change to the first."""
 
     def __init__(self, record: FlightRecord) -> None:
         n = record.states
@@ -49,7 +50,7 @@ class BackwardPass:
         rows, columns = self._lower
         possible = np.isfinite(self._covariances).all(axis=1)
         possible &= (self._covariances[:, rows == columns] >= 0).all(axis=1)
-        sound = count if possible.all() else int(np.argmin(possible))  # a filter that is lost
+        sound = count if possible.all() else int(np.argmin(possible))  # until a filter is lost
         errors = np.zeros((count, n))
         vectors, matrices = np.zeros((_BLOCK, n)), np.zeros((_BLOCK, n, n))
         for begin in reversed(range(0, sound, _BLOCK)):
@@ -66,7 +67,7 @@ class BackwardPass:
         return errors
 
     def _step_back(self, number: int) -> None:
-        """Go from after a change to before it; of an update ``A = I - (H P)^T H``."""
+        """Go back from after a change to before it; for an update, ``A = I - (H P)^T H``."""
         kind, place = self._kinds[number], self._places[number]
         if kind == MOVED:
             back = self._transitions[place].T
@@ -83,23 +84,20 @@ class BackwardPass:
         self._matrix = 0.5 * (matrix + matrix.T)
 
 
-_ZERO: Vector = (0.0, 0.0, 0.0)
-
-
 class SmoothedRun:
     """Make the smoothed solution at any IMU sample of a run; smooths the record in place."""
 
     def __init__(self, config: EkfConfig, record: FlightRecord) -> None:
-        self._form = SolutionMaker(config)
+        self._maker = SolutionMaker(config)
         self._has_antenna = has_antenna(record.states)
         self._square, self._errors = record.square, BackwardPass(record).smoothed()
-        # Not the record itself: its transitions and measurements are needed no more.
+        # Keep parts only: the record's transitions and measurements are not needed any more.
         self._covariances, self._kinds = record.covariances, record.kinds
         self._steps_s, self._epochs = record.steps_s, record.epochs
         self._stamps_ns, self._marks = record.stamps_ns, record.marks
 
     def at(self, stamp_ns: int) -> NavSolution:
-        """Return the solution at an IMU sample's stamp. Raise KeyError where there is none."""
+        """Return the solution at an IMU sample's stamp. Raise KeyError if there is none."""
         place = bisect.bisect_left(self._stamps_ns, stamp_ns)
         if place == len(self._stamps_ns) or self._stamps_ns[place] != stamp_ns:
             raise KeyError(stamp_ns)
@@ -114,8 +112,8 @@ class SmoothedRun:
         if self._has_antenna:
             antenna_b = tuple((error[ANTENNA] + antenna_b).tolist())
         state = feedback(before, error)
-        made = self._form.made(stamp_ns, state, covariance, rate_b, white_b, antenna_b)
-        return unsure_by(made, step if any(step) else ())
+        solution = self._maker.make(stamp_ns, state, covariance, rate_b, white_b, antenna_b)
+        return with_pending_step(solution, step if any(step) else ())
 
     def _error(self, mark: int, lag_s: float) -> tuple[Array, Array]:
         """Return the smoothed error (n,) and its covariance (n, n), ``lag_s`` after a change.
@@ -132,14 +130,14 @@ class SmoothedRun:
 
 
 class RecordingNavigation(Navigation):
-    """Run the filter, and record each of its runs; it begins a new one from each alignment."""
+    """Run the filter and record each of its runs; a new run begins with each alignment."""
 
     def __init__(self, config: EkfConfig) -> None:
         self._records: list[FlightRecord] = []
         super().__init__(config)
 
     def smoothed(self) -> list[SmoothedRun]:
-        """Return the runs, smoothed, once all samples have been processed; only once."""
+        """Return the smoothed runs. Call it once, after all samples have been processed."""
         self._end_run()
         records, self._records = self._records, []
         return [SmoothedRun(self._config, record) for record in records if record.kinds]
@@ -156,17 +154,17 @@ class RecordingNavigation(Navigation):
 
 
 class SmoothedNavigation(Navigation):
-    """Run the filter over the samples that were recorded, and publish the smoothed solutions."""
+    """Run the filter again over the recorded samples, and publish the smoothed solutions."""
 
     def __init__(
         self,
         config: EkfConfig,
         runs: Sequence[SmoothedRun],
-        heard: Callable[[Verdict], None] | None = None,
+        on_verdict: Callable[[Verdict], None] | None = None,
     ) -> None:
         self._runs = runs
         self._run = -1
-        super().__init__(config, heard)
+        super().__init__(config, on_verdict)
 
     def _align(self, sample: NavigationInput) -> None:
         super()._align(sample)
@@ -180,7 +178,7 @@ class SmoothedNavigation(Navigation):
 
 
 def smoothed(config: EkfConfig, samples: Iterable[NavigationInput]) -> SmoothedNavigation:
-    """Return the estimator for a second run over samples, in order of their arrival."""
+    """Return the estimator for the second run over samples, in order of their arrival."""
     first = RecordingNavigation(config)
     for sample in samples:
         first.process(sample)

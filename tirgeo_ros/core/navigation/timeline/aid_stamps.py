@@ -1,4 +1,4 @@
-"""Check the aids' stamps: against the IMU's, and against those of repeated measurements.
+"""Check the aids' stamps against the IMU's, and find measurements that are repeated.
 
 An aid's clock may differ from the IMU's, so only the advance of its stamps measures a silence.
 """
@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: Fewer aiding samples than this without an IMU sample may have arrived in one burst.
+#: Fewer aiding samples than this without an IMU sample are no silence: they may be one burst.
 _LEAST_AIDS = 5
 #: Longest silence assumed before the first aid; a larger difference is an offset of the clocks.
 _LONGEST_LEAD_NS = 500_000_000
@@ -32,6 +32,10 @@ _AGE_NS = 2_000_000_000
 _LONGEST_DELAY_NS = 5_000_000_000
 #: GPS time minus UTC, the leap seconds since 1980 (unchanged since 2017), and a tolerance.
 _GPS_LESS_UTC_NS, _LEAP_NS = 18_000_000_000, 1_000_000_000
+#: A value that repeats after longer than this is a new one (a test bench, an aircraft at rest).
+_LONGEST_NS = 900_000_000
+#: Within this share of the receiver's interval, an equal heading is the same measurement.
+_INTERVAL_SHARE = 0.95
 
 
 class AidClocks:
@@ -46,13 +50,13 @@ class AidClocks:
         self._offsets: dict[Source, tuple[int, int]] = {}  # offset and IMU time
 
     def configure(self, config: EkfConfig) -> None:
-        """Take the parameters, also others in flight."""
+        """Take the parameters, at the start or in flight."""
         self._max_delay_s = config.max_delay_s
         self._timeout_ns = config.trust.aid_timeout_s * 1e9
 
     @property
     def now_ns(self) -> int:
-        """Return the newest IMU stamp plus the IMU's silence; before it the newest aid's stamp."""
+        """Return the newest IMU stamp plus its silence; before the first, the newest aid's."""
         return self.aid_ns if self.imu_ns is None else self.imu_ns + self.silence_ns
 
     @property
@@ -61,14 +65,14 @@ class AidClocks:
         silent = self._aids >= _LEAST_AIDS and self._length_ns > self._timeout_ns
         return self._length_ns if silent else 0
 
-    def hear_imu(self, stamp_ns: int) -> None:
+    def take_imu(self, stamp_ns: int) -> None:
         """Take the stamp of an IMU sample; it ends a silence."""
         self.imu_ns = stamp_ns
         if self._aids:
             self._aids = self._length_ns = 0
             self._begun.clear()
 
-    def hear_aid(self, source: Source, stamp_ns: int) -> None:
+    def take_aid(self, source: Source, stamp_ns: int) -> None:
         """Take the stamp of an aiding sample."""
         self.aid_ns = stamp_ns
         self._aids += 1
@@ -79,7 +83,7 @@ class AidClocks:
         self._length_ns = max(self._length_ns, stamp_ns - begun[0] + begun[1])
 
     def judge(self, verdict: Verdict, stamp_ns: int) -> None:
-        """Take the verdict on an aiding sample: one refused for its stamp shows an offset."""
+        """Take the verdict on an aiding sample: a refusal for its stamp shows an offset."""
         imu_ns = self.imu_ns
         if verdict.outcome not in {Outcome.TOO_NEW, Outcome.TOO_OLD} or imu_ns is None:
             self._offsets.pop(verdict.source, None)
@@ -88,7 +92,7 @@ class AidClocks:
 
     @property
     def offsets(self) -> str:
-        """Return the topics out of the IMU's reach, with the first one's offset and cause."""
+        """Return the topics whose stamps are refused, with the first one's offset and cause."""
         imu_ns = self.imu_ns
         if not self._offsets or imu_ns is None:
             return ""
@@ -101,21 +105,15 @@ class AidClocks:
         if -_LONGEST_DELAY_NS < offset_ns < 0:
             why = f"more than max_delay_s, {self._max_delay_s:g} s"
         else:
-            why = "same clock?"
+            why = "do both use the same clock?"
             if abs(abs(offset_ns) - _GPS_LESS_UTC_NS) <= _LEAP_NS:
                 why += " (GPS time is 18 s ahead of UTC)"
         too = f"; {', '.join(source.topic for source in others)} too" if others else ""
         return f"{first.topic} is {off}: {why}{too}"
 
 
-#: A value repeated after longer than this is a new one (a test bench, an aircraft at rest).
-_LONGEST_NS = 900_000_000
-#: Within this share of the receiver's interval the same heading is the same measurement.
-_INTERVAL_SHARE = 0.95
-
-
 class Same(Enum):
-    """Describe what a measurement has in common with the one before of its source."""
+    """Name what a measurement has in common with the previous one of its source."""
 
     NOTHING = 0
     VALUE = 1  # the value repeats in a new measurement, unless the receiver is frozen
@@ -123,7 +121,7 @@ class Same(Enum):
 
 
 class DuplicateDetector:
-    """Compare each measurement with the one before of its source.
+    """Compare each measurement with the previous one of its source.
 
     Two measured positions or velocities never agree in all digits. A position that repeats with a
     worse fix status is new, for its status is news; with a better status it is the same
@@ -137,7 +135,7 @@ class DuplicateDetector:
         self._changes_ns: deque[int] = deque(maxlen=8)  # of RTK positions
 
     def compared(self, sample: Aiding) -> Same:
-        """Return what a sample has in common with the one before of its source."""
+        """Return what a sample has in common with the previous one of its source."""
         source, worse, longest_ns = sample.source, False, float(_LONGEST_NS)
         if isinstance(sample, PositionSample):
             value: tuple[float, ...] = sample.latitude_rad, sample.longitude_rad, sample.height_m

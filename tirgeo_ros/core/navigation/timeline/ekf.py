@@ -1,8 +1,8 @@
 """Estimate the aircraft's state with an error-state Kalman filter on the IMU, with a history.
 
-Epochs (IMU samples) and measurements lie on one time line. Each epoch
-keeps the filter's state after all measurements up to its stamp. A late measurement is inserted in
-its place and the later epochs are computed again, so the result equals that of timely arrival.
+Epochs (IMU samples) and measurements lie on one time line. Each epoch keeps the filter's state
+after all measurements up to its stamp. A late measurement is inserted in its place and the later
+epochs are computed again, so the result equals that of timely arrival.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class HistoryRecord:
     """Hold a measurement on the time line, and the newest verdict on it."""
 
     sample: AidSample
-    stale: bool = False  # it repeats the value of the one before
+    stale: bool = False  # it repeats the value of the previous measurement
     held: bool = False  # it arrived before the IMU sample that reaches its stamp
     verdict: Verdict | None = None
 
@@ -73,7 +73,7 @@ class HistoryRecord:
 
     @property
     def applied(self) -> bool:
-        """Return whether it was, or is still to be, given to the filter: all but STANDBY."""
+        """Return whether the filter has judged it, or will: true of all but STANDBY."""
         return self.verdict is None or self.verdict.outcome is not Outcome.STANDBY
 
 
@@ -91,7 +91,7 @@ class FilterEpoch(Epoch):
 
 
 def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
-    """Insert a record in order; return False where its source and stamp are there already."""
+    """Insert a record in order; return False if there is one of the same source and stamp."""
     at = len(records)
     while at and records[at - 1].order > record.order:
         at -= 1
@@ -102,7 +102,7 @@ def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
 
 
 class _Progress(NamedTuple):
-    """Hold the state after the newest measurement of an interval: the next goes on there."""
+    """Hold the state after the newest measurement in an interval, to continue from there."""
 
     end_ns: int  # stamp of the epoch that ends the interval
     order: tuple[int, int]  # sort key of the newest measurement in ``propagated``
@@ -112,7 +112,7 @@ class _Progress(NamedTuple):
 
 
 class Ekf:
-    """Run the filter from the end of its alignment. Samples must be finite (see ``estimator``).
+    """Run the filter from the end of the alignment. Samples must be finite (see ``estimator``).
 
     ``mechanisation`` and ``fusion`` replace those that ``config`` gives (see
     ``calibration/aircraft_run``). ``record`` takes what a smoother needs.
@@ -128,7 +128,7 @@ class Ekf:
     ) -> None:
         self.configure(config, mechanisation, fusion)
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
-        self._form = SolutionMaker(config)
+        self._maker = SolutionMaker(config)
         estimate = initial_estimate(config, alignment)
         start = Propagated(estimate.state, estimate.covariance)
         first = FilterEpoch.first(alignment.stamp_ns, alignment.imu[0], start)
@@ -147,7 +147,7 @@ class Ekf:
         mechanisation: Propagation | None = None,
         fusion: Fusion | None = None,
     ) -> None:
-        """Take the parameters, also others in flight, with the same error states."""
+        """Take the parameters, at the start or in flight; error states must stay the same."""
         self._mechanisation = mechanisation or Propagation(config)
         self._fusion = fusion or Fusion(config)
         self._noise_powers = NoisePowers(config.imu)
@@ -180,9 +180,9 @@ class Ekf:
         return verdicts
 
     def add_aiding(self, sample: AidSample, *, stale: bool = False) -> Verdict:
-        """Insert a measurement in its place; one that the IMU has not reached yet is held.
+        """Insert a measurement in its place; if it is newer than the IMU, hold it.
 
-        ``stale``: it repeats the value of the one before, so a refusal of it proves nothing.
+        ``stale``: it repeats the value of the previous one, so its refusal proves nothing.
         """
         stamp_ns, newest_ns = sample.stamp_ns, self._epochs[-1].stamp_ns
         if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
@@ -192,7 +192,7 @@ class Ekf:
             return Verdict(sample.source, Outcome.TOO_NEW, "newer than imu/data")
         held = stamp_ns > newest_ns
         if held and len(self._held) >= self._most_held:
-            reason = f"{self._most_held} others wait for imu/data"
+            reason = f"{self._most_held} other measurements wait for imu/data"
             return Verdict(sample.source, Outcome.TOO_MANY, reason)
         record = HistoryRecord(sample, stale, held)
         index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
@@ -203,7 +203,7 @@ class Ekf:
         return self._revised(index, record)
 
     def _revised(self, index: int, record: HistoryRecord) -> Verdict:
-        """Return the verdict on a new record in the interval that ends with epoch ``index``."""
+        """Return the verdict on a new record of the interval that ends with epoch ``index``."""
         if self._progress is not None and self._progress.order > record.order:
             self._progress = None
         self._catch_up(index - 1)
@@ -211,7 +211,7 @@ class Ekf:
         before = [r.order for r in records if r.order < record.order and r.applied]
         if not before:
             aids: AidStatus | None = self._epochs[index - 1].aids
-        else:  # where they are not at hand, the later epochs are computed again
+        else:  # without these aid records the later epochs are computed again
             aids = progress.aids if progress and progress.order == before[-1] else None
         if aids is not None and self._fusion.spare(record.sample, aids):
             record.verdict = Verdict(record.sample.source, Outcome.STANDBY, "not needed")
@@ -226,10 +226,10 @@ class Ekf:
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
         state, covariance = epoch.propagated.state, epoch.propagated.covariance
-        form, antenna_b = self._form, epoch.aids.receivers.antenna_b
+        maker, antenna_b = self._maker, epoch.aids.receivers.antenna_b
         white_b = self._white_b(epoch)
-        made = form.made(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
-        return unsure_by(made, epoch.aids.pending_step)
+        solution = maker.make(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
+        return with_pending_step(solution, epoch.aids.pending_step)
 
     def _white_b(self, epoch: FilterEpoch) -> Vector:
         """Return the variances of the white noise of one angular rate in ``b``, (rad/s)^2."""
@@ -330,7 +330,7 @@ class Ekf:
         record.verdict = verdict
 
     def _forget(self) -> None:
-        """Drop the epochs that no measurement can reach any more, in batches: that is faster."""
+        """Drop the epochs that no measurement can reach any more, in batches for speed."""
         oldest_ns = self.newest_ns - self._keep_ns
         drop = bisect.bisect_right(self._epochs, oldest_ns, key=_stamp_of) - 1
         self._keep(drop)
@@ -338,12 +338,12 @@ class Ekf:
         self._done -= drop
 
     def finish(self) -> None:
-        """Record what is left, once no more samples come."""
+        """Record the remaining epochs; call it after the last sample."""
         self._catch_up(len(self._epochs) - 1)
         self._keep(len(self._epochs))
 
     def _keep(self, number: int) -> None:
-        """Record the first epochs, which no measurement can reach any more."""
+        """Record the first ``number`` epochs, which no measurement can reach any more."""
         if self._record is not None:
             for epoch in self._epochs[:number]:
                 self._record.keep(epoch, epoch.aids, self._white_b(epoch))
@@ -358,7 +358,7 @@ class SolutionMaker:
         # Flat indices of the solution's covariance (9, 9) in the filter's covariance.
         self._entries = states * _ROWS[:, None] + _ROWS
 
-    def made(
+    def make(
         self,
         stamp_ns: int,
         state: NavState,
@@ -370,7 +370,7 @@ class SolutionMaker:
         """Return the solution of a state and the covariance (n, n) of its error.
 
         ``rate_b`` is the angular rate as read (rad/s), ``white_b`` the variances of its white
-        noise, ``antenna_b`` the estimated part of the RTK antenna's place (m).
+        noise, ``antenna_b`` the estimated part of the RTK antenna's position (m).
         """
         bias, (x, y, z), item = state.gyro_bias_b, white_b, covariance.item
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
@@ -386,12 +386,12 @@ class SolutionMaker:
             (x + item(9, 9), y + item(10, 10), z + item(11, 11)),
             covariance.take(self._entries),
         )
-        solution: NavSolution = tuple.__new__(NavSolution, fields)  # half of NavSolution(...)
+        solution: NavSolution = tuple.__new__(NavSolution, fields)  # at half the cost
         return at_antenna(solution, covariance, antenna_b) if self._at_antenna else solution
 
 
-def unsure_by(solution: NavSolution, step: tuple[float, ...]) -> NavSolution:
-    """Return a solution as uncertain as an RTK step (m, NED) that is not accepted yet is large."""
+def with_pending_step(solution: NavSolution, step: tuple[float, ...]) -> NavSolution:
+    """Return a solution with its covariance enlarged by an RTK step (m) not accepted yet."""
     if step:
         solution.covariance[:3, :3] += np.outer(step, step)
     return solution
@@ -400,8 +400,8 @@ def unsure_by(solution: NavSolution, step: tuple[float, ...]) -> NavSolution:
 def at_antenna(imu: NavSolution, covariance: Array, antenna_b: Vector) -> NavSolution:
     """Return the solution of the antenna from that of the IMU.
 
-    A configured lever arm of zeros, which nobody has measured, says that the origin of
-    ``base_link`` is the antenna; the state is that of the IMU, which is elsewhere.
+    A configured lever arm of zeros that nobody has measured means that the origin of ``base_link``
+    is the antenna. The filter's state is that of the IMU, which is elsewhere.
     ``covariance`` (n, n) is the filter's, the lever arm ``antenna_b`` (m) among its error states.
     With ``l`` from IMU to antenna in ``b``, the position is ``p + R l`` and the velocity
     ``v + R (w x l)`` (Groves, 2nd ed., 14.3.4). The covariance (9, 9) follows to first order.
@@ -437,7 +437,7 @@ def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
     if has_antenna(states):
         effect = np.zeros((states, 3))
         effect[ANTENNA] = np.eye(3)
-        if Source.RTK_POSITION in alignment.sources:  # the position was taken through the arm
+        if Source.RTK_POSITION in alignment.sources:  # the position was computed with the arm
             effect[POSITION] = -matrix_from_quat(np.array(alignment.state.q_nb))
         covariance += effect @ np.diag(config.aircraft.rtk_lever_sigma_b**2) @ effect.T
     aids = AidStatus(Receivers(alignment.stamp_ns))

@@ -12,12 +12,12 @@ from tirgeo_ros.core.navigation.ins.kalman import Change, Correction
 from tirgeo_ros.core.navigation.ins.propagation import Epoch
 from tirgeo_ros.core.types.arrays import Array, Vector
 
-#: How a change's error follows from the one before it.
+#: Kinds of a change: how the error after it follows from the error before it.
 SAME, MOVED, CORRECTED = range(3)
-#: Rows of a measurement; what has fewer is filled up with zeros.
+#: Rows of a recorded measurement; a smaller one is filled up with zeros.
 MOST_ROWS = 3
 _NO_STEP = (0.0, 0.0, 0.0)
-#: Numbers of an epoch (see ``FlightRecord._noted``).
+#: Number of values of an epoch (see ``_epoch_values``).
 EPOCH_NUMBERS = 29
 
 
@@ -29,12 +29,15 @@ class FlightRecord:
         self.lower = np.tril_indices(states)
         self.kinds = array("b")
         self.steps_s = array("d")
-        self.stamps_ns, self.marks = array("q"), array("q")  # by epoch; its newest change
+        self.stamps_ns, self.marks = (
+            array("q"),
+            array("q"),
+        )  # by epoch: stamp, and its newest change
         self._covariances, self._transitions = array("d"), array("d")
         self._corrections, self._epochs = array("d"), array("d")
 
     def keep(self, epoch: Epoch, aids: AidStatus, white_b: Vector) -> None:
-        """Take the next final epoch; ``white_b`` are the variances of its rate, (rad/s)^2."""
+        """Record the next final epoch; ``white_b``: variances of its angular rate, (rad/s)^2."""
         newest = epoch.propagated.trail
         assert newest is not None
         new, mark = [], newest
@@ -46,13 +49,13 @@ class FlightRecord:
         for mark in reversed(new):
             mark.number = len(self.kinds)
             self.add(mark.change)
-            mark.before = None  # what is recorded can be forgotten
+            mark.before = None  # recorded marks can be discarded
         self.stamps_ns.append(epoch.stamp_ns)
         self.marks.append(newest.number)
-        self._epochs.extend(_noted(epoch, aids, white_b))
+        self._epochs.extend(_epoch_values(epoch, aids, white_b))
 
     def add(self, change: Change) -> None:
-        """Take a change; ``keep`` does so with those of an epoch."""
+        """Record a change; ``keep`` calls this for each change of an epoch."""
         self._covariances.frombytes(change.covariance[self.lower].tobytes())
         self.steps_s.append(change.step_s)
         kind = SAME
@@ -71,7 +74,7 @@ class FlightRecord:
 
     @property
     def square(self) -> npt.NDArray[np.intp]:
-        """Return the places (n, n) of a symmetric matrix's entries in its lower triangle."""
+        """Return the indices (n, n) of a symmetric matrix's entries in its lower triangle."""
         places = np.zeros((self.states, self.states), np.intp)
         places[self.lower] = places.T[self.lower] = range(len(self.lower[0]))
         return places
@@ -89,7 +92,7 @@ class FlightRecord:
 
     @property
     def epochs(self) -> Array:
-        """Return the numbers of the epochs (epochs, EPOCH_NUMBERS), as a view."""
+        """Return the values of the epochs (epochs, EPOCH_NUMBERS), as a view."""
         return _rows(self._epochs, EPOCH_NUMBERS)
 
 
@@ -107,8 +110,8 @@ def _whitened(correction: Correction) -> Array:
     return rows
 
 
-def _noted(epoch: Epoch, aids: AidStatus, white_b: Vector) -> tuple[float, ...]:
-    """Return lag, state, angular rate and the rest of what a solution takes of an epoch."""
+def _epoch_values(epoch: Epoch, aids: AidStatus, white_b: Vector) -> tuple[float, ...]:
+    """Return an epoch's lag, state, angular rate and the other values that a solution needs."""
     state = epoch.propagated.state
     return (
         epoch.propagated.lag_s,

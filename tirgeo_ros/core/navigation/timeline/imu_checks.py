@@ -1,13 +1,12 @@
-"""Check the IMU: that a sample continues those before, and that it is within its range.
+"""Check that IMU samples continue each other, and whether the sensor is within its range.
 
-A sample that does not continue them is held. The next one shows whether the clock has changed or
-only that sample is wrong. Gaps up to ``max_imu_gap_s`` are bridged; a longer one restarts the time
-line.
+A sample that does not continue the earlier ones is held. The next one shows whether the clock has
+changed or only that sample is wrong. Gaps up to ``max_imu_gap_s`` are bridged; a longer gap
+restarts the time line.
 
-A sensor that is shaken beyond its range repeats the end of the range. The end is not given
-beforehand but shows as a pile: readings that jump to the largest value so far, and stop there more
-often than just below it. Quantised readings, a long turn, a frozen sensor and one at rest make no
-such pile, nor does a single shock.
+A sensor that is shaken beyond its range repeats the end of the range. This end is not configured:
+it shows as a pile of readings that jump to the largest value so far, and outnumber those just
+below it. Coarse steps, a long turn, a frozen sensor, rest or a single shock make no such pile.
 """
 
 from __future__ import annotations
@@ -21,22 +20,41 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.verdicts import Outcome
 
-#: A stamp that goes back further is another clock or another run of a bag, not disorder.
+#: A stamp that goes back further means another clock or a bag that restarts, not disorder.
 _CLOCK_JUMP_NS = 1_000_000_000
 #: The clock has gone back once this many late samples are in order among themselves.
 _BACK_NUMBER = 5
-#: A stamp further ahead has left out samples of even the slowest IMU (50 Hz).
+#: If a stamp is further ahead, samples are missing, even of the slowest IMU (50 Hz).
 _HOLD_NS = 45_000_000
-#: A live sensor's readings do not repeat in all digits. Repeats and their duration that make a
-#: sensor frozen, and the changed readings that first prove it alive.
+#: A live sensor's readings do not repeat in all digits. The sensor is frozen after this many
+#: repeats over this time, but only if this many changes have shown before that it is live.
 _FROZEN_NUMBER, _FROZEN_NS, _ALIVE_NUMBER = 5, 50_000_000, 50
 #: Largest change from one sample to the next, vibration of some g included. More is saturation or
 #: a wrong byte on the line.
 _SPIKE_M_S2, _SPIKE_RAD_S = 80.0, 3.0
 
+CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("accelerometer", "gyroscope") for axis in "xyz")
+_UNITS = ("m/s2",) * 3 + ("rad/s",) * 3
+#: No IMU has a range below 2 g and 125 deg/s (19.6, 2.18); smaller readings are not examined.
+_LEAST_M_S2, _LEAST_RAD_S = 18.0, 2.0
+_LEAST_M_S2_2, _LEAST_RAD_S_2 = _LEAST_M_S2**2, _LEAST_RAD_S**2
+#: Readings within this fraction of the extreme value count as equal to it.
+_EQUAL_SHARE = 1e-4
+#: Readings within this fraction below the extreme are just short of it. A reading that comes from
+#: further below has jumped.
+_SHORT_SHARE = 0.05
+#: Hits within the window that make a pile. Of coarse readings (0.08 m/s2) under strong vibration
+#: three are equal by chance in a flight of some minutes.
+_PILE = 5
+_WINDOW_NS = 1_000_000_000
+#: An extreme that was not reached again for this long was an ordinary reading.
+_FORGET_NS = 10_000_000_000
+#: How long a warning stays: longer than the time between two diagnostics messages.
+_WARN_NS = 5_000_000_000
+
 
 class Checked(NamedTuple):
-    """Hold the outcome of a check, and the samples to use: with ``begins`` on a new time line."""
+    """Hold the outcome of a check, and the samples to use; ``begins``: on a new time line."""
 
     outcome: Outcome
     reason: str = ""
@@ -59,7 +77,7 @@ class ImuClock:
         self._alive = 0
 
     def configure(self, max_gap_s: float) -> None:
-        """Take the longest gap that is bridged, s; also another one in flight."""
+        """Take the longest gap to bridge, s, at the start or in flight."""
         self._max_gap_ns = round(max_gap_s * 1e9)
         self._hold_ns = min(_HOLD_NS, self._max_gap_ns)
 
@@ -74,7 +92,7 @@ class ImuClock:
             math.dist(force_b, self._force_b) > _SPIKE_M_S2
             or math.dist(rate_b, self._rate_b) > _SPIKE_RAD_S
         ):
-            return Checked(Outcome.GATED, "no aircraft turns or accelerates like that")
+            return Checked(Outcome.GATED, "force or rate jumps more than an aircraft's can")
         checked = _continuous(sample)
         if not 0 < ahead_ns <= self._hold_ns:
             checked = self._discontinuous(sample, newest_ns, ahead_ns)
@@ -84,13 +102,13 @@ class ImuClock:
 
     def _discontinuous(self, sample: ImuSample, newest_ns: int, ahead_ns: int) -> Checked:
         """Judge a sample that does not closely follow the newest accepted one."""
-        held = self._held
-        if held is not None and (held.stamp_ns > newest_ns) is not (ahead_ns > 0):
-            held = None  # a late sample proves nothing about one ahead
-        goes_on = held is not None and 0 < sample.stamp_ns - held.stamp_ns <= self._max_gap_ns
+        last = self._held
+        if last is not None and (last.stamp_ns > newest_ns) is not (ahead_ns > 0):
+            last = None  # a late sample proves nothing about one ahead
+        goes_on = last is not None and 0 < sample.stamp_ns - last.stamp_ns <= self._max_gap_ns
         self._odd_number = self._odd_number + 1 if goes_on else 1
         self._held = sample
-        both = (held, sample) if goes_on and held is not None else (sample,)
+        both = (last, sample) if goes_on and last is not None else (sample,)
         ahead_s = ahead_ns * 1e-9
         if ahead_ns > 0:
             if not goes_on:
@@ -124,7 +142,7 @@ class ImuClock:
 
 
 def in_body_axes(sample: ImuSample, rotation_bi: Array | None) -> ImuSample:
-    """Return a sample turned to body axes, in which the autopilot's attitude is already."""
+    """Return a sample rotated to body axes; the autopilot's attitude is in them already."""
     if rotation_bi is None:
         return sample
     return replace(
@@ -135,33 +153,13 @@ def in_body_axes(sample: ImuSample, rotation_bi: Array | None) -> ImuSample:
 
 
 def _continuous(sample: ImuSample) -> Checked:
-    """Return the outcome of a sample that continues those before: it is used, by itself."""
+    """Return the outcome of a sample that continues the earlier ones: use it alone."""
     return tuple.__new__(Checked, (Outcome.USED, "", (sample,), False))
-
-
-CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("accelerometer", "gyroscope") for axis in "xyz")
-_UNITS = ("m/s2",) * 3 + ("rad/s",) * 3
-#: No IMU has a range below 2 g and 125 deg/s (19.6, 2.18); smaller readings are not examined.
-_LEAST_M_S2, _LEAST_RAD_S = 18.0, 2.0
-_LEAST_M_S2_2, _LEAST_RAD_S_2 = _LEAST_M_S2**2, _LEAST_RAD_S**2
-#: Readings within this fraction of the extreme value count as equal to it.
-_EQUAL_SHARE = 1e-4
-#: Readings within this fraction below the extreme are just short of it. A reading that comes from
-#: further below has jumped.
-_SHORT_SHARE = 0.05
-#: Hits within the window that make a pile. Of coarse readings (0.08 m/s2) under strong vibration
-#: three are equal by chance in a flight of some minutes.
-_PILE = 5
-_WINDOW_NS = 1_000_000_000
-#: An extreme that was not reached again for this long was an ordinary reading.
-_FORGET_NS = 10_000_000_000
-#: How long a warning stays: longer than the time between two diagnostics messages.
-_WARN_NS = 5_000_000_000
 
 
 @dataclass(slots=True)
 class _End:
-    """Track one end of one channel's range, as far as it has shown; values are magnitudes."""
+    """Track a possible end of one channel's range; values are magnitudes."""
 
     level: float
     met_ns: int
@@ -189,11 +187,11 @@ class _End:
         number = self.number()
         jumped = self.jumped_ns is not None and abs(stamp_ns - self.jumped_ns) <= _WINDOW_NS
         piled = jumped and number >= max(_PILE, len(self.short_ns))
-        self.proven = piled and short >= self.least  # else those just short were not examined
+        self.proven = piled and short >= self.least  # below, readings just short were skipped
         return number if self.proven else 0
 
     def number(self) -> int:
-        """Return the samples at the end within the second up to the newest of them."""
+        """Return the number of hits in the second up to the newest hit."""
         _forget(self.hits_ns, self.met_ns)
         return len(self.hits_ns)
 
@@ -203,7 +201,7 @@ class Clipping:
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}  # channel -> samples at full scale
-        self.since_ns: int | None = None  # when the newest spell began; None before the first
+        self.since_ns: int | None = None  # when the newest clipping began; None before the first
         self.newest_ns: int | None = None
         self._ends: dict[tuple[int, bool], _End] = {}  # key: channel, whether positive
         self._before: ImuSample | None = None
@@ -233,11 +231,11 @@ class Clipping:
         return tuple(
             f"imu/data: {CHANNELS[channel]} clipped at {end.level:.3g} {_UNITS[channel]} "
             f"({end.number()} samples in 1 s): vibration beyond its range"
-            for channel, end in dict(lately).items()  # one end of each
+            for channel, end in dict(lately).items()  # one end of each channel
         )
 
     def _look(self, stamp_ns: int, values: list[float], earlier: list[float], first: int) -> None:
-        """Check the readings (3,) of a sensor, of which ``first`` is the first channel's index."""
+        """Check the readings (3,) of a sensor; ``first`` is the index of its first channel."""
         if values == earlier:
             return  # no new reading: frozen, or slower than the topic
         least = _LEAST_RAD_S if first else _LEAST_M_S2
