@@ -52,6 +52,60 @@ from tirgeo_ros.tools.replay.registration import Sample, resolved
 
 _NEEDED = ("imu/data", "rtk/fix")
 _LEAST_S = 20.0
+#: Names of ``hold`` and the parameters that each holds.
+HOLDS = {
+    "antenna": PARAMETERS[ANTENNA],
+    "baseline": ("baseline_azimuth",),
+    **{name: (name,) for name in ("position_delay", "velocity_delay", "heading_delay")},
+    "level": LEVEL,
+    # Holds the delay of its positions, so that the IMU's delay is estimated instead.
+    "rtk": ("rtk",),
+}
+#: Node and name of the parameter that holds each value; positions' with ``hold`` rtk: imu.delay_s.
+KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
+    LEVEL, "aircraft.imu_rpy_deg"
+)
+_LENGTH_M = 1.0  # of a baseline whose length is not configured
+_USUAL_RUNS = 18  # of the filter in a fit, for the progress bar
+
+
+def calibrate_aircraft(
+    bag_in: PathLike,
+    output: PathLike | None = None,
+    *,
+    params: Files = None,
+    hold: Collection[str] = (),
+    namespace: str = "",
+    progress: Report = silent,
+) -> dict[str, object]:
+    """Estimate the aircraft's parameters from a flight and write them; return a summary.
+
+    ``hold`` lists keys of HOLDS; their parameters keep their values. Raise CalibrationError if no
+    parameter is determined, BagError, ConfigError.
+    """
+    configs = node_configs(params, namespace)
+    config = configs.ekf
+    check_outputs((bag_in, *paths_of(params), *configs.files), (output,), CalibrationError)
+    held = [name for key in hold for name in HOLDS[key]]
+    reader = BagReader(bag_in)
+    recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
+    runs = FlightRuns(recorded, config)
+    try:
+        fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
+        _check_determined(fitted)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
+    level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
+    result = _result(config, fitted, level, held, notes)
+    numbers = {
+        "seconds": seconds,
+        "imu_samples": len(recorded.imu),
+        "measurements": len(recorded.aids),
+        "notes": result.notes,
+    }
+    lines = aircraft_lines(result.numbers)
+    files = [(output, lambda: result.yaml("aircraft", bag_in, lines))]
+    return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
 
 
 class _Samples:
@@ -114,57 +168,6 @@ def _read(
     return Recorded(piece, list(samples.aids.values())), seconds, notes
 
 
-#: Names of ``hold`` and the parameters that each holds.
-HOLDS = {
-    "antenna": PARAMETERS[ANTENNA],
-    "baseline": ("baseline_azimuth",),
-    **{name: (name,) for name in ("position_delay", "velocity_delay", "heading_delay")},
-    "level": LEVEL,
-    # Holds the delay of its positions, so that the IMU's delay is estimated instead.
-    "rtk": ("rtk",),
-}
-_USUAL_RUNS = 18
-
-
-def calibrate_aircraft(
-    bag_in: PathLike,
-    output: PathLike | None = None,
-    *,
-    params: Files = None,
-    hold: Collection[str] = (),
-    namespace: str = "",
-    progress: Report = silent,
-) -> dict[str, object]:
-    """Estimate the aircraft's parameters from a flight and write them; return a summary.
-
-    ``hold`` lists keys of HOLDS; their parameters keep their values. Raise CalibrationError if no
-    parameter is determined, BagError, ConfigError.
-    """
-    configs = node_configs(params, namespace)
-    config = configs.ekf
-    check_outputs((bag_in, *paths_of(params), *configs.files), (output,), CalibrationError)
-    held = [name for key in hold for name in HOLDS[key]]
-    reader = BagReader(bag_in)
-    recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
-    runs = FlightRuns(recorded, config)
-    try:
-        fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-        _check_determined(fitted)
-    except CalibrationError as error:
-        raise CalibrationError(f"{reader.path}: {error}") from None
-    level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
-    result = _result(config, fitted, level, held, notes)
-    numbers = {
-        "seconds": seconds,
-        "imu_samples": len(recorded.imu),
-        "measurements": len(recorded.aids),
-        "notes": result.notes,
-    }
-    lines = aircraft_lines(result.numbers)
-    files = [(output, lambda: result.yaml("aircraft", bag_in, lines))]
-    return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
-
-
 def _check_determined(fitted: AircraftFit) -> None:
     """Raise CalibrationError, with each reason once, for a fit that has no parameter."""
     if not fitted.determined:
@@ -173,13 +176,6 @@ def _check_determined(fitted: AircraftFit) -> None:
             names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
         named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
         raise CalibrationError(f"the flight shows no parameter: {named}")
-
-
-#: Node and name of the parameter that holds each value; positions' with ``hold`` rtk: imu.delay_s.
-KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
-    LEVEL, "aircraft.imu_rpy_deg"
-)
-_LENGTH_M = 1.0  # of a baseline whose length is not configured
 
 
 def _result(

@@ -53,6 +53,9 @@ IF_DETERMINED = "gimbal_north"
 #: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
 CLICK_SIGMA_PX = 1.0
 _STEP_RAD = math.radians(1.0)  # of a parameter that acts before the pose is computed
+#: Residuals larger than expected by this factor cause a note.
+_MUCH = 2.0
+_UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
 _FOLLOWED = (
     "gimbal_north is followed by the flight's own readings (gimbal_node north.*), so there is "
     "nothing to estimate; leave it out"
@@ -268,11 +271,6 @@ def _fit(read: _ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Boresig
 def _refuse(ambiguity: Ambiguity | None) -> None:
     if ambiguity is not None:
         raise CalibrationError(str(ambiguity))
-
-
-#: Residuals larger than expected by this factor cause a note.
-_MUCH = 2.0
-_UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
 
 
 def key_of(name: str, by_encoders: bool) -> str:

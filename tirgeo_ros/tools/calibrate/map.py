@@ -27,92 +27,6 @@ from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_p
 #: What reading coordinates raises where there are none.
 _NO_POSITIONS = (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError)
 _LEFT_OUT = ("crs", "bbox")  # these refer to other coordinates
-
-
-class PixelFeatures:
-    """Hold a FeatureCollection in pixels. Raises MapError naming file and feature."""
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._path = Path(path)
-        try:
-            with bounded_memory():
-                self._features = self._read()
-                self.pixels, self._owners = self._positions()
-        except MemoryError:
-            raise MapError(f"{path}: does not fit into memory; split it") from None
-
-    def _read(self) -> list[dict[str, Any]]:
-        try:
-            root = json.loads(self._path.read_text(encoding="utf-8-sig"))
-        except OSError as error:
-            raise MapError(f"{self._path}: cannot be read: {error.strerror or error}") from None
-        except (ValueError, RecursionError) as error:
-            raise MapError(f"{self._path}: not GeoJSON: {error}") from None
-        features = root.get("features") if isinstance(root, dict) else None
-        if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
-            raise MapError(f"{self._path}: not a GeoJSON FeatureCollection; export one in pixels")
-        return features
-
-    def _positions(self) -> tuple[Array, Array]:
-        """Return the vertices (n, 2) of all features, and the numbers (n,) of their features."""
-        pairs: list[tuple[float, float]] = []
-        owners: list[int] = []
-        for number, feature in enumerate(self._features, 1):
-            try:
-                _mapped(feature.get("geometry"), lambda place: pairs.append(_position(place)))
-            except _NO_POSITIONS:
-                raise MapError(
-                    f"{self._path}: feature {number} has coordinates that are not column and row"
-                ) from None
-            owners += [number] * (len(pairs) - len(owners))
-        return downward(np.array(pairs, float).reshape(-1, 2)), np.array(owners, int)
-
-    @property
-    def count(self) -> int:
-        """Return the number of features."""
-        return len(self._features)
-
-    def features_with(self, vertices: BoolArray) -> int:
-        """Return how many features have one of these vertices (n, bool)."""
-        return len(np.unique(self._owners[vertices]))
-
-    def geojson(self, degrees: Array) -> str:
-        """Return the collection with the pixels replaced by longitude, latitude (n, 2), deg."""
-        rest = iter(np.round(degrees, 9).tolist())
-        features = [
-            {
-                **{key: value for key, value in feature.items() if key not in _LEFT_OUT},
-                "geometry": _mapped(feature.get("geometry"), lambda _: next(rest)),
-            }
-            for feature in self._features
-        ]
-        root = {"type": "FeatureCollection", "features": features}
-        return json.dumps(root, ensure_ascii=False) + "\n"
-
-
-def _position(coordinates: Any) -> tuple[float, float]:
-    column, row = float(coordinates[0]), float(coordinates[1])
-    if not (math.isfinite(column) and math.isfinite(row)):
-        raise ValueError
-    return column, row
-
-
-def _mapped(geometry: Any, change: Callable[[Any], Any]) -> Any:
-    """Return a geometry with each position replaced by what ``change`` returns for it."""
-
-    def each(coordinates: Any) -> Any:
-        if coordinates and not isinstance(coordinates[0], list):
-            return change(coordinates)
-        return [each(part) for part in coordinates]
-
-    if geometry is None:
-        return None
-    if geometry["type"] == "GeometryCollection":
-        parts = [_mapped(part, change) for part in geometry["geometries"]]
-        return {"type": "GeometryCollection", "geometries": parts}
-    return {"type": geometry["type"], "coordinates": each(geometry["coordinates"])}
-
-
 _GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
 _LEAST_GROSS_PX = 0.1  # nobody clicks a point better: smaller residuals are rounding
 _NAMED = 5
@@ -224,3 +138,87 @@ def _rows(marks: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
         {"id": point} | dict(zip((*names, "left_out_m"), row, strict=True))
         for point, row in zip(marks.names, table.tolist(), strict=True)
     ]
+
+
+class PixelFeatures:
+    """Hold a FeatureCollection in pixels. Raises MapError naming file and feature."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = Path(path)
+        try:
+            with bounded_memory():
+                self._features = self._read()
+                self.pixels, self._owners = self._positions()
+        except MemoryError:
+            raise MapError(f"{path}: does not fit into memory; split it") from None
+
+    def _read(self) -> list[dict[str, Any]]:
+        try:
+            root = json.loads(self._path.read_text(encoding="utf-8-sig"))
+        except OSError as error:
+            raise MapError(f"{self._path}: cannot be read: {error.strerror or error}") from None
+        except (ValueError, RecursionError) as error:
+            raise MapError(f"{self._path}: not GeoJSON: {error}") from None
+        features = root.get("features") if isinstance(root, dict) else None
+        if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
+            raise MapError(f"{self._path}: not a GeoJSON FeatureCollection; export one in pixels")
+        return features
+
+    def _positions(self) -> tuple[Array, Array]:
+        """Return the vertices (n, 2) of all features, and the numbers (n,) of their features."""
+        pairs: list[tuple[float, float]] = []
+        owners: list[int] = []
+        for number, feature in enumerate(self._features, 1):
+            try:
+                _mapped(feature.get("geometry"), lambda place: pairs.append(_position(place)))
+            except _NO_POSITIONS:
+                raise MapError(
+                    f"{self._path}: feature {number} has coordinates that are not column and row"
+                ) from None
+            owners += [number] * (len(pairs) - len(owners))
+        return downward(np.array(pairs, float).reshape(-1, 2)), np.array(owners, int)
+
+    @property
+    def count(self) -> int:
+        """Return the number of features."""
+        return len(self._features)
+
+    def features_with(self, vertices: BoolArray) -> int:
+        """Return how many features have one of these vertices (n, bool)."""
+        return len(np.unique(self._owners[vertices]))
+
+    def geojson(self, degrees: Array) -> str:
+        """Return the collection with the pixels replaced by longitude, latitude (n, 2), deg."""
+        rest = iter(np.round(degrees, 9).tolist())
+        features = [
+            {
+                **{key: value for key, value in feature.items() if key not in _LEFT_OUT},
+                "geometry": _mapped(feature.get("geometry"), lambda _: next(rest)),
+            }
+            for feature in self._features
+        ]
+        root = {"type": "FeatureCollection", "features": features}
+        return json.dumps(root, ensure_ascii=False) + "\n"
+
+
+def _position(coordinates: Any) -> tuple[float, float]:
+    column, row = float(coordinates[0]), float(coordinates[1])
+    if not (math.isfinite(column) and math.isfinite(row)):
+        raise ValueError
+    return column, row
+
+
+def _mapped(geometry: Any, change: Callable[[Any], Any]) -> Any:
+    """Return a geometry with each position replaced by what ``change`` returns for it."""
+
+    def each(coordinates: Any) -> Any:
+        if coordinates and not isinstance(coordinates[0], list):
+            return change(coordinates)
+        return [each(part) for part in coordinates]
+
+    if geometry is None:
+        return None
+    if geometry["type"] == "GeometryCollection":
+        parts = [_mapped(part, change) for part in geometry["geometries"]]
+        return {"type": "GeometryCollection", "geometries": parts}
+    return {"type": geometry["type"], "coordinates": each(geometry["coordinates"])}

@@ -24,17 +24,7 @@ Option: TypeAlias = tuple[Any, ...]
 T = TypeVar("T")
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
-
-
-def number(text: str) -> float:
-    """Return a number; nan and infinity are none. A type of option."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
-NUMBER, WORD, NEEDED = {"type": number}, {"type": str}, {"required": True}
+WORD, NEEDED = {"type": str}, {"required": True}
 
 #: What a bag may be.
 ANY_BAG = "a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
@@ -56,10 +46,6 @@ _METHOD = "%(choices)s; default: that of --params, else ekf_heading, or ekf with
 METHOD: tuple[Option, ...] = (("--method", "M", _METHOD, {"choices": METHODS}),)
 _SMOOTH = "poses from all measurements, also later ones: better, above all without RTK; slower"
 SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
-GROUND: tuple[Option, ...] = (
-    ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
-    ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
-)
 SURVEY: tuple[Option, ...] = (
     ("--survey", "GCPS", "GeoJSON, or CSV id,lat,lon,h", NEEDED),
     ("--observations", "CSV", "id,stamp_ns,u,v: the picture's header stamp, column, row", NEEDED),
@@ -80,12 +66,16 @@ WINDOW: tuple[Option, ...] = (
 )
 _PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag with thermal video"
 _BOARD = "inner corners of the board, as 9x6: one fewer than squares in each direction"
-BOARD: tuple[Option, ...] = (
-    ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),
-    *NAMESPACE,
-    ("--board", "COLUMNSxROWS", _BOARD, WORD | NEEDED),
-    ("--square", "M", "side of a square, m", NUMBER | NEEDED),
-)
+_PAGE = "serve the operator's page, at HOST:PORT; default: 127.0.0.1:8080, or as --params says"
+_COT = "with --page: where it sends Cursor-on-Target, as tcp://HOST:8087, once it is switched on"
+
+
+def number(text: str) -> float:
+    """Return a number; nan and infinity are none. A type of option."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
 
 
 def page_address(text: str) -> str:
@@ -101,8 +91,18 @@ def page_address(text: str) -> str:
     return text
 
 
-_PAGE = "serve the operator's page, at HOST:PORT; default: 127.0.0.1:8080, or as --params says"
-_COT = "with --page: where it sends Cursor-on-Target, as tcp://HOST:8087, once it is switched on"
+#: Options whose types are the two functions above.
+NUMBER = {"type": number}
+GROUND: tuple[Option, ...] = (
+    ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
+    ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
+)
+BOARD: tuple[Option, ...] = (
+    ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),
+    *NAMESPACE,
+    ("--board", "COLUMNSxROWS", _BOARD, WORD | NEEDED),
+    ("--square", "M", "side of a square, m", NUMBER | NEEDED),
+)
 PAGE: tuple[Option, ...] = (
     ("--page", "ADDRESS", _PAGE, {"nargs": "?", "const": "", "type": page_address}),
     ("--cot", "ADDRESS", _COT, WORD),

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from tirgeo_ros.tools.replay.cut import Instant
 
 _MOST_S = 1e9  # 30 years: no flight is longer, and its nanoseconds are whole
+_FROM = "begin, in seconds after the first message, or UTC as 2024-06-11T07:44:39"
+_TO = "end, likewise; default: that of the bag"
 
 
 def instant(text: str) -> Instant:
@@ -34,8 +36,6 @@ def instant(text: str) -> Instant:
     raise argparse.ArgumentTypeError(f"{text}: neither seconds nor a time as 2024-06-11T07:44:39")
 
 
-_FROM = "begin, in seconds after the first message, or UTC as 2024-06-11T07:44:39"
-_TO = "end, likewise; default: that of the bag"
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "OUT", "the new bag (.mcap)", NEEDED),

@@ -44,17 +44,6 @@ from tirgeo_ros.tools.cli._verb import NEEDED, NUMBER, WORD, Option, UsageError,
 from tirgeo_ros.tools.cli.dump import CAPTURE
 from tirgeo_ros.tools.presentation.results import table
 
-
-def offset_s(text: str) -> int:
-    """Return seconds of an offset from UTC, as +02:00; a type of option."""
-    from tirgeo_ros.io.logs.log_contents import zone_offset_s  # noqa: PLC0415 --help stays quick
-
-    try:
-        return zone_offset_s(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text}: not an offset as +02:00 or -03:30") from None
-
-
 _FILES = "logs of one flight, or one bag or serial capture"
 _TIME = "UTC of the first message or record, as 2024-06-11T07:44:39; default: the receivers' date"
 _NAMESPACE = "namespace of the aircraft's topics in a ROS 1 bag, and in the new bag; default: none"
@@ -69,6 +58,18 @@ _GEOID = "height of sea level above the ellipsoid; default: geoid_undulation_m o
 _ROVER = "the first antenna is the rover's, the second the moving base's; default: the reverse"
 _DATUM = "what heights are above where the log does not tell it: %(choices)s"
 _HEADING = "of the nose 7 s after all topics have begun, from true north, clockwise"
+
+
+def offset_s(text: str) -> int:
+    """Return seconds of an offset from UTC, as +02:00; a type of option."""
+    from tirgeo_ros.io.logs.log_contents import zone_offset_s  # noqa: PLC0415 --help stays quick
+
+    try:
+        return zone_offset_s(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: not an offset as +02:00 or -03:30") from None
+
+
 LOGS: tuple[Option, ...] = (
     ("--columns", "YAML", "what a CSV's columns mean; one, or one for each", {"action": "append"}),
     ("--takeoff-height", "M", "ellipsoidal height of the take-off, for heights above it", NUMBER),

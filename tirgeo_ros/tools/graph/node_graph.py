@@ -29,9 +29,32 @@ from tirgeo_ros.tools.replay.registration import PICTURES
 
 #: Variables with the path of a Fast DDS profile; later versions use the second name.
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-#: Each of these would let other machines in.
+#: Variables that would let other machines reach the nodes.
 _WIDER = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+#: Times of waiting for processes: between two polls, for readiness, for the end, before a restart.
+_WAIT_S, _POLL_S = 0.02, 0.1  # for one process, for all
+_READY_TIMEOUT_S = 60.0
+_STOP_TIMEOUT_S = 15.0
+_RESTART_S = 2.0
+#: Wait after the bag: the last diagnostics come within 1 s, and lost parts of the last pictures
+#: are sent again at the writer's heartbeat, every 3 s.
+_SETTLE_S = 3.5
+_PORT = "aircraft"  # the pseudo-terminal that the player creates
+#: Topics that every method needs, so that they always have a subscriber.
+AWAITED = ("imu/data", "thermal/camera_info")
+#: Topics that the recorder writes by default.
+RECORDED = (
+    "tirgeo/odometry",
+    "tirgeo/origin",
+    "tirgeo/camera_pose",
+    "tirgeo/overlay/image/compressed",
+    "tirgeo/locate/point",
+    "tirgeo/state",
+    "tirgeo/findings",
+    "/diagnostics",
+)
 
 
 def video_environment(environment: Mapping[str, str], config: Path) -> dict[str, str]:
@@ -58,10 +81,6 @@ def localhost_environment(environment: Mapping[str, str], config: Path | None) -
         PROFILES[0]: profile,
         "SKIP_DEFAULT_XML_FILE": "1",  # else a profile in the working directory takes precedence
     }
-
-
-_WAIT_S = 0.02
-_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,29 +177,6 @@ class NodeProcess:
         while self.poll() is None and time.monotonic() < end_s:
             time.sleep(_WAIT_S)
         return self.ended
-
-
-_READY_TIMEOUT_S = 60.0
-_STOP_TIMEOUT_S = 15.0
-_RESTART_S = 2.0
-#: Wait after the bag: the last diagnostics come within 1 s, and lost parts of the last pictures
-#: are sent again at the writer's heartbeat, every 3 s.
-_SETTLE_S = 3.5
-_POLL_S = 0.1
-_PORT = "aircraft"  # the pseudo-terminal that the player creates
-#: Topics that every method needs, so that they always have a subscriber.
-AWAITED = ("imu/data", "thermal/camera_info")
-
-RECORDED = (
-    "tirgeo/odometry",
-    "tirgeo/origin",
-    "tirgeo/camera_pose",
-    "tirgeo/overlay/image/compressed",
-    "tirgeo/locate/point",
-    "tirgeo/state",
-    "tirgeo/findings",
-    "/diagnostics",
-)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ from tirgeo_ros.tools.graph.node_graph import (
 )
 from tirgeo_ros.tools.replay.registration import INPUTS
 
+_USUAL_PARAMS = "config/m600_xt2.yaml"
+
+
 _NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
@@ -39,9 +42,6 @@ def read_remaps(path: PathLike) -> list[tuple[str, str]]:
         if not isinstance(other, str) or not _NAME.fullmatch(other):
             raise ConfigError(f"{path}: {own}: {other!r} is no topic's name")
     return list(tree.items())
-
-
-_USUAL_PARAMS = "config/m600_xt2.yaml"
 
 
 @dataclass(frozen=True)

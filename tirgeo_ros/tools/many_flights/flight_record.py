@@ -25,6 +25,7 @@ from tirgeo_ros.tools.presentation.results import plain
 Stamp = list[str | int | None]
 #: SHA-256 of a file, or the stamps of what is in a folder; None of what is absent.
 Digest = str | list[Stamp] | None
+Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -106,9 +107,6 @@ def _digest(path: Path) -> Digest:
     except OSError:
         return None
     return digest.hexdigest()
-
-
-Record = dict[str, Any]
 
 
 def read_records(folder: Path) -> dict[str, Record]:

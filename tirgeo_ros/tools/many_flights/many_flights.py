@@ -40,6 +40,9 @@ from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
+_ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
+
+
 _NAMED = 3  # errors in the line of the whole; all are in the result and on the page
 #: What becomes of a flight, and in words for a person.
 _WORDS = {
@@ -213,9 +216,6 @@ def summary_lines(result: Mapping[str, Any]) -> str:
     lines = [f"  flights  {len(result['flights'])}: {fates}; {times}"]
     lines += [f"! {x['name']:<8} {x['error']}" for x in result["flights"] if x["error"]]
     return "\n".join([*lines, f"  page     {result['page']}"])
-
-
-_ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
 
 
 def flight_names(

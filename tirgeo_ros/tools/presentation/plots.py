@@ -26,6 +26,23 @@ _STYLE: Any = {
     "lines.linewidth": 1.2,
     "svg.hashsalt": "tirgeo",
 }
+#: The colours are variables, which a page with a dark form sets again.
+PAGE_STYLE = """
+:root { color-scheme: light; --ink: #1a1a1a; --paper: #fff; --soft: #555; --line: #ddd;
+  --fine: #eee; --fault: #fdeaea; --fault-edge: #c0392b; }
+* { box-sizing: border-box; }
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
+  max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; overflow-wrap: anywhere; }
+h1 { font-size: 1.6rem; }
+h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid var(--line); }
+.lead, figcaption { color: var(--soft); }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { padding: .15rem .7rem; border-bottom: 1px solid var(--fine); }
+figure { margin: 0; }
+figcaption { font-size: .9rem; }
+.fault { background: var(--fault); border-left: 4px solid var(--fault-edge);
+  padding: .4rem .8rem; }
+"""
 
 
 def figure(
@@ -62,25 +79,6 @@ def svg(made: Figure) -> bytes:
     with rc_context(_STYLE):
         made.savefig(out, format="svg", metadata={"Date": None})
     return out.getvalue()
-
-
-#: The colours are variables, which a page with a dark form sets again.
-PAGE_STYLE = """
-:root { color-scheme: light; --ink: #1a1a1a; --paper: #fff; --soft: #555; --line: #ddd;
-  --fine: #eee; --fault: #fdeaea; --fault-edge: #c0392b; }
-* { box-sizing: border-box; }
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
-  max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; overflow-wrap: anywhere; }
-h1 { font-size: 1.6rem; }
-h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid var(--line); }
-.lead, figcaption { color: var(--soft); }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .15rem .7rem; border-bottom: 1px solid var(--fine); }
-figure { margin: 0; }
-figcaption { font-size: .9rem; }
-.fault { background: var(--fault); border-left: 4px solid var(--fault-edge);
-  padding: .4rem .8rem; }
-"""
 
 
 def html_page(title: str, style: str, body: str) -> str:

@@ -24,6 +24,9 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.replay.registration import prefix
 
+OVERLAY = "tirgeo/overlay/image/compressed"
+
+
 _WHOLE_FLIGHT_S = 1e9
 
 
@@ -71,9 +74,6 @@ def differences(poses: Sequence[CameraPose], reference: Sequence[CameraPose]) ->
             [rotvec_from_quat(quat_multiply(p.q_nc, quat_conjugate(r.q_nc))) for p, r in pairs]
         ).reshape(-1, 3),
     )
-
-
-OVERLAY = "tirgeo/overlay/image/compressed"
 
 
 @dataclass

@@ -39,6 +39,8 @@ from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_
 
 #: A larger refused share of one kind of measurement is not chance: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
+#: Name, text, whether it reports a problem.
+Line = tuple[str, str, bool]
 
 
 def process(
@@ -198,10 +200,6 @@ def _error(reader: BagReader, result: Mapping[str, Any]) -> str | None:
     if not any(name.endswith("tirgeo/odometry") for name in result["written"]):
         return f"{reader.path}: no pose could be made: {result['reason'] or 'see verdicts'}"
     return None
-
-
-#: Name, text, whether it reports a problem.
-Line = tuple[str, str, bool]
 
 
 def six_lines(result: Mapping[str, Any]) -> str:

@@ -30,8 +30,6 @@ _ESTIMATE_HELP = (
     f"of {', '.join(_NAMES)}, separated by commas; default: the first four, and gimbal_north if "
     "the flight separates it from them"
 )
-
-
 _LIST = {"type": names_of(_NAMES)}
 OPTIONS = (
     *FLIGHT,
