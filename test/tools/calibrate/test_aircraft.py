@@ -113,7 +113,7 @@ def test_a_hover_is_refused_with_what_to_fly(tmp_path, capsys):
     out = tmp_path / "out.yaml"
     assert command(["calibrate", "aircraft", str(flight), "-o", str(out)]) == 1
     message_text = capsys.readouterr().err
-    assert "shows no parameter: antenna_forward (aircraft.rtk_antenna_m)" in message_text
+    assert "determines no parameter: antenna_forward (aircraft.rtk_antenna_m)" in message_text
     assert "fly legs in several directions" in message_text
     assert message_text.count("\n") == 1
     assert not out.exists()

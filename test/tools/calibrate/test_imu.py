@@ -120,13 +120,13 @@ def test_lost_samples_are_warned_of(tmp_path):
     keep = np.random.default_rng(6).random(len(values)) > 0.015
     stamps = START_NS + np.arange(len(values), dtype=np.int64) * (1_000_000_000 // RATE_HZ)
     result = calibrate_imu(imu_bag(tmp_path / "a.mcap", values[keep], stamps_ns=stamps[keep]))
-    assert f"{(~keep)[:-1].sum()} samples beside" in result["warning"]
+    assert f"{(~keep)[:-1].sum()} samples are missing" in result["warning"]
 
 
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        (flown(7, 15), "15 s are too short; 20 s of flight are needed"),
+        (flown(7, 15), "record of 15 s is too short; 20 s of flight are needed"),
         (at_rest(7, 60), r"lies still for 60 of 60 s: no flight; use tirgeo calibrate allan"),
         (flown(7, 30) * [1, 0, 1, 1, 1, 1], "gyro y: never changes"),
     ],
@@ -161,7 +161,7 @@ def test_stamps_beyond_use_are_refused(tmp_path):
         ]
         > 30
     )
-    with pytest.raises(BagError, match="is not there"):
+    with pytest.raises(BagError, match="is absent"):
         calibrate_imu(tmp_path / "a.mcap", namespace="uav1")
 
 

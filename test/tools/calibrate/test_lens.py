@@ -84,7 +84,7 @@ def test_the_command_prints_json_and_text(folder, tmp_path, capsys):
     assert main([*argv, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["views"] + result["views_spare"] + len(result["refused"]) == 6
-    assert "views are few: take 20" in result["warning"]
+    assert "views are too few: take 20" in result["warning"]
     assert main(argv) == 0
     text = capsys.readouterr().out
     assert "fx" in text

@@ -341,7 +341,7 @@ def _vectors(evaluation: Evaluation, method: MethodResult) -> bytes:
     span = max(*np.ptp(places, axis=0).tolist(), 1.0)
     most = _VECTOR_SHARE * span / max(float(method.errors.distance_m.max()), 1e-6)
     times = max((times for times in _MAGNIFICATIONS if times <= most), default=1)
-    made, panel = figure(4.4, 4.2)  # inches: readable on a telephone
+    chart, panel = figure(4.4, 4.2)  # inches: readable on a telephone
     error = method.errors.error_en
     begin = np.array([point.place_en for point in method.located]) - middle - error
     arrows(panel, begin, times * error, COLOURS[1], 0.005)
@@ -353,4 +353,4 @@ def _vectors(evaluation: Evaluation, method: MethodResult) -> bytes:
     if len(places) <= _CLUTTER:
         for name, place in zip(survey, places, strict=True):
             panel.annotate(name, place, (3, 3), textcoords="offset points", fontsize=7)
-    return svg(made)
+    return svg(chart)

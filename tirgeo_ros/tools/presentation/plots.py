@@ -53,8 +53,8 @@ def figure(
     from matplotlib.figure import Figure  # noqa: PLC0415  heavy
 
     with rc_context(_STYLE):
-        made = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
-        return made, made.subplots(rows, columns, **options)
+        chart = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
+        return chart, chart.subplots(rows, columns, **options)
 
 
 def arrows(axes: Any, places: Any, moves: Any, colour: str, width: float) -> None:
@@ -64,20 +64,20 @@ def arrows(axes: Any, places: Any, moves: Any, colour: str, width: float) -> Non
     )
 
 
-def png(made: Figure) -> bytes:
+def png(chart: Figure) -> bytes:
     """Return the figure as PNG bytes."""
     out = io.BytesIO()
-    made.savefig(out, format="png", metadata={"Software": None})
+    chart.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
 
 
-def svg(made: Figure) -> bytes:
+def svg(chart: Figure) -> bytes:
     """Return the figure as SVG bytes, for a page."""
     from matplotlib import rc_context  # noqa: PLC0415  heavy
 
     out = io.BytesIO()
     with rc_context(_STYLE):
-        made.savefig(out, format="svg", metadata={"Date": None})
+        chart.savefig(out, format="svg", metadata={"Date": None})
     return out.getvalue()
 
 
