@@ -73,7 +73,7 @@ def test_every_verb_takes_it(sample, tmp_path):
         locate_pixels(flight, points[1], out, method="rtk", **options)
     result = summary(evaluate(flight, *points, **options))
     assert result["smoothed"]
-    assert any(note.startswith("raw and rtk are as they are") for note in result["notes"])
+    assert any(note.startswith("raw and rtk are not smoothed") for note in result["notes"])
     usual = [flight, "--survey", points[0], "--observations", points[1], "--params", params]
     args = ("calibrate", "boresight", *usual, "-o", tmp_path / "boresight.yaml", "--smooth")
     assert main([str(item) for item in args]) == 0

@@ -1,4 +1,4 @@
-"""Convert an evaluation's numbers to plain values (None where absent), and to files."""
+"""Convert an evaluation's numbers to plain values (None if absent), and write them to files."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ _CAPTION = (
     "Vectors from each surveyed point (cross) to its located observations, enlarged as the titles "
     "say. Mean over the points of Equation 24 in the titles (Figures 23 to 26 of the paper)."
 )
-#: Title of each row on a whole method, and its key in the numbers.
+#: Title of each row about a whole method -> key in the numbers.
 _OF_METHOD = {
     "mean": "mean_point_rmse_m",
     "rmse": "rmse_m",
@@ -77,7 +77,7 @@ _Number = Mapping[str, Any]
 
 
 def summary(evaluation: Evaluation) -> dict[str, object]:
-    """Return all numbers, for JSON: lengths in m, in the projected plane."""
+    """Return all numbers for JSON; lengths are metres in the projected plane."""
     return {
         "verdict": verdict(evaluation.methods),
         "input": evaluation.bag,
@@ -97,22 +97,22 @@ def summary(evaluation: Evaluation) -> dict[str, object]:
 
 
 def verdict(methods: Sequence[MethodResult]) -> str:
-    """Return the sentence on the last method, the best: whether errors are as predicted."""
+    """Return a sentence on the last and best method: whether its errors are as predicted."""
     best = methods[-1]
     located = best.located
     if not located:
         why = best.refused[0].reason if best.refused else "no surveyed point was observed"
         return f"none of {len(best.refused)} could be located: {why} ({best.method})"
-    elsewhere = place_note(methods)
-    if elsewhere:
-        return elsewhere
+    note = place_note(methods)
+    if note:
+        return note
     inside, pictures = sum(point.is_inside for point in located), {p.stamp_ns for p in located}
     why, mean_en = "", best.errors.mean_error_en
     if mean_en is not None and not is_honest(inside / len(located), len(pictures)):
         why = (
-            f", {mean_en[0]:+.2f} m east and {mean_en[1]:+.2f} m north of it in common: run "
-            "calibrate boresight; are all heights ellipsoidal, and survey and RTK base in one "
-            "datum?"
+            f", with a common error of {mean_en[0]:+.2f} m east and {mean_en[1]:+.2f} m north: "
+            "run calibrate boresight; check that all heights are ellipsoidal, and that survey and "
+            "RTK base have one datum"
         )
     mean_m = float(best.errors.distance_m.mean())
     return (
@@ -122,22 +122,22 @@ def verdict(methods: Sequence[MethodResult]) -> str:
 
 
 def place_note(methods: Sequence[MethodResult]) -> str:
-    """Return a note if the survey seems to be of another place, else nothing."""
-    errors_m = [each.errors.distance_m for each in methods if each.located]
-    usual_m = min((float(np.median(some)) for some in errors_m), default=0.0)
+    """Return a note if the survey seems to be of another place, else ""."""
+    errors_m = [method.errors.distance_m for method in methods if method.located]
+    usual_m = min((float(np.median(errors)) for errors in errors_m), default=0.0)
     if usual_m < _ELSEWHERE_M:
         return ""
     return (
-        f"the observed points lie {usual_m / 1000:.3g} km from where the survey has them: are "
-        "these the survey and the observations of this flight, in WGS84?"
+        f"the observed points lie {usual_m / 1000:.3g} km from the surveyed ones: check that "
+        "survey and observations belong to this flight, and that the survey is in WGS84"
     )
 
 
 def is_honest(share: float, pictures: int) -> bool:
-    """Return whether this share inside is consistent with ellipses of 95 %.
+    """Return whether the share of points inside is consistent with ellipses of 95 %.
 
-    It is, unless so few would occur by chance in at most one experiment of a hundred: a binomial
-    probability. Observations of one picture share its pose, so pictures are counted.
+    It is not, if such a low share occurs by chance in at most one of a hundred experiments (by the
+    binomial distribution). Observations of one picture share its pose, so pictures are counted.
     """
     from scipy.special import bdtr  # noqa: PLC0415  slow to import
 
@@ -247,7 +247,7 @@ class Table(NamedTuple):
 
 
 def tables(numbers: _Number) -> list[Table]:
-    """Return the tables of what ``summary`` returns: Tables 6 and 7, and the aircraft's errors."""
+    """Return Tables 6 and 7, and the aircraft's errors, from the result of ``summary``."""
     methods, points = numbers["methods"], numbers["points"]
     rows = [["point", *methods, "clicks"]]
     for name, point in points.items():
@@ -263,7 +263,7 @@ def tables(numbers: _Number) -> list[Table]:
         p_values[pair] = p_values[pair[::-1]] = text
     matrix = [[row, *(p_values.get((row, column), "-") for column in methods)] for row in methods]
     p_title = "paired t-test on these points, two-sided p-value"
-    made = [Table(title, rows), Table(p_title, [["", *methods], *matrix])]
+    result = [Table(title, rows), Table(p_title, [["", *methods], *matrix])]
     truths = {name: method["against_truth"] for name, method in methods.items()}
     if all(truths.values()):
         keys = next(iter(truths.values()))
@@ -272,8 +272,8 @@ def tables(numbers: _Number) -> list[Table]:
             for key in keys
         ]
         title = f"rms of the aircraft's own errors later than {numbers['settled_s']:g} s, "
-        made.append(Table(f"{title}by the truth", [["", *truths], *body]))
-    return made
+        result.append(Table(f"{title}by the truth", [["", *truths], *body]))
+    return result
 
 
 def _text(value: float | str | None) -> str:
@@ -283,7 +283,7 @@ def _text(value: float | str | None) -> str:
 
 
 def text_tables(numbers: _Number) -> str:
-    """Return the verdict, the tables and the notes of what ``summary`` returns."""
+    """Return the verdict, the tables and the notes from the result of ``summary``."""
     parts = [numbers["verdict"]]
     parts += [f"{each.title}\n{table(each.rows, right=True)}" for each in tables(numbers)]
     words = [
@@ -297,7 +297,7 @@ def text_tables(numbers: _Number) -> str:
 
 
 def report_html(evaluation: Evaluation, numbers: _Number) -> str:
-    """Return the page of an evaluation and of what ``summary`` returns for it."""
+    """Return the page of an evaluation; ``numbers`` is the result of its ``summary``."""
     lead = (
         f"survey {evaluation.survey_path}; observations {evaluation.observations_path}; errors in "
         f"{numbers['projection']['name']}; ground {evaluation.methods[0].setup.ground_words}."

@@ -12,7 +12,7 @@ from tirgeo_ros import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Colours that colour-blind people can distinguish too (Okabe and Ito), in order of use.
+#: Colours that colour-blind people can distinguish (Okabe and Ito), in order of use.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DPI = 110
 _STYLE: Any = {
@@ -26,7 +26,7 @@ _STYLE: Any = {
     "lines.linewidth": 1.2,
     "svg.hashsalt": "tirgeo",
 }
-#: The colours are variables, which a page with a dark form sets again.
+#: Common style of all pages. A page with a dark scheme overrides the variables of the colours.
 PAGE_STYLE = """
 :root { color-scheme: light; --ink: #1a1a1a; --paper: #fff; --soft: #555; --line: #ddd;
   --fine: #eee; --fault: #fdeaea; --fault-edge: #c0392b; }
@@ -82,7 +82,7 @@ def svg(chart: Figure) -> bytes:
 
 
 def html_page(title: str, style: str, body: str) -> str:
-    """Return a page: its title as text, its own style after the common one, its body as HTML."""
+    """Return a page with a title (text), the common style and its own, and a body (HTML)."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -91,7 +91,7 @@ def html_page(title: str, style: str, body: str) -> str:
     )
 
 
-def embedded(content: bytes, kind: str, words: str) -> str:
-    """Return a picture of a type (``image/jpeg``) as an element, with words in its place."""
+def embedded(content: bytes, kind: str, alternative: str) -> str:
+    """Return an HTML element with a picture of a type (``image/jpeg``) and alternative text."""
     data = base64.b64encode(content).decode()
-    return f'<img alt="{escape(words, quote=True)}" src="data:{kind};base64,{data}">'
+    return f'<img alt="{escape(alternative, quote=True)}" src="data:{kind};base64,{data}">'
