@@ -24,7 +24,7 @@ from tirgeo_ros.tools.replay.registration import INPUTS
 
 
 class ReplacedError(Exception):
-    """This process would be another one now."""
+    """Report that this process would have been replaced."""
 
 
 @pytest.fixture
@@ -160,10 +160,10 @@ def test_the_file_of_other_names_for_mavros():
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "no lines as imu/data: mavros/imu/data"),
-        ("/imu/data: a", "/imu/data: no input of tirgeo: use imu/data, rtk/fix"),
-        ("imu/data: 7", "imu/data: 7 is no topic's name"),
-        ("imu/data: a b", "imu/data: 'a b' is no topic's name"),
+        ("", "write lines as imu/data: mavros/imu/data"),
+        ("/imu/data: a", "/imu/data: not an input of tirgeo: use imu/data, rtk/fix"),
+        ("imu/data: 7", "imu/data: 7 is not the name of a topic"),
+        ("imu/data: a b", "imu/data: 'a b' is not the name of a topic"),
         ("imu/data: a: b", "line 1"),
     ],
 )
