@@ -122,7 +122,7 @@ def test_a_hover_is_refused_with_what_to_fly(tmp_path, capsys):
 def test_what_a_bag_lacks_is_named(tmp_path):
     samples = [s for s in aircraft_samples(2, 10.0) if isinstance(s, ImuSample | HeadingSample)]
     flight = write_samples(tmp_path / "in.mcap", samples)
-    with pytest.raises(BagError, match="needed topic absent: /rtk/fix; is there a"):
+    with pytest.raises(BagError, match="needed topic absent: /rtk/fix; give --namesp"):
         calibrate_aircraft(flight)
     short = write_samples(tmp_path / "short.mcap", aircraft_samples(2, 10.0))
     with pytest.raises(CalibrationError, match=r"only 10\.0 s of imu/data without a gap"):

@@ -104,7 +104,7 @@ def test_a_16_bit_video_is_calibrated_from_its_sharpest_pictures(tmp_path):
     result = calibrate_lens([bag], BOARD, tmp_path / "camera.yaml", namespace="uav")
     assert set(result["view_rms_px"]) <= {f"{10 + number}.100" for number in range(6)}
     assert np.abs(off_sigmas(result)).max() < 4
-    with pytest.raises(BagError, match="is there a --namespace"):
+    with pytest.raises(BagError, match="give --namespace if the topics have one"):
         calibrate_lens([bag], BOARD, tmp_path / "camera.yaml")
 
 

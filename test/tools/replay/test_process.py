@@ -118,7 +118,7 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     assert topics == {*GLOBAL, *(f"/uav1/tirgeo/{name}" for name in WITHOUT_PICTURES)}
     outcome = data_of(tmp_path / "out.mcap", f"/uav1{CAMERA_POSE}")
     assert outcome == data_of(poses_only[0], CAMERA_POSE)
-    with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*is there a --namespace"):
+    with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*give --namespace"):
         process(moved, tmp_path / "none.mcap", images=False, **options)
 
 

@@ -71,7 +71,7 @@ def test_a_log_time_after_2038_costs_its_message_alone(cut, sample, tmp_path, ca
             ALL_RTK,
             "ekf",
             "has no /rtk/fix, /rtk/vel: continuing without it",
-            f"{', '.join(ALL_RTK)}; it flies on ordinary GPS",
+            f"{', '.join(ALL_RTK)}; the filter uses ordinary GPS",
         ),
     ],
 )

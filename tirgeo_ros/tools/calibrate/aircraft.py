@@ -145,7 +145,7 @@ def _read(
     flight, samples = Flight(reader, namespace, needs_camera=False), _Samples()
     for topic in _NEEDED:
         if not flight.has(topic):
-            hint = "" if namespace else "; is there a --namespace?"
+            hint = "" if namespace else "; give --namespace if the topics have one"
             raise BagError(
                 f"{reader.path}: needed topic absent: {resolved(topic, namespace)}{hint}"
             )

@@ -101,7 +101,7 @@ class BoardVideo:
         names = {resolved(topic, namespace): topic for topic in PICTURES}
         present_names = [name for name in names if present.get(name) == TOPIC_TYPES[names[name]]]
         if not present_names:
-            hint = "" if namespace else "; is there a --namespace?"
+            hint = "" if namespace else "; give --namespace if the topics have one"
             raise BagError(f"{bag}: needed topic absent: {' or '.join(names)}{hint}")
         self._pictures, self._contract = present_names[0], names[present_names[0]]
         self._info = resolved(_CAMERA_INFO, namespace)

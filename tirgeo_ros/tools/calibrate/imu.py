@@ -194,11 +194,11 @@ def flight_table(axes: Sequence[Axis]) -> str:
 
 
 def spectra_png(
-    flying: Pieces, resting: Pieces, axes: Sequence[Mapping[str, Any]], what: str
+    flying: Pieces, resting: Pieces, axes: Sequence[Mapping[str, Any]], title: str
 ) -> bytes:
     """Return a PNG: density over frequency, its spread over the flight, estimated densities."""
     chart, panels = axis_panels("density", DENSITIES, "frequency [Hz]")
-    chart.suptitle(what)
+    chart.suptitle(title)
     # Leave out the mean, which was subtracted, and the last bin, which is half as wide.
     shown = slice(1, -1)
     hz = flying.frequencies_hz[shown]
@@ -384,13 +384,13 @@ def axes_table(
     return "\n".join(parts)
 
 
-def axis_panels(what: str, units: Mapping[str, str], below: str) -> tuple[Any, Any]:
+def axis_panels(quantity: str, units: Mapping[str, str], x_label: str) -> tuple[Any, Any]:
     """Return a figure and (2, 3) panels, one for each axis."""
     chart, panels = figure(12.0, 7.2, 2, 3, sharex=True, sharey="row")
     for panel, name in zip(panels.flat, CHANNELS, strict=True):
         panel.set_title(name)
     for row, unit in zip(panels, units.values(), strict=True):
-        row[0].set_ylabel(f"{what} [{unit}]")
+        row[0].set_ylabel(f"{quantity} [{unit}]")
     for panel in panels[1]:
-        panel.set_xlabel(below)
+        panel.set_xlabel(x_label)
     return chart, panels
