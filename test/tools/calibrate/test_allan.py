@@ -38,7 +38,7 @@ def found(still):
 
 
 @pytest.mark.slow
-def test_ekf_node_takes_what_it_writes(found):
+def test_ekf_node_accepts_the_written_file(found):
     folder, result = found
     imu = ParameterFile(folder / "imu.yaml").config("ekf_node", EkfConfig).imu
     # 10 min tell N to 0.6 %; the bias of gyro z, 15 times twice its correlation time, to a fifth.

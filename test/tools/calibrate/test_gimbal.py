@@ -91,7 +91,7 @@ def test_pictures_with_a_calibration_file_and_the_command(video, tmp_path, capsy
     assert text.index("pitch") < text.index("yaw") < text.index("roll")
 
 
-def test_what_is_missing_is_told(video, tmp_path):
+def test_missing_inputs_are_named(video, tmp_path):
     stamps, images, _ = video
     picture = tmp_path / "a.png"
     picture.write_bytes(b"")

@@ -132,7 +132,7 @@ def test_sigmas_hold_over_many_boards(tmp_path):
     assert np.abs(z).max() < 3.9  # one in 10 000 of a normal distribution
 
 
-def test_what_is_not_there_is_told(tmp_path):
+def test_absent_files_are_named(tmp_path):
     with pytest.raises(CalibrationError, match="there is no such file or folder"):
         files_of([tmp_path / "none"])
     with pytest.raises(CalibrationError, match="no pictures in it"):

@@ -44,7 +44,7 @@ def raising(error):
 
 
 def test_a_result_is_a_line_for_each_key_in_words(run_verb):
-    """As ``process`` prints: what reports a problem first. Names of topics and files stay."""
+    """As ``process`` prints: problems are first. Names of topics and files are not changed."""
     result = {"frames_drawn": 3, "rms": {"heading_deg": 0.25, "rtk/fix_m": 1}, "no": None}
     result |= {"smoothed": False, "notes": [], "latency_ms": [1.5, 2.0], "not_used": {"late": 2}}
     code, out, err = run_verb(lambda _: result)
@@ -79,7 +79,7 @@ def test_json_is_one_object_with_null_for_nan(run_verb):
 
 
 def test_errors_are_one_line_of_the_verb(run_verb, tmp_path):
-    """Ours with 1, the machine's with the file's name, and Ctrl-C with 130."""
+    """Tirgeo's errors with code 1, the system's with the file's name, and Ctrl-C with 130."""
     absent = tmp_path / "none"
     for work, expected, said in (
         (raising(BagError("a.mcap: not an\nMCAP file")), 1, "a.mcap: not an\\nMCAP file"),
@@ -98,7 +98,7 @@ def test_a_bug_keeps_its_traceback(run_verb):
     ("argv", "message"),
     [([], "VERB"), (["fly"], "invalid choice: 'fly'"), (["work", "-x"], "unrecognized arguments")],
 )
-def test_wrong_use_is_2(monkeypatch, capsys, argv, message):
+def test_wrong_use_has_exit_code_2(monkeypatch, capsys, argv, message):
     monkeypatch.setattr(command, "verbs", lambda: [verb(lambda _: 0)])
     with pytest.raises(SystemExit) as left:
         command.main(argv)

@@ -209,7 +209,7 @@ def test_no_method_at_all_is_an_error(sample, params, tmp_path):
         evaluate(*files(sample), namespace="uav1")
 
 
-def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
+def test_mismatches_of_observations_and_survey_are_noted(sample, tmp_path):
     bag = rewritten(sample / "flight.mcap", tmp_path / "raw.mcap", without=RTK)
     observed = load_observations(sample / "observations.csv")
     odd = Observation(

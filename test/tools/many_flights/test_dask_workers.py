@@ -153,7 +153,7 @@ def test_a_worker_that_does_not_see_the_folder_is_absent_or_came_later_is_refuse
         dask_workers.run_on_worker(came_later)
 
 
-def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch):
+def test_a_lost_scheduler_is_reported_in_one_line(tmp_path, monkeypatch):
     """The client cancels all flights as soon as it has noticed."""
 
     def lost(*_):
