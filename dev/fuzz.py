@@ -193,8 +193,8 @@ def _in_pieces(
     frames: list[ProtocolFrame] = []
     for piece in pieces(data, rng, most):
         frames += reader.feed(piece)
-        if reader.held >= MAX_BYTES:
-            return f"{reader.held} bytes are held, in pieces of up to {most}"
+        if reader.buffered >= MAX_BYTES:
+            return f"{reader.buffered} bytes are buffered, in pieces of up to {most}"
     frames += reader.rescan()
     if frames != expected:
         return f"other frames in pieces of up to {most}"

@@ -14,38 +14,7 @@ from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig, Fram
 from tirgeo_ros.core.config.schema import Parameter, parameters_of
 from tirgeo_ros.nodes.help import NONE, as_yaml
 
-_HEAD = """\
-# Parameters
-
-Made from the code by `make parameters`: do not edit this page, but the descriptions in
-`tirgeo_ros/core/config`.
-
-A parameter that no file sets has its default. An owner edits the lines of
-[m600_xt2.yaml](../config/m600_xt2.yaml), [m300_h20t.yaml](../config/m300_h20t.yaml) or
-[generic.yaml](../config/generic.yaml); any other parameter goes into the same file, or into a
-second one, under the name of its node, and `aircraft.*` and the frames' names under `/**`:
-
-```yaml
-/**/ekf_node:
-  ros__parameters:
-    rtk.delay_s: 0.08
-```
-
-Give files to the launch file (`params_file:=a.yaml,b.yaml`), to a node (`--ros-args
---params-file`) and to the commands (`--params`). Later files override earlier ones. An unknown
-name, a wrong type or a value out of range is refused at start.
-
-A parameter that is `live` can be set while the node runs, within the same range: `ros2 param set
-/ekf_node rtk.position_sigma_floor_m 0.05`. It counts from the next sample on; the filter keeps its
-state. The others are read at start, and setting one is refused with the reason. `ros2 param dump
-NODE` writes a file that loads again, once its secrets (`***`) are written into it.
-
-- Write a double with its point, also with an exponent: `5.0`, `1.0e-3`.
-- *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
-- Standard deviations are one sigma. Angles are in degrees where the name ends in `_deg`.
-- Three numbers along the aircraft's or the camera's axes are forward, left, up.
-- `NODE --help` prints the same for one node.
-"""
+_HEAD = Path(__file__).with_name("parameters_head.md")
 _COLUMNS = """\
 | parameter | takes | default | meaning |
 | --- | --- | --- | --- |"""
@@ -58,7 +27,7 @@ _FRAMES = {parameter.name for parameter in parameters_of(FramesConfig)}
 def parameters_page() -> str:
     """Return the page: the aircraft's group, then a section per node and a table per group."""
     links = ", ".join(f"[{node}](#{node})" for node in NODE_CONFIGS)
-    parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
+    parts = [_HEAD.read_text(), f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
     shared = [p for p in parameters_of(EkfConfig) if _group_name(p) == _AIRCRAFT]
     parts += _group(_AIRCRAFT, AircraftConfig, "", shared)
     parts += ["### Frames\n\n[Outputs](outputs.md#the-frames) draws them.\n"]

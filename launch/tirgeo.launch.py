@@ -1,10 +1,10 @@
 """Start the node graph, live or on a bag.
 
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson`` on an aircraft, with dji_node unless
-``dji:=false`` says that other drivers give its topics;
+``dji:=false`` says that other drivers publish its topics;
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson bag:=flight.mcap`` plays a flight in sim
-time and ends when it ends, or with exit code 1 when a node of it dies, but for the page; only
-this machine reaches that graph (docs/security.md). ``--show-args`` lists all arguments.
+time, and ends with it, or with exit code 1 when a node other than viewer_node dies. Only this
+machine reaches that graph (docs/security.md). ``--show-args`` lists all arguments.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ ARGUMENTS = {
     "params": ("", "the same as params_file"),
     "map": ("", "the map to draw, or several with commas; empty = as params_file says"),
     "bag": ("", "recorded flight to play instead of a live aircraft; the graph ends with it"),
-    "dji": ("true", "whether dji_node brings the aircraft's topics; never with a bag"),
+    "dji": ("true", "whether dji_node publishes the aircraft's topics; never with a bag"),
     "namespace": ("", "namespace of the aircraft, as uav1; empty = none"),
     "frames": ("", "prefix of all frames, as uav1/ (frame_prefix); empty = as params_file says"),
-    "image": ("", f"topic in place of {IMAGE}, as /flir/image_raw; its /compressed comes along"),
+    "image": ("", f"topic in place of {IMAGE}, as /flir/image_raw; its /compressed too"),
     "camera_info": ("", f"topic in place of {CAMERA_INFO}; empty = camera_info beside the image"),
-    "remap": ("", "file of inputs that have other names, as config/mavros.yaml; empty = none"),
+    "remap": ("", "file that gives inputs other topic names, as config/mavros.yaml; empty = none"),
     "use_sim_time": (
         "",
         "whether /clock is the nodes' time; empty = with a bag, else as params_file says",
@@ -88,66 +88,66 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def graph(context: LaunchContext) -> list[Action]:
-    """Return the nodes and their environment; raise for arguments that cannot be."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    check_names(context, given)
-    check(given)
-    given["params_file"] = given["params"] or given["params_file"]
-    on_bag = bool(given["bag"])
-    local = is_true("localhost_only", given["localhost_only"] or str(on_bag))
-    source = ["bag_player"] if on_bag else ["dji_node"] * is_true("dji", given["dji"])
-    page = ["viewer_node"] * (page_address(given) is not None)
+    """Return the nodes and their environment; raise ValueError for wrong arguments."""
+    arguments = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    check_names(context, arguments)
+    check(arguments)
+    arguments["params_file"] = arguments["params"] or arguments["params_file"]
+    on_bag = bool(arguments["bag"])
+    local = is_true("localhost_only", arguments["localhost_only"] or str(on_bag))
+    source = ["bag_player"] if on_bag else ["dji_node"] * is_true("dji", arguments["dji"])
+    page = ["viewer_node"] * (page_address(arguments) is not None)
     names = ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
-    nodes = [node(context, name, given) for name in names]
+    nodes = [node(context, name, arguments) for name in names]
     # Each new start of the page has the tokens of its first one.
     seeded = not page or TOKEN_SEED in os.environ
     seed = [] if seeded else [SetEnvironmentVariable(TOKEN_SEED, secrets.token_urlsafe())]
-    viewer = [rviz(given)] if is_true("rviz", given["rviz"]) else []
+    viewer = [rviz(arguments)] if is_true("rviz", arguments["rviz"]) else []
     return [*environment(local=local), *seed, *nodes, *viewer]
 
 
-def check_names(context: LaunchContext, given: dict[str, str]) -> None:
-    """Raise ValueError for an argument that is none of ours and resembles one.
+def check_names(context: LaunchContext, arguments: dict[str, str]) -> None:
+    """Raise ValueError for an unknown argument whose name resembles that of a known one.
 
-    The arguments of a launch file that includes this one stand beside ours: they pass where they
-    add words to a name (use_rviz), or where the one that they resemble is set as well.
+    The context also holds the arguments of a launch file that includes this one. Those pass if
+    they add words to a name (use_rviz), or if the argument that they resemble is set as well.
     """
     for name in sorted(context.launch_configurations.keys() - ARGUMENTS.keys()):
         for near in difflib.get_close_matches(name, ARGUMENTS, 1, RESEMBLES):
             more_words = set(near.split("_")) <= set(name.split("_"))
-            if not more_words and given[near] == ARGUMENTS[near][0]:
+            if not more_words and arguments[near] == ARGUMENTS[near][0]:
                 value = context.launch_configurations[name]
                 raise ValueError(f"argument {name}:={value}: did you mean {near}:=?")
 
 
-def check(given: dict[str, str]) -> None:
+def check(arguments: dict[str, str]) -> None:
     """Raise ValueError for a file that is not there, before any node is started without it."""
-    usual, (one, other) = ARGUMENTS["params_file"][0], (given["params"], given["params_file"])
-    if one and other not in (one, usual, ""):
-        raise ValueError(f"arguments params:={one} params_file:={other}: give one of them")
+    params, file = arguments["params"], arguments["params_file"]
+    if params and file not in (params, ARGUMENTS["params_file"][0], ""):
+        raise ValueError(f"arguments params:={params} params_file:={file}: give one of them")
     for name in ("params", "params_file", "map", "bag", "remap"):
-        for path in map(Path, paths(given[name])):
+        for path in map(Path, paths(arguments[name])):
             # A recorded flight may be a folder, and so may a map (File Geodatabase).
             if not (path.is_file() or (name in {"map", "bag"} and path.is_dir())):
-                raise ValueError(f"argument {name}:={given[name]}: there is no file {path}")
-    if given["bag"] and is_true("respawn", given["respawn"] or "false"):
+                raise ValueError(f"argument {name}:={arguments[name]}: there is no file {path}")
+    if arguments["bag"] and is_true("respawn", arguments["respawn"] or "false"):
         raise ValueError("argument respawn:=true: not with bag:=, which ends when a node dies")
 
 
-def node(context: LaunchContext, name: str, given: dict[str, str]) -> Node:
+def node(context: LaunchContext, name: str, arguments: dict[str, str]) -> Node:
     """Return the action that runs one of the package's executables under its own name."""
-    ends = end_of(name) if given["bag"] and name != "viewer_node" else None
-    respawn = is_true("respawn", given["respawn"] or str(ends is None))
-    level = f"{logger_name(context, given['namespace'], name)}:={given['log_level']}"
+    ends = end_of(name) if arguments["bag"] and name != "viewer_node" else None
+    respawn = is_true("respawn", arguments["respawn"] or str(ends is None))
+    level = f"{logger_name(context, arguments['namespace'], name)}:={arguments['log_level']}"
     return Node(
         package="tirgeo",
         executable=name,
         name=name,
-        namespace=given["namespace"],
-        parameters=parameters(name, given),
-        remappings=remappings(name, given),
+        namespace=arguments["namespace"],
+        parameters=parameters(name, arguments),
+        remappings=remappings(name, arguments),
         output="screen",
-        # The first says whose keys it has, under SROS 2.
+        # The enclave names the node's keys under SROS 2.
         ros_arguments=["--enclave", f"/tirgeo/{name}", "--log-level", level],
         respawn=respawn,
         respawn_delay=RESPAWN_DELAY_S,
@@ -155,60 +155,59 @@ def node(context: LaunchContext, name: str, given: dict[str, str]) -> Node:
     )
 
 
-def parameters(name: str, given: dict[str, str]) -> list[object]:
-    """Return the file of parameters, and what the arguments set over it for a node."""
+def parameters(name: str, arguments: dict[str, str]) -> list[object]:
+    """Return the parameter files, and the values by which the arguments override them."""
     has = {parameter.name for parameter in parameters_of(NODE_CONFIGS[name])}
     texts = {
-        "bag": ",".join(paths(given["bag"])),
-        "map": ",".join(paths(given["map"])),
-        "listen": page_address(given) or "",
-        "frame_prefix": given["frames"],
+        "bag": ",".join(paths(arguments["bag"])),
+        "map": ",".join(paths(arguments["map"])),
+        "listen": page_address(arguments) or "",
+        "frame_prefix": arguments["frames"],
     }
-    values = {} if name == "bag_player" else sim_time(given)
+    values = {} if name == "bag_player" else sim_time(arguments)
     for key, value in texts.items():
         values |= text(key, value) if key in has else {}
-    return [*paths(given["params_file"]), *([values] if values else [])]
+    return [*paths(arguments["params_file"]), *([values] if values else [])]
 
 
 def text(name: str, value: str) -> dict[str, object]:
-    """Return a parameter that is a text; none where it is empty, so that params_file decides."""
-    # The type is told, for a bare text is read as YAML: a bag named 7 would become a number.
+    """Return a text parameter; none for an empty text, so that params_file decides."""
+    # The type is set because a text is read as YAML: a bag named 7 would become a number.
     return {name: ParameterValue(value, value_type=str)} if value else {}
 
 
-def sim_time(given: dict[str, str]) -> dict[str, object]:
-    """Return the parameter use_sim_time; none where params_file decides."""
-    said = given["use_sim_time"] or ("true" if given["bag"] else "")
-    return {"use_sim_time": is_true("use_sim_time", said)} if said else {}
+def sim_time(arguments: dict[str, str]) -> dict[str, object]:
+    """Return the parameter use_sim_time; none if params_file decides."""
+    value = arguments["use_sim_time"] or ("true" if arguments["bag"] else "")
+    return {"use_sim_time": is_true("use_sim_time", value)} if value else {}
 
 
-def remappings(name: str, given: dict[str, str]) -> list[tuple[str, str]]:
-    """Return the topics of a node that have another name: (own, other).
+def remappings(name: str, arguments: dict[str, str]) -> list[tuple[str, str]]:
+    """Return the remapping rules of a node: (own name, other name). The first for a topic holds.
 
-    A bag's clock is in the namespace, as the bag's topics are: two bags have two clocks. The first
-    rule for a topic holds.
+    A bag's clock is in the namespace, like the bag's topics: two bags have two clocks.
     """
-    found = [("/clock", "clock")] if given["bag"] else []
+    rules = [("/clock", "clock")] if arguments["bag"] else []
     if name != "overlay_node":
-        return found + renamed(given)
-    image = given["image"].removesuffix("/compressed")
+        return rules + renamed(arguments)
+    image = arguments["image"].removesuffix("/compressed")
     beside = str(PurePosixPath(image).with_name("camera_info")) if image else ""
     if image:
-        found += [(IMAGE, image), (f"{IMAGE}/compressed", f"{image}/compressed")]
-    info = given["camera_info"] or beside
-    return [*found, *([(CAMERA_INFO, info)] if info else []), *renamed(given)]
+        rules += [(IMAGE, image), (f"{IMAGE}/compressed", f"{image}/compressed")]
+    info = arguments["camera_info"] or beside
+    return [*rules, *([(CAMERA_INFO, info)] if info else []), *renamed(arguments)]
 
 
-def renamed(given: dict[str, str]) -> list[tuple[str, str]]:
-    """Return the inputs that the files of the argument remap name; raise ValueError."""
+def renamed(arguments: dict[str, str]) -> list[tuple[str, str]]:
+    """Return the rules in the files of the argument remap; raise ValueError."""
     try:
-        return [pair for path in paths(given["remap"]) for pair in read_remaps(path)]
+        return [pair for path in paths(arguments["remap"]) for pair in read_remaps(path)]
     except ConfigError as error:
-        raise ValueError(f"argument remap:={given['remap']}: {error}") from None
+        raise ValueError(f"argument remap:={arguments['remap']}: {error}") from None
 
 
 def end_of(name: str) -> object:
-    """Return what ends the launch when a node of a bag's graph ends: in error, unless played."""
+    """Return the handler that ends the launch with a node: an error unless the bag has ended."""
 
     def ended(event: ProcessExited, context: LaunchContext) -> list[Action] | None:
         if context.is_shutdown:
@@ -222,7 +221,7 @@ def end_of(name: str) -> object:
     return ended
 
 
-def rviz(given: dict[str, str]) -> Node:
+def rviz(arguments: dict[str, str]) -> Node:
     """Return RViz in the graph's namespace, time and frames; raise RuntimeError if absent."""
     try:
         get_package_prefix("rviz2")
@@ -233,27 +232,27 @@ def rviz(given: dict[str, str]) -> Node:
     return Node(
         package="rviz2",
         executable="rviz2",
-        namespace=given["namespace"],
-        arguments=["-d", str(RVIZ), "-f", f"{given['frames']}map"],
-        parameters=[sim_time(given)] if sim_time(given) else [],
-        remappings=remappings("rviz2", given),
+        namespace=arguments["namespace"],
+        arguments=["-d", str(RVIZ), "-f", f"{arguments['frames']}map"],
+        parameters=[sim_time(arguments)] if sim_time(arguments) else [],
+        remappings=remappings("rviz2", arguments),
         output="screen",
         ros_arguments=["--enclave", "/tirgeo/operator"],
     )
 
 
 def environment(*, local: bool) -> list[Action]:
-    """Return what the nodes' environment has otherwise than ours: DDS, and who reaches it."""
-    ours = dict(os.environ)
-    theirs = (localhost_environment if local else video_environment)(ours, SHARE / "config")
-    changed = {name: value for name, value in theirs.items() if ours.get(name) != value}
-    gone = [UnsetEnvironmentVariable(name) for name in sorted(ours.keys() - theirs.keys())]
-    return [*gone, *(SetEnvironmentVariable(name, value) for name, value in changed.items())]
+    """Return the changes of the environment for the nodes: DDS, and who reaches it."""
+    own = dict(os.environ)
+    new = (localhost_environment if local else video_environment)(own, SHARE / "config")
+    changed = {name: value for name, value in new.items() if own.get(name) != value}
+    unset = [UnsetEnvironmentVariable(name) for name in sorted(own.keys() - new.keys())]
+    return [*unset, *(SetEnvironmentVariable(name, value) for name, value in changed.items())]
 
 
-def page_address(given: dict[str, str]) -> str | None:
-    """Return the page's address, empty where params_file decides; None without a page."""
-    page = given["page"]
+def page_address(arguments: dict[str, str]) -> str | None:
+    """Return the page's address, empty if params_file decides; None without a page."""
+    page = arguments["page"]
     if ":" in page:
         try:
             address_of(page)
@@ -264,20 +263,20 @@ def page_address(given: dict[str, str]) -> str | None:
 
 
 def is_true(name: str, value: str) -> bool:
-    """Return whether an argument is true: true or false in any case, or 1 or 0."""
-    known = {"true": True, "1": True, "false": False, "0": False}
-    if value.lower() not in known:
-        raise ValueError(f"argument {name}:={value}: say true or false")
-    return known[value.lower()]
+    """Return an argument as a bool: true or false in any case, or 1 or 0."""
+    values = {"true": True, "1": True, "false": False, "0": False}
+    if value.lower() not in values:
+        raise ValueError(f"argument {name}:={value}: write true or false")
+    return values[value.lower()]
 
 
 def logger_name(context: LaunchContext, namespace: str, name: str) -> str:
-    """Return a node's logger: a level for it alone keeps ROS's libraries quiet at debug."""
+    """Return the name of a node's logger: its level leaves ROS's libraries quiet at debug."""
     pushed = LaunchConfiguration("ros_namespace", default="").perform(context)
     whole = namespace if namespace.startswith("/") else f"{pushed}/{namespace}"
     return ".".join(part for part in [*whole.split("/"), name] if part)
 
 
-def paths(given: str) -> list[str]:
-    """Return the files of an argument, as seen from where ros2 launch was called."""
-    return [str(Path(path).expanduser().absolute()) for path in named_files(given)]
+def paths(files: str) -> list[str]:
+    """Return the absolute paths of an argument's files, from the folder of ros2 launch."""
+    return [str(Path(path).expanduser().absolute()) for path in named_files(files)]

@@ -81,9 +81,9 @@ def test_launch_ends_with_the_bag_and_in_error_with_any_other_node(launch_file, 
         ("bagg", "x", "did you mean bag:="),
         ("param_file", "x", "did you mean params_file:="),
         ("sim_time", "x", "did you mean use_sim_time:="),
-        ("page", "8080", ".*say true or false"),
+        ("page", "8080", ".*write true or false"),
         ("page", "a:b", ".*HOST:PORT"),
-        ("dji", "maybe", "say true or false"),
+        ("dji", "maybe", "write true or false"),
     ],
 )
 def test_launch_refuses_a_name_or_a_value_that_resembles_its_own(launch_file, name, value, reason):

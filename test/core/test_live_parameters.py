@@ -197,9 +197,9 @@ def test_an_alignment_begins_again_with_the_new_values():
         (
             "method",
             "ekf",
-            "method is read at start alone: set it in the parameter file and restart",
+            "method is read only at start: set it in the parameter file and restart",
         ),
-        ("aircraft.imu_m", (0.0, 0.0, 1.0), "aircraft.imu_m is measured before flight, and all"),
+        ("aircraft.imu_m", (0.0, 0.0, 1.0), "aircraft.imu_m is measured before flight, and must"),
         ("rtk.gate_sigma", 0.0, "rtk.gate_sigma: 0 is outside 1 to 1e"),
         ("rtk.gate", 5.0, "unknown parameter rtk.gate .did you mean rtk.gate_sigma"),
     ],

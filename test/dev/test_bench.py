@@ -58,7 +58,7 @@ def frames():
 def test_the_capture_is_what_an_aircraft_sends(frames):
     reader = FrameReader()
     result = reader.feed(b"".join(frames))
-    assert reader.counts["skipped_bytes"] == reader.held == 0
+    assert reader.counts["skipped_bytes"] == reader.buffered == 0
     kinds = Counter((f.cmd_id, f.value[0] if f.cmd_id == 5 else None) for f in result)
     # Broadcasts, and the five usual packages, two seconds of each.
     rates_hz = {None: 100, 0: 5, 1: 50, 2: 100, 3: 400, 4: 200}

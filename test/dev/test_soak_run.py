@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from overlays import GREY, LATENCY, MS, START, WAIT, pose_at, ready, status
 from dev.flights import SOAK_SCENARIO, make_soak_flight
 from dev.nodes.soak_witness import line_pixels
 from dev.soak.__main__ import soak
-from dev.soak.run import Event, Kind
+from dev.soak.run import RATE, Event, Kind, schedule
 from tirgeo_ros.core.types.verdicts import FilterState
+from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.tools.graph import find_resource
+from tirgeo_ros.tools.simulate.scenario import Scenario
 
 
 def drawn(variance, state=None):
@@ -41,6 +44,17 @@ def test_lines_are_seen_faded_ones_too(variance):
 @pytest.mark.parametrize("state", [None, *FilterState])
 def test_a_notice_is_no_line(state):
     assert line_pixels(drawn(0, state)) == 0
+
+
+def test_lives_are_run_in_with_full_queues():
+    """Else a longer stop later takes memory: the most that ever waits is a mark reached once."""
+    profile = find_resource("config/fastdds.xml").read_text()
+    healthy_s = int(re.search(r"<healthy_check_timeout_ms>(\d+)<", profile)[1]) / 1000
+    run_in = [e for e in schedule(1, 600.0) if e.at_s < 60.0 and e.kind is Kind.STOP]
+    assert {e.node for e in run_in} == {"ekf_node", "gimbal_node", "overlay_node"}
+    for event in run_in:
+        assert event.lasts_s * RATE * Scenario().imu.rate_hz > STREAM_DEPTH
+        assert event.lasts_s < healthy_s
 
 
 @pytest.mark.graph

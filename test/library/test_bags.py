@@ -115,7 +115,7 @@ def test_truth_is_a_table_too(sample, flight):
     [
         (["/imu/data"], r"/imu/data has no table \(did you mean imu/data\?\)"),
         (["baro/pressure"], r"no topic /baro/pressure; it has: /gimbal/attitude, "),
-        (["thermal/camera_info"], r"pictures are no table: read_pictures and read_camera"),
+        (["thermal/camera_info"], r"pictures are not a table: use read_pictures and read_camera"),
     ],
 )
 def test_a_topic_that_cannot_be_read_is_named(short, topics, line):

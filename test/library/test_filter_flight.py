@@ -75,20 +75,20 @@ def test_what_a_written_bag_holds_is_the_same(short, flight, params, tmp_path):
 
 
 def structured(table):
-    made = np.zeros(len(table["stamp_ns"]), [(name, item.dtype) for name, item in table.items()])
+    rows = np.zeros(len(table["stamp_ns"]), [(name, item.dtype) for name, item in table.items()])
     for name, item in table.items():
-        made[name] = item
-    return made
+        rows[name] = item
+    return rows
 
 
 @pytest.mark.parametrize(
-    "made", [pd.DataFrame, structured, lambda t: {k: list(v) for k, v in t.items()}]
+    "kind", [pd.DataFrame, structured, lambda t: {k: list(v) for k, v in t.items()}]
 )
-def test_any_table_gives_the_same(made, tables, flight, params):
-    again = filtered({topic: made(table) for topic, table in tables.items()}, config=params)
+def test_any_table_gives_the_same(kind, tables, flight, params):
+    again = filtered({topic: kind(table) for topic, table in tables.items()}, config=params)
     for name in FIELDS:
         assert np.array_equal(getattr(again, name), getattr(flight, name))
-    assert isinstance(again.table, pd.DataFrame if made is pd.DataFrame else dict)
+    assert isinstance(again.table, pd.DataFrame if kind is pd.DataFrame else dict)
     assert np.array_equal(again.table["heading_rad"], flight.rpy_rad[:, 2])
 
 
@@ -151,7 +151,7 @@ def test_parameters_may_be_a_mapping(tables, flight):
         filtered(tables, config={"orign_lat_lon_h": []})
     with pytest.raises(ConfigError, match=r"no_such.yaml"):
         filtered(tables, config="no_such.yaml")
-    with pytest.raises(ConfigError, match="dict is no name of a file"):
+    with pytest.raises(ConfigError, match="dict cannot be the name of a file"):
         filtered(tables, config=[config])
 
 

@@ -149,7 +149,7 @@ def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
     assert (tmp_path / "mine.geojson").read_bytes() == (tmp_path / "tool.geojson").read_bytes()
     tirgeo_ros.save_located(tmp_path / "numbered.csv", answers)
     assert json.loads((tmp_path / "mine.geojson").read_text())["features"]
-    with pytest.raises(TableError, match=f"ids: 1 for {len(answers)} answers"):
+    with pytest.raises(TableError, match=f"ids: 1 given for {len(answers)} answers"):
         tirgeo_ros.save_located(tmp_path / "bad.geojson", answers, ["a"])
 
 

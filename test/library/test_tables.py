@@ -34,7 +34,7 @@ def changed(**columns):
         (changed(sigma_deg=np.ones(3)), r"columns variance_rad2 and sigma_deg say the same"),
         (changed(heading_rad=[0.1]), r"heading_rad has 1 rows, stamp_ns has 3"),
         (changed(stamp_ns=np.array([0, "NaT", 2], "datetime64[ns]")), r"no time \(NaT\) in row 1"),
-        (np.zeros((3, 3)), r"heading: ndarray is no table: give a dict of arrays"),
+        (np.zeros((3, 3)), r"heading: ndarray is not a table: give a dict of arrays"),
         (pd.DataFrame(HEADING).rename(columns={"variance_rad2": "var"}),
          r"no column variance_rad2 or sigma_rad or sigma_deg: .*0 = unknown"),
         (pd.DataFrame(HEADING).set_index("stamp_ns"), r"index is not read; frame.reset_index\("),

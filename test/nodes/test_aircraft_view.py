@@ -1,4 +1,4 @@
-"""What is heard of an aircraft and said to the page, and the one verdict on it."""
+"""Messages of an aircraft become its state on the page, with one verdict."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ def test_the_estimators_state_is_passed_on_until_it_is_silent():
     assert fields["rtk"] == "float"
     assert fields["heading_sigma_deg"] == pytest.approx(math.degrees(0.0123))
     silent = view.navigation_fields(reports, 100.1 + SILENT_S)
-    assert silent["navigation"] == {"state": "lost", "reason": "nothing is heard of ekf_node"}
+    assert silent["navigation"] == {"state": "lost", "reason": "ekf_node does not report"}
     assert silent["rtk"] is None
 
 
 def test_the_videos_delay_is_known_from_the_first_report_on_and_the_notice_while_it_is_said():
-    """A recording's first pictures and its last ones had no place, as a diagnostic was awaited."""
+    """Earlier, a recording's first and last pictures had no place, for want of a diagnostic."""
     reports = Reports()
     assert reports.picture() is None
     reports.take_state(100.0, MESSAGES.state(STATE))
@@ -86,7 +86,7 @@ def test_the_videos_delay_is_known_from_the_first_report_on_and_the_notice_while
 
 
 def test_findings_reach_the_page_part_by_part():
-    """A remedy with a colon was cut at it, as the text was taken apart again."""
+    """A remedy with a colon stays whole: earlier, the text was parsed and cut there."""
     message, reports = MESSAGES.findings("/uav1/ekf_node", 5, [FINDING]), Reports()
     assert reports.findings(100.0) is None
     reports.take_findings(100.0, message)
@@ -98,7 +98,7 @@ def test_findings_reach_the_page_part_by_part():
         reports.take_findings(100.0, message)
 
 
-def test_nobody_is_heard_where_only_the_page_itself_and_a_player_report():
+def test_checks_are_silent_if_only_the_page_and_a_player_report():
     reports = Reports("/uav1/viewer_node")
     for node in ("viewer_node", "bag_player"):
         reports.take_findings(100.0, MESSAGES.findings(f"/uav1/{node}", 5, [FINDING]))
@@ -285,7 +285,7 @@ def test_silence_ends_go_within_a_second_and_its_cause_is_named(flight, stopped,
     assert 1.9 < back_s < 3.5  # not at the first sample: no flapping
 
 
-def test_the_first_in_the_order_is_the_cause_of_what_ends_together(flight):
+def test_of_streams_that_end_together_the_first_is_the_cause(flight):
     flight.stopped |= {PICTURE}  # the last picture came 0.4 s before the last of the others
     assert {verdict.word for _, verdict in flight.runs(0.4)} == {"GO"}
     flight.stopped |= {"imu/data", ODOMETRY, POSE, "thermal/image_raw"}
@@ -322,7 +322,7 @@ def test_there_is_no_go_before_the_first_picture():
         ({}, None, "", "NO DATA", "No check"),
     ],
 )
-def test_the_gravest_alone_is_shown(flight, status, worst, no_map, word, text):
+def test_only_the_gravest_fault_is_shown(flight, status, worst, no_map, word, text):
     flight.status, flight.worst, flight.no_map = replace(RUNNING, **status), worst, no_map
     verdict = [*flight.runs(3)][-1][1]
     assert (verdict.word, verdict.text[: len(text)]) == (word, text)

@@ -26,8 +26,9 @@ from std_msgs.msg import UInt8
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.messages import camera_attitude, decode, imu_sample, joint_sample
+from tirgeo_ros.io.messages import camera_attitude, imu_sample, joint_sample
 from tirgeo_ros.io.messages import stamp_ns as stamp_of
+from tirgeo_ros.io.messages.sensor_messages import heading_sample
 from tirgeo_ros.nodes import dji_node
 from tirgeo_ros.nodes.dji_node import PsdkSource
 from tirgeo_ros.nodes.graph_node import GraphNode
@@ -155,7 +156,7 @@ def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
     assert (item.level, item.message) == (OK, "ok")
 
 
-def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
+def test_silence_is_logged_and_so_is_its_end(aircraft, monkeypatch):
     monkeypatch.setattr(dji_node, "SILENT_S", 0.0)
     text = aircraft.source.report()
     assert text.level == WARN
@@ -247,7 +248,7 @@ def test_an_aircraft_on_a_port_becomes_topics_and_comes_back_after_a_pull(spawn,
         assert fix.altitude == pytest.approx(HEIGHT_M, abs=0.1)
         assert fix.status.status == 2
         # The baseline in whole degrees: half of one.
-        heading = decode.heading_sample(received["rtk/heading"][-1]).heading_rad
+        heading = heading_sample(received["rtk/heading"][-1]).heading_rad
         assert heading == pytest.approx(HEADING_RAD, abs=math.radians(0.5))
         joints = joint_sample(received["gimbal/joint_states"][-1])
         assert joints.pitch_rad == pytest.approx(PITCH_RAD, abs=1e-5)

@@ -1,5 +1,5 @@
 # ruff: noqa: E402 what follows imports ROS, which may be absent
-"""ekf_node: messages in the order of arrival, what is logged, a heading that is given."""
+"""ekf_node: messages in the order of arrival, its log, a heading set by a person."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ S = 1_000_000_000
 
 
 class Listener:
-    """A node with an inbox, and what its handler was given: topic, stamp in s."""
+    """A node with an inbox, and the messages that its handler got: topic, stamp in s."""
 
     def __init__(self, domain: int, depth: int = 100) -> None:
         self.context = Context()
@@ -91,7 +91,7 @@ def listen(environment):
 
 @pytest.mark.graph
 def test_rclpy_has_no_public_way_to_take_a_message_or_list_overrides():
-    """So ekf_node and parameters use its inside; setup.py and package.xml bound it.
+    """So ekf_node and parameters use private names; setup.py and package.xml bound the version.
 
     A callback gets one message of one topic in the executor's order.
     """
@@ -103,8 +103,8 @@ def test_rclpy_has_no_public_way_to_take_a_message_or_list_overrides():
 
 
 @pytest.mark.graph
-def test_what_waited_is_handled_as_it_arrived(listen):
-    """Stamps have no say: they are of another time, and go back."""
+def test_waiting_messages_are_handled_in_the_order_of_arrival(listen):
+    """Stamps do not count: they are from another clock, and go back."""
     listener = listen()
     sent = [(FIX if number % 10 == 9 else IMU, 1000 - 7 * number) for number in range(60)]
     for topic, stamp_s in sent:
@@ -114,7 +114,7 @@ def test_what_waited_is_handled_as_it_arrived(listen):
 
 
 @pytest.mark.graph
-def test_what_is_left_of_a_queue_that_ran_over_keeps_its_place(listen):
+def test_messages_left_in_a_full_queue_keep_their_order(listen):
     listener = listen(depth=20)
     sent = [(FIX if number % 10 == 9 else IMU, number) for number in range(100)]
     for topic, stamp_s in sent:
@@ -126,7 +126,7 @@ def test_what_is_left_of_a_queue_that_ran_over_keeps_its_place(listen):
 
 
 @pytest.mark.graph
-def test_timers_have_their_turn_while_much_waits(listen):
+def test_timers_run_while_many_messages_wait(listen):
     listener, ticks = listen(), []
     listener.node.steady_timer("tick", 0.001, lambda: ticks.append(len(listener.handled)))
     listener.work = lambda *item: (listener.handled.append(item), time.sleep(0.002))
@@ -137,7 +137,7 @@ def test_timers_have_their_turn_while_much_waits(listen):
 
 
 @pytest.mark.graph
-def test_what_fails_is_counted_for_its_own_topic(listen):
+def test_a_failure_is_counted_for_its_own_topic(listen):
     """Each is handled in the callback of whichever topic the executor serves."""
     listener = listen()
 
@@ -174,7 +174,7 @@ def status(state: FilterState, reason: str = "", **more: object) -> NavigationSt
     return NavigationStatus("ekf", state, reason, FixStatus.FIXED, math.nan, {}, {}, **more)
 
 
-def test_a_transition_is_told_once_and_a_worse_state_is_a_warning():
+def test_a_transition_is_logged_once_and_a_worse_state_is_a_warning():
     node = KeptLog()
     log = StateLog(node)
     given = (
@@ -197,7 +197,7 @@ def test_a_transition_is_told_once_and_a_worse_state_is_a_warning():
     ]
 
 
-def test_every_reset_is_told_once_with_what_it_changed():
+def test_every_reset_is_logged_once_with_what_it_changed():
     node, running = KeptLog(), FilterState.RUNNING
     log = StateLog(node)
     once = {"resets": {"rtk_position": 1}, "last_reset": "position by 3.2 m"}
@@ -210,7 +210,7 @@ def test_every_reset_is_told_once_with_what_it_changed():
     ]
 
 
-def test_another_reason_is_told_when_asked_for():
+def test_another_reason_is_logged_on_request():
     node = KeptLog()
     log = StateLog(node)
     for reason, reasons in (("a", False), ("b", False), ("b", True), ("b", True)):

@@ -97,7 +97,7 @@ def paired(got) -> list[tuple[CameraInfo, Image]]:
     return [(infos[stamp_ns(item)], item) for item in pictures if stamp_ns(item) in infos]
 
 
-def test_without_tf2_msgs_it_is_said_once_and_nothing_is_published(monkeypatch):
+def test_without_tf2_msgs_one_line_is_logged_and_nothing_is_published(monkeypatch):
     def absent(typename):
         raise ConfigError(f"message type {typename} is not installed")
 

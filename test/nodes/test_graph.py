@@ -241,7 +241,7 @@ def test_online_and_offline_are_the_same(flown, outputs, sample, tmp_path):
     assert (apart.distance_m <= 2 * np.sqrt(variances[:, :3].sum(axis=1))).all()
 
 
-def test_the_states_tell_of_the_flight(outputs):
+def test_the_states_describe_the_flight(outputs):
     navigation = outputs.navigation[-1]
     assert navigation.state is FilterState.RUNNING
     assert navigation.rtk_status is FixStatus.FIXED

@@ -212,7 +212,7 @@ def test_only_a_segment_without_a_lock_goes(tmp_path):
         assert left(tmp_path) == sorted([*ports, *others, *held])
 
 
-def test_what_is_being_made_stays(tmp_path):
+def test_a_segment_in_creation_stays(tmp_path):
     made(tmp_path, DEAD, age_s=0.0)
     made(tmp_path, f"{LIVE}_el", age_s=0.0)
     assert remove_dead(tmp_path) == []

@@ -108,7 +108,7 @@ def test_a_map_that_comes_later_is_read_then(config):
     assert line == f"there is no map: {path}: there is no such map; check its name"
 
 
-def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_same(config):
+def test_after_a_fault_in_its_thread_the_map_is_still_watched(config):
     reports, asked = KeptLog(), []
 
     def plane() -> TangentPlane:
@@ -125,9 +125,7 @@ def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_s
     assert any("there is no map" in line for line in reports.texts())
 
 
-def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
-    config, tmp_path, monkeypatch
-):
+def test_of_a_failed_readers_output_one_page_is_logged(config, tmp_path, monkeypatch):
     broken = tmp_path / "python"
     broken.write_text("#!/bin/sh\nhead -c 3000000 /dev/zero | tr '\\0' x >&2\n")
     broken.write_text(broken.read_text() + "echo; echo 'KeyError: a fault of ours' >&2; exit 1\n")

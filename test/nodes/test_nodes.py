@@ -38,7 +38,7 @@ def imu(stamp_s: int, **fields) -> Imu:
 
 
 @pytest.mark.slow
-def test_messages_without_use_or_stamp_are_counted_and_told(spawn, meet):
+def test_useless_messages_and_missing_stamps_are_counted_and_reported(spawn, meet):
     """Bad samples, unreadable messages, samples without a stamp; a frame that nothing helps."""
     nodes = [spawn(name) for name in ("ekf_node", "gimbal_node", "overlay_node")]
     for node in nodes:

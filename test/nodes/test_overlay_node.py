@@ -126,7 +126,7 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
 @pytest.mark.parametrize("content", [None, "{ no map"], ids=["none given", "broken"])
 @pytest.mark.graph
 def test_a_click_without_a_map_becomes_a_point(spawn, take_off, tmp_path, content):
-    """None given is no alarm; a broken one is a finding, and the picture says so."""
+    """Without a map there is no alarm; a broken map is a finding, and the picture says so."""
     path = tmp_path / "map.geojson"
     if content is not None:
         path.write_text(content)
@@ -162,7 +162,7 @@ def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
 
 
 @pytest.mark.graph
-def test_a_reader_that_dies_is_told_and_a_changed_map_is_read_all_the_same(overlay, take_off):
+def test_a_dead_reader_is_reported_and_a_changed_map_is_still_read(overlay, take_off):
     node, path = overlay
     os.kill(reader_of(node.pid), signal.SIGKILL)
     flown = take_off()
@@ -224,7 +224,7 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
 
 
 def frames_without_a_stamp_take_the_time_of_their_arrival(flown, _):
-    """All are drawn, and told of; one in thirty was."""
+    """All are drawn and reported; there was a time when one in thirty was."""
     flown.shown()
     pictures = flown.stranger.received["tirgeo/overlay/image"]
     pictures.clear()
@@ -261,27 +261,27 @@ def test_one_flight_after_the_other(flight):
 def test_gaps_are_missed(numbers, sent, missed):
     result = FrameStatistics()
     for number in numbers:
-        result.heard("x", number)
+        result.count("x", number)
     assert (result.sent, result.missed) == (sent, missed)
 
 
 def test_a_message_without_a_number_is_passed_on_all_the_same():
     taken, numbers = [], FrameStatistics()
-    take = numbers.listening("x", taken.append)
+    take = numbers.counting("x", taken.append)
     take(("one", {"publication_sequence_number": None}))
     assert taken == ["one"]
     assert numbers.sent == 0
 
 
 @pytest.mark.graph
-def test_what_gives_way_in_a_shallow_queue_is_counted(environment):
+def test_frames_replaced_in_a_shallow_queue_are_counted(environment):
     context = Context()
     rclpy.init(context=context, args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
     node = GraphNode("numbered", context=context)
     executor = None
     try:
         numbers, taken = FrameStatistics(), []
-        counted, kind = partial(numbers.listening, "x"), "std_msgs/msg/Header"
+        counted, kind = partial(numbers.counting, "x"), "std_msgs/msg/Header"
         node.listen("x", taken.append, sensor_input(1), kind, counted)
         sender = node.create_publisher(Header, "x", output(100))
         executor = EventsExecutor(context=context)

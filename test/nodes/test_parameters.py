@@ -130,7 +130,7 @@ def test_an_override_that_no_topic_has_is_named(make_node):
         ({"publish_rate_hz": "fast"}, r"publish_rate_hz: 'fast' is not of type double"),
     ],
 )
-def test_what_is_wrong_is_refused_by_name(make_node, overrides, message):
+def test_a_wrong_parameter_is_refused_by_name(make_node, overrides, message):
     with pytest.raises(ConfigError, match=message):
         declare(make_node(**overrides), EkfConfig)
 
@@ -170,8 +170,8 @@ AIRCRAFT_FILE = """
 
 
 @pytest.mark.parametrize("name", NODE_CONFIGS)
-def test_the_aircraft_is_said_once_for_all_nodes(make_node, tmp_path, name):
-    """By rcl's own reading: who needs it has it, an empty list too; nobody trips over it."""
+def test_the_aircraft_is_set_once_for_all_nodes(make_node, tmp_path, name):
+    """As rcl reads it: nodes that need it have it, an empty list too; the others accept it."""
     path = write(tmp_path, AIRCRAFT_FILE)
     check_arguments(name, ["--ros-args", "--params-file", path])
     config = declare(make_node(name, [path]), NODE_CONFIGS[name])
@@ -286,10 +286,10 @@ def test_parameters_are_set_in_flight_or_refused_with_the_reason(idle_nodes, mee
     # As it is: a dump is loaded again, with what was read at start.
     assert put(method="ekf_heading", aircraft__second_antenna_m=[]) == (True, "")
     for values, reason in (
-        ({"method": "ekf"}, "method is read at start alone: .* restart the node"),
+        ({"method": "ekf"}, "method is read only at start: .* restart the node"),
         (
             {"aircraft__rtk_antenna_m": [0.0, 1.0, 0.0]},
-            "measured before flight.* restart them all",
+            "measured before flight.* restart all nodes",
         ),
         ({"rtk__gate_sigma": 0.5}, "rtk.gate_sigma: 0.5 is outside 1 to 1e"),
         ({"rtk__gate_sgma": 5.0}, "unknown parameter rtk.gate_sgma .did you mean rtk.gate_sigma"),
@@ -327,13 +327,13 @@ def test_a_secret_is_used_and_read_back_as_stars(node):
     assert [item.value for item in node.get_parameters([*SECRETS])] == ["***"] * 3
 
 
-def test_what_a_dump_has_instead_of_a_secret_changes_nothing(node):
+def test_the_stars_of_a_dump_leave_a_secret_unchanged(node):
     node.configured(ViewerConfig)
     stars = [Parameter(name, value="***") for name in SECRETS]
     assert node.set_parameters_atomically(stars).successful
     assert node.set_parameters_atomically([Parameter("token", value=SECRETS["token"])]).successful
     refused = node.set_parameters_atomically([Parameter("token", value="another-secret")])
-    assert "token is read at start alone" in refused.reason
+    assert "token is read only at start" in refused.reason
     assert [item.value for item in node.get_parameters([*SECRETS])] == ["***"] * 3
 
 
@@ -344,7 +344,7 @@ def test_a_secret_comes_from_a_file(name, tmp_path):
     config = with_secrets(replace(ViewerConfig(), **{f"{name}_file": str(file)}))
     assert getattr(config, name) == SECRETS[name]
     both = replace(config, **{name: SECRETS[name]})
-    with pytest.raises(ConfigError, match=f"^parameter {name}_file: {name} is given too"):
+    with pytest.raises(ConfigError, match=f"^parameter {name}_file: {name} is set too"):
         with_secrets(both)
 
 

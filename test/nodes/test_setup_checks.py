@@ -1,4 +1,4 @@
-"""What a node's checks find of its set-up and its graph: in reports, log and picture."""
+"""A node's checks of its set-up and graph: their findings in reports, log and picture."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STOP = Finding("g", Severity.STOP, "1.00 m/s2 at rest", "imu/data", "give m/s2")
 
 
 def setup_of(*result: list[Finding]) -> tuple[SetupChecks, KeptLog]:
-    """A node's checks, each of which has what its list holds."""
+    """A node's checks; the findings of each are those in its list."""
     node = KeptLog()
     return SetupChecks(node, *(SimpleNamespace(findings=entry.copy) for entry in result)), node
 
@@ -84,7 +84,7 @@ def test_go_and_no_go_are_logged_once_each():
     assert logger.lines[2][1].startswith("set-up: NO GO: 1.00 m/s2 at rest: imu/data")
 
 
-def test_a_fault_in_a_check_leaves_the_node_and_what_was_found():
+def test_a_fault_in_a_check_stops_neither_the_node_nor_its_findings():
     check = SimpleNamespace(findings=lambda: [STOP])
     node = KeptLog()
     setup = SetupChecks(node, check)
@@ -118,7 +118,7 @@ def flight(spawn, tmp_path, meet):
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
+def test_a_ground_47_m_too_high_is_in_diagnostics_log_and_picture(flight):
     aircraft, node = flight(PLANE.height_m + 47.0)
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]
     aircraft.until(lambda: pictures and written(pictures[-1], ORANGE_BGR) > 100)
@@ -136,7 +136,7 @@ def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
 
 
 @pytest.mark.graph
-def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
+def test_the_picture_shows_a_finding_of_another_node_in_its_namespace(flight):
     aircraft, _ = flight(PLANE.height_m)
     create = aircraft.stranger.node.create_publisher
     others = {name: create(String, f"{name}/tirgeo/findings", 10) for name in ("", "/uav2")}
@@ -192,7 +192,7 @@ def checks_of(node: FakeNode, heard: str = "") -> InputChecks:
     return InputChecks(node, (JOINTS, ATTITUDE))
 
 
-def test_another_type_is_told_at_once():
+def test_a_wrong_type_is_a_finding_at_once():
     node = FakeNode(uav1__gimbal__joint_states="geometry_msgs/msg/Vector3Stamped")
     (result,) = checks_of(node).findings()
     assert result.severity is Severity.STOP
@@ -200,7 +200,7 @@ def test_another_type_is_told_at_once():
     assert "/uav1/gimbal/joint_states is a geometry_msgs/msg/Vector3Stamped" in result.evidence
 
 
-def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
+def test_a_wait_for_unpublished_topics_begins_with_the_first_message():
     quiet, heard = checks_of(FakeNode()), checks_of(FakeNode(), "tirgeo/odometry")
     assert not any(quiet.findings() for _ in range(20))
     counts = [len(heard.findings()) for _ in range(20)]
@@ -210,7 +210,7 @@ def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
     assert result.evidence.startswith("the graph has neither /uav1/gimbal/joint_states nor ")
 
 
-def test_what_other_nodes_say_of_themselves_is_no_message_of_a_flight():
+def test_reports_of_other_nodes_are_no_messages_of_a_flight():
     checks = checks_of(FakeNode(), STATE_TOPIC)
     assert not any(checks.findings() for _ in range(20))
 

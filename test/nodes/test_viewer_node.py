@@ -221,7 +221,7 @@ def an_aircrafts_state_is_its_own(fleet, url):
         return said["footprint"] and said["no_map"] is not None
 
     reports = fleet.browse(url, state)
-    assert reports["navigation"] == {"state": "waiting", "reason": "nothing is heard of ekf_node"}
+    assert reports["navigation"] == {"state": "waiting", "reason": "ekf_node does not report"}
     assert reports["no_map"] == ""
     assert reports["position"] is None
     assert reports["recording"] is False
@@ -350,7 +350,7 @@ def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, st
         node, url = start(cot=cot, least_free_gb=1e4)
         off, _ = state(url, recording_findings)
         (evidence,) = recording_findings(off)
-        ended = "the recording does not go on: it ended when viewer_node was killed; "
+        ended = "the recording has failed: it ended when viewer_node was killed; "
         assert evidence.startswith(f"{ended}not recorded: ")
         assert "GB are free; make room on this disk" in evidence
         node.signal(signal.SIGINT)
@@ -382,9 +382,7 @@ def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start)
 def test_lost_clicks_are_a_finding_with_the_targets_numbers():
     assert lost_clicks([]) == []
     (outcome,) = lost_clicks([4, 7])
-    assert outcome.line.startswith(
-        "their file has lost clicks of targets 4, 7: viewer_node targets"
-    )
+    assert outcome.line.startswith("the file has lost clicks of targets 4, 7: viewer_node targets")
 
 
 CLICK = Click("uav1", 7, 1.5, 2.5)

@@ -1,4 +1,4 @@
-"""Who gets in: addressed name, origin, token, session, and how many errors of typing."""
+"""Who may enter: by server name, origin, token, session and number of typing errors."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def test_a_session_outlives_a_restart_but_not_another_token(tmp_path):
 @pytest.mark.parametrize(
     "body", [b"", b"{", b"[" * 512, b"[]", b'"x"', b'{"token": 1}', b'{"token": ""}', b"\xff"]
 )
-def test_what_is_no_token_is_refused(tmp_path, body):
+def test_a_wrong_body_is_refused_as_token(tmp_path, body):
     async def enter():
         async with (
             Page(one.url) as page,
@@ -190,9 +190,7 @@ def test_a_viewer_sees_all_and_changes_nothing(guarded):
 
     revision = guarded.backend.targets.revision
     message_text, measure, export = asyncio.run(ask())
-    assert {answer["reason"] for answer in message_text} == {
-        "you may look on, not change anything"
-    }
+    assert {answer["reason"] for answer in message_text} == {"a viewer may not change anything"}
     assert measure["ok"]
     assert export[0] == 200
     assert guarded.backend.targets.revision == revision

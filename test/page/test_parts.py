@@ -35,7 +35,7 @@ def test_an_allowance_fills_up_again_and_no_further():
     assert [item.take(200.0) for _ in range(4)] == [True, True, True, False]
 
 
-def test_owners_have_each_their_own_and_are_forgotten():
+def test_each_owner_has_an_allowance_and_old_owners_are_forgotten():
     many = Shares(1.0, 1.0)
     assert many.take(OPERATOR, "a", 0.0)
     assert not many.take(OPERATOR, "a", 0.0)
@@ -65,7 +65,7 @@ class Held:
         self.ended = True
 
 
-def test_of_a_crowd_the_oldest_that_has_asked_nothing_goes_first(monkeypatch):
+def test_the_oldest_connection_without_a_request_is_ended_first(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (9, 3)})
     listener, crowd = Listener(), [Held() for _ in range(5)]
     for item in crowd[:3]:
@@ -80,7 +80,7 @@ def test_of_a_crowd_the_oldest_that_has_asked_nothing_goes_first(monkeypatch):
     assert [item.ended for item in crowd] == [True, True, True, False, False]
 
 
-def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
+def test_at_the_limit_the_oldest_connection_of_the_largest_owner_is_ended(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (6, 4), "operator": (2, 2)})
     listener, crowd, few = Listener(), [], []
     for k in range(5):
@@ -118,7 +118,7 @@ def test_tiles_are_counted_from_the_north(tmp_path):
     tiles.close()
 
 
-def test_what_holds_no_pictures_is_named(tmp_path):
+def test_a_file_without_picture_tiles_is_named(tmp_path):
     vectors = tile_file(tmp_path / "v.mbtiles", "pbf")
     absent = tmp_path / "no.mbtiles"
     for path, words in ((vectors, "v.mbtiles: holds pbf"), (absent, "no.mbtiles: .*MBTiles")):
@@ -147,14 +147,14 @@ def with_views(path, **views):
         {"metadata": f"{ENDLESS} 'x' || i as name, i as value from n"},
     ],
 )
-def test_tables_without_an_end_are_refused_in_time(tmp_path, monkeypatch, views):
-    monkeypatch.setattr(routes, "_OPENED_S", 0.2)
+def test_endless_tables_are_refused_in_time(tmp_path, monkeypatch, views):
+    monkeypatch.setattr(routes, "_OPEN_S", 0.2)
     path = with_views(tmp_path / "a.mbtiles", **views)
     with pytest.raises(PageError, match=r"a\.mbtiles: its tables take too long to read: give an"):
         Tiles(path)
 
 
-def test_a_tile_without_an_end_ends_the_tiles_and_is_said_once(tmp_path, caplog):
+def test_an_endless_tile_ends_the_tiles_and_is_logged_once(tmp_path, caplog):
     data = f"case zoom_level when 9 then ({ENDLESS} count(*) from n) else x'ff' end as tile_data"
     grid = "(select 2 as zoom_level, 3 as tile_row union all select 9, 511)"
     view = f"select zoom_level, 1 as tile_column, tile_row, {data} from {grid}"
@@ -173,7 +173,7 @@ def test_a_tile_without_an_end_ends_the_tiles_and_is_said_once(tmp_path, caplog)
     [2_000_000_000, "a text", bytes((1 << 22) + 1), None, -1, 1.5],
     ids=["two_billion", "text", "4_MB", "null", "negative", "real"],
 )
-def test_what_is_no_picture_in_a_table_of_tiles_is_no_tile(tmp_path, content):
+def test_data_that_are_no_picture_are_no_tile(tmp_path, content):
     path = tile_file(tmp_path / "a.mbtiles")
     with sqlite3.connect(path) as db:
         db.execute("update tiles set tile_data = ?", (content,))
@@ -181,7 +181,7 @@ def test_what_is_no_picture_in_a_table_of_tiles_is_no_tile(tmp_path, content):
     assert Tiles(path).tile(2, 1, 0) is None
 
 
-def test_a_damaged_file_lacks_tiles_and_says_so_once(tmp_path, caplog):
+def test_a_damaged_file_lacks_tiles_and_is_logged_once(tmp_path, caplog):
     path = tile_file(tmp_path / "a.mbtiles")
     with sqlite3.connect(path) as db:
         db.execute("insert into tiles values (9, 1, 511, zeroblob(100000))")
@@ -195,7 +195,7 @@ def test_a_damaged_file_lacks_tiles_and_says_so_once(tmp_path, caplog):
     assert len(caplog.records) == 1
 
 
-def test_a_picture_of_four_billion_pixels_is_counted_and_said_once(caplog):
+def test_a_picture_of_four_billion_pixels_is_counted_and_logged_once(caplog):
     jpeg = bytearray(Pictures().jpeg(0))
     at = jpeg.index(b"\xff\xc0") + 5
     with ThreadPoolExecutor(1) as workers:

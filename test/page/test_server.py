@@ -115,7 +115,7 @@ def test_refine_edit_delete_undo_and_refusals_are_answered(served):
     assert (edit["target"]["name"], edit["target"]["note"]) == ("Anna", "two\nlines")
     assert other["reason"] == "it was changed meanwhile: look at it, then delete it"
     assert gone["ok"]
-    assert lost["reason"] == "it was deleted meanwhile; what was written is kept with it"
+    assert lost["reason"] == "it was deleted meanwhile; your text is kept with it"
     assert back["ok"]
     assert "is back" in back["text"]
     assert not sky["ok"]

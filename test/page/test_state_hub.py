@@ -1,4 +1,4 @@
-"""What pages get of the state, and what they may ask."""
+"""The states that pages get, and the requests that they may send."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_states_go_out_at_most_at_5_hz():
     assert 1 <= len(asyncio.run(run())) <= 7
 
 
-def test_a_newcomer_gets_all_there_is():
+def test_a_new_page_gets_all_states_and_targets():
     async def run():
         hub, outbox = StateHub(lambda *_: None), Outbox()
         hub.change_targets({})
@@ -127,7 +127,7 @@ def test_a_track_keeps_its_indices_when_it_is_cut_and_begins_anew_with_the_node(
     assert track.after(0) == (0, [[1, 1]])
 
 
-def test_a_page_gets_again_what_of_a_track_has_changed():
+def test_a_page_gets_the_changed_part_of_a_track_again():
     """As after the track was thinned, or with a new flight."""
 
     async def run():
@@ -146,7 +146,7 @@ def test_a_page_gets_again_what_of_a_track_has_changed():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, np.float64("nan")])
-def test_a_number_that_is_none_is_unknown(value):
+def test_a_number_that_is_not_finite_is_null(value):
     given = {"a": [value, (1, "x")], "b": np.float32(2), "c": np.bool_(1)}
     assert json.dumps(plain(given)) == '{"a": [null, [1, "x"]], "b": 2.0, "c": true}'
 
@@ -201,7 +201,7 @@ def test_a_request_is_read_with_its_name_and_types():
         ({**CLICK, "kind": ["person"]}, "kind must be one of person, "),
         ({**CLICK, "refine": "../x"}, "refine must be the id of a target"),
         ({**CLICK, "aircraft": "a" * 101}, "aircraft must be a text"),
-        ({**CLICK, "extra": 1}, "click has no field extra"),
+        ({**CLICK, "extra": 1}, "click has an unknown field extra"),
         ({**EDIT, "id": None}, "id must be the id of a target"),
         ({**EDIT, "name": "a\0b"}, "name must be a text without control characters"),
         ({**EDIT, "was": {"name": 1}}, "was must be an object of texts: what each field was"),
@@ -239,7 +239,7 @@ def test_a_wrong_field_is_named(changed, words):
         json.dumps(CLICK).replace("2.5", "9" * 5000),
     ],
 )
-def test_what_is_no_request_is_refused(text):
+def test_a_malformed_request_is_refused(text):
     with pytest.raises(RequestError):
         read_request(text)
 

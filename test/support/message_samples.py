@@ -177,7 +177,7 @@ EXACT = 1e-14
 cdr = Cdr()
 
 
-made = Messages(cdr.types)
+builder = Messages(cdr.types)
 
 
 def through_cdr(message):

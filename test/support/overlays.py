@@ -43,13 +43,13 @@ def status(state=FilterState.RUNNING, reason=""):
     return NavigationStatus("ekf_heading", state, reason, FixStatus.FIXED, 0.002, {}, {})
 
 
-def ready(features=None, *, layers=(), told=True, **config):
-    """With ``layers`` None the map is to come."""
+def ready(features=None, *, layers=(), has_status=True, **config):
+    """Return an overlay with camera and plane; with ``layers`` None its map is set later."""
     layer = MapLayer("map", [geo(SQUARE_N)] if features is None else features)
     overlay = Overlay(OverlayConfig(**config), None if layers is None else [layer])
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
-    if told:
+    if has_status:
         overlay.status = status()
     return overlay
 

@@ -147,7 +147,11 @@ NAMED = r"save the map in WGS84 \(EPSG:4326\), or name its system"
 
 #: Name of the file, how it is written, and what of it is remarked upon (patterns of each note).
 READ = {
-    "shapefile without .prj": ("a.shp", shapefile(), ["names no known system: taken as WGS84"]),
+    "shapefile without .prj": (
+        "a.shp",
+        shapefile(),
+        ["no known coordinate system: taken as WGS84"],
+    ),
     "shapefile, Lambert-93 of ESRI": (
         "a.shp",
         shapefile("EPSG:2154", ring=moved("EPSG:2154")),
@@ -182,7 +186,7 @@ READ = {
     ),
     "FlatGeobuf in UTM": ("a.fgb", by_gdal("FlatGeobuf", "EPSG:32633"), []),
     "GML": ("a.gml", by_gdal("GML"), []),
-    "DXF in degrees": ("a.dxf", by_gdal("DXF"), ["names no known system: taken as WGS84"]),
+    "DXF in degrees": ("a.dxf", by_gdal("DXF"), ["no known coordinate system: taken as WGS84"]),
     "geodatabase": ("a.gdb", by_gdal("OpenFileGDB", "EPSG:25833"), []),
     "GeoJSON with a crs member": (
         "a.geojson",
@@ -231,12 +235,12 @@ READ = {
     "CSV of lon and lat": (
         "a.csv",
         csv("name;Longitude;Latitude", *(f"a;{x};{y}" for x, y in RING)),
-        ["names no known system: taken as WGS84"],
+        ["no known coordinate system: taken as WGS84"],
     ),
     "CSV of WKT": (
         "a.csv",
         csv("name,WKT", 'a,"LINESTRING (' + ",".join(f"{x} {y}" for x, y in RING) + ')"'),
-        ["names no known system: taken as WGS84"],
+        ["no known coordinate system: taken as WGS84"],
     ),
 }
 #: Of other places: name, how it is written, the places (deg), and what is remarked upon.

@@ -38,19 +38,19 @@ def read_bag(
 ) -> dict[str, dict[str, Array | IntArray]]:
     """Read a bag's sensors and poses: a table of 1-D arrays for each topic.
 
-    ``topics`` is a name without a leading slash (``imu/data``) or several; None: all known ones
-    that the bag has. ``namespace`` is that of the bag. The columns are those that
-    ``filter_flight`` takes, in SI units and radians, axes forward-right-down and north-east-down
-    whatever ROS has, and ``arrival_ns`` (the message's log time) and ``arrival_order`` (its place
-    in what was read). ``pandas.DataFrame(table)`` makes a frame of one. A warning names what could
-    not be read. Raises BagError for no bag, one without sensors or poses, a topic that is absent
-    or unknown, or one of another type.
+    ``topics`` is a name without a leading slash (``imu/data``) or several names; None: all sensors
+    and poses that the bag has. ``namespace`` is that of the bag. The columns are those that
+    ``filter_flight`` takes, in SI units and radians, with axes forward-right-down and
+    north-east-down; then ``arrival_ns`` (the message's log time) and ``arrival_order`` (its number
+    among the messages read). ``pandas.DataFrame(table)`` converts a table. A warning names what
+    could not be read. Raises BagError if the path is not a bag or has no sensors and poses, or if
+    a topic is absent, unknown or of another type.
     """
     reader = BagReader(path)
     several = topics if np.iterable(topics) and not isinstance(topics, str) else [topics]
     chosen = None if topics is None else [str(topic) for topic in several]
     if not {CAMERA_INFO, *PICTURES}.isdisjoint(chosen or ()):
-        raise BagError(f"{path}: pictures are no table: read_pictures and read_camera read them")
+        raise BagError(f"{path}: pictures are not a table: use read_pictures and read_camera")
     names = _chosen(reader, chosen, namespace)
     rows: dict[str, list[Any]] = {topic: [] for topic in names.values()}
 
@@ -95,8 +95,8 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
 
     The tables are as for ``filter_flight``. The messages are those of the contract, which ROS 2,
     Foxglove and ``tirgeo process`` take; they are in the order of arrival, and the log time of
-    each is its arrival. The bag is whole or absent. Raises TableError for a topic or a column,
-    BagError if it cannot be written.
+    each is its arrival. The bag is complete or absent. Raises TableError for a wrong topic or
+    column, BagError if it cannot be written.
     """
     if not isinstance(tables, Mapping):
         raise TableError(f"{path}: tables must be a dict of tables by topic; it is {tables!r}")
@@ -113,7 +113,7 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
 
 
 def _chosen(reader: BagReader, topics: Collection[str] | None, namespace: str) -> dict[str, str]:
-    """Return the topics to read, resolved name -> contract topic."""
+    """Return the topics to read: resolved name -> topic of the contract. Raises BagError."""
     present = reader.topics()
     tables = [*SENSORS, *OUTPUTS]
     if topics is None:
@@ -139,17 +139,18 @@ def _chosen(reader: BagReader, topics: Collection[str] | None, namespace: str) -
 
 
 def _read(
-    reader: BagReader, names: Mapping[str, str], made: Callable[[str, Any], T]
+    reader: BagReader, names: Mapping[str, str], converted: Callable[[str, Any], T]
 ) -> Iterator[tuple[int, BagMessage, T]]:
-    """Yield the place of each message, the message, and what ``made`` makes of topic and content.
+    """Yield each message's number, the message, and its content ``converted``.
 
-    Those that cannot be read are left out, and warned of at the end.
+    Messages that cannot be read are left out; a warning at the end counts them.
     """
     cdr, lost, why = Cdr(), Counter[str](), dict[str, str]()
     for number, message in enumerate(reader.messages(names)):
         name = message.topic
         try:
-            content = made(names[name], cdr.deserialize(message.data, message.typename, name))
+            decoded = cdr.deserialize(message.data, message.typename, name)
+            content = converted(names[name], decoded)
         except TirgeoError as error:
             lost[name] += 1
             why[name] = str(error)
@@ -162,7 +163,7 @@ def _read(
 
 
 def _table(topic: str, rows: Sequence[Sequence[Any]]) -> dict[str, Array | IntArray]:
-    """Return rows of three whole numbers and the columns' values as columns."""
+    """Return rows (stamp, arrival, order, the topic's values) as columns by name."""
     if topic in OUTPUTS:
         names = OUTPUTS[topic].columns
     else:

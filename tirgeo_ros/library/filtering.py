@@ -32,8 +32,26 @@ from tirgeo_ros.tools.replay.registration import (
 )
 
 _NED = ("north", "east", "down")
-#: Where in a row of numbers place, position, velocity, attitude, rate and covariance end.
-_WIDTHS = (3, 6, 9, 13, 16, 97)
+#: Ends of geodetic place, position, velocity, attitude, rate and covariance in a row of numbers.
+_ENDS = (3, 6, 9, 13, 16, 97)
+#: Topic -> the argument of its table, in the order of the arguments.
+_ARGUMENTS = {
+    "imu/data": "imu",
+    "rtk/fix": "rtk_fix",
+    "rtk/vel": "rtk_velocity",
+    "rtk/heading": "heading",
+    "gps/fix": "gps_fix",
+    "gps/vel": "gps_velocity",
+    "baro/pressure": "pressure",
+    "ekf_node/set_heading": "set_heading",
+    "gimbal/joint_states": "joints",
+    "gimbal/attitude": "camera_attitude",
+}
+_WHY_NOT: Mapping[object, str] = {
+    Miss.EMPTY: "the flight has none; give filter_flight joints or camera_attitude",
+    Miss.TOO_OLD: "that is before the first",
+    Miss.GAP: "the poses on both sides are too far apart",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +132,8 @@ class FilteredFlight:
     def picture_pose(self, stamp_ns: int) -> PicturePose:
         """Return the camera's pose at the exposure of the picture with this stamp, ns.
 
-        The exposure is ``video_latency_s`` before the stamp. Raises PoseError where the camera's
-        pose is not known then.
+        The exposure is ``video_latency_s`` before the stamp. Raises PoseError if the camera's pose
+        at the exposure is not known.
         """
         try:
             exposed_ns = exposure_ns(int(stamp_ns), self.video_latency_s)
@@ -127,64 +145,6 @@ class FilteredFlight:
             why = _WHY_NOT.get(self._cameras.at(exposed_ns), late)
             raise PoseError(f"no camera pose at {exposed_ns} ns: {why}")
         return PicturePose(int(stamp_ns), motion[0], self.plane, motion[1])
-
-
-_WHY_NOT: Mapping[object, str] = {
-    Miss.EMPTY: "the flight has none; give filter_flight joints or camera_attitude",
-    Miss.TOO_OLD: "that is before the first",
-    Miss.GAP: "the poses on both sides are too far apart",
-}
-
-
-class Solutions:
-    """Collect solutions compactly: an hour at 100 Hz takes 280 MB."""
-
-    def __init__(self) -> None:
-        self._stamps = array("q")
-        self._rows = array("d")
-
-    def watch(self, _sample: Sample, registered: Registered) -> None:
-        """Add a solution, and its pose in the plane."""
-        solution, body = registered.solution, registered.body
-        if solution is None or body is None:
-            return
-        self._stamps.append(solution.stamp_ns)
-        self._rows.extend((solution.latitude_rad, solution.longitude_rad, solution.height_m))
-        motion = solution.velocity_n, solution.q_nb, solution.angular_rate_b
-        for part in (body.position_n, *motion, solution.covariance):
-            self._rows.frombytes(np.ascontiguousarray(part, float).tobytes())
-
-    def arrays(self) -> dict[str, Any]:
-        """Return them as fields of a FilteredFlight."""
-        rows = np.array(self._rows).reshape(-1, _WIDTHS[-1])
-        place, position_n, velocity_n, q_nb, rate_b, covariance = np.split(rows, _WIDTHS[:-1], 1)
-        return {
-            "stamp_ns": np.array(self._stamps, np.int64),
-            "latitude_rad": place[:, 0],
-            "longitude_rad": place[:, 1],
-            "height_m": place[:, 2],
-            "position_n": position_n,
-            "velocity_n": velocity_n,
-            "q_nb": q_nb,
-            "rpy_rad": euler_from_quat(q_nb),
-            "angular_rate_b": rate_b,
-            "covariance": covariance.reshape(-1, 9, 9),
-        }
-
-
-#: Topic -> the argument of its table, in the order of the arguments.
-_ARGUMENTS = {
-    "imu/data": "imu",
-    "rtk/fix": "rtk_fix",
-    "rtk/vel": "rtk_velocity",
-    "rtk/heading": "heading",
-    "gps/fix": "gps_fix",
-    "gps/vel": "gps_velocity",
-    "baro/pressure": "pressure",
-    "ekf_node/set_heading": "set_heading",
-    "gimbal/joint_states": "joints",
-    "gimbal/attitude": "camera_attitude",
-}
 
 
 def filter_flight(
@@ -206,15 +166,15 @@ def filter_flight(
 
     Each table is a dict of arrays, a structured array or a data frame, with ``stamp_ns`` and the
     columns of its sensor: ``docs/library.md`` lists them with units and axes. ``heading`` is that
-    of two antennas, ``set_heading`` one that a person sets. ``joints`` or ``camera_attitude`` are
-    needed for the camera's poses alone. ``config`` is as for ``load_config``; unless it gives a
-    method, this is ``ekf_heading``, or ``ekf`` without ``heading``.
+    of two antennas, ``set_heading`` one that a person sets. Only the camera's poses need
+    ``joints`` or ``camera_attitude``. ``config`` is as for ``load_config``; unless it sets the
+    method, the method is ``ekf_heading``, or ``ekf`` without ``heading``.
 
-    With ``smooth`` each pose is made of the whole flight. One without a single solution gives an
-    empty result and a warning. Raises TableError naming a wrong column, and ConfigError.
+    With ``smooth`` each pose is estimated from the whole flight. A flight without any solution
+    gives an empty result and a warning. Raises TableError naming a wrong column, and ConfigError.
     """
-    given = (imu, rtk_fix, rtk_velocity, heading, gps_fix, gps_velocity, pressure, set_heading)
-    pairs = zip(_ARGUMENTS, (*given, joints, camera_attitude), strict=True)
+    aids = (rtk_fix, rtk_velocity, heading, gps_fix, gps_velocity, pressure, set_heading)
+    pairs = zip(_ARGUMENTS, (imu, *aids, joints, camera_attitude), strict=True)
     tables = {topic: table for topic, table in pairs if table is not None}
     configs, _ = load_config(config).fitting({f"/{topic}" for topic in tables}, "")
     solutions = Solutions()
@@ -249,8 +209,44 @@ def filter_flight(
     return flight
 
 
+class Solutions:
+    """Collect solutions compactly: an hour at 100 Hz takes 280 MB."""
+
+    def __init__(self) -> None:
+        self._stamps = array("q")
+        self._rows = array("d")
+
+    def watch(self, _sample: Sample, registered: Registered) -> None:
+        """Add a solution, and its pose in the plane."""
+        solution, body = registered.solution, registered.body
+        if solution is None or body is None:
+            return
+        self._stamps.append(solution.stamp_ns)
+        self._rows.extend((solution.latitude_rad, solution.longitude_rad, solution.height_m))
+        motion = solution.velocity_n, solution.q_nb, solution.angular_rate_b
+        for part in (body.position_n, *motion, solution.covariance):
+            self._rows.frombytes(np.ascontiguousarray(part, float).tobytes())
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the solutions as fields of a FilteredFlight."""
+        rows = np.array(self._rows).reshape(-1, _ENDS[-1])
+        place, position_n, velocity_n, q_nb, rate_b, covariance = np.split(rows, _ENDS[:-1], 1)
+        return {
+            "stamp_ns": np.array(self._stamps, np.int64),
+            "latitude_rad": place[:, 0],
+            "longitude_rad": place[:, 1],
+            "height_m": place[:, 2],
+            "position_n": position_n,
+            "velocity_n": velocity_n,
+            "q_nb": q_nb,
+            "rpy_rad": euler_from_quat(q_nb),
+            "angular_rate_b": rate_b,
+            "covariance": covariance.reshape(-1, 9, 9),
+        }
+
+
 def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sample]:
-    """Yield the samples that method and composition use, in the order of their arrival."""
+    """Yield the samples that the method and the composition use, in the order of arrival."""
     wanted = {*METHOD_TOPICS[configs.ekf.method], *GIMBAL_TOPICS[configs.gimbal.composition]}
     arrivals = Arrivals()
     for topic, arrival_ns, sample in arrived(tables, _ARGUMENTS):
@@ -259,7 +255,7 @@ def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sampl
 
 
 def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfigs) -> str:
-    """Return what is not given, else what gravity says of the IMU, else what the filter says."""
+    """Return why there is no solution: no position, a fault of the IMU, or the filter's reason."""
     if not {"rtk/fix", "gps/fix"} & tables.keys():
         return "there is no position: give rtk_fix or gps_fix"
     own = arrived({"imu/data": tables["imu/data"]}, _ARGUMENTS)

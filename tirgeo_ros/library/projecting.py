@@ -1,6 +1,6 @@
 """Project points to pixels and locate pixels on the ground, each with its covariance.
 
-Both start at the pose of a camera at the exposure of a picture.
+Both need the camera's pose at the exposure of the picture.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class PicturePose:
         the optical axis, heading 0 is true north, pitch -pi/2 looks straight down, roll is 0 with
         the picture's rows level. ``height_m`` is above the ellipsoid. ``covariance`` (6, 6) is of
         position (north, east, down, m2) and of the attitude error phi (north, east, down, rad2).
-        The plane's origin is the camera's place. Raises PoseError for no place, no rotation or no
+        The plane's origin is the camera's place. Raises PoseError for an invalid place, angle or
         covariance.
         """
         try:
@@ -100,7 +100,7 @@ class Projected(NamedTuple):
     covariance: Array
     """(N, 2, 2) of the pixel, px2: from the pose, the time, the lens and the point."""
     linear: BoolArray
-    """(N,) whether first order, by which the covariance is computed, is enough."""
+    """(N,) whether the covariance, which is computed to first order, is accurate enough."""
 
 
 def project(
@@ -115,9 +115,9 @@ def project(
 
     ``points_n`` are north, east, down in ``pose.plane``, m, as ``pose.plane.ned_from_geodetic``
     gives them. ``sigma_m``, one for all or (N,), is the standard deviation of their horizontal
-    positions; by default and where nan that of the parameters (``confidence.map_sigma_m``), which
-    also give those of the time, the lens and the ground's height. Raises ConfigError, and
-    TableError for points of another shape.
+    positions; if None, and where nan, it is the parameter ``confidence.map_sigma_m``. The
+    parameters ``confidence`` also have the sigmas of the time, the lens and the ground's height.
+    Raises ConfigError, and TableError for points of another shape.
     """
     _check_kinds(pose, camera)
     points = _rows("points_n", points_n, 3)
@@ -149,8 +149,8 @@ def locate(
 
     ``ground`` is the ellipsoidal height of level ground, m, or an elevation model of
     ``load_terrain``. A Located has latitude, longitude, height, the point in ``pose.plane``, its
-    covariance and its 95 % ellipse; a Refusal the reason why there is no point, or none that is
-    certain enough. The sigmas of time, lens and ground are those of the parameters
+    covariance and its 95 % ellipse; a Refusal has the reason why there is no point, or why it is
+    too uncertain. The sigmas of time, lens and ground are those of the parameters
     (``confidence``). The numbers are those of ``tirgeo locate``. Raises ConfigError, and
     TableError for pixels of another shape or for another kind of ground.
     """
@@ -169,25 +169,25 @@ def save_located(
 ) -> None:
     """Write what ``locate`` returned, as ``tirgeo locate`` does: points with 95 % ellipses.
 
-    The name's ending chooses the format: ``.geojson`` (also for any other), ``.kml``, ``.gpx``,
-    ``.csv`` or ``.gpkg``. ``ids`` name the pixels, by default by number. The file is whole or
-    absent. Raises SurveyError if it cannot be written, TableError if there are more or fewer ids.
+    The name's ending chooses the format: ``.kml``, ``.gpx``, ``.csv``, ``.gpkg``; any other gives
+    GeoJSON. ``ids`` name the pixels; by default they are numbered. The file is complete or absent.
+    Raises SurveyError if it cannot be written, TableError if there are more or fewer ids.
     """
     if not np.iterable(answers) or not all(isinstance(x, Located | Refusal) for x in answers):
-        raise TableError("answers: must be those that locate returns")
+        raise TableError("answers: must be a list as locate returns it")
     names = [str(number) for number in range(1, len(answers) + 1)] if ids is None else list(ids)
     if len(names) != len(answers):
-        raise TableError(f"ids: {len(names)} for {len(answers)} answers")
+        raise TableError(f"ids: {len(names)} given for {len(answers)} answers")
     answered = [Answered(str(name), answer) for name, answer in zip(names, answers, strict=True)]
     file = path_of(path, SurveyError)
     write_files({file: exported_answers(answered, form_of(file))}, SurveyError)
 
 
 def _check_kinds(pose: PicturePose, camera: Camera) -> None:
-    """Raise TableError for what is no pose of a picture or no camera."""
-    for name, given, kind in (("pose", pose, PicturePose), ("camera", camera, Camera)):
-        if not isinstance(given, kind):
-            raise TableError(f"{name}: must be a {kind.__name__}; it is {given!r}")
+    """Raise TableError unless these are a PicturePose and a Camera."""
+    for name, value, kind in (("pose", pose, PicturePose), ("camera", camera, Camera)):
+        if not isinstance(value, kind):
+            raise TableError(f"{name}: must be a {kind.__name__}; it is {value!r}")
 
 
 def _checked(ground: Ground) -> Ground:
@@ -201,7 +201,7 @@ def _checked(ground: Ground) -> Ground:
 
 
 def _sigmas(sigma_m: npt.ArrayLike | None, count: int) -> Array:
-    """Return (count,) standard deviations, nan for the parameters' own. Raises TableError."""
+    """Return (count,) standard deviations; nan: the parameter's applies. Raises TableError."""
     sigma = _numbers("sigma_m", np.nan if sigma_m is None else sigma_m)
     if sigma.shape not in {(), (count,)}:
         raise TableError(f"sigma_m: must be a number or of shape ({count},), is {sigma.shape}")
@@ -219,7 +219,7 @@ def _rows(name: str, values: npt.ArrayLike, width: int) -> Array:
 
 
 def _numbers(name: str, values: npt.ArrayLike) -> Array:
-    """Return an array of numbers. Raises TableError for others, and for masked ones."""
+    """Return an array of numbers. Raises TableError for other values and for masked numbers."""
     check_unmasked(name, values)
     try:
         return np.asarray(values, float)

@@ -1,10 +1,10 @@
-"""Define the tables that the library takes and gives, a form for each topic; read samples of them.
+"""Define the tables of the library, a form for each topic, and read samples from them.
 
 A table is a dict of arrays, a NumPy structured array or a data frame of any library. It gives its
-columns by name (``table["stamp_ns"]``), all of one length. pandas is not needed: whatever has
-``columns`` or can be iterated over its names is taken. The axes are named in words: forward,
-right, down of the body; north, east, down at the place. The units end the names. An angle may be
-given in degrees, a variance as the standard deviation.
+columns by name (``table["stamp_ns"]``), all of one length. pandas is not needed: any object with
+``columns`` is a data frame here. The axes are named in words: forward, right, down of the body;
+north, east, down at the place. Each name ends in its unit. An angle may be given in degrees, a
+variance as the standard deviation.
 """
 
 from __future__ import annotations
@@ -42,17 +42,23 @@ Table: TypeAlias = Any
 
 STAMP, ARRIVAL, ORDER = "stamp_ns", "arrival_ns", "arrival_order"
 _WHOLE = (
-    "must be whole nanoseconds (int64 or datetime64), for a float resolves 256 ns today: "
+    "must be whole nanoseconds (int64 or datetime64), since a float resolves only 256 ns: use "
     "(seconds * 1e9).round().astype('int64')"
 )
+_BODY, _NED = ("forward", "right", "down"), ("north", "east", "down")
+#: Pairs of axes in a row of a covariance, and their places in the matrix.
+_PAIRS = (("north", "east"), ("north", "down"), ("east", "down"))
+_PLACES = ((0, 1), (0, 2), (1, 2))
+_STATES = ("north_m", "east_m", "down_m", "phi_north_rad", "phi_east_rad", "phi_down_rad")
+_UPPER = np.triu_indices(6)
 
 
 class Column(NamedTuple):
     """Describe a column of numbers; without a ``default`` a table must have it.
 
-    ``others`` are columns that may stand in its place: name -> conversion of its values. Columns
-    whose default is nan belong together: a table has all of them or none. Values beyond
-    ``largest`` are warned of: they look like degrees.
+    ``others`` are columns that may replace it: name -> conversion of their values. Columns whose
+    default is nan belong together: a table has all of them or none. Values beyond ``largest``
+    cause a warning: they look like degrees.
     """
 
     name: str
@@ -63,7 +69,7 @@ class Column(NamedTuple):
 
     @property
     def is_of_group(self) -> bool:
-        """Return whether a table has it with others or not at all."""
+        """Return whether it belongs to a group, of which a table has all columns or none."""
         return self.default is not None and math.isnan(self.default)
 
 
@@ -71,11 +77,11 @@ _TIME = Column(STAMP, "time of measurement, ns, int64")
 
 
 class Numbers(NamedTuple):
-    """Hold what was read of a table: stamps, times of arrival, and the other columns."""
+    """Hold the numbers of a table: stamps, times of arrival, and the other columns."""
 
     stamps_ns: IntArray  # (n,)
     arrivals_ns: IntArray  # (n,) the stamps, where the table has no arrival_ns
-    order: IntArray  # (n,) among samples that arrived at one time
+    order: IntArray  # (n,) of samples with the same time of arrival
     rows: Array  # (n, columns)
 
 
@@ -99,17 +105,17 @@ def numbers_of(name: str, table: Table, columns: Sequence[Column]) -> Numbers:
     if lacking.any():
         number, first = int(lacking.any(axis=1).sum()), int(lacking.any(axis=0).argmax())
         text = f"{name}: {number} of {count} rows have a nan, as in {columns[first].name}"
-        warnings.warn(f"{text}: a filter refuses them", stacklevel=2)
+        warnings.warn(f"{text}: the filter refuses them", stacklevel=2)
     return Numbers(stamps_ns, arrivals_ns, order, rows)
 
 
 def is_frame(table: Table) -> bool:
-    """Return whether a table is a data frame, which a dict of arrays can be made into."""
+    """Return whether a table is a data frame; its type makes a frame of a dict of arrays."""
     return hasattr(table, "columns") and not isinstance(table, Mapping)
 
 
 def check_unmasked(name: str, values: Any) -> None:
-    """Raise TableError for masked values, which NumPy would take as they are below the mask."""
+    """Raise TableError for masked values: NumPy would use the numbers below the mask."""
     if np.ma.is_masked(values):
         number = int(np.ma.getmaskarray(values).sum())
         raise TableError(f"{name} has {number} masked values: leave out their rows")
@@ -120,14 +126,14 @@ def _names(name: str, table: Table) -> list[str]:
     columns = fields or getattr(table, "columns", table if isinstance(table, Mapping) else None)
     if columns is None:
         raise TableError(
-            f"{name}: {type(table).__name__} is no table: give a dict of arrays, a structured "
+            f"{name}: {type(table).__name__} is not a table: give a dict of arrays, a structured "
             "array or a data frame"
         )
     return [str(column) for column in columns]
 
 
 def _check_presence(name: str, present: list[str], columns: Sequence[Column]) -> None:
-    """Raise TableError for a column that is missing; the hint is at one that is no other's."""
+    """Raise TableError for a missing column; suggest a similar name that no other column has."""
     group = {column.name for column in columns if column.is_of_group}
     for column in (_TIME, *columns):
         needed = column.default is None or (column.name in group and not group.isdisjoint(present))
@@ -142,10 +148,10 @@ def _check_presence(name: str, present: list[str], columns: Sequence[Column]) ->
 
 def _whole(name: str, table: Table, column: str, count: int | None = None) -> IntArray:
     """Return times (count,), ns, of whole numbers or of datetimes with or without a time zone."""
-    where, given = f"{name}: column {column}", table[column]
-    check_unmasked(where, given)
-    zoned = getattr(getattr(given, "dtype", None), "tz", None) is not None  # pandas; in UTC then
-    values = np.asarray(given, "datetime64[ns]" if zoned else None)
+    where, times = f"{name}: column {column}", table[column]
+    check_unmasked(where, times)
+    zoned = getattr(getattr(times, "dtype", None), "tz", None) is not None  # pandas gives UTC
+    values = np.asarray(times, "datetime64[ns]" if zoned else None)
     if values.dtype.kind == "M":
         if np.isnat(values).any():
             row = int(np.isnat(values).argmax())
@@ -158,29 +164,29 @@ def _whole(name: str, table: Table, column: str, count: int | None = None) -> In
 
 
 def _values(name: str, table: Table, present: list[str], column: Column, count: int) -> Array:
-    """Return the values (count,) of a column, of one in its place, or its default."""
-    given = [text for text in (column.name, *column.others) if text in present]
-    if len(given) > 1:
-        raise TableError(f"{name}: columns {' and '.join(given)} say the same: leave one out")
-    if not given:
+    """Return the values (count,) of a column, or of the one that replaces it, or its default."""
+    names = [text for text in (column.name, *column.others) if text in present]
+    if len(names) > 1:
+        raise TableError(f"{name}: columns {' and '.join(names)} say the same: leave one out")
+    if not names:
         return np.full(count, column.default)
-    where = f"{name}: column {given[0]}"
-    check_unmasked(where, table[given[0]])
+    where = f"{name}: column {names[0]}"
+    check_unmasked(where, table[names[0]])
     try:
-        values = np.asarray(table[given[0]], float)
+        values = np.asarray(table[names[0]], float)
     except (TypeError, ValueError):
-        kind = _kind(np.asarray(table[given[0]]))
+        kind = _kind(np.asarray(table[names[0]]))
         raise TableError(f"{where} must be numbers; it is {kind}") from None
     if values.ndim != 1:
         raise TableError(f"{where} needs one number a row, has {_kind(values)}")
     _check_length(where, values, count)
-    if given[0] in column.others:
-        return np.asarray(column.others[given[0]](values))
-    # By their middle: a single one may be damaged.
+    if names[0] in column.others:
+        return np.asarray(column.others[names[0]](values))
+    # By their median: a single value may be damaged.
     sizes = np.abs(values[np.isfinite(values)])
-    if sizes.size and (middle := np.median(sizes)) > column.largest:
+    if sizes.size and (median := np.median(sizes)) > column.largest:
         degrees = column.name.replace("_rad", "_deg")
-        text = f"{where} has values like {middle:.4g}: if they are degrees, name it {degrees}"
+        text = f"{where} has values like {median:.4g}: if they are degrees, name it {degrees}"
         warnings.warn(text, stacklevel=2)
     return values
 
@@ -192,11 +198,6 @@ def _check_length(where: str, values: Any, count: int | None) -> None:
 
 def _kind(values: Any) -> str:
     return f"{values.dtype} of shape {values.shape}"
-
-
-_BODY, _NED = ("forward", "right", "down"), ("north", "east", "down")
-_PAIRS = (("north", "east"), ("north", "down"), ("east", "down"))
-_PLACES = ((0, 1), (0, 2), (1, 2))  # of these pairs in a covariance
 
 
 class Form(NamedTuple):
@@ -235,7 +236,7 @@ def _quaternion(name: str, meaning: str, default: float | None = None) -> tuple[
 
 
 def _variance(name: str, unit: str, squared: str, meaning: str) -> Column:
-    """Return a variance's column, in whose place its root may stand; of angles also in degrees."""
+    """Return the column of a variance; its root may replace it, for an angle also in degrees."""
     others: dict[str, Callable[[Any], Any]] = {f"sigma{name}_{unit}": np.square}
     if unit == "rad":
         others[f"sigma{name}_deg"] = lambda degrees: np.square(np.radians(degrees))
@@ -265,8 +266,8 @@ def _imu(stamp_ns: int, row: Sequence[float]) -> ImuSample:
 
 
 def _position(source: Source, stamp_ns: int, row: Sequence[float]) -> PositionSample:
-    known = row[0] in {status.value for status in FixStatus}
-    status = FixStatus(int(row[0])) if known else FixStatus.NONE
+    is_status = row[0] in {status.value for status in FixStatus}
+    status = FixStatus(int(row[0])) if is_status else FixStatus.NONE
     place = row[1], row[2], row[3]
     return PositionSample(stamp_ns, source, status, *place, _matrix(row[4:]))
 
@@ -346,9 +347,6 @@ SENSORS: Mapping[str, Form] = {
     ),
 }
 
-_STATES = ("north_m", "east_m", "down_m", "phi_north_rad", "phi_east_rad", "phi_down_rad")
-_UPPER = np.triu_indices(6)
-
 
 class Output(NamedTuple):
     """Hold the columns of an output's table, and the conversion of its messages to rows."""
@@ -389,8 +387,8 @@ def arrived(
 ) -> Iterator[Arrived]:
     """Yield the samples of tables (by topic) in the order of arrival.
 
-    That is by ``arrival_ns``, then ``arrival_order``, then the order of the tables. ``names`` are
-    what errors call the tables, by default the topics. Raises TableError.
+    They are sorted by ``arrival_ns``, then ``arrival_order``, then the order of the tables.
+    ``names`` are what errors call the tables, by default the topics. Raises TableError.
     """
     read: list[tuple[str, Form, Numbers]] = []
     for topic, table in tables.items():

@@ -1,4 +1,4 @@
-"""Listen to one aircraft: its video, poses and place, and what its nodes say of themselves."""
+"""Subscribe to one aircraft: its video, poses and place, and the reports of its nodes."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 
 VIDEO, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"
 ODOMETRY, POSE, FOOTPRINT = "tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/footprint"
-#: Reports that are older count as silence: each node reports once a second.
+#: A node whose report is older (s) is silent: each node reports once a second.
 SILENT_S = 3.5
 _MOST_NODES = 20  # of one aircraft
-#: Those whose checks a flight needs.
+#: Nodes whose checks a flight needs.
 _CHECKED = ("ekf_node", "gimbal_node", "overlay_node")
-_BACK_NS = 1_000_000_000  # stamps that go back by more are those of a new flight
-_POSES = 400  # a second of the fastest stream
-#: A footprint whose heights differ by more lies on no level ground. The Earth's bend makes 8 cm
-#: in a kilometre.
+_BACK_NS = 1_000_000_000  # stamps that go back by more belong to a new flight
+_POSES = 400  # kept: one second of the fastest stream
+#: If the heights of a footprint differ by more, the ground is not level. The Earth's curvature
+#: makes 8 cm in a kilometre.
 _LEVEL_M = 1.0
 
 
@@ -65,25 +65,25 @@ class Reports:
         self._findings: dict[str, tuple[float, list[Finding]]] = {}  # by node
 
     def take_state(self, now_s: float, message: Any) -> None:
-        """Take ``tirgeo/state`` of a node. Raises MessageError for another text."""
+        """Take ``tirgeo/state`` of a node. Raises MessageError if it cannot be read."""
         state = node_state(message)
         if state.name in self._states or len(self._states) < _MOST_NODES:
             self._states[state.name] = now_s, state
 
     def take_findings(self, now_s: float, message: Any) -> None:
-        """Take ``tirgeo/findings`` of another node. Raises MessageError for another text."""
+        """Take ``tirgeo/findings`` of another node. Raises MessageError if it cannot be read."""
         node, _, findings = findings_of(message)
         if node != self._own and (node in self._findings or len(self._findings) < _MOST_NODES):
             self._findings[node] = now_s, findings
 
     def findings(self, now_s: float) -> list[Finding] | None:
-        """Return what the nodes' checks have found; None while those of the flight are silent."""
-        heard = {
+        """Return the findings of all nodes; None while the nodes of _CHECKED are silent."""
+        recent = {
             n: findings for n, (s, findings) in self._findings.items() if now_s - s <= SILENT_S
         }
-        if not any(node.endswith(_CHECKED) for node in heard):
+        if not any(node.endswith(_CHECKED) for node in recent):
             return None
-        return [finding for findings in heard.values() for finding in findings]
+        return [finding for findings in recent.values() for finding in findings]
 
     def state(self, node: str) -> tuple[float, NodeState | None]:
         """Return when a node's newest state came (s), and the state: -inf, None without one."""
@@ -96,22 +96,22 @@ class Reports:
         return None if age_s is None else age_s + now_s - then_s
 
     def navigation(self, now_s: float) -> tuple[NavigationStatus | None, bool]:
-        """Return the estimator's status, None if it is silent, and whether it ever spoke."""
+        """Return the estimator's status, None if it is silent, and whether it ever reported."""
         then_s, state = self.state("ekf_node")
         if state is None or now_s - then_s > SILENT_S:
             return None, state is not None
         return state.navigation, True
 
     def picture(self, now_s: float = -math.inf) -> PictureState | None:
-        """Return what overlay_node says of its pictures; at ``now_s``, None if it is silent."""
+        """Return overlay_node's report on its pictures; None if it is silent at ``now_s``."""
         then_s, state = self.state("overlay_node")
         return state.picture if state and now_s - then_s <= SILENT_S else None
 
 
 class PoseTape(Generic[P]):
-    """Keep messages of the last second by their stamps as bytes; decode those that are wanted.
+    """Keep the pose messages of the last second as bytes; decode those that are asked for.
 
-    ``decode`` makes a pose of a message. Any thread may call it.
+    ``decode`` returns the pose in a message. Any thread may call it.
     """
 
     def __init__(self, decode: Callable[[bytes], P]) -> None:
@@ -120,7 +120,7 @@ class PoseTape(Generic[P]):
         self._kept: deque[tuple[int, bytes]] = deque(maxlen=_POSES)
 
     def add(self, data: bytes) -> None:
-        """Add a message; where its stamp goes back, drop those before. Raises MessageError."""
+        """Add a message; if its stamp goes back, drop all before. Raises MessageError."""
         stamp_ns = header_stamp_ns(data)
         with self._lock:
             if self._kept and stamp_ns < self._kept[-1][0]:
@@ -140,11 +140,11 @@ class PoseTape(Generic[P]):
 
 
 class AircraftTopics:
-    """Hold what is newest of one aircraft as bytes, and decode it when it is asked for.
+    """Hold the newest messages of one aircraft as bytes, and decode them when they are asked for.
 
     ``aircraft`` is its namespace, "" for that of the node. ``show`` takes the stamp (ns) and the
     JPEG of each picture; ``terrain`` is the ground's elevation model, if there is one. Any thread
-    may ask; the node's alone brings messages.
+    may call it; only the node's thread brings messages.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class AircraftTopics:
         latch: int = 0,
         decoded: bool = True,
     ) -> None:
-        """Have each message of a topic of the contract taken; ``latch`` is the latched depth."""
+        """Call ``take`` with each message of a contract topic; ``latch`` is the latched depth."""
         name, qos = f"{self._prefix}{topic}", latched(latch) if latch else output(depth)
         self._node.listen(name, take, qos, TOPIC_TYPES[topic], raw=True, decoded=decoded)
 
@@ -210,7 +210,7 @@ class AircraftTopics:
     def _take_picture(self, message: Any) -> None:
         stamp = stamp_ns(message)
         if stamp < self.newest_ns - _BACK_NS:
-            self._newest.clear()  # a flight before: the clock was set back
+            self._newest.clear()  # of an earlier flight: the clock was set back
         self.newest_ns = stamp
         self._keep(VIDEO, b"")
         self._show(stamp, bytes(message.data))
@@ -225,21 +225,21 @@ class AircraftTopics:
         return points if np.isfinite(points).all() else points[:0]
 
     def exposure_ns(self, stamp: int) -> int | None:
-        """Return when a picture was exposed; None until overlay_node has said the delay."""
+        """Return when a picture was exposed; None until overlay_node reports the latency."""
         picture = self.reports.picture()
         return None if picture is None else exposure_ns(stamp, picture.video_latency_s)
 
     @property
     def confidence(self) -> ConfidenceConfig:
-        """Return the sigmas of located points, as overlay_node says them; else their defaults."""
+        """Return the sigmas of located points that overlay_node reports; before, the defaults."""
         picture = self.reports.picture()
         return ConfidenceConfig() if picture is None else picture.confidence
 
     def sight(self, stamp: int, *, last_pose_s: float = 0.0) -> Sight | None:
         """Return camera and pose of a picture; None without a pose at its exposure.
 
-        The last pose will do where it is no older than ``last_pose_s``. Without an elevation model
-        the ground is known where it is level, by the newest footprint.
+        A last pose that is younger than ``last_pose_s`` will do. Without an elevation model the
+        newest footprint gives the height of the ground, if it is level.
         """
         plane, info, exposed_ns = self.plane, self.newest(INFO), self.exposure_ns(stamp)
         if plane is None or info is None or exposed_ns is None:

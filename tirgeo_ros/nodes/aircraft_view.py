@@ -1,4 +1,4 @@
-"""Say one aircraft's state to the operator's page, pass on clicks, find places in its video."""
+"""Give one aircraft's state to the operator's page, pass on clicks, find places in its video."""
 
 from __future__ import annotations
 
@@ -36,20 +36,19 @@ from tirgeo_ros.nodes.aircraft_topics import (
 )
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 
-#: Silence (s) of what is needed, or time without a map, that ends GO; good time that restores it.
+#: Silence (s) of a needed stream, or time without a map, that ends GO; faultless time for GO.
 _SILENT_S, _GOOD_S = 1.0, 2.0
-#: Silence of what may be the cause, an earlier stream or an input, beside a stream that has ended.
+#: Silence (s) from which an earlier stream or an input may be the cause that a stream has ended.
 _ALSO_SILENT_S = 0.5
-#: A node whose reports, one a second, end for so long does not answer.
+#: A node that has not reported for so long (s), which it does each second, does not answer.
 _ANSWER_S = 1.6
-#: The longest step of time that counts: in a longer one this node did not run and heard nothing.
+#: Longest step (s) that counts as silence: in a longer one this node itself did not run.
 _STEP_S = 0.4
 Place = list[float]  # latitude, longitude (deg)
-
-#: A picture that was drawn with a predicted pose has none on its other side.
+#: Largest age (s) of the last pose for a picture that was drawn with a predicted pose.
 _LAST_POSE_S = 0.2
-_SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))
-#: Markers of 2000 targets take 0.4 s of a processor.
+_SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))  # semi-axis of the 95 % ellipse, in sigmas
+#: Least time between markers: those of 2000 targets take 0.4 s of processor time.
 _MARKERS_S = 2.0
 _DIGITS = 8  # of degrees: a millimetre
 _NO_POSITION: Mapping[str, None] = dict.fromkeys(
@@ -59,12 +58,17 @@ _COLOUR = ColorRGBA(r=1.0, g=0.3, b=1.0, a=0.6)
 _TEXT_HEIGHT_M = 1.0
 _LEAST_AXIS_M = 2e-3  # RViz warns of a scale of zero
 _RADIUS = math.sqrt(CHI2_95)
+#: Inputs of the nodes: topic -> its words for the operator; and the words for overlay_node.
+_CAMERA = {"thermal/image_raw": "The camera", "thermal/image_raw/compressed": "The camera"}
+_GIMBAL = {"gimbal/joint_states": "The gimbal", "gimbal/attitude": "The gimbal"}
+_INFO = {"thermal/camera_info": "The camera's calibration"}
+_OVERLAY = "overlay_node", "The overlay program"
 
 
 class Verdict(NamedTuple):
-    """Hold what the page shows: ``text`` is for the operator, ``more`` for the engineer.
+    """Hold a verdict for the page: ``text`` is for the operator, ``more`` for the engineer.
 
-    ``kind`` says what it is about, and stays the same while the text counts seconds.
+    ``kind`` names its subject, and stays the same while the text counts seconds.
     """
 
     word: str
@@ -82,14 +86,10 @@ class Stream(NamedTuple):
     kind: str
     node: str
     program: str
-    inputs: dict[str, str]  # by topic; the first one that the node has heard counts
+    inputs: dict[str, str]  # topic -> words; the first topic that the node has received counts
 
 
-_CAMERA = {"thermal/image_raw": "The camera", "thermal/image_raw/compressed": "The camera"}
-_GIMBAL = {"gimbal/joint_states": "The gimbal", "gimbal/attitude": "The gimbal"}
-_INFO = {"thermal/camera_info": "The camera's calibration"}
-_OVERLAY = "overlay_node", "The overlay program"
-#: In the order in which each depends on the ones before.
+#: Each stream depends on those before it.
 STREAMS = (
     Stream("tirgeo/odometry", "position", "ekf_node", "The filter", {"imu/data": "The IMU"}),
     Stream("tirgeo/camera_pose", "camera pose", "gimbal_node", "The gimbal program", _GIMBAL),
@@ -113,7 +113,7 @@ class Judge:
     def __init__(self, reports: Reports, came_s: Callable[[str], float | None]) -> None:
         self._reports, self._newest_s = reports, came_s
         self._now_s = math.inf  # of the last look
-        self._came_s: dict[str, float] = {}  # when the newest of a topic came, if one has
+        self._came_s: dict[str, float] = {}  # topic -> when its newest message came
         self._silence_s = dict.fromkeys((stream.topic for stream in STREAMS), 0.0)
         self._no_map_s = self._good_s = 0.0
         self._shown = Verdict("NO DATA", "")
@@ -121,8 +121,8 @@ class Judge:
     def look(self, now_s: float, worst: Severity | None, no_map: str) -> Verdict:
         """Return the verdict.
 
-        ``worst`` is that of the checks' findings, None while they are silent; ``no_map`` is the
-        notice in the picture.
+        ``worst`` is the worst severity of the checks' findings, None while no check reports;
+        ``no_map`` is the notice in the picture.
         """
         step_s = min(max(now_s - self._now_s, 0.0), _STEP_S)
         self._now_s = now_s
@@ -145,7 +145,7 @@ class Judge:
             self._came_s[topic], self._silence_s[topic] = at_s, min(self._now_s - at_s, step_s)
 
     def _silent(self, stream: Stream, limit_s: float) -> bool:
-        """Return whether a stream is silent for so long, or has not begun."""
+        """Return whether a stream is silent for longer than the limit, or has not begun."""
         return stream.topic not in self._came_s or self._silence_s[stream.topic] > limit_s
 
     def _upstream(self, navigation: Verdict | None) -> Verdict | None:
@@ -153,8 +153,8 @@ class Judge:
         odometry, pose, picture, _ = STREAMS
         no_position = navigation if navigation and navigation.word != "CAUTION" else None
         if no_position or self._silent(odometry, _SILENT_S):
-            self._silence_s[pose.topic] = 0.0  # it cannot come yet
-        # What ends together does not end at one instant: the first in the order is the cause.
+            self._silence_s[pose.topic] = 0.0  # without a position no camera pose can come
+        # Streams with one cause do not end at one instant: the first in the order is blamed.
         ended = any(self._silent(stream, _SILENT_S) for stream in (odometry, pose, picture))
         limit_s = _ALSO_SILENT_S if ended else _SILENT_S
         if self._silent(odometry, limit_s):
@@ -168,13 +168,13 @@ class Judge:
             return checks
         if self._no_map_s > _SILENT_S:
             return Verdict("NO GO", "bad", "map", no_map, alarm=True)
-        calibration = STREAMS[-1]  # it need not come again
+        calibration = STREAMS[-1]  # one message of it is enough
         if not no_map and self._silent(calibration, math.inf):
             return self._no_data(calibration)
         return checks
 
     def _no_data(self, stream: Stream, otherwise: Verdict | None = None) -> Verdict:
-        """Return the verdict on a silent stream: its cause; ``otherwise`` where none shows."""
+        """Return the verdict on a silent stream and its cause; ``otherwise`` if none is known."""
         silence_s, began = self._silence_s[stream.topic], stream.topic in self._came_s
         cause = self._cause(stream, silence_s)
         if cause is None and otherwise is not None:
@@ -237,7 +237,7 @@ class AircraftView(AircraftTopics):
         return self._node.advertise(f"{self._prefix}{topic}", qos, TOPIC_TYPES[topic])
 
     def mark(self, targets: Sequence[Target], revision: int) -> None:
-        """Show these targets in RViz while it listens, unless it shows them in the same plane."""
+        """Show these targets in RViz while it listens, unless it shows them in this plane."""
         marked, now_s = (revision, self.plane, self.map_frame), time.monotonic()
         soon = now_s - self._marked_s < _MARKERS_S
         if self.plane is None or soon or marked == self._marked:
@@ -252,12 +252,12 @@ class AircraftView(AircraftTopics):
             self._track = places(points_n, self.plane)
 
     def click(self, stamp: int, u: float, v: float) -> bool:
-        """Pass a click on; return whether anybody listens to clicks."""
+        """Publish a click; return whether anybody subscribes to clicks."""
         self._pixel.publish(self._node.messages.pixel(stamp, u, v))
         return bool(self._pixel.get_subscription_count())
 
     def state(self, more_findings: Sequence[Finding]) -> dict[str, Any]:
-        """Return the page's state of this aircraft, but for ``recording`` and ``sharing``."""
+        """Return the page's state of this aircraft, without ``recording`` and ``sharing``."""
         now_s, plane = time.monotonic(), self.plane
         footprint_n, odometry = self.footprint_n(), self.newest(ODOMETRY)
         state: dict[str, Any] = dict(_NO_POSITION)
@@ -267,26 +267,26 @@ class AircraftView(AircraftTopics):
         sent, self._sent = self._sent, self._track
         state |= track_fields(sent, self._sent)
         state["footprint"] = places(footprint_n, plane) if plane else []
-        state |= self._judged(now_s, more_findings)
+        state |= self._verdict_fields(now_s, more_findings)
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
         state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
         video = self._node.monitor.topics().get(f"{self._prefix}{VIDEO}")
         return state | {"video_hz": video.rate_hz if video else 0.0}
 
-    def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
-        heard, picture = self.reports.findings(now_s), self.reports.picture(now_s)
+    def _verdict_fields(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
+        reported, picture = self.reports.findings(now_s), self.reports.picture(now_s)
         no_map = picture.notice if picture else None
         findings = sorted(
-            nearest_causes([*(heard or ()), *more]), key=lambda finding: -finding.severity
+            nearest_causes([*(reported or ()), *more]), key=lambda finding: -finding.severity
         )
         worst = max((finding.severity for finding in findings), default=Severity.NOTE)
-        verdict = self._judge.look(now_s, None if heard is None else worst, no_map or "")
+        verdict = self._judge.look(now_s, None if reported is None else worst, no_map or "")
         rows = [finding_row(finding) for finding in findings]
-        judged = {"verdict": verdict._asdict(), "no_map": no_map, "findings": rows}
+        fields = {"verdict": verdict._asdict(), "no_map": no_map, "findings": rows}
         if verdict.kind == "position" and verdict.word == "NO DATA":
-            judged |= dict.fromkeys(("rtk", "heading_sigma_deg"))  # the filter's clock stands
-        return judged
+            fields |= dict.fromkeys(("rtk", "heading_sigma_deg"))  # their values are out of date
+        return fields
 
     def where(self, latitude_rad: float, longitude_rad: float) -> tuple[int, float, float] | str:
         """Return stamp, column and row of a place in the newest picture, or why it isn't there.
@@ -300,16 +300,16 @@ class AircraftView(AircraftTopics):
         place, ground = (latitude_rad, longitude_rad), sight.ground
         height_m = ground if isinstance(ground, float) else float(ground.height_m(*place))
         if math.isnan(height_m):
-            return "the ground there has no known height: set dem of viewer_node"
+            return "the height of the ground there is not known: set dem of viewer_node"
         uv = pixel_of(sight, sight.plane.ned_from_geodetic(*place, height_m))
         return (stamp, *uv) if uv else "it is outside the picture"
 
 
 def navigation_fields(reports: Reports, now_s: float) -> dict[str, Any]:
     """Return state, reason, RTK and the heading's sigma; a silent estimator counts as lost."""
-    status, spoke = reports.navigation(now_s)
+    status, has_reported = reports.navigation(now_s)
     if status is None:
-        reason, state = "nothing is heard of ekf_node", "lost" if spoke else "waiting"
+        reason, state = "ekf_node does not report", "lost" if has_reported else "waiting"
         silent = dict.fromkeys(("rtk", "heading_sigma_deg"))
         return {"navigation": {"state": state, "reason": reason}, **silent}
     return {
@@ -320,13 +320,13 @@ def navigation_fields(reports: Reports, now_s: float) -> dict[str, Any]:
 
 
 def position_fields(odometry: Any, plane: TangentPlane, footprint_n: Array) -> dict[str, Any]:
-    """Return where the aircraft is and how it moves, of ``nav_msgs/Odometry``.
+    """Return the aircraft's position and motion from ``nav_msgs/Odometry``, as the page's fields.
 
     The height above ground is that above the middle of the footprint (N, 3), NED in the plane.
     """
     pose = body_pose(odometry)
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
-    rotation, moving_n = matrix_from_quat(pose.q_nb), velocity_n(odometry)
+    rotation, v_n = matrix_from_quat(pose.q_nb), velocity_n(odometry)
     down_m = float(np.median(footprint_n[:, 2])) if len(footprint_n) else math.nan
     semi_axes, _ = ellipse_95(pose.covariance[:2, :2])
     return {
@@ -334,13 +334,13 @@ def position_fields(odometry: Any, plane: TangentPlane, footprint_n: Array) -> d
         "position": [*_degrees(latitude, longitude), round(height_m, 3)],
         "heading_deg": math.degrees(math.atan2(rotation[1, 0], rotation[0, 0])) % 360,
         "position_sigma_m": float(semi_axes[0, 0]) / _SIGMA_OF_ELLIPSE,
-        "speed_m_s": float(np.hypot(moving_n[0], moving_n[1])),
+        "speed_m_s": float(np.hypot(v_n[0], v_n[1])),
         "above_ground_m": down_m - float(pose.position_n[2]),
     }
 
 
 def velocity_n(odometry: Any) -> Array:
-    """Return the velocity (3,), NED in the plane, m/s, of ``nav_msgs/Odometry``."""
+    """Return the velocity (3,), NED in the plane, m/s, from ``nav_msgs/Odometry``."""
     linear = odometry.twist.twist.linear
     body = np.array([linear.x, -linear.y, -linear.z])
     return np.asarray(matrix_from_quat(body_pose(odometry).q_nb) @ body)
@@ -376,9 +376,9 @@ def pixel_of(sight: Sight, point_n: Array) -> tuple[float, float] | None:
 def target_markers(map_frame: str, plane: TangentPlane, targets: Sequence[Target]) -> MarkerArray:
     """Return the markers of all targets, placed in the map's plane.
 
-    The first one deletes all others. For each target there is an ellipsoid, whose shadow on the
-    ground is the ellipse of 95 %, and its label as text. Their stamp is zero: RViz takes the
-    newest transform for it.
+    The first one deletes all others. For each target there is an ellipsoid, whose projection onto
+    the ground is the 95 % ellipse, and its label as text. Their stamp is zero, for which RViz
+    takes the newest transform.
     """
     header = Header(frame_id=map_frame)
     markers = [Marker(header=header, action=Marker.DELETEALL)]
@@ -398,7 +398,7 @@ def target_markers(map_frame: str, plane: TangentPlane, targets: Sequence[Target
 
 
 def _ellipsoid(covariance: Array) -> tuple[Vector3, Quaternion]:
-    """Return the lengths of the axes, m, and the attitude, of a covariance's ellipsoid of 95 %."""
+    """Return axis lengths (m) and attitude of the 95 % ellipsoid of a covariance (3, 3)."""
     variances, axes = np.linalg.eigh(covariance)
     axes[:, 2] *= np.sign(np.linalg.det(axes))  # right-handed
     lengths_m = 2 * _RADIUS * np.sqrt(np.maximum(variances, 0.0))

@@ -1,7 +1,7 @@
 """Play a bag onto topics in real time, once its subscribers are there.
 
-It publishes /clock; or, live, it shifts all stamps as if the flight were now. Live, the aircraft's
-data can be sent as bytes on a pseudo-terminal, in step with the pictures.
+It publishes /clock. With ``live`` it shifts all stamps instead, as if the flight were now; then
+the aircraft's data can be sent as bytes on a pseudo-terminal, in step with the pictures.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _DEPTH = 100
 _STEADY_S = 1.0
 _POLL_S = 0.05
 _CLOCK_PERIOD_S = 0.01
-#: Time limit in total. A reader that lost nothing may acknowledge only at the next heartbeat,
+#: Longest wait for all acknowledgements: a reader may send its own only at the next heartbeat,
 #: every 3 s.
 _ACKNOWLEDGE_S = 5.0
 #: A live bag starts this much later, so that its first messages are read and restamped in time.
@@ -47,8 +47,8 @@ _LEAD_S = 0.5
 #: Log text before the number of nanoseconds.
 SHIFTED = "live: stamps are later than the bag's by"
 Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
-#: What of tirgeo/ others publish: the graph publishes the rest itself, and would conflict.
-_OF_OTHERS = ("locate/pixel", "targets")
+#: Topics of tirgeo/ that are played: the others come from the graph itself, and would conflict.
+_PLAYED = ("locate/pixel", "targets")
 _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics", "tf", "tf_static")
 
 
@@ -91,7 +91,7 @@ def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
 def _chosen(topics: Mapping[str, str], listed: str) -> list[str]:
     wanted = topic_names(listed)
     if not wanted:
-        return [topic for topic in topics if not _made_by_graph(topic.lstrip("/"))]
+        return [topic for topic in topics if not _is_graph_output(topic.lstrip("/"))]
     by_name = {topic.lstrip("/"): topic for topic in topics}
     absent = [name for name in wanted if name not in by_name]
     if absent:
@@ -99,10 +99,10 @@ def _chosen(topics: Mapping[str, str], listed: str) -> list[str]:
     return [by_name[name] for name in wanted]
 
 
-def _made_by_graph(name: str) -> bool:
+def _is_graph_output(name: str) -> bool:
     # A bag recorded in a namespace has the namespace as a prefix of each name.
     _, ours, own = name.rpartition("tirgeo/")
-    return (bool(ours) and not own.startswith(_OF_OTHERS)) or name in _INFRASTRUCTURE
+    return (bool(ours) and not own.startswith(_PLAYED)) or name in _INFRASTRUCTURE
 
 
 def await_readers(
@@ -113,7 +113,7 @@ def await_readers(
     stop: threading.Event,
     attend: Callable[[], str] = lambda: "",
 ) -> str:
-    """Wait until the awaited subscribers are there and none came or went for a second.
+    """Wait until the awaited subscribers exist and none came or went for a second.
 
     ``awaited`` names topics that need a subscriber, separated by commas; empty = any. ``attend``
     is called repeatedly and returns what else is missing. Return what is missing after
@@ -132,8 +132,8 @@ def await_readers(
         changed = now if counts != before else changed
         absent = ", ".join(sorted(name for name in wanted if not counts[name]))
         missing = attend() or (f"a subscriber of {absent}" if absent else "")
-        heard = any(counts.values()) or not counts
-        if heard and not missing and now - changed >= _STEADY_S:
+        has_readers = any(counts.values()) or not counts
+        if has_readers and not missing and now - changed >= _STEADY_S:
             return ""
         if now - begin >= timeout_s:
             return missing or "any steady subscriber"
@@ -158,19 +158,19 @@ class SerialAircraft:
         self._aircraft = Aircraft(config, places=places)
 
     def frames(self, reader: BagReader, start_ns: int, shift_ns: int) -> Iterator[Due]:
-        """Yield bag times (ns), and the calls that send the frames of then, stamps shifted."""
+        """Yield bag times (ns) and the calls that send the frames of that time, stamps shifted."""
         for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
             yield time_ns - shift_ns, partial(self.terminal.write, data)
 
     @property
     def losses(self) -> str:
-        """Return what of the flight was not transmitted, in one line, or an empty string."""
+        """Return which data of the flight were not sent, in one line; empty if all were."""
         counts = dict(self._aircraft.counts)
         losses = {
             "invalid samples": counts.get("invalid", 0),
-            "of imu/data not later than the one before": counts.get("imu_not_later", 0),
+            "samples of imu/data not later than the one before": counts.get("imu_not_later", 0),
             **{f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()},
-            f"bytes not read by anybody from {self.terminal.path}": self.terminal.dropped,
+            f"bytes that nobody read from {self.terminal.path}": self.terminal.dropped,
         }
         return ", ".join(f"{number} {what}" for what, number in losses.items() if number)
 
@@ -204,7 +204,7 @@ class PlayClock:
         self._next_tick_s = 0.0
 
     def begin(self, bag_ns: int, in_s: float) -> None:
-        """Start bag time: it is ``bag_ns`` in ``in_s`` seconds. Else the first wait starts it."""
+        """Start bag time: it is ``bag_ns`` in ``in_s`` seconds. By default the first wait does."""
         self._begin = (time.monotonic() + in_s, bag_ns)
 
     def wait_until(self, bag_ns: int, stop: threading.Event) -> bool:
@@ -245,11 +245,11 @@ class BagPlayer(GraphNode):
             )
         self._reader = BagReader(Path(config.bag))
         topics, port = self._reader.topics(), config.serial_port
-        spoken = aircraft_topics(topics, config.topics) if port else {}
-        self._topics = publishers_for(self, topics, config.topics, spoken)
+        on_port = aircraft_topics(topics, config.topics) if port else {}
+        self._topics = publishers_for(self, topics, config.topics, on_port)
         self._clock_publisher = None if config.live else self.advertise("/clock", output())
         places = config.simulated_aircraft, config.aircraft
-        self._aircraft = SerialAircraft(port, *places, spoken) if port else None
+        self._aircraft = SerialAircraft(port, *places, on_port) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
         self.report_each_second(list)
 
@@ -277,9 +277,9 @@ class BagPlayer(GraphNode):
         return 0
 
     def _attend(self) -> str:
-        """Return which reader of the simulated aircraft is missing."""
-        heard = self._aircraft is None or self._aircraft.terminal.is_open
-        return "" if heard else f"a reader of {self._config.serial_port}"
+        """Return which reader of the simulated aircraft is missing; empty if none is."""
+        is_read = self._aircraft is None or self._aircraft.terminal.is_open
+        return "" if is_read else f"a reader of {self._config.serial_port}"
 
     def _play_once(self, stop: threading.Event) -> None:
         clock = PlayClock(self._config.rate, self._tick)
@@ -290,13 +290,13 @@ class BagPlayer(GraphNode):
             self.get_logger().info(f"{SHIFTED} {shift_ns} ns")
         due = self._published(start_ns, shift_ns)
         if self._aircraft is not None:
-            spoken = self._aircraft.frames(self._reader, start_ns, shift_ns)
-            due = heapq.merge(spoken, due, key=itemgetter(0))
+            frames = self._aircraft.frames(self._reader, start_ns, shift_ns)
+            due = heapq.merge(frames, due, key=itemgetter(0))
         count = 0
-        for due_ns, give in due:
+        for due_ns, send in due:
             if not clock.wait_until(due_ns, stop):
                 break
-            give()
+            send()
             count += 1
         self.log(OK, f"played {count} messages of {self._config.bag}")
 

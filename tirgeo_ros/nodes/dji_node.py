@@ -36,7 +36,7 @@ _WAIT_S = 0.02
 #: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
-#: What is missing without a topic whose message type may not be installed.
+#: Topic whose message type may not be installed -> what is missing without it.
 _LOST = {"rtk_yaw": "no rtk/heading", "gps_details": "no accuracy and no kind of fix on gps/fix"}
 #: Without these topics no map can be drawn on the picture.
 _NEEDED = ("imu", "rtk_position", "rtk_position_info", "gimbal_angles")
@@ -70,7 +70,7 @@ class SerialSource:
         self._lock = threading.Lock()  # the diagnostics read what the reading thread changes
 
     def serve(self, stop: threading.Event) -> None:
-        """Read until ``stop`` is set. No cable fault and no received data ends the loop."""
+        """Read until ``stop`` is set. Neither cable faults nor wrong bytes end the loop."""
         try:
             while not stop.is_set():
                 if not self._turn():
@@ -96,12 +96,12 @@ class SerialSource:
             self._node.log(min(report.level, WARN), report.message)
 
     def findings(self) -> list[Finding]:
-        """Return a finding while the link brings no data, or none that can be read."""
+        """Return a finding while the link brings no data, or only unreadable data."""
         with self._lock:
             report = self._watch.report
         if report is None or not report.level:
             return []
-        remedy = "look at the aircraft, the cable, and port, baud and key"
+        remedy = "check the aircraft, the cable, and the parameters port, baud and key"
         evidence = report.message
         return [Finding("serial_link", Severity.CAUTION, evidence, "dji_node port", remedy)]
 
@@ -126,15 +126,15 @@ class PsdkSource:
         self._node, self._take = node, take
         self._decoder = PsdkDecoder()
         self._prefix = _checked(config.psdk_prefix)
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         self._logged: list[str] = []
         missing = [topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)]
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
         for topic in PSDK_TOPICS:
             if topic not in missing:
                 name, typename = self._prefix + topic, PSDK_TOPICS[topic].typename
-                take = partial(self.handle, topic)
-                node.listen(name, take, sensor_input(), typename)
+                handle = partial(self.handle, topic)
+                node.listen(name, handle, sensor_input(), typename)
         for topic in _NEEDED:
             node.monitor.expects(self._prefix + topic)
         self._timer = node.steady_timer("waiting for flags", _DUE_S, self._due)
@@ -146,9 +146,9 @@ class PsdkSource:
         stop.wait()
 
     def findings(self) -> list[Finding]:
-        """Return a finding while topics of psdk_ros2 do not come."""
+        """Return a finding while topics of psdk_ros2 are silent or cannot be read."""
         evidence = "; ".join(self._logged)
-        remedy = "look at psdk_ros2's node and at psdk_interfaces"
+        remedy = "check that psdk_ros2's node runs and psdk_interfaces is installed"
         finding = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
         return [finding] if evidence else []
 
@@ -161,7 +161,7 @@ class PsdkSource:
 
     def handle(self, topic: str, message: Any) -> None:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         arrival_ns = self._node.now_ns
         sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
         self._take(self._decoder.take(topic, message, sent_ns, arrival_ns))
@@ -171,7 +171,7 @@ class PsdkSource:
 
     def _log_changes(self) -> list[str]:
         """Return the current warnings; log each when it begins and when it is over."""
-        silent = time.monotonic() - self._heard_s > SILENT_S
+        silent = time.monotonic() - self._received_s > SILENT_S
         warnings = [_SILENT.format(prefix=self._prefix)] if silent else []
         warnings += [self._lost] if self._lost else []
         for text in warnings:
@@ -179,7 +179,7 @@ class PsdkSource:
                 self._node.log(WARN, text)
         for text in self._logged:
             if text not in warnings:
-                self._node.log(OK, f"over: {text}")
+                self._node.log(OK, f"no longer: {text}")
         self._logged = warnings
         return warnings
 
@@ -193,13 +193,13 @@ def _is_installed(typename: str) -> bool:
 
 
 def _checked(prefix: str) -> str:
-    """Return the prefix with its slash; raise ConfigError if it makes no valid topic name."""
+    """Return the prefix with its slash; raise ConfigError if no topic name can begin so."""
     topics = f"{prefix.rstrip('/')}/" if prefix else ""
     try:
         validate_topic_name(f"{topics}imu")
     except InvalidTopicNameException:
         raise ConfigError(
-            f"psdk_prefix: {prefix!r} is not a valid prefix of topic names"
+            f"psdk_prefix: {prefix!r} is not a valid prefix of topic names: write e.g. psdk_ros2"
         ) from None
     return topics
 
@@ -238,7 +238,7 @@ class DjiNode(GraphNode):
     def _findings_of_aircraft(self) -> list[Finding]:
         with self._lock:
             warnings = "; ".join(self._interpreter.warnings)
-        remedy = "look at its parameters and at the aircraft's settings"
+        remedy = "check dji_node's parameters and the aircraft's settings"
         own = Finding("aircraft_data", Severity.NOTE, warnings, "dji_node", remedy)
         return [*self._source.findings(), *([own] if warnings else [])]
 

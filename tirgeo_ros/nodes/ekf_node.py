@@ -51,17 +51,17 @@ _BEST_FIRST = (
     *(FilterState.ALIGNING, FilterState.WAITING, FilterState.LOST),
 )
 
-#: A function that takes a message, the message, and the node's time (ns) at which it came. It
-#: waits as bytes: an IMU message takes 1.8 kB as an object and 0.6 kB as bytes, and the process
+#: A waiting message: the function that takes it, its bytes, and the node's time (ns) of arrival.
+#: It waits as bytes: an IMU message takes 1.8 kB as an object and 0.6 kB as bytes, and the process
 #: keeps the memory of its longest queue.
 _Waiting = tuple[Callable[[Any], None], bytes, int]
 
 
 class Inbox:
-    """Subscribe for a node and take all waiting messages, whichever topic the executor serves.
+    """Subscribe for a node, and handle the messages of all topics in the order of arrival.
 
-    Each topic keeps as many waiting messages as its queue holds; older ones are dropped and
-    counted.
+    When the executor serves one topic, the waiting messages of all topics are taken. Each topic
+    keeps as many as its queue holds; older ones are dropped and counted.
     """
 
     def __init__(self, node: GraphNode) -> None:
@@ -81,14 +81,14 @@ class Inbox:
     def subscribe(
         self, topic: str, handle: Callable[[Any], None], qos: QoSProfile, typename: str = ""
     ) -> None:
-        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
+        """Call ``handle`` with each message in its turn; ``taken_ns`` is then its arrival time."""
         deferred = partial(self._deferred, topic)
-        made = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
-        depth = made.qos_profile.depth
+        subscription = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
+        depth = subscription.qos_profile.depth
         self._order.open(topic, depth)
         # Not public, so setup.py bounds the version of rclpy: test_ekf_node.py says why.
-        take = partial(made.handle.take_message, made.msg_type, made.raw)
-        self._sources.append((depth, take, made.callback))
+        take = partial(subscription.handle.take_message, subscription.msg_type, subscription.raw)
+        self._sources.append((depth, take, subscription.callback))
 
     def _deferred(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
         def put(data: bytes, info: Any) -> None:
@@ -136,8 +136,8 @@ class StateLog:
     def note(self, status: NavigationStatus, *, reasons: bool = False) -> bool:
         """Log a new state (a worse one as a warning) and resets; return whether there was any.
 
-        With ``reasons``, log a new reason of the same state too. That is not for each sample: a
-        reason may contain a number.
+        With ``reasons``, log a new reason of the same state too: do not ask for this at each
+        sample, because a reason may contain a number that changes.
         """
         before, self._logged = self._logged, (status.state, status.reason)
         moved = status.state is not before[0]
@@ -161,7 +161,7 @@ class EkfNode(GraphNode):
     def __init__(self) -> None:
         super().__init__("ekf_node")
         config = self.configured(EkfConfig, self._reconfigure)
-        self._navigation = Navigation(config, self._heard)
+        self._navigation = Navigation(config, self._log_set_heading)
         self._checks = NavigationChecks(config, given_names(self, EkfConfig), RECENT_S)
         sources = METHOD_SOURCES[config.method]
         positions = [NAVIGATION_INPUTS[source][0] for source in sources if source in _POSITIONS]
@@ -187,7 +187,7 @@ class EkfNode(GraphNode):
         for source in sources:
             topic, decode = NAVIGATION_INPUTS[source]
             take = partial(self._take, topic, decode)
-            if source is Source.SET_HEADING:  # said once, so it must not be lost
+            if source is Source.SET_HEADING:  # sent only once, so it must not be lost
                 kind = TOPIC_TYPES[topic]
                 self._inbox.subscribe(_SET_HEADING, partial(self._in_map, take), output(), kind)
             else:
@@ -206,8 +206,8 @@ class EkfNode(GraphNode):
         self._setup.take(self._checks.configure, config)
 
     def _take(self, topic: str, decode: Decode, message: Any) -> None:
-        came, arrival_ns = decode(message), self._inbox.taken_ns
-        step = self._navigation.process(self._arrivals.stamped(topic, came, arrival_ns))
+        sample, arrival_ns = decode(message), self._inbox.taken_ns
+        step = self._navigation.process(self._arrivals.stamped(topic, sample, arrival_ns))
         verdict = step.verdict
         if verdict.outcome in _RESTARTS:
             text = f"{verdict.source.value}: {verdict.outcome.value}: {verdict.reason}"
@@ -215,10 +215,10 @@ class EkfNode(GraphNode):
         if step.solution is not None:
             self._publish(step.solution)
         self._note_state()
-        self._setup.take(self._checks.take, topic, came, arrival_ns)
+        self._setup.take(self._checks.take, topic, sample, arrival_ns)
 
     def _note_state(self) -> None:
-        """Log and report a change at once; asked at each sample, so the whole status waits."""
+        """Log and report a new state at once; make the whole status, which is slow, only then."""
         state = self._navigation.state_and_resets()
         if state == self._noted:
             return
@@ -232,11 +232,11 @@ class EkfNode(GraphNode):
         frame, own_frame = message.header.frame_id, self.messages.frames.map
         if frame not in {"", own_frame}:
             raise MessageError(
-                f"its frame is {frame!r}: give it in {own_frame} (RViz: Fixed Frame)"
+                f"its frame_id is {frame!r}: send it in {own_frame} (RViz: Fixed Frame)"
             )
         take(message)
 
-    def _heard(self, verdict: Verdict) -> None:
+    def _log_set_heading(self, verdict: Verdict) -> None:
         if verdict.source is Source.SET_HEADING:
             taken = verdict.outcome in _TAKEN
             text = f"{_SET_HEADING}: {verdict.outcome.value}: {verdict.reason}"

@@ -80,7 +80,7 @@ class GimbalNode(GraphNode):
 
     @property
     def _by_paper(self) -> bool:
-        """Return whether the composition "paper", which needs the IMU, may be wanted."""
+        """Return whether the composition may be "paper", which needs the IMU."""
         return self._composer.composition != "encoders"
 
     def _take_autopilot(self, data: bytes) -> None:

@@ -41,6 +41,14 @@ from tirgeo_ros.io.messages.topics import OUTPUT_DEPTH, STREAM_DEPTH, TF_DEPTH
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
 
+T = TypeVar("T")
+_REPORT_S = 1.0
+_THROTTLE_S = 10.0
+#: The signature of a callback that takes a message and its MessageInfo (times and numbers).
+_WITH_INFO = inspect.Signature(
+    [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
+)
+
 
 def sensor_input(depth: int = STREAM_DEPTH) -> QoSProfile:
     """Return the profile for a topic from a sensor, compatible with any publisher."""
@@ -59,15 +67,6 @@ def latched(depth: int = 1) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
-
-
-T = TypeVar("T")
-_REPORT_S = 1.0
-_THROTTLE_S = 10.0
-#: The signature of a callback that takes a message and its MessageInfo (times and numbers).
-_WITH_INFO = inspect.Signature(
-    [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
-)
 
 
 @cache
@@ -104,8 +103,8 @@ class GraphNode(Node):
     def configured(self, kind: type[T], take: Callable[[T], None] = unchanging) -> T:
         """Declare the parameters of ``kind`` and return their values, for the start.
 
-        Where some are live, ``take`` gets the values as a whole each time that they change.
-        Raises ConfigError as ``parameters.declare``.
+        If some are live, ``take`` gets all values together each time that one changes. Raises
+        ConfigError as ``parameters.declare`` does.
         """
         self._parameters_of_kind = LiveParameters(self, kind, take)
         config = self._parameters_of_kind.config
@@ -188,7 +187,7 @@ class GraphNode(Node):
             return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
 
     def publish_bytes(self, publisher: Publisher, topic: str, message: object) -> None:
-        """Publish a message that ``cdr_messages`` has built, encoded as those of a bag are."""
+        """Publish a message that ``cdr_messages`` has built, encoded like a message of a bag."""
         publisher.publish(self._cdr.serialize(message, TOPIC_TYPES[topic]))
 
     def listen(
@@ -205,8 +204,8 @@ class GraphNode(Node):
         """Return a subscription to a contract topic; a failing callback does not end the node.
 
         ``typename`` is for a topic outside the contract. ``wrapped`` makes the callback from the
-        one that takes a message; with ``raw`` that one takes bytes, decoded just before ``handle``
-        as those of a bag are: five times as fast as rclpy; unless ``decoded`` is false.
+        function that takes a message. With ``raw`` that function takes bytes; they are decoded
+        before ``handle``, five times as fast as by rclpy, unless ``decoded`` is false.
         """
         typename = typename or TOPIC_TYPES[topic]
         kind, cdr = message_class(typename), self._cdr
@@ -233,7 +232,7 @@ class GraphNode(Node):
             )
 
     def decoded(self, data: bytes, topic: str) -> Any:
-        """Return the message of a contract topic in bytes that a ``listen`` left undecoded."""
+        """Return the message in the bytes that ``listen`` with ``decoded`` false passes on."""
         return self._cdr.deserialize(data, TOPIC_TYPES[topic])
 
     def item(
@@ -331,7 +330,7 @@ class Transforms:
             self._tf.publish(messages.tf([messages.body_transform(pose)]))
 
     def camera(self, pose: CameraPose, body_at: Callable[[int], BodyPose | Miss]) -> None:
-        """Publish base_link -> camera; ``body_at`` gives the pose that the camera's is made of."""
+        """Publish base_link -> camera; ``body_at`` gives the body's pose at a stamp (ns)."""
         if self._tf is not None and self._tf.get_subscription_count():
             messages, body = self._node.messages, body_at(pose.stamp_ns)
             if not isinstance(body, Miss):

@@ -1,4 +1,4 @@
-"""Read the map while a node runs, for its pictures or its page, again when its files change."""
+"""Read the map while a node runs, and again when its files change: for pictures and pages."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from tirgeo_ros.nodes.runner import done_or_stopped
 # ``stop`` kills the child; the thread can then only hang on a file that does not respond.
 _JOIN_S = 1.0
 Signature = list[tuple[str, int, int] | None]
-_UNREAD: Signature = [("", 0, 0)]  # of no file, so that what failed at the start is read again
+_UNREAD: Signature = [("", 0, 0)]  # of no file: after a failed start the map is read again
 
 
 @final
 class MapWatch:
     """Hold ``config.map`` placed in the plane, and keep it up to date, as a context manager.
 
-    Entering waits for the first reading, or a stop signal, and raises what it raises. A MapError
-    is not raised, but reported like one of a later reading: the video goes on without a map.
+    Entering waits for the first reading, or a stop signal, and raises the errors of that reading.
+    A MapError is not raised, but reported like a later one: the video goes on without a map.
     ``plane`` returns the tangent plane in which the map is placed, or None before it is known;
-    ``look`` says that it may have changed. The map's files and its style are checked periodically.
+    call ``look`` when it may have changed. The map's files and its style are checked periodically.
     A thread with a child process does the reading, placing and waiting; ``changed`` returns the
     result. ``counts``: ``reloads`` and ``reload_errors``.
     """
@@ -48,12 +48,12 @@ class MapWatch:
         # A placed map or an error, and what was read if the files have changed.
         self._results = SimpleQueue[tuple[DrapedMap | TirgeoError, MapContents | None]]()
         self._child = MapProcess()
-        self._has_map = False  # a map has come
+        self._has_map = False  # a map was placed
         self._stop, self._wake = threading.Event(), threading.Event()
         self._first = threading.Event()  # the first reading has ended
         self._first_error: Exception | None = None  # what the first reading raised
         self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
-        # The state of the files that were read last, and the plane in which they were placed.
+        # The state of the files of the last attempt, and the plane in which they were placed.
         self._tried: tuple[Signature, TangentPlane | None] = (_UNREAD, None)
 
     def __enter__(self) -> MapWatch:
@@ -102,7 +102,7 @@ class MapWatch:
             self._node.log(WARN, note)
 
     def _run(self) -> None:
-        # One thread for all: the child process ends with the thread that started it.
+        # One thread for every reading: the child process ends with the thread that started it.
         try:
             signature = self._signature()
             self._log_contents(self._config.map, self._child.read(self._config))
@@ -136,7 +136,7 @@ class MapWatch:
             # A map is placed once: for another plane the child reads it again.
             reads = changed or placed_in is not None
             contents = self._child.read(self._config) if reads else None
-            self._results.put((self._child.lay(plane), contents if changed else None))
+            self._results.put((self._child.drape(plane), contents if changed else None))
         except TirgeoError as error:
             self._fail(error)
 
@@ -151,7 +151,7 @@ class MapWatch:
     def _log_child_output(self) -> None:
         """Log the error output of a child that failed: it holds the traceback of a fault."""
         if self._child.said and not self._stop.is_set():
-            self._node.get_logger().error(f"the map's reader said:\n{self._child.said}")
+            self._node.get_logger().error(f"the map's reader printed:\n{self._child.said}")
 
     def _signature(self) -> Signature:
         """Return the state of the files of the map and its style; empty if never checked."""
@@ -160,10 +160,10 @@ class MapWatch:
 
 
 class PageMap:
-    """Read ``map_text``'s files as GeoJSON, in a process of its own: the video does not wait."""
+    """Read ``map_text``'s files as GeoJSON, in a process of its own, so that no video waits."""
 
     def __init__(self, node: GraphNode, map_text: str) -> None:
-        self.error = ""  # why there is none; empty if there is, or none is given
+        self.error = ""  # why there is no map; empty if there is one, or none is set
         self._node, self._map_text = node, map_text
         self._child = MapProcess()
         self._lock = threading.Lock()

@@ -13,7 +13,7 @@ from tirgeo_ros.io.messages import FINDINGS_TOPIC, STATE_TOPIC, DiagnosticItem, 
 OK, WARN, ERROR = 0, 1, 2
 #: A needed input that is silent for longer than this is named in the diagnostics.
 SILENT_S = 2.0
-#: What nodes report of themselves is no data of a flight.
+#: Reports that nodes publish about themselves: no data of a flight.
 _REPORTS = frozenset({STATE_TOPIC, FINDINGS_TOPIC})
 
 
@@ -23,7 +23,7 @@ class Monitor:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self.started_ns: Final = time.time_ns()
-        self._since_s = time.monotonic()
+        self._window_began_s = time.monotonic()
         self._expected_s: dict[str, float] = {}  # steady time of registration
         self._window: Counter[str] = Counter()
         self._rates_hz: dict[str, float] = {}  # of the last whole window
@@ -41,13 +41,13 @@ class Monitor:
         with self._lock:
             self._expected_s[topic] = time.monotonic()
 
-    def heard(self) -> frozenset[str]:
-        """Return the topics of data from which a message has come."""
+    def received_topics(self) -> frozenset[str]:
+        """Return the topics of data from which a message was received."""
         with self._lock:
             return frozenset(self._last_s) - _REPORTS
 
     def received(self, topic: str) -> None:
-        """Count a message that came."""
+        """Count a message that was received."""
         with self._lock:
             self._window[topic] += 1
             self._last_s[topic] = time.monotonic()
@@ -79,17 +79,17 @@ class Monitor:
         """End the window of rates and latencies, and return its diagnostic item."""
         with self._lock:
             now_s = time.monotonic()
-            span_s = max(now_s - self._since_s, 1e-3)
+            span_s = max(now_s - self._window_began_s, 1e-3)
             topics = sorted({*self._expected_s, *self._last_s, *self._window})
             self._rates_hz = {topic: self._window[topic] / span_s for topic in topics}
             self._latencies_ms = {topic: _shares_ms(s) for topic, s in self._latency_s.items()}
-            self._since_s = now_s
+            self._window_began_s = now_s
             self._window.clear()
             self._latency_s.clear()
-            return DiagnosticItem(name, *self._judged(now_s), self._values(now_s))
+            return DiagnosticItem(name, *self._level_and_message(now_s), self._values(now_s))
 
     def topics(self) -> dict[str, TopicState]:
-        """Return how each topic runs: rates and latencies of the last whole window, ages now."""
+        """Return each topic's state: rates and latencies of the last whole window, ages now."""
         with self._lock:
             now_s, failed = time.monotonic(), self._failed()
             ages_s = {topic: round(now_s - last, 2) for topic, last in self._last_s.items()}
@@ -112,8 +112,8 @@ class Monitor:
             failed[topic] += number
         return failed
 
-    def _judged(self, now_s: float) -> tuple[int, str]:
-        """Return level and message: faults since the start, and inputs that are silent now."""
+    def _level_and_message(self, now_s: float) -> tuple[int, str]:
+        """Return level and message: program faults since the start, inputs silent now."""
         last_s = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
         silent = sorted(t for t, last in last_s.items() if now_s - last > SILENT_S)
         parts = [f"failed: {t}: {kind}, see the log" for t, kind in self._failures]

@@ -1,10 +1,10 @@
 """Run several nodes in this one process: ``one_process --ros-args ... -- NODE ...``.
 
-All are in one DDS participant: what one publishes reaches the others without a transport, and what
-no other process reads is sent nowhere. Other processes see and feed every topic as they do where
-each node is a process. Each node has a thread of its own, as it would have there.
+The nodes share one DDS participant: their messages to each other need no transport, and a topic is
+sent to other processes only if one of them subscribes. To other processes the graph looks as if
+each node were a process. Each node has a thread of its own.
 
-viewer_node alone gets a process of its own: its page must not wait for the interpreter that the
+Only viewer_node gets a process of its own: its page must not wait for the interpreter that the
 other nodes share. If it ends it is started again, unless it refuses its parameters at its start.
 """
 
@@ -31,13 +31,13 @@ from tirgeo_ros.nodes.runner import Part, Work, run_all
 
 #: The user's command, at the beginning of its errors.
 _PROGRAM = "tirgeo run"
-#: After the end of a bag: the last pictures are drawn, the last diagnostics come within 1 s, and
-#: what another process has lost is sent again at the writer's heartbeat, every 3 s.
+#: Wait after the end of a bag: the last pictures are drawn, the last diagnostics come within 1 s,
+#: and messages that another process lost are sent again at the writer's heartbeat, every 3 s.
 _SETTLE_S = 3.5
 _POLL_S = 0.1
-#: The page may have recordings to complete.
+#: Longest wait for the end of the page, which may have recordings to complete.
 _PAGE_END_S = 30.0
-#: Before the page is started again.
+#: Wait before the page is started again.
 _RESTART_S = 2.0
 
 
@@ -48,19 +48,19 @@ def main() -> int:
     parts = {name: _PARTS[name] for name in names if name in _PARTS}
     if "viewer_node" in names:
         os.environ.setdefault(TOKEN_SEED, secrets.token_urlsafe())
-        parts["overlay_node"] = Part(OverlayNode, partial(_beside_the_page, arguments))
+        parts["overlay_node"] = Part(OverlayNode, partial(_keep_page_running, arguments))
     return run_all(_PROGRAM, parts)
 
 
-def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading.Event) -> int:
-    """Run viewer_node in its own process, again and again, until ``stop`` is set.
+def _keep_page_running(arguments: list[str], overlay: OverlayNode, stop: threading.Event) -> int:
+    """Run viewer_node in its own process, and start it again if it ends, until ``stop`` is set.
 
-    Return its last exit code, 0 or 1. If it ends with an error before it has reported, its set-up
+    Return its last exit code, 0 or 1. If it ends with an error before its first report, its set-up
     is wrong: then all nodes end.
     """
     while not stop.is_set():
         code = _run_page(arguments, stop)
-        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.heard_nodes):
+        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.reporting_nodes):
             return int(code != 0)
         again = f"started again in {_RESTART_S:g} s"
         overlay.log(ERROR, f"viewer_node ended (exit code {code}): {again}")
@@ -69,7 +69,7 @@ def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading
 
 
 def _run_page(arguments: list[str], stop: threading.Event) -> int:
-    """Run viewer_node until it ends, or is ended because ``stop`` is set; return the exit code."""
+    """Run viewer_node until it ends; stop it when ``stop`` is set. Return the exit code."""
     command = node_command("viewer_node", arguments, ends_with=os.getpid())
     with subprocess.Popen(command, stdin=subprocess.DEVNULL) as page:  # noqa: S603  this Python
         while not stop.wait(_POLL_S):
@@ -83,8 +83,8 @@ def _run_page(arguments: list[str], stop: threading.Event) -> int:
             return 1
 
 
-def _settled(work: Work, node: Any, stop: threading.Event) -> int:
-    """Do a node's work; when it ends by itself, leave the other nodes time to finish theirs."""
+def _work_and_settle(work: Work, node: Any, stop: threading.Event) -> int:
+    """Do a node's work; if it ends by itself, give the other nodes time to finish."""
     try:
         return work(node, stop)
     finally:
@@ -96,5 +96,5 @@ _PARTS = {
     "ekf_node": Part(EkfNode),
     "gimbal_node": Part(GimbalNode),
     "overlay_node": Part(OverlayNode),
-    "bag_player": Part(BagPlayer, partial(_settled, BagPlayer.play)),
+    "bag_player": Part(BagPlayer, partial(_work_and_settle, BagPlayer.play)),
 }

@@ -40,7 +40,7 @@ from tirgeo_ros.io.messages import (
     targets_of,
 )
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
@@ -49,7 +49,7 @@ from tirgeo_ros.nodes.runner import run, unless_stopped
 from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, Restarts, SetupChecks
 
 _CLICKS = 10
-#: Of an aircraft: their states come at once when this one starts.
+#: Of one aircraft; the latched states of all come at once when this node starts.
 _MOST_NODES = 20
 #: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02
@@ -57,7 +57,7 @@ _RELEASE_PERIOD_S = 0.02
 _FRAME_DEPTH = 1
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 _INFO = "thermal/camera_info"
-_TIMED = 100  # newest frames whose arrival is kept
+_TIMED = 100  # newest frames whose time of arrival is kept
 
 
 class OverlayNode(GraphNode):
@@ -81,13 +81,13 @@ class OverlayNode(GraphNode):
         )
         info = [] if self._config.camera else [(_INFO,)]
         inputs = InputChecks(self, (_RAW, _COMPRESSED), *info)
-        self._restarts = Restarts()  # of the other nodes, whose states come here in any case
+        self._restarts = Restarts()  # of the other nodes: this node reads their states anyway
         checks = inputs, OtherPublishers(self), self._map_checks, self._picture_checks
         self._setup = SetupChecks(self, *checks, self._restarts)
         self._notice = ""  # of the newest picture: why it has no map
         self._verdicts: dict[str, DrawingVerdict] = {}  # by node
-        self.heard_nodes: set[str] = set()  # those of its namespace, by name
-        self._camera = given_camera(self._config)
+        self.reporting_nodes: set[str] = set()  # by name, in this namespace
+        self._camera = configured_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)
         self._logged_notes: tuple[str, ...] = ()  # notes on the current map
@@ -122,7 +122,7 @@ class OverlayNode(GraphNode):
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
-            counted = partial(self._frames.listening, topic)
+            counted = partial(self._frames.counting, topic)
             self.listen(topic, take_frame, frames, wrapped=counted)
         set_targets = self._overlay.clicks.set_targets
         for topic, take, qos in (
@@ -183,8 +183,8 @@ class OverlayNode(GraphNode):
 
     def _take_state(self, message: Any) -> None:
         state = node_state(message)
-        if len(self.heard_nodes) < _MOST_NODES:
-            self.heard_nodes.add(state.name)
+        if len(self.reporting_nodes) < _MOST_NODES:
+            self.reporting_nodes.add(state.name)
         self._restarts.take(state)
         if state.navigation is not None:
             self._overlay.status = state.navigation
@@ -229,10 +229,10 @@ class OverlayNode(GraphNode):
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
             jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
             self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
-        noticed, self._notice = bool(self._notice), result.notice
-        if bool(result.notice) != noticed:  # at once: an operator is waiting for it
+        had_notice, self._notice = bool(self._notice), result.notice
+        if bool(result.notice) != had_notice:  # at once: an operator is waiting for it
             self.report([self._overlay_item()])
-        self.monitor.published("tirgeo/overlay/image", self._frames.took_s(result.stamp_ns))
+        self.monitor.published("tirgeo/overlay/image", self._frames.age_s(result.stamp_ns))
         self._publish_geometry(result)
 
     def _publish_geometry(self, result: OverlayResult) -> None:
@@ -275,12 +275,12 @@ class OverlayNode(GraphNode):
 
 
 class FrameStatistics:
-    """Time the newest frames, and count those that were sent and missed.
+    """Record when the newest frames arrived; count the frames that were sent and missed.
 
-    ``sent`` counts frames since the first that came, ``missed`` those of them that did not come.
-    It shows only in the publication sequence numbers: a newer one replaced it in a shallow queue,
-    or it was lost in transport. A number that goes back means a new publisher. With two publishers
-    at once on one topic both counts are wrong.
+    ``sent`` counts the frames published since the first arrival, ``missed`` those that did not
+    arrive: a newer frame replaced them in a shallow queue, or they were lost in transport. Both
+    come from the publication sequence numbers. A number that goes back means a new publisher. With
+    two publishers at once on one topic both counts are wrong.
     """
 
     def __init__(self) -> None:
@@ -289,7 +289,7 @@ class FrameStatistics:
         self._last: dict[str, int] = {}  # number of each topic's newest frame
         self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_TIMED)  # stamp (ns), time
 
-    def heard(self, topic: str, number: int) -> None:
+    def count(self, topic: str, number: int) -> None:
         """Count the frame with this sequence number, and those missed before it."""
         last = self._last.get(topic, 0)
         skipped = number - last - 1 if 0 < last < number else 0
@@ -297,13 +297,13 @@ class FrameStatistics:
         self.sent += skipped + 1
         self._last[topic] = number
 
-    def listening(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
-        """Return ``receive`` as the callback of a subscription that also counts the numbers."""
+    def counting(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
+        """Return ``receive`` as a callback that also counts frames by their sequence number."""
 
         def take(message: Any, info: Any) -> None:
             number = info.get("publication_sequence_number") if info else None
             if number is not None:  # not every middleware numbers messages
-                self.heard(topic, number)
+                self.count(topic, number)
             receive(message)
 
         return with_info(take)
@@ -313,7 +313,7 @@ class FrameStatistics:
         self.newest_ns = stamp_ns
         self._arrived_s.append((stamp_ns, time.monotonic()))
 
-    def took_s(self, stamp_ns: int) -> float:
+    def age_s(self, stamp_ns: int) -> float:
         """Return the time since a frame's arrival; 0 if it is unknown."""
         now_s = time.monotonic()
         return now_s - dict(self._arrived_s).get(stamp_ns, now_s)

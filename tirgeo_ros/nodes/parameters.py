@@ -1,6 +1,6 @@
 """Check a node's command line and files; declare the dataclasses as ROS parameters; set them.
 
-rcl's errors are rewritten: they do not name the key and do not say what to do.
+rcl's errors are rewritten, because they name neither the key nor a remedy.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ _ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks th
 
 
 def parameter_files(arguments: Sequence[str]) -> list[str]:
-    """Return the parameter files of a command line, in order, but for those in memory."""
-    files = [b for a, b in pairwise(arguments) if a == "--params-file"]
+    """Return the parameter files of a command line, in order, without those in memory."""
+    files = [path for option, path in pairwise(arguments) if option == "--params-file"]
     return [path for path in files if not path.startswith("/proc/")]
 
 
 def check_arguments(name: str, arguments: Sequence[str]) -> None:
-    """Check each parameter file before rcl does; raise ConfigError naming file and key."""
+    """Check each parameter file before rcl does; raise ConfigError that names file and key."""
     # Of several rules for one name the first applies.
     rules = [a for a in reversed(arguments) if a.startswith(("__node:=", "__ns:="))]
     named = dict(rule.split(":=", 1) for rule in rules)
@@ -86,7 +86,7 @@ def explained(arguments: Sequence[str]) -> Iterator[None]:
 def declare(node: Node, kind: type[T]) -> T:
     """Declare every parameter of ``kind`` on the node, and return their values.
 
-    Those that are not live are read-only. Raise ConfigError, naming the key and the parameter
+    Parameters that are not live are read-only. Raise ConfigError, which names key and parameter
     file, for an unknown name, a wrong type or a value out of range. A whole number for a double is
     converted.
     """
@@ -109,8 +109,8 @@ def declare(node: Node, kind: type[T]) -> T:
 def _declare_empty(node: Node, parameter: Parameter) -> None:
     """Declare an empty list of numbers, of which rclpy cannot infer the type.
 
-    It is declared by its type, then set, then gets its descriptor: a parameter without a value
-    makes rclpy answer a request for many parameters with none at all.
+    Declare it by its type, set it, then set its descriptor: if one parameter has no value, rclpy
+    answers a request for many parameters with an empty list.
     """
     kind = RosParameter.Type.DOUBLE_ARRAY
     node.declare_parameter(parameter.name, kind, ignore_override=True)
@@ -144,7 +144,7 @@ def _overrides_of(node: Node, kind: type) -> dict[str, object]:
 def idle_overrides(node: Node) -> list[str]:
     """Return the QoS overrides of topics that neither this node nor tirgeo's contract has."""
     names = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001  rclpy gives them nowhere else
-    # The first stands for no topic.
+    # The first topic of the contract stands in for a name that is no QoS override.
     contract = tuple(f"/{topic.strip('/')}" for topic in TOPIC_TYPES)
     return [
         name for name in names if not (overridden_topic(name) or contract[0]).endswith(contract)
@@ -152,9 +152,9 @@ def idle_overrides(node: Node) -> list[str]:
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    made = ParameterDescriptor(name=parameter.name, read_only=not parameter.live)
+    descriptor = ParameterDescriptor(name=parameter.name, read_only=not parameter.live)
     unit = f" [{parameter.unit}]" if parameter.unit else ""
-    made.description = parameter.description + unit
+    descriptor.description = parameter.description + unit
     low, high, default = parameter.low, parameter.high, parameter.default
     sizes = " or ".join(map(str, parameter.sizes))
     texts = {
@@ -162,30 +162,31 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         f"{sizes} numbers": parameter.sizes,
         f"{low:g} to {high:g}": math.isfinite(low),
     }
-    made.additional_constraints = ", ".join(text for text, applies in texts.items() if applies)
+    constraints = [text for text, applies in texts.items() if applies]
+    descriptor.additional_constraints = ", ".join(constraints)
     if type(default) is int and math.isfinite(low):
-        made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
     # A range would refuse nan, which marks an unset value.
     if isinstance(default, float) and math.isfinite(low) and not math.isnan(default):
         span = FloatingPointRange(from_value=float(low), to_value=float(high))
-        made.floating_point_range = [span]
-    return made
+        descriptor.floating_point_range = [span]
+    return descriptor
 
 
 def unchanging(_config: Any) -> None:
-    """Take new values where none is live: it is never called."""
+    """Ignore new values: for nodes without live parameters, which never call it."""
 
 
 class LiveParameters(Generic[T]):
-    """Hold a node's parameters as ``config``; ``take`` is called with each new one.
+    """Hold a node's parameters as ``config``; call ``take`` with each new configuration.
 
-    rclpy refuses a whole number for a double, and a list without numbers, whose type it cannot
-    know; nor does it say why a parameter is read-only or which names there are. So a request comes
-    here first.
+    Each request is checked here before rclpy gets it, because rclpy refuses a whole number for a
+    double and an empty list (whose type it cannot know), and does not say why a parameter is
+    read-only or which names exist.
 
-    ``take`` may refuse it: it then raises a TirgeoError and has changed nothing.
-    The executor serves the request between two messages, so each sample meets either all the old
-    values or all the new ones.
+    ``take`` may refuse a configuration: it raises a TirgeoError and changes nothing.
+    The executor serves a request between two messages, so each sample is processed with all the
+    old values or with all the new ones.
     """
 
     def __init__(self, node: Node, kind: type[T], take: Callable[[T], None]) -> None:
@@ -195,10 +196,10 @@ class LiveParameters(Generic[T]):
         self._secrets = {parameter.name for parameter in parameters_of(kind) if parameter.secret}
 
     def set(self, parameters: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
-        """Set parameters, all or none; ``by_ros`` sets those that change, as rclpy does."""
+        """Set parameters, all or none; rclpy's ``by_ros`` sets those that change."""
         has = self._node.has_parameter
         others = [p for p in parameters if p.name not in self._names and has(p.name)]
-        # What a dump has in place of a secret.
+        # A dump holds HIDDEN in place of a secret, which then stays as it is.
         kept = [p for p in parameters if p.name in self._secrets and p.value == HIDDEN]
         wanted = {p.name: p.value for p in parameters if p not in others and p not in kept}
         try:

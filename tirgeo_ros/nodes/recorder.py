@@ -41,10 +41,9 @@ class Recorder(GraphNode):
         topics = topic_names(config.topics)
         unknown = [name for name in topics if name not in _CONTRACT]
         if unknown or not topics:
+            fault = f"unknown: {', '.join(unknown)}" if unknown else "it is empty"
             names = ", ".join(_CONTRACT)
-            raise ConfigError(
-                f"parameter topics: {', '.join(unknown) or 'nothing'} to record (known: {names})"
-            )
+            raise ConfigError(f"parameter topics: {fault}: choose from {names}")
         for name in topics:
             self._record(_CONTRACT[name])
         self.resources = BagWriter(Path(config.output), growing=True)
@@ -61,7 +60,7 @@ class Recorder(GraphNode):
 
         qos = latched(_DEPTH) if offered_qos(topic).latched else output(_DEPTH)
         if topic in _SENSED:
-            qos = sensor_input(_DEPTH)  # of drivers that are not ours
+            qos = sensor_input(_DEPTH)  # from other people's drivers
         self.create_subscription(message_class(typename), topic, write, qos, raw=True)
 
 

@@ -32,10 +32,10 @@ _END_S = 20.0
 _BEGIN_S = 30.0
 _POLL_S = 0.05
 _RETRY_S = 5.0
-_MEET_S = 5.0  # until a camera is known to a node that has just begun
+_MEET_S = 5.0  # until a node that has just started has discovered a camera
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
-#: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
-#: make it for the recording.
+#: Topics of a recording. The overlay only as JPEG: overlay_node would have to make the raw form
+#: for the recording alone.
 TOPICS = (
     *SENSED_TOPICS,
     *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
@@ -48,7 +48,7 @@ _TF = ("/tf", "/tf_static")
 
 
 class ChildNode:
-    """Hold a node's process, in the namespace and clock of ``node``; it ends with its thread."""
+    """Run a node in a process that has the clock of ``node``, and ends with this thread."""
 
     def __init__(
         self, node: GraphNode, name: str, values: Mapping[str, object], namespace: str
@@ -65,7 +65,7 @@ class ChildNode:
             text=True,
             errors="replace",
         )
-        self._line = "it said nothing"
+        self._line = "it printed nothing"
         self._reader = threading.Thread(target=self._read, name=f"{name}'s log", daemon=True)
         self._reader.start()
 
@@ -76,14 +76,14 @@ class ChildNode:
 
     @property
     def fault(self) -> str:
-        """Return why it has ended by itself; empty while it runs."""
+        """Return why the process has ended by itself; empty while it runs."""
         if self._process.poll() is None:
             return ""
         self._reader.join(1.0)
         return f"{self.name} ended (exit code {self._process.returncode}): {self._line}"
 
     def end(self) -> str:
-        """End it; return the fault, or an empty text."""
+        """End the process; return the fault, or an empty text."""
         for number in (signal.SIGINT, signal.SIGKILL):
             self._process.send_signal(number)
             with suppress(subprocess.TimeoutExpired):
@@ -92,12 +92,12 @@ class ChildNode:
 
 
 def ground_values(config: GroundConfig) -> dict[str, object]:
-    """Return the parameters of the ground, for a child."""
+    """Return the parameters of the ground, for a child process."""
     return {p.name: getattr(config, p.name) for p in parameters_of(GroundConfig)}
 
 
 def _assignment(name: str, value: object) -> list[str]:
-    """Return the arguments that set a parameter; none for nan, which is unset."""
+    """Return the arguments that set a parameter; none for nan, which means unset."""
     if isinstance(value, float):
         return [] if math.isnan(value) else ["-p", f"{name}:={value!r}"]
     # ROS reads the value as YAML: a file named 7 would be a number without its quotes.
@@ -106,7 +106,7 @@ def _assignment(name: str, value: object) -> list[str]:
 
 @dataclass
 class Recording:
-    """Hold one recording: its files, and what writes them."""
+    """Hold one recording: its files, and the processes that write them."""
 
     bag: Path
     video: Path
@@ -125,7 +125,7 @@ class Recording:
 class Recordings:
     """Hold the recordings in progress, by aircraft. Any thread may call it.
 
-    ``namespaces`` are those of the aircraft. ``troubles`` says of each what went wrong last.
+    ``namespaces`` are those of the aircraft; ``troubles`` is what went wrong last with each.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Recordings:
         self._lock = threading.Lock()
         self._active: dict[str, Recording] = {}
         self.troubles: dict[str, str] = {}
-        #: A child ends with its thread: this stays.
+        #: A child ends with the thread that started it: this thread stays.
         self._thread = ThreadPoolExecutor(1, "recordings")
 
     def is_on(self, aircraft: str) -> bool:
@@ -144,40 +144,40 @@ class Recordings:
         return aircraft in self._active
 
     def findings(self, aircraft: str) -> list[Finding]:
-        """Return what went wrong last."""
+        """Return the finding of what went wrong last with an aircraft's recording."""
         if aircraft not in self.troubles:
             return []
-        evidence = f"the recording does not go on: {self.troubles[aircraft]}"
-        where, mend = "viewer_node record_to", "look at the disk, then record again"
+        evidence = f"the recording has failed: {self.troubles[aircraft]}"
+        where, mend = "viewer_node record_to", "check the disk, then record again"
         return [Finding("recording", Severity.CAUTION, evidence, where, mend)]
 
     def begin(self, aircraft: str) -> str:
         """Begin to record; return words for the operator when it has begun, or why it has not."""
         with self._lock:
             if aircraft in self._active:
-                return f"it is being recorded to {self._active[aircraft].bag}"
+                return f"already recording to {self._active[aircraft].bag}"
             trouble = self._folder_trouble()
             if trouble:
                 return f"not recorded: {trouble}"
-            made = self._started(aircraft)
-            _wait(lambda: made.bag.exists() or made.fault, _BEGIN_S)
-            if made.fault or not made.bag.exists():
-                trouble = made.fault or f"{made.bag} is not there after {_BEGIN_S:.0f} s"
-                made.end()
+            new = self._started(aircraft)
+            _wait(lambda: new.bag.exists() or new.fault, _BEGIN_S)
+            if new.fault or not new.bag.exists():
+                trouble = new.fault or f"{new.bag} does not exist after {_BEGIN_S:.0f} s"
+                new.end()
                 self.troubles[aircraft] = trouble
                 return f"not recorded: {trouble}"
-            self._active[aircraft] = made
+            self._active[aircraft] = new
             self.troubles.pop(aircraft, None)
-        self._node.log(OK, f"recording to {made.bag} and {made.video}")
-        return f"recording to {made.bag}"
+        self._node.log(OK, f"recording to {new.bag} and {new.video}")
+        return f"recording to {new.bag}"
 
     def go_on(self, aircraft: str) -> None:
-        """Record again, into new files, what was recorded when the last run was killed."""
+        """Record an aircraft again, into new files: the last run was killed while recording it."""
         if aircraft in self._namespaces:
             self._thread.submit(self._begin_again, aircraft)
             return
-        which = f"{aircraft or 'the only aircraft'} was recorded when viewer_node was killed"
-        trouble = f"{which}, and is not in its namespaces now"
+        what = f"{aircraft or 'the only aircraft'} was recorded when viewer_node was killed"
+        trouble = f"{what}, and is not in its parameter namespaces now"
         self.troubles |= dict.fromkeys(self._namespaces, trouble)
 
     def _begin_again(self, aircraft: str) -> None:
@@ -190,12 +190,12 @@ class Recordings:
     def end(self, aircraft: str) -> str:
         """End a recording; return words for the operator when its files are complete."""
         with self._lock:
-            made = self._active.pop(aircraft, None)
-            if made is None:
+            recording = self._active.pop(aircraft, None)
+            if recording is None:
                 return "nothing is being recorded"
-            trouble = made.end()
-        megabytes = made.bag.stat().st_size / 1e6 if made.bag.exists() else 0.0
-        words = f"recorded {made.bag}: {megabytes:.0f} MB"
+            trouble, bag = recording.end(), recording.bag
+        megabytes = bag.stat().st_size / 1e6 if bag.exists() else 0.0
+        words = f"recorded {bag}: {megabytes:.0f} MB"
         self._node.log(WARN if trouble else OK, f"{words}; {trouble}" if trouble else words)
         return f"{words}; {trouble}" if trouble else words
 
@@ -208,13 +208,13 @@ class Recordings:
     def watch(self) -> None:
         """End recordings whose disk is nearly full, or whose process has ended; call each second.
 
-        It does not wait: a recording that begins or ends is looked at the next time.
+        It does not wait: while a recording begins or ends, nothing is checked.
         """
         if not self._lock.acquire(blocking=False):
             return
         try:
             full = self._folder_trouble() if self._active else ""
-            troubles = {name: made.fault or full for name, made in self._active.items()}
+            troubles = {name: each.fault or full for name, each in self._active.items()}
         finally:
             self._lock.release()
         for aircraft, trouble in troubles.items():
@@ -224,7 +224,7 @@ class Recordings:
                 threading.Thread(target=self.end, args=(aircraft,), name="recording ends").start()
 
     def _folder_trouble(self) -> str:
-        """Return why the folder takes no recording; empty if it does."""
+        """Return why nothing can be recorded to the folder; empty if it can."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             free_gb = shutil.disk_usage(self._folder).free / 1e9
@@ -244,11 +244,11 @@ class Recordings:
         topics = [*TOPICS, _COMPRESSED if compressed else _RAW]
         with suppress(ConfigError):  # tf2_msgs is not installed everywhere
             topics += [topic for topic in _TF if message_class(TOPIC_TYPES[topic])]
-        made = {
+        programs = {
             "recorder": {"output": bag, "topics": ",".join(topics)},
             "video_writer": {"output": video, "platform": aircraft} | ground_values(self._config),
         }
-        children = [ChildNode(self._node, *each, namespace) for each in made.items()]
+        children = [ChildNode(self._node, *each, namespace) for each in programs.items()]
         return Recording(bag, video, children)
 
 
@@ -261,8 +261,8 @@ def _wait(done: Callable[[], object], timeout_s: float) -> None:
 class PageStreams:
     """Run a video_writer for each aircraft, the first at the given port.
 
-    ``troubles`` says of each aircraft why its stream ended. Raises VideoError for an address that
-    is none.
+    ``troubles`` says of each aircraft why its stream ended. Raises VideoError for an invalid
+    address.
     """
 
     def __init__(
@@ -276,19 +276,19 @@ class PageStreams:
         self._retry_s = 0.0
 
     def end(self) -> None:
-        """End all."""
+        """End all streams."""
         for child in self._children.values():
             child.end()
 
     def watch(self) -> None:
-        """Start each stream that does not run; call it each second, in a thread that lasts."""
+        """Start each stream that does not run; call it each second, in one thread that stays."""
         if not self._config.stream or time.monotonic() < self._retry_s:
             return
         for number, (name, namespace) in enumerate(self._namespaces.items()):
             fault = self._children[name].fault if name in self._children else ""
             if fault:
                 self.troubles[name] = fault
-                self._node.log(WARN, f"the stream begins again: {fault}")
+                self._node.log(WARN, f"the stream has ended and is started again: {fault}")
                 self._retry_s = time.monotonic() + _RETRY_S
             if fault or name not in self._children:
                 parts = urlsplit(self._config.stream)

@@ -31,7 +31,7 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.nodes.parameters import check_arguments, explained, idle_overrides
 from tirgeo_ros.nodes.start import STOP_SIGNALS
 
-FOLDER = Path("/dev/shm")  # noqa: S108 Fast DDS puts them there
+FOLDER = Path("/dev/shm")  # noqa: S108 Fast DDS puts its segments there
 _SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
 _LOCK = "_el"
 #: A younger file may still be in creation, and not locked yet.
@@ -40,41 +40,6 @@ _POLL_S, _START_POLL_S = 0.1, 0.05
 _RELEASE_PERIOD_S = 10.0
 T = TypeVar("T")
 Work = Callable[[Any, threading.Event], int]
-
-
-def remove_dead(folder: Path = FOLDER) -> list[str]:
-    """Remove the segments whose owners are dead, but for other users'; return their names."""
-    names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
-    dead = []
-    for name in sorted(filter(_SEGMENT.fullmatch, names)):
-        files = folder / name, folder / (name + _LOCK)
-        if not (any(map(_young, files)) or _locked(files[1])):
-            dead.append(name)
-            for file in files:
-                with suppress(OSError):
-                    file.unlink()
-    return dead
-
-
-def _young(path: Path) -> bool:
-    with suppress(OSError):
-        return time.time() - path.lstat().st_mtime < _YOUNG_S
-    return False
-
-
-def _locked(path: Path) -> bool:
-    """Return whether some process holds the lock of a file, or it cannot be opened."""
-    try:
-        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as error:
-        return not isinstance(error, FileNotFoundError)
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(file)
-    return False
 
 
 class Part(NamedTuple):
@@ -94,7 +59,7 @@ def run_all(program: str, parts: Mapping[str, Part]) -> int:
 
     ``parts`` are the nodes by name. Return the exit code: 0 when stopped, the result of the work
     that ends by itself, 1 for a TirgeoError, with one line on stderr that begins with ``program``.
-    A node's ``resources``, a context manager, if it has them, are open meanwhile.
+    If a node has ``resources``, a context manager, they are open while the nodes run.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
@@ -128,7 +93,7 @@ def _node(build: Callable[[], Node]) -> Iterator[Node]:
     with explained(sys.argv):
         node = build()
     for name in idle_overrides(node):
-        node.get_logger().warning(f"{name} sets nothing here, and is of no topic of tirgeo")
+        node.get_logger().warning(f"{name} has no effect: this node and tirgeo lack the topic")
     try:
         yield node
     finally:
@@ -214,3 +179,38 @@ def unless_stopped(work: Callable[[], T]) -> T | None:
 
     threading.Thread(target=run, name="before the node runs", daemon=True).start()
     return result.result() if done_or_stopped(done) else None
+
+
+def remove_dead(folder: Path = FOLDER) -> list[str]:
+    """Remove this user's segments whose processes are dead; return their names."""
+    names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
+    dead = []
+    for name in sorted(filter(_SEGMENT.fullmatch, names)):
+        files = folder / name, folder / (name + _LOCK)
+        if not (any(map(_young, files)) or _locked(files[1])):
+            dead.append(name)
+            for file in files:
+                with suppress(OSError):
+                    file.unlink()
+    return dead
+
+
+def _young(path: Path) -> bool:
+    with suppress(OSError):
+        return time.time() - path.lstat().st_mtime < _YOUNG_S
+    return False
+
+
+def _locked(path: Path) -> bool:
+    """Return whether a process holds the lock of a file, or the file cannot be opened."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        return not isinstance(error, FileNotFoundError)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False

@@ -22,14 +22,21 @@ from tirgeo_ros.nodes.graph_node import GraphNode
 
 _OUTPUTS = ("tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/overlay/image")
 _SENSORS = (*DJI_TOPICS, "thermal/image_raw", "thermal/image_raw/compressed")
-#: DDS lists a killed node's publishers until its lease ends, by default 20 s later.
+#: Reports without a finding: DDS lists a killed node's publishers for its lease, 20 s by default.
 _GHOST_REPORTS = 25
 #: A new start, or a gap of the IMU, is a caution for so long, then a note.
 RECENT_S = 60.0
-#: What rmw says of a publisher whose node has not been discovered yet.
-_NOT_YET = "_NODE_NAME_UNKNOWN_"
-_MOST = 1000  # starts of a node that are counted
+#: The name that rmw gives to the node of a publisher that is not discovered yet.
+_UNDISCOVERED = "_NODE_NAME_UNKNOWN_"
+_MOST_STARTS = 1000  # of one node, that are counted
 _NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node")
+SUBJECT = "set-up"
+#: Reports (one per second) for which a finding that is gone stays, so that a person can read it.
+_KEPT_REPORTS = 10
+#: The set-up is logged as good after this many reports with data and nothing worse than a note.
+_SETTLED = 10
+#: Reports to wait for a topic: nodes discover each other within 4 s (at the start of a graph).
+_PATIENCE = 5
 
 
 class OtherPublishers:
@@ -51,16 +58,16 @@ class OtherPublishers:
         for topic in read:
             doubled = node.count_publishers(topic) > 1
             self._doubled[topic] = self._doubled[topic] + 1 if doubled else 0
-        # Late in this node's life no publisher beside its own can be its killed predecessor's.
-        asked = [(topic, "output", self._reports) for topic in sorted(own)]
-        asked += [(topic, "", self._doubled[topic]) for topic in sorted(read)]
+        # After so many reports, another publisher of an output is not this node's predecessor.
+        suspects = [(topic, "output", self._reports) for topic in sorted(own)]
+        suspects += [(topic, "", self._doubled[topic]) for topic in sorted(read)]
         findings = []
-        for topic, case, reports in asked:
+        for topic, case, reports in suspects:
             infos = node.get_publishers_info_by_topic(topic) if reports > _GHOST_REPORTS else ()
             names = sorted(
                 f"{info.node_namespace.rstrip('/')}/{info.node_name}"
                 for info in infos
-                if info.node_name != _NOT_YET
+                if info.node_name != _UNDISCOVERED
             )
             if len(names) > 1:
                 texts = {"topic": topic, "name": topic.lstrip("/"), "names": ", ".join(names)}
@@ -69,16 +76,16 @@ class OtherPublishers:
 
 
 class Restarts:
-    """Count how often the nodes of one graph were started again, by their states."""
+    """Count how often the nodes of one graph were started again, by the states they report."""
 
     def __init__(self) -> None:
-        #: Steady time at which each start of a node was first heard of.
+        #: Node -> start time (ns) -> steady time (s) of the first state that names it.
         self.starts: defaultdict[str, dict[int, float]] = defaultdict(dict)
 
     def take(self, state: NodeState) -> None:
         """Take a node's state, which says when it started."""
         starts = self.starts[state.name] if state.name in _NODES else {}
-        if len(starts) < _MOST:
+        if len(starts) < _MOST_STARTS:
             starts.setdefault(state.started_ns, time.monotonic())
 
     def findings(self) -> list[Finding]:
@@ -94,20 +101,11 @@ class Restarts:
         return findings
 
 
-SUBJECT = "set-up"
-#: Reports (one per second) for which a finding that is gone stays, so that a person can read it.
-_HELD = 10
-#: The set-up is logged as good after this many reports with data and nothing worse than a note.
-_SETTLED = 10
-#: Reports to wait for a topic: nodes discover each other within 4 s (at the start of a graph).
-_PATIENCE = 5
-
-
 class SetupChecks:
     """Run a node's checks once per report; a fault in a check does not stop the node.
 
-    Each of ``checks``, those of ``core.checks``, has the findings from all data so far; those
-    ``at_start`` count once any message has come.
+    ``checks`` are classes of ``core.checks``, whose ``findings()`` are those of all data so far.
+    The findings ``at_start`` count as soon as any message has come.
 
     The item ``NODE: set-up`` has the worst finding's severity as its level, and the verdict as its
     message. Its values are all findings: the check's name -> severity and line. Programs read
@@ -117,10 +115,10 @@ class SetupChecks:
     def __init__(self, node: GraphNode, *checks: Any, at_start: Sequence[Finding] = ()) -> None:
         self._node = node
         self._checks, self._at_start = checks, at_start
-        # With the number of reports since it was last found.
+        # Check -> its finding, and the number of reports since the check last returned it.
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
-        self._quiet = 0  # reports with data and without a finding
+        self._quiet = 0  # reports with data and nothing worse than a note
         #: ``take(checks.pose, pose)`` passes new data to a check.
         self.take = node.guarded(SUBJECT, lambda check, *data: check(*data))
         self._renew = node.guarded(SUBJECT, self._ask)
@@ -135,7 +133,7 @@ class SetupChecks:
         findings = self.findings()
         worst = findings[0].severity if findings else Severity.NOTE
         verdict = shown(verdict_line(findings))
-        self._quiet += bool(self._node.monitor.heard() and worst is Severity.NOTE)
+        self._quiet += bool(self._node.monitor.received_topics() and worst is Severity.NOTE)
         decided = worst is not Severity.NOTE or self._logged is not None or self._quiet >= _SETTLED
         if decided and worst is not self._logged:
             self._logged = worst
@@ -144,42 +142,42 @@ class SetupChecks:
         return self._node.item(SUBJECT, values, verdict, int(worst))
 
     def _ask(self) -> None:
-        at_start = self._at_start if self._node.monitor.heard() else ()
+        at_start = self._at_start if self._node.monitor.received_topics() else ()
         newest = [*at_start, *(each for check in self._checks for each in check.findings())]
         recent = {each.check: (each, 0) for each in newest}
         absent = {
             name: (each, reports + 1)
             for name, (each, reports) in self._recent.items()
-            if name not in recent and reports < _HELD
+            if name not in recent and reports < _KEPT_REPORTS
         }
         self._recent = absent | recent
 
 
 class InputChecks:
-    """Ask the graph who publishes the topics that a node has not heard, once other messages come.
+    """Find needed topics that nobody publishes, or with a wrong type, once other topics come.
 
     ``needed``: groups of topics of the contract; one topic of a group is enough.
     """
 
     def __init__(self, node: GraphNode, *needed: Sequence[str]) -> None:
         self._node, self._needed = node, needed
-        self._waited = 0  # calls of findings() since anything came
+        self._waited = 0  # calls of findings() since the first message
 
     def findings(self) -> list[Finding]:
-        """Return findings: for a wrong type at once, for topics nobody publishes after a while."""
-        heard = self._node.monitor.heard()
-        missed = [topics for topics in self._needed if not heard.intersection(topics)]
-        if not missed:
+        """Return findings: of a wrong type at once, of topics that nobody publishes later."""
+        received = self._node.monitor.received_topics()
+        missing = [topics for topics in self._needed if not received.intersection(topics)]
+        if not missing:
             return []
-        self._waited += any(not topic.startswith("/") for topic in heard)
-        findings = needed_findings(self._graph(missed), missed)
+        self._waited += any(not topic.startswith("/") for topic in received)
+        findings = needed_findings(self._graph(missing), missing)
         if self._waited > _PATIENCE:
             return findings
         return [each for each in findings if each.check.startswith("type_of_")]
 
-    def _graph(self, missed: Sequence[Sequence[str]]) -> RecordedTopics:
+    def _graph(self, missing: Sequence[Sequence[str]]) -> RecordedTopics:
         node = self._node
-        contract = {topic: TOPIC_TYPES[topic] for topics in missed for topic in topics}
+        contract = {topic: TOPIC_TYPES[topic] for topics in missing for topic in topics}
         names = node.get_topic_names_and_types()
         types = {name: kinds[0] for name, kinds in names if node.count_publishers(name)}
         graph = RecordedTopics(types, contract, node.get_namespace(), live=True)

@@ -26,7 +26,7 @@ _TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
 def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
     """Run the node whose module is ``package.name``, or print its help; return the exit code."""
     if not {"-h", "--help", "--help-all"}.isdisjoint(sys.argv[1:]):
-        from tirgeo_ros.nodes.help import help_text  # noqa: PLC0415  no node has a use for it
+        from tirgeo_ros.nodes.help import help_text  # noqa: PLC0415  a running node does not need it
 
         sys.stdout.write(help_text(name, package))
         return 0

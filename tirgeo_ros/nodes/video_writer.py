@@ -25,7 +25,7 @@ from tirgeo_ros.nodes.runner import run
 
 
 class VideoWriter(GraphNode):
-    """Give each picture of one aircraft, with its sight, to a file and to a stream."""
+    """Write each picture of one aircraft, with camera and pose, to a file and to a stream."""
 
     def __init__(self) -> None:
         super().__init__("video_writer")
@@ -61,7 +61,7 @@ class VideoWriter(GraphNode):
         if self._film is not None:
             pixels = unpacked(jpeg, cv2.IMREAD_COLOR, MOST_OF_VIDEO)
             if pixels is None:
-                raise VideoError("tirgeo/overlay/image/compressed: no JPEG")
+                raise VideoError("tirgeo/overlay/image/compressed: the message holds no JPEG")
             packet = self._metadata.packet(time_ns, sight)
             self._film.add(stamp_ns, np.asarray(pixels, np.uint8), packet)
 

@@ -49,12 +49,12 @@ from tirgeo_ros.page.server import PageServer
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
 _SECRET_BYTES = 1000
-#: A stamp that is older, or of the future, is of another clock: a bag's, a camera's own.
+#: A stamp that is older, or in the future, is from another clock: a bag's or a camera's.
 _SAME_CLOCK_NS = 60_000_000_000
-#: Of a position that is older, the team has heard already.
+#: An older position (s) is not sent to the team, which has it already.
 _NEW_S = 2.0
-#: Within a second an answer comes, or a refusal. A click may be lost on its way, as overlay_node
-#: takes clicks of any publisher, best effort: then it is sent once more.
+#: Waits for the answer to a click. After the first wait the click is sent once more: overlay_node
+#: subscribes best effort, to fit any publisher, so a click may be lost on its way.
 _TRIES_S = (0.35, 0.65)
 
 _Key = tuple[str, int, float, float]  # aircraft, stamp, column, row
@@ -78,12 +78,12 @@ class TeamLink:
             self.link = CotLink(parameters, partial(node.log, OK))
 
     def go_on(self) -> None:
-        """Share again, as before the last run was killed; without a link, find that it ended."""
+        """Share again, as before the last run was killed; without a link, report that it ended."""
         if self.link is not None:
             self.link.share(True)
             return
-        evidence = "sharing does not go on: it was on when viewer_node was killed; cot is not set"
-        mend = "set it to where it sent to, and start again"
+        evidence = "sharing has ended: it was on when viewer_node was killed; cot is not set now"
+        mend = "set cot to the address that it had, and start again"
         self.findings = [Finding("sharing", Severity.CAUTION, evidence, "viewer_node cot", mend)]
 
     @property
@@ -92,7 +92,7 @@ class TeamLink:
         return None if self.link is None else asdict(self.link.status)
 
     def send(self) -> None:
-        """Take the aircraft as they are now; call each second."""
+        """Send the state of each aircraft as it is now; call each second."""
         if self.link is None or not self.link.status.on:
             return
         for name, view in self._aircraft.items():
@@ -102,11 +102,11 @@ class TeamLink:
 
 
 def aircraft_state(name: str, aircraft: AircraftView) -> AircraftState | None:
-    """Return what the team sees of an aircraft; None without a present position."""
+    """Return an aircraft's state for the team; None without a recent position."""
     odometry, plane, age_s = aircraft.newest(ODOMETRY), aircraft.plane, aircraft.age_s(ODOMETRY)
     if odometry is None or plane is None or age_s is None or age_s > _NEW_S:
         return None
-    pose, moving_n = body_pose(odometry), velocity_n(odometry)
+    pose, v_n = body_pose(odometry), velocity_n(odometry)
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
     sight = aircraft.sight(aircraft.newest_ns)
     return AircraftState(
@@ -116,14 +116,14 @@ def aircraft_state(name: str, aircraft: AircraftView) -> AircraftState | None:
         height_m,
         circular_error_90(pose.covariance[:3, :3]),
         linear_error_90(pose.covariance[:3, :3]),
-        math.degrees(math.atan2(moving_n[1], moving_n[0])) % 360,
-        math.hypot(moving_n[0], moving_n[1]),
+        math.degrees(math.atan2(v_n[1], v_n[0])) % 360,
+        math.hypot(v_n[0], v_n[1]),
         frame_geometry(sight, aircraft.confidence) if sight else None,
     )
 
 
 class PageBackend:
-    """Serve as the page's ``Backend``. The thread that hears the graph calls ``answered``."""
+    """Serve as the page's ``Backend``. The thread of the node calls ``answered``."""
 
     def __init__(
         self,
@@ -136,7 +136,7 @@ class PageBackend:
         self._aircraft, self._targets, self._map = aircraft, targets, page_map
         self._recordings, self._cot = recordings, cot
         self._lock = threading.Lock()
-        self._asked: defaultdict[_Key, list[asyncio.Future[Answer]]] = defaultdict(list)
+        self._waiting: defaultdict[_Key, list[asyncio.Future[Answer]]] = defaultdict(list)
 
     @property
     def targets(self) -> TargetStore:
@@ -146,29 +146,29 @@ class PageBackend:
     async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
         key = click.aircraft, click.stamp_ns, click.u, click.v
-        asked: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
+        future: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
         with self._lock:
-            self._asked[key].append(asked)
+            self._waiting[key].append(future)
         try:
             for wait_s in _TRIES_S:
-                heard = self._aircraft[click.aircraft].click(*key[1:])
-                done, _ = await asyncio.wait([asked], timeout=wait_s)
+                has_subscriber = self._aircraft[click.aircraft].click(*key[1:])
+                done, _ = await asyncio.wait([future], timeout=wait_s)
                 if done:
-                    answer = asked.result()
+                    answer = future.result()
                     return answer.reason.value if isinstance(answer, Refusal) else answer
         finally:
             with self._lock:
-                self._asked[key].remove(asked)
-                if not self._asked[key]:
-                    del self._asked[key]
-        lacks = "did not answer within a second: press again" if heard else "does not run"
-        return f"the overlay program {lacks}"
+                self._waiting[key].remove(future)
+                if not self._waiting[key]:
+                    del self._waiting[key]
+        late = "did not answer within a second: press again"
+        return f"the overlay program {late if has_subscriber else 'does not run'}"
 
     def answered(self, aircraft: str, answer: Answer) -> None:
         """Pass an answer to whoever clicked there."""
         with self._lock:
-            for asked in self._asked.get((aircraft, answer.stamp_ns, *answer.uv), ()):
-                asked.get_loop().call_soon_threadsafe(_settle, asked, answer)
+            for future in self._waiting.get((aircraft, answer.stamp_ns, *answer.uv), ()):
+                future.get_loop().call_soon_threadsafe(_settle, future, answer)
 
     async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
         """Return where a place is in the newest picture, or why it isn't there."""
@@ -185,15 +185,15 @@ class PageBackend:
     async def share(self, on: bool) -> str:
         """Begin or end to send Cursor-on-Target; return words for the operator."""
         if self._cot is None:
-            return "there is nowhere to send to: set the parameter cot of viewer_node"
+            return "no address to send to: set the parameter cot of viewer_node"
         return self._cot.share(on) + await self._kept("share", on)
 
     async def _kept(self, what: str, on: bool) -> str:
-        """Remember what is on, for the next run if this one is killed; return why it can't be."""
+        """Save what is on, for the next run if this one is killed; return why that failed."""
         try:
             await asyncio.to_thread(self._targets.switch, what, on)
         except TargetError as error:
-            return f"; after a crash this is forgotten: {error}"
+            return f"; after a crash it will not go on: {error}"
         return ""
 
     def vector_map(self, aircraft: str) -> bytes:  # noqa: ARG002  one map for all
@@ -201,9 +201,9 @@ class PageBackend:
         return self._map.read()
 
 
-def _settle(asked: asyncio.Future[Answer], answer: Answer) -> None:
-    if not asked.done():
-        asked.set_result(answer)
+def _settle(future: asyncio.Future[Answer], answer: Answer) -> None:
+    if not future.done():
+        future.set_result(answer)
 
 
 class ViewerNode(GraphNode):
@@ -228,7 +228,7 @@ class ViewerNode(GraphNode):
         self._streams = PageStreams(self, config, namespaces)
         self._team = TeamLink(self, config, self._aircraft)
         self._map = PageMap(self, config.map)
-        self._targets = TargetStore(Path(config.targets))  # last: another may not be right
+        self._targets = TargetStore(Path(config.targets))  # last: others may be wrong
         self._lost = lost_clicks(self._targets.lost_clicks)
         self._backend = PageBackend(
             self._aircraft, self._targets, self._map, self._recordings, self._team.link
@@ -238,7 +238,7 @@ class ViewerNode(GraphNode):
         self._revision, self._drawn = -1, list[Target]()
         self.resources = self._serve()
         self._timers = [
-            # One each: what cannot be read of one aircraft takes nothing from the others.
+            # One each: bad data of one aircraft must not stop the others.
             *(self.steady_timer(f"state {n}", _REPORT_S, partial(self._report, n)) for n in names),
             self.steady_timer("targets", _LOOK_S, self._draw_targets),
             self.steady_timer("recordings", _WATCH_S, self._watch),
@@ -257,7 +257,7 @@ class ViewerNode(GraphNode):
                 self._team.link.start()
                 ends.callback(self._team.link.stop)
             ends.callback(self._streams.end)
-            for what in self._targets.switched_on():  # when the last run was killed
+            for what in self._targets.switched_on():  # on when the last run was killed
                 kind, _, aircraft = what.partition(" ")
                 if kind == "share":
                     self._team.go_on()
@@ -265,12 +265,12 @@ class ViewerNode(GraphNode):
                     self._recordings.go_on(aircraft)
             self._invite()
             yield
-            if not parent_ended():  # stopped, not killed: nothing is to go on
+            if not parent_ended():  # stopped, not killed: the next run resumes nothing
                 for what in self._targets.switched_on():
                     self._targets.switch(what, on=False)
 
     def _invite(self) -> None:
-        """Say where the page is, with a code to scan, on stdout: tokens go into no ROS log."""
+        """Print the page's address and a code to scan, on stdout: tokens go into no ROS log."""
         operators, viewers = self._server.operator_url, self._server.viewer_url
         if viewers:
             sys.stdout.write(f"\n{invitation(operators)}\n\nviewers: {viewers}\n")
@@ -296,7 +296,7 @@ class ViewerNode(GraphNode):
         return sorted_findings(finding for name in names for finding in self._findings_of(name))
 
     def _draw_targets(self) -> None:
-        """Publish the targets where they have changed, and tell pages and team."""
+        """Publish the targets if they have changed, and send them to pages and team."""
         revision = self._targets.revision
         if revision != self._revision:
             self._drawn = self._targets.all()
@@ -325,17 +325,17 @@ class ViewerNode(GraphNode):
 
 
 def taken_ns(stamp_ns: int, now_ns: int) -> int:
-    """Return a picture's time by this computer's clock: now if the stamp is of another."""
+    """Return a picture's time by this computer's clock: now if the stamp is of another one."""
     return stamp_ns if 0 <= now_ns - stamp_ns < _SAME_CLOCK_NS else now_ns
 
 
 def with_secrets(config: ViewerConfig) -> ViewerConfig:
-    """Return the configuration with the secrets that are in files; raise ConfigError."""
+    """Return the configuration with the secrets read from their files; raise ConfigError."""
     values: dict[str, Any] = {**values_of(config)}
     for name, default in ((p.name, p.default) for p in parameters_of(ViewerConfig) if p.secret):
         path = values[f"{name}_file"]
         if path and values[name] != default:
-            raise ConfigError(f"parameter {name}_file: {name} is given too: leave one out")
+            raise ConfigError(f"parameter {name}_file: {name} is set too: leave one out")
         if path:
             values[name] = read_text(path, ConfigError, _SECRET_BYTES).rstrip("\r\n")
             if not values[name].isprintable() or not values[name]:
@@ -345,8 +345,8 @@ def with_secrets(config: ViewerConfig) -> ViewerConfig:
 
 def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
     """Return a finding if the file has lost clicks of targets, which are named by ``numbers``."""
-    evidence = f"their file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
-    mend = "look at their places, which are of what is left, and click them again"
+    evidence = f"the file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
+    mend = "check their places, computed from the clicks left, and click them again"
     finding = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
     return [finding] if numbers else []
 

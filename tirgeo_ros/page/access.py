@@ -1,6 +1,6 @@
 """Decide who may use the page, and how much: name, origin, token, session, role, shares.
 
-Each request is looked at before anything answers it, and each answer is marked.
+Each request is checked before anything answers it, and each answer gets the security headers.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from tirgeo_ros.page.connections import OPERATOR, VIEWER, Allowance, Connection,
 
 _MOST_ADDRESSES = 1000  # that are remembered
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 60.0
-_ERRORS = 2  # of an honest user's typing
-_TOGETHER = 4  # shares that all viewers have in common, or all strangers
+_ERRORS = 2  # typing errors of an honest user
+_TOGETHER = 4  # shares that all viewers have together; so have all strangers
 _SESSION_S = 3 * 24 * 3600
 _SAME_SITE = {"", "same-origin", "none"}  # none: typed or scanned by the user
 _LOOPBACK_NAMES = {"localhost", "localhost.localdomain"}
@@ -37,7 +37,7 @@ _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?", re
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 #: A page begins with some thirty files, a map with as many tiles.
 _REQUESTS_A_S, _REQUESTS_AT_ONCE = 60.0, 400.0
-_PAUSE_S = 0.5  # before the answer to each that is too much
+_PAUSE_S = 0.5  # before the answer to each request beyond the limit
 _BODY_S = 5.0
 _TOKEN_BYTES = 512  # a token has 200 characters at most; JSON of more could nest too deep
 HEADERS = {
@@ -53,9 +53,10 @@ _LOG = logging.getLogger("tirgeo.page")
 
 
 class Shares:
-    """Hold an allowance for each owner, a session or an address; the longest unused is forgotten.
+    """Hold an allowance for each owner, a session or an address; forget the longest unused.
 
-    Viewers have a common one too, however many sessions one of them takes; so have strangers.
+    All viewers together have one too, however many sessions one of them opens. So have strangers:
+    requests without a session.
     """
 
     def __init__(self, rate: float, burst: float) -> None:
@@ -65,7 +66,7 @@ class Shares:
         self._common = {role: Allowance(*together) for role in (None, VIEWER)}
 
     def take(self, role: str | None, owner: str, now_s: float) -> bool:
-        """Return whether the owner may have one more."""
+        """Return whether the owner may make one more request."""
         allowance = self._allowances.setdefault(owner, Allowance(self._rate, self._burst))
         _keep(self._allowances, owner)
         common = self._common.get(role)
@@ -73,9 +74,9 @@ class Shares:
 
 
 class WrongTokens:
-    """Make an address that gives wrong tokens wait longer each time, to a minute.
+    """Make an address wait longer after each wrong token, up to a minute.
 
-    While many guess, that minute comes after a typing error or two.
+    While many addresses guess, the minute comes after _ERRORS wrong tokens.
     """
 
     def __init__(self) -> None:
@@ -83,11 +84,11 @@ class WrongTokens:
         self._all = Allowance(5.0, 50.0)  # of all addresses: one guesser may have many
 
     def wait_s(self, address: str, now_s: float) -> float:
-        """Return how long the address must wait before its next token is looked at."""
+        """Return how long the address must wait before its next token is checked."""
         return max(0.0, self._waits.get(address, (0, 0.0))[1] - now_s)
 
     def add(self, address: str, now_s: float) -> None:
-        """Note a wrong token."""
+        """Count a wrong token."""
         count = self._waits.get(address, (0, 0.0))[0]
         wait_s = min(_FIRST_WAIT_S * 2.0 ** min(count, 20), _LONGEST_WAIT_S)
         if not self._all.take(now_s) and count >= _ERRORS:
@@ -96,7 +97,7 @@ class WrongTokens:
         _keep(self._waits, address)
 
     def forget(self, address: str) -> None:
-        """Note a right token."""
+        """Forget the wrong tokens of an address that gave a right one."""
         self._waits.pop(address, None)
 
 
@@ -110,7 +111,7 @@ class Access:
     """Check names, tokens and sessions of one server.
 
     A session is role, end and a random number, signed with the role's token: it outlives a
-    restart with the same tokens, takes no memory, and tells nothing of the other role's token.
+    restart with the same tokens, takes no memory, and reveals nothing of the other role's token.
     """
 
     def __init__(self, config: ViewerConfig) -> None:
@@ -118,9 +119,9 @@ class Access:
         self.open = is_loopback(host) and not (config.token or config.viewer_token)
         seed = (os.environ.get(TOKEN_SEED) or secrets.token_urlsafe()).encode()
         self.tokens = {OPERATOR: config.token, VIEWER: config.viewer_token}
-        for role, given in self.tokens.items():
-            made = hmac.digest(seed, role.encode(), "sha256")[:18]
-            self.tokens[role] = given or base64.urlsafe_b64encode(made).decode()
+        for role, token in self.tokens.items():
+            derived = hmac.digest(seed, role.encode(), "sha256")[:18]
+            self.tokens[role] = token or base64.urlsafe_b64encode(derived).decode()
         self.scheme = "https" if config.certificate else "http"
         self._names = {*_LOOPBACK_NAMES, host.lower()}
         if not is_loopback(host):
@@ -128,10 +129,10 @@ class Access:
             self._names |= {name, f"{name.partition('.')[0]}.local"}
 
     def refusal(self, request: web.Request) -> str:
-        """Return why a request may not come from where it comes from; empty if it may."""
+        """Return why a request's host or origin is refused; empty if it is allowed."""
         host = request.headers.get("Host", "")
         if not (self._is_own(host) and request.raw_path.startswith("/")):
-            return "this name is not the server's: open it by its address"
+            return "the server does not have this name: open the page by its IP address"
         origin = request.headers.get("Origin")
         if origin is None:
             if request.method not in {"GET", "HEAD"} or is_websocket(request):
@@ -146,7 +147,7 @@ class Access:
     def _is_own(self, host: str) -> bool:
         """Return whether a Host header is an address or a name of this server.
 
-        Another name may be one that an attacker's name server leads here (DNS rebinding).
+        An attacker's name server may let any other name lead here (DNS rebinding).
         """
         match = _HOST.fullmatch(host)
         if match is None or int(match[2] or 0) > 65535:
@@ -155,7 +156,7 @@ class Access:
         return name in self._names or _is_address(name)
 
     def role(self, request: web.Request) -> str | None:
-        """Return the role of who sends a request; None without a valid session."""
+        """Return the role of a request's sender; None without a valid session."""
         if self.open:
             return OPERATOR
         session = request.cookies.get(self.cookie(request), "")
@@ -163,11 +164,11 @@ class Access:
         signed, _, signature = session.rpartition(".")
         if role not in self.tokens or not _same(self._signature(role, signed), signature):
             return None
-        end = signed.split(".")[1]  # signed by us, so of our form
+        end = signed.split(".")[1]  # signed by this server, so of its form
         return role if int(end) > time.time() else None
 
     def user(self, request: web.Request) -> tuple[str | None, str]:
-        """Return the role of who sends a request, and whose share it takes: session or address."""
+        """Return the role of a request's sender, and its share's owner: session or address."""
         role = self.role(request)
         if role is None or self.open:
             return role, request.remote or ""
@@ -193,7 +194,7 @@ class Access:
 
     @staticmethod
     def cookie(request: web.Request) -> str:
-        """Return the cookie's name: servers on other ports of a computer get the same cookies."""
+        """Return the cookie's name, with the port: a browser sends a cookie to all of a host."""
         match = _HOST.fullmatch(request.headers.get("Host", ""))
         return f"tirgeo_{(match and match[2]) or ''}"
 
@@ -227,12 +228,12 @@ def _same(own: str, offered: str) -> bool:
 
 
 def _bytes(text: str) -> bytes:
-    """Return a text's bytes; one from outside may hold what has none."""
+    """Return a text's bytes; a request may hold characters that UTF-8 cannot encode."""
     return text.encode(errors="replace")
 
 
 class Guard:
-    """Refuse requests from elsewhere, too many of them, and those without a session."""
+    """Refuse requests from other sites, too many requests, and those without a session."""
 
     def __init__(self, access: Access, listener: Listener) -> None:
         self._access, self._listener = access, listener
@@ -242,11 +243,11 @@ class Guard:
 
     @web.middleware
     async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Answer a request, as aiohttp calls it around each handler."""
+        """Check and answer a request; aiohttp calls this around each handler."""
         connection = self._listener.served.get(request.transport)
         try:
             refused = await self._refused(request, connection)
-            # Not "or": an answer counts as false where aiohttp has it as an empty mapping.
+            # Not "or": aiohttp's answer is a mapping, and counts as false if that is empty.
             return await handler(request) if refused is None else refused
         except web.HTTPException as error:
             return refusal(error.status, error.reason.lower())
@@ -261,7 +262,7 @@ class Guard:
     ) -> web.Response | None:
         role, owner = self._access.user(request)
         if connection is not None:
-            connection.asked(role, owner, websocket=is_websocket(request))
+            connection.requested(role, owner, websocket=is_websocket(request))
         if not self._requests.take(role, owner, time.monotonic()):
             await asyncio.sleep(_PAUSE_S)
             if role is not None:  # a stranger may share a flood's address: he only has to wait
@@ -281,9 +282,9 @@ class Guard:
         return web.json_response({"role": role}) if role else refusal(401, "a token is needed")
 
     async def enter(self, request: web.Request) -> web.Response:
-        """Answer ``POST /enter`` with a session for a right token; a wrong one costs time."""
+        """Answer ``POST /enter``: a right token gets a session, a wrong one a wait."""
         token = await _token(request)
-        # Nothing waits from here on: the next token meets the wait that this one has earned.
+        # No await before ``add``: the next token must meet the wait that this one causes.
         address, now_s = request.remote or "", time.monotonic()
         wait_s = self._wrong.wait_s(address, now_s)
         if wait_s > 0:
@@ -299,9 +300,9 @@ class Guard:
                 _LOG.warning("wrong tokens: %d, the last from %s", self._unlogged, address)
                 self._unlogged = 0
             if token is None:
-                return refusal(400, "the body is no token")
+                return refusal(400, "the body is too long for a token")
             return refusal(403, "wrong token: scan the code again")
-        if role == OPERATOR:  # a viewer would have no wait while he guesses the other token
+        if role == OPERATOR:  # a viewer would lose the wait while guessing the other token
             self._wrong.forget(address)
         response = web.json_response({"role": role})
         self._access.admit(response, request, role)
@@ -309,14 +310,14 @@ class Guard:
 
 
 def refusal(status: int, words: str) -> web.Response:
-    """Return an answer that says why not."""
+    """Return an answer with the reason of a refusal."""
     return web.json_response({"reason": words}, status=status)
 
 
-async def mark(request: web.Request, response: web.StreamResponse) -> None:
-    """Give each answer the headers that tell the browser what the page may do."""
+async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    """Add to an answer the headers that tell the browser what the page may do."""
     host = request.headers.get("Host", "")
-    # For browsers to which 'self' is no WebSocket, as before 2022.
+    # For browsers before 2022, to which 'self' did not include WebSockets.
     sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
     for name, value in HEADERS.items():
         response.headers.setdefault(name, value.format(sockets))
@@ -325,7 +326,7 @@ async def mark(request: web.Request, response: web.StreamResponse) -> None:
 
 
 async def _token(request: web.Request) -> str | None:
-    """Return the token that a body gives, empty if it gives none; None for a body too long."""
+    """Return the token in a body, empty if there is none; None if the body is too long."""
     try:
         body = await asyncio.wait_for(request.read(), _BODY_S)
     except asyncio.TimeoutError:

@@ -1,4 +1,4 @@
-"""Read what a page asks, do it and say what came of it; write targets as pages get them."""
+"""Read the requests of pages, do them and answer; write targets in the form that pages get."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ from tirgeo_ros.page.video import VideoFeed
 Check = Callable[[Any], Any]  # returns the value, or raises ValueError with what it must be
 _MOST_PIXEL = 1e5
 _T = TypeVar("_T")
-_Was = dict[str, str]  # what each field was to whoever changes it
+_Was = dict[str, str]  # what each field was when its editor began
 _GEOD = pyproj.Geod(ellps="WGS84")
-_CLICK_S = 2.0  # the backend has its own limit, of a second
-#: A name so long is nobody else's: a page that lost the connection before the answer sends the
-#: request again, and it must not be done twice.
+_CLICK_S = 2.0  # the backend's own limit is one second
+#: A request with a name so long is done once: a page that lost the connection before the answer
+#: sends the request again, under the same unique name.
 _UNIQUE_NAME, _REMEMBERED = 16, 2000
 _CORNERS = 36  # of an ellipse's outline
+#: Types of requests that a viewer may send.
+FOR_VIEWERS = frozenset({"where", "measure"})
+Sent = dict[str, tuple[Target, list[list[str]]]]  # id -> a target and its alternatives
 _LOG = logging.getLogger("tirgeo.page")
 
 
@@ -56,8 +59,8 @@ class Pixel(NamedTuple):
 class Backend(Protocol):
     """Answer the page's requests.
 
-    The server's asyncio loop awaits the coroutines, which must never block it. What is not a
-    coroutine is called in threads. A refusal is its words, for the operator.
+    The server's asyncio loop awaits the coroutines, which must never block it. The other methods
+    are called in threads. A refusal is a text for the operator.
     """
 
     async def click(self, click: Click) -> Located | str:
@@ -94,32 +97,32 @@ class RequestError(ValueError):
         self.request = request
 
 
-def _check(right: Callable[[Any], object], must_be: str, made: Check = lambda v: v) -> Check:
+def _check(valid: Callable[[Any], object], must_be: str, convert: Check = lambda v: v) -> Check:
     def check(value: Any) -> Any:
-        if not right(value):
+        if not valid(value):
             raise ValueError(must_be)
-        return made(value)
+        return convert(value)
 
     return check
 
 
 def _text(most: int, least: int = 0) -> Check:
-    long = _check(
+    fits = _check(
         lambda value: isinstance(value, str) and least <= len(value) <= most,
         f"a text of {least} to {most} characters",
     )
     return _check(
-        lambda value: not re.search("[^\n\r\t -\ud7ff\ue000-\U0010ffff]", long(value)),
+        lambda value: not re.search("[^\n\r\t -\ud7ff\ue000-\U0010ffff]", fits(value)),
         "a text without control characters",
     )
 
 
 def _number(low: float, high: float) -> Check:
-    def right(value: Any) -> bool:
+    def valid(value: Any) -> bool:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return number and low <= value <= high  # nan is in no range
 
-    return _check(right, f"a number from {low:g} to {high:g}", float)
+    return _check(valid, f"a number from {low:g} to {high:g}", float)
 
 
 def _matches(pattern: str, value: Any) -> bool:
@@ -147,7 +150,7 @@ _place = _check(
     "[latitude, longitude]",
     lambda value: (_latitude(value[0]), _longitude(value[1])),
 )
-#: Type -> the fields that a request must have.
+#: Type of request -> the fields that it must have.
 _MUST: Mapping[str, Mapping[str, Check]] = {
     "click": {
         "aircraft": _aircraft,
@@ -167,13 +170,11 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
     "where": {"aircraft": _aircraft, "latitude_deg": _latitude, "longitude_deg": _longitude},
     "measure": {"from": _place, "to": _place},
 }
-#: And those that it may have.
+#: Type of request -> the fields that it may have.
 _MAY: Mapping[str, Mapping[str, Check]] = {
     "edit": {"name": _text(MOST_NAME), "kind": _kind, "note": _text(MOST_NOTE)},
     "undo": {"id": _id},
 }
-#: What somebody who may only look may ask.
-FOR_VIEWERS = frozenset({"where", "measure"})
 _request_name = _text(40, 1)
 
 
@@ -196,7 +197,7 @@ def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
     absent = [field for field in _MUST[kind] if field not in fields]
     unknown = [field for field in fields if field not in checks]
     if absent or unknown:
-        fault = f"lacks {absent[0]}" if absent else f"has no field {shown(unknown[0], 40)}"
+        fault = f"lacks {absent[0]}" if absent else f"has an unknown field {shown(unknown[0], 40)}"
         raise RequestError(f"{kind} {fault}", name)
     field = ""
     try:
@@ -231,7 +232,7 @@ class Actions:
         self._in_turn = asyncio.Lock()  # changes of the store happen in the order of requests
 
     async def answer(self, name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to a request; one that was sent again gets the same answer."""
+        """Return the answer to a request; a request sent again gets the same answer."""
         if len(name) < _UNIQUE_NAME or kind in FOR_VIEWERS:  # these change nothing
             return await self._done(kind, fields)
         if name not in self._answers:
@@ -334,14 +335,10 @@ class Actions:
         return result
 
 
-#: A target and its alternatives, by id.
-Sent = dict[str, tuple[Target, list[list[str]]]]
-
-
 def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict[str, str]:
-    """Return the JSON, by id, of each target that differs from ``sent``; "" of one that is gone.
+    """Return the JSON of each target that differs from ``sent``, by id; "" for a deleted one.
 
-    Then ``sent`` is what the store holds.
+    Set ``sent`` to what the store holds.
     """
     alternatives = store.alternatives()
     now = {target.id: (target, alternatives.get(target.id, [])) for target in store.all()}
@@ -356,7 +353,7 @@ def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict
 
 
 def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
-    """Return a target as the page gets it; without ``undulation_m`` no height above sea level."""
+    """Return a target as pages get it; with undulation nan, without height above sea level."""
     place = target.place
     ellipse = place.ellipse
     return target_row(target) | {

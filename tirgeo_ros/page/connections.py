@@ -1,4 +1,4 @@
-"""Accept connections, and end those that ask too much: too many, too slow or too many bytes."""
+"""Accept connections, and end those that are too many, too slow or send too many bytes."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
 OPERATOR, VIEWER = "operator", "viewer"
-#: Most connections by role, None: strangers'; and most of one owner: a session, or a stranger's
-#: address, which tablets behind one router share.
+#: Most connections of a role (None: strangers, without a session), and of one owner: a session,
+#: or a stranger's address, which tablets behind one router share.
 MOST_OF_ADDRESS = 100
 MOST = {None: (200, MOST_OF_ADDRESS), VIEWER: (100, 30), OPERATOR: (200, 100)}
 #: What a page sends is small: clicks, and "shown" for each picture.
 _BYTES_A_S, _BYTES_AT_ONCE = 32 * 1024, 256 * 1024
 _FIRST_REQUEST_S, _KEEP_ALIVE_S, _HANDSHAKE_S = 10.0, 15.0, 10.0
-_ANSWERS_S = 300.0  # that a connection has for its answers, if it is no WebSocket
-_BACKLOG = 1024  # whoever is new waits behind a flood, and is not turned away
-_ACCEPTED_AT_ONCE = 1  # many that come at once must not hold up the video
+_ANSWERS_S = 300.0  # limit for all answers of a connection that is no WebSocket
+_BACKLOG = 1024  # during a flood, new peers wait and are not refused
+_ACCEPTED_AT_ONCE = 1  # many new connections must not delay the video
 #: A frame's header with a mask, up to the mask.
 _MASKED = re.compile(rb".(?:[\x80-\xfd]|\xfe..|\xff.{8})", re.DOTALL)
 _LOG = logging.getLogger("tirgeo.page.http")
@@ -49,7 +49,7 @@ class Allowance:
 
 def http_runner(app: web.Application) -> web.AppRunner:
     """Return the runner of an application, with limits on requests and lines of the log."""
-    _LOG.filters[:] = [FaultsOfOurs()]
+    _LOG.filters[:] = [OwnFaults()]
     return web.AppRunner(
         app,
         access_log=None,
@@ -63,8 +63,8 @@ def http_runner(app: web.Application) -> web.AppRunner:
     )
 
 
-class FaultsOfOurs(logging.Filter):
-    """Let one fault of ours a minute into the log; what a peer does must not fill it."""
+class OwnFaults(logging.Filter):
+    """Log one fault of this program a minute; errors that peers cause must not fill the log."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -73,12 +73,12 @@ class FaultsOfOurs(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a record is logged."""
         fault = record.exc_info[1] if record.exc_info else None
-        theirs = isinstance(fault, (HttpProcessingError, ConnectionError))
-        return not theirs and self._allowance.take(time.monotonic())
+        by_peer = isinstance(fault, (HttpProcessingError, ConnectionError))
+        return not by_peer and self._allowance.take(time.monotonic())
 
 
 class Connection(asyncio.Protocol):
-    """Pass one connection's bytes to aiohttp, and end it where its peer overdoes it."""
+    """Pass one connection's bytes to aiohttp, and end it if its peer exceeds a limit."""
 
     def __init__(
         self, listener: Listener, http: asyncio.Protocol, tls: ssl.SSLContext | None
@@ -86,41 +86,41 @@ class Connection(asyncio.Protocol):
         self._listener, self._http, self._tls = listener, http, tls
         self._loop = asyncio.get_running_loop()
         self._timers: tuple[asyncio.TimerHandle, ...] = ()
-        self._asked = self._lasts = False
+        self._has_request = self._is_websocket = False
         self._frames: MaskedFrames | None = None  # of a WebSocket
         self._handshake: asyncio.Task[None] | None = None
         self._bytes = Allowance(_BYTES_A_S, _BYTES_AT_ONCE)
         self._serves = False
         self._early: list[bytes] = []  # came with the end of the handshake
-        self._end = b""  # of what has come
+        self._last_bytes = b""  # the last four that came
         self.transport: Any = None  # asyncio's own classes share no base with abort
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin, with limits on the time to the first whole request, and to take all answers."""
+        """Begin; limit the time to the first whole request, and the time for all answers."""
         self.transport = transport
         self._timers = (
-            self._loop.call_later(_FIRST_REQUEST_S, self._end_unless, "_asked"),
-            self._loop.call_later(_ANSWERS_S, self._end_unless, "_lasts"),
+            self._loop.call_later(_FIRST_REQUEST_S, self._end_unless, "_has_request"),
+            self._loop.call_later(_ANSWERS_S, self._end_unless, "_is_websocket"),
         )
         address = transport.get_extra_info("peername")
         self._listener.opened(self, str(address[0]) if address else "")
         if self._tls is None:
             self._serve(transport)
         else:
-            self.transport.pause_reading()  # what comes is for the handshake
+            self.transport.pause_reading()  # the bytes are for the handshake
             self._handshake = self._loop.create_task(self._shake_hands(self._tls))
 
     async def _shake_hands(self, tls: ssl.SSLContext) -> None:
         try:
-            made = await self._loop.start_tls(
+            encrypted = await self._loop.start_tls(
                 self.transport, self, tls, server_side=True, ssl_handshake_timeout=_HANDSHAKE_S
             )
         except (OSError, asyncio.TimeoutError):
             self.abort()
             self.connection_lost(None)
             return
-        if made is not None:
-            self._serve(made)
+        if encrypted is not None:
+            self._serve(encrypted)
 
     def _serve(self, transport: asyncio.BaseTransport) -> None:
         self.transport, self._serves = transport, True
@@ -131,10 +131,10 @@ class Connection(asyncio.Protocol):
         self._early.clear()
 
     def data_received(self, data: bytes) -> None:
-        """Pass bytes on, unless they are too many: then no later buffer can grow."""
-        self._end = (self._end + data[-4:])[-4:]
-        few = self._bytes.take(self._loop.time(), len(data))
-        if not few or (self._frames is not None and not self._frames.take(data)):
+        """Pass bytes on; abort if they are too many, so that no later buffer can grow."""
+        self._last_bytes = (self._last_bytes + data[-4:])[-4:]
+        allowed = self._bytes.take(self._loop.time(), len(data))
+        if not allowed or (self._frames is not None and not self._frames.take(data)):
             self.abort()
         elif self._serves:
             self._http.data_received(data)
@@ -142,21 +142,21 @@ class Connection(asyncio.Protocol):
             self._early.append(data)
 
     def eof_received(self) -> bool | None:
-        """Take the end of what the peer sends."""
+        """Pass on that the peer sends no more."""
         return self._http.eof_received() if self._serves else None
 
     def pause_writing(self) -> None:
-        """Wait, as the peer does not read."""
+        """Pass on that the peer does not read."""
         if self._serves:
             self._http.pause_writing()
 
     def resume_writing(self) -> None:
-        """Go on."""
+        """Pass on that the peer reads again."""
         if self._serves:
             self._http.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End."""
+        """Forget the connection, and pass on that it is lost."""
         for timer in self._timers:
             timer.cancel()
         self._listener.closed(self)
@@ -164,32 +164,32 @@ class Connection(asyncio.Protocol):
             self._serves = False
             self._http.connection_lost(exc)
 
-    def asked(self, role: str | None, owner: str, *, websocket: bool) -> None:
-        """Note that a whole request has come, and from whom."""
-        self._asked, self._lasts = True, websocket
+    def requested(self, role: str | None, owner: str, *, websocket: bool) -> None:
+        """Record that a whole request has come, and from whom."""
+        self._has_request, self._is_websocket = True, websocket
         self._frames = MaskedFrames() if websocket else None
-        if websocket and self._end != b"\r\n\r\n":  # frames that nobody looked at
+        if websocket and self._last_bytes != b"\r\n\r\n":  # then frames came unchecked
             self.abort()
         self._listener.requested(self, role, owner)
 
     def answered(self) -> None:
-        """Note that the request has its answer."""
+        """Record that the request has its answer."""
         self._frames = None
 
-    def _end_unless(self, good: str) -> None:
-        if not getattr(self, good):
+    def _end_unless(self, flag: str) -> None:
+        if not getattr(self, flag):
             self.abort()
 
     def abort(self) -> None:
-        """End at once."""
+        """End the connection at once."""
         self.transport.abort()
 
 
 class MaskedFrames:
-    """Look at a WebSocket's bytes for frames without a mask, which end it: RFC 6455, 5.1."""
+    """Check that each frame of a WebSocket has a mask, as RFC 6455, 5.1, demands."""
 
     def __init__(self) -> None:
-        self._head, self._rest = b"", 0  # of a frame's header so far; bytes of the frame to come
+        self._head, self._rest = b"", 0  # bytes of a frame's header so far; number still to come
 
     def take(self, data: bytes) -> bool:
         """Take bytes; return False at a frame without a mask."""
@@ -210,13 +210,13 @@ class MaskedFrames:
 
 
 class Listener:
-    """Accept connections on one socket; each is a stranger's until it shows a session."""
+    """Accept connections on one socket; each is a stranger's until a request has a session."""
 
     def __init__(self) -> None:
         #: Role and owner of each, the oldest first.
         self._owners: dict[Connection, tuple[str | None, str]] = {}
         self._idle: set[Connection] = set()  # those without a whole request
-        self.served: dict[Any, Connection] = {}  # by transport, those whose requests can come
+        self.served: dict[Any, Connection] = {}  # by transport, after any handshake
         self.refused = 0
 
     @property
@@ -227,7 +227,7 @@ class Listener:
     async def open(
         self, listening: socket.socket, http: web.Server, tls: ssl.SSLContext | None
     ) -> asyncio.Server:
-        """Begin to accept; closing what is returned ends it."""
+        """Begin to accept; close the returned server to end it."""
         accepting = await asyncio.get_running_loop().create_server(
             lambda: Connection(self, http(), tls), sock=listening, backlog=_ACCEPTED_AT_ONCE
         )
@@ -245,7 +245,7 @@ class Listener:
         self._assign(connection, None, address)
 
     def requested(self, connection: Connection, role: str | None, owner: str) -> None:
-        """Note that a connection's whole request has come, and whose it is."""
+        """Record that a connection's whole request has come, and whose it is."""
         self._idle.discard(connection)
         self._assign(connection, role, owner)
 
@@ -256,10 +256,10 @@ class Listener:
         self.served.pop(connection.transport, None)
 
     def _assign(self, connection: Connection, role: str | None, owner: str) -> None:
-        """Count a connection as its owner's; where there are too many, end one.
+        """Count a connection as its owner's; if there are too many, end one.
 
-        It is one of the owner that has too many or, where the role has too many, of the owner that
-        has most: the oldest that has asked nothing, else the oldest.
+        It is a connection of this owner if he has too many, else of the role's owner with most:
+        the oldest one without a request, else the oldest.
         """
         own = role, owner
         if self._owners.get(connection) == own:
@@ -267,10 +267,10 @@ class Listener:
         self._owners.pop(connection, None)
         self._owners[connection] = own
         most, most_of_one = MOST[role]
-        held = Counter(holder for holder in self._owners.values() if holder[0] == role)
-        crowd = own if held[own] > most_of_one else max(held, key=held.__getitem__)
-        if held.total() > most or held[crowd] > most_of_one:
-            theirs = [other for other, holder in self._owners.items() if holder == crowd]
+        counts = Counter(holder for holder in self._owners.values() if holder[0] == role)
+        largest = own if counts[own] > most_of_one else max(counts, key=counts.__getitem__)
+        if counts.total() > most or counts[largest] > most_of_one:
+            theirs = [other for other, holder in self._owners.items() if holder == largest]
             ended = next((other for other in theirs[:-1] if other in self._idle), theirs[0])
             ended.abort()
             self._owners.pop(ended, None)

@@ -1,4 +1,4 @@
-"""Answer the page's GETs, with its files, tiles and exports, and open its WebSockets."""
+"""Answer the page's GET requests (files, tiles, exports), and open its WebSockets."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from tirgeo_ros.page.video import VideoFeed, VideoViewer, bound_kernel_buffer
 _T = TypeVar("_T")
 _MESSAGE_BYTES = 64 * 1024
 _HEARTBEAT_S, _CLOSING_S = 10.0, 2.0
-_ASKED_A_S, _ASKED_AT_ONCE = 100.0, 200.0  # by all pages of a session, on /state
+_REQUESTS_A_S, _REQUESTS_AT_ONCE = 100.0, 200.0  # of all pages of a session, on /state
 _DAY = "max-age=86400"
-_QUIET = 2  # modules of light around a code; terminals add their own
+_QUIET = 2  # light modules around a QR code; terminals add their own margin
 _TILE_TYPES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 _DEEPEST = 24
 _MOST_BYTES = 1 << 22  # of a tile
-#: A table may be a view without an end: SQLite looks at the clock after so many of its steps.
-_OPENED_S, _FOUND_S, _STEPS = 10.0, 0.5, 10_000
+#: Time limits, which SQLite checks every _STEPS of its steps: a table may be an endless view.
+_OPEN_S, _FIND_S, _STEPS = 10.0, 0.5, 10_000
 _METADATA = "select name, value from metadata where name in ('format', 'attribution') limit 9"
 _ZOOM = "select {}(zoom_level) from tiles where zoom_level between 0 and 24"  # each by the index
 _TILE = "select tile_data from tiles where zoom_level=? and tile_column=? and tile_row=? limit 1"
 _ENDLESS = "its tables take too long to read"
 _LOG = logging.getLogger("tirgeo.page")
-#: The mark of a file that is sent; others (sources, notes) stay on the disk.
+#: Suffixes of the files that are served, with their types; no others (sources, notes) are.
 _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
@@ -59,21 +59,21 @@ _GZIP_FROM = 500  # bytes
 
 
 class Tiles:
-    """Hold an MBTiles file open, for any thread. Raises PageError where it is none."""
+    """Hold an MBTiles file open, for any thread. Raises PageError if it is not one."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._one_at_a_time, self._fault = path, threading.Lock(), ""
         if not (path.is_file() and os.access(path, os.R_OK)):
-            raise PageError(f"tiles: {path}: no file that can be read: give an MBTiles file")
+            raise PageError(f"tiles: {path}: cannot be read: give an MBTiles file")
         address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
         if sys.version_info >= (3, 11):
             self._file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_BYTES)
-        metadata = dict(self._read(_OPENED_S, _METADATA))
-        least, most = (self._read(_OPENED_S, _ZOOM.format(end))[0][0] for end in ("min", "max"))
+        metadata = dict(self._read(_OPEN_S, _METADATA))
+        least, most = (self._read(_OPEN_S, _ZOOM.format(end))[0][0] for end in ("min", "max"))
         form = str(metadata.get("format", "png"))[:20]
         if form not in _TILE_TYPES:
-            raise PageError(f"tiles: {path}: holds {form}: give one of {', '.join(_TILE_TYPES)}")
+            raise PageError(f"tiles: {path}: holds {form}: give tiles of {', '.join(_TILE_TYPES)}")
         self.content_type = _TILE_TYPES[form]
         self.about: dict[str, Any] = {
             "min": least or 0,
@@ -82,7 +82,7 @@ class Tiles:
         }
 
     def tile(self, zoom: int, x: int, y: int) -> bytes | None:
-        """Return the picture at a place of the web's grid (y from the north), or None."""
+        """Return the tile at a place of the web map's grid (y from the north), or None."""
         side = 1 << zoom if 0 <= zoom <= _DEEPEST else 0
         if not (0 <= x < side and 0 <= y < side):
             return None
@@ -96,11 +96,11 @@ class Tiles:
             self._file.close()
 
     def _data_at(self, *place: int) -> Any:
-        """Return a tile's data; log a fault once, and read a table without an end no more."""
+        """Return a tile's data; log a fault once, and stop reading an endless table."""
         if _ENDLESS in self._fault:
             return None
         try:
-            rows = self._read(_FOUND_S, _TILE, *place)
+            rows = self._read(_FIND_S, _TILE, *place)
         except PageError as error:
             if not self._fault or _ENDLESS in str(error):
                 self._fault = str(error)
@@ -120,7 +120,7 @@ class Tiles:
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """Hold what a GET answers: bytes, also compressed if that is smaller."""
+    """Hold the answer to a GET: its bytes, also compressed if that is smaller."""
 
     body: bytes
     content_type: str
@@ -129,13 +129,13 @@ class Content:
 
     @classmethod
     def of(cls, body: bytes, content_type: str) -> Content:
-        """Compress a body; calls with large ones belong in a thread."""
+        """Compress a body; call it in a thread for a large one."""
         tag = hashlib.sha256(body).hexdigest()[:24]
         zipped = gzip.compress(body, 6, mtime=0) if len(body) >= _GZIP_FROM else body
         return cls(body, content_type, zipped if len(zipped) < len(body) else None, f'"{tag}"')
 
     def response(self, request: web.Request) -> web.Response:
-        """Return the answer, or that the browser has it already."""
+        """Return the answer, or status 304 if the browser has it already."""
         headers = {"ETag": self.etag, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
         if request.headers.get("If-None-Match", "") == self.etag:
             return web.Response(status=304, headers=headers)
@@ -177,8 +177,8 @@ class Routes:
         self._viewers: set[tuple[str, VideoViewer]] = set()
         self._sockets: set[web.WebSocketResponse] = set()
         self._maps: dict[str, Content] = {}
-        self._asked = Shares(_ASKED_A_S, _ASKED_AT_ONCE)
-        # Exports and maps must not keep clicks waiting, nor a viewer's those of an operator.
+        self._shares = Shares(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
+        # Exports and maps must not delay clicks, nor a viewer's delay an operator's.
         self._large = {OPERATOR: asyncio.Semaphore(2), VIEWER: asyncio.Semaphore(1)}
         self.hub = StateHub(self._latency_ms)
 
@@ -200,7 +200,7 @@ class Routes:
 
     async def close(self, _: web.Application) -> None:
         """Tell every page that the server ends."""
-        closing = [one.close(code=1001, message=b"the server ends") for one in self._sockets]
+        closing = [s.close(code=1001, message=b"the server ends") for s in self._sockets]
         await asyncio.gather(*closing, return_exceptions=True)
 
     async def _static_file(self, request: web.Request) -> web.Response:
@@ -219,7 +219,7 @@ class Routes:
             "now_ns": str(time.time_ns()),
         }
         async with self._opened(request, compress=True) as socket:
-            may = partial(self._asked.take, role, owner)
+            may = partial(self._shares.take, role, owner)
             page = StatePage(socket, role or VIEWER, actions, self.hub, may)
             await page.run(hello, _who(request))
         return socket
@@ -255,7 +255,7 @@ class Routes:
             self._sockets.discard(socket)
 
     def _latency_ms(self, aircraft: str, who: str) -> float | None:
-        """Return the slowest of somebody's screens."""
+        """Return the latency of a user's slowest screen; None without one."""
         screens = (v for of, v in self._viewers if of == aircraft and v.who == who)
         latencies_ms = [viewer.latency_ms for viewer in screens if viewer.latency_ms is not None]
         return round(max(latencies_ms), 1) if latencies_ms else None
@@ -270,13 +270,13 @@ class Routes:
                 self._maps[aircraft] = Content.of(body, "application/geo+json")
             return self._maps[aircraft]
 
-        made = await self._made(request, content)
-        return made.response(request) if made.body else web.Response(status=204)
+        answer = await self._run(request, content)
+        return answer.response(request) if answer.body else web.Response(status=204)
 
     async def _tile(self, request: web.Request) -> web.Response:
         tiles = _or_404(self._tiles)
         place = (int(request.match_info[name]) for name in "zxy")
-        body = await self._made(request, lambda: tiles.tile(*place))
+        body = await self._run(request, lambda: tiles.tile(*place))
         if body is None:
             return web.Response(status=204)
         return web.Response(
@@ -287,19 +287,19 @@ class Routes:
         form = request.match_info["format"]
         _or_404(FORMATS.get(form))
         store = self._backend.targets
-        body = await self._made(request, lambda: exported(store.for_others(), form, store.picture))
+        body = await self._run(request, lambda: exported(store.for_others(), form, store.picture))
         named = {"Content-Disposition": f'attachment; filename="targets.{form}"'}
         return web.Response(body=body, content_type="application/octet-stream", headers=named)
 
     async def _picture(self, request: web.Request) -> web.Response:
         picture = partial(self._backend.targets.picture, request.match_info["id"])
-        body = await self._made(request, picture)
+        body = await self._run(request, picture)
         return web.Response(body=_or_404(body), content_type="image/jpeg")
 
     async def _code(self, request: web.Request) -> web.Response:
         try:
             get = partial(self._backend.targets.get, request.match_info["id"])
-            target = await self._made(request, get)
+            target = await self._run(request, get)
         except TargetError:
             raise web.HTTPNotFound from None
         out = io.BytesIO()
@@ -307,7 +307,7 @@ class Routes:
         segno.make(uri, micro=False).save(out, kind="svg", scale=4, light="white")
         return web.Response(body=out.getvalue(), content_type="image/svg+xml")
 
-    async def _made(self, request: web.Request, call: Callable[[], _T]) -> _T:
+    async def _run(self, request: web.Request, call: Callable[[], _T]) -> _T:
         async with self._large[self._user(request)[0] or VIEWER]:
             return await asyncio.to_thread(call)
 

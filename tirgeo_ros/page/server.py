@@ -17,7 +17,7 @@ from aiohttp import web
 
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
-from tirgeo_ros.page.access import Access, Guard, mark
+from tirgeo_ros.page.access import Access, Guard, add_headers
 from tirgeo_ros.page.actions import Actions, Backend, Sent, changed_targets
 from tirgeo_ros.page.connections import OPERATOR, VIEWER, Listener, http_runner, listening_socket
 from tirgeo_ros.page.routes import Routes, Tiles, read_static
@@ -51,7 +51,7 @@ class PageServer:
         self._listener = Listener()
 
     def start(self) -> None:
-        """Return when the page can be opened; raises PageError if it cannot be served."""
+        """Start the thread, and wait until the page can be opened; raises PageError."""
         self._socket = self._listen()
         self._port = self._socket.getsockname()[1]
         self._thread.start()
@@ -86,15 +86,15 @@ class PageServer:
     def show(self, aircraft: str, stamp_ns: int, jpeg: bytes, begun_ns: int | None = None) -> None:
         """Show the newest picture.
 
-        ``begun_ns`` is this computer's time when it was taken; ``stamp_ns`` is that unless a
-        simulation sets the time, where it is the picture's arrival.
+        ``begun_ns`` is this computer's time when the picture was taken, by default its stamp. For
+        a stamp in sim time, pass the time of its arrival.
         """
         begun_ns = stamp_ns if begun_ns is None else begun_ns
         feed = self._feeds[aircraft]
         self._call(lambda: feed.show(stamp_ns, begun_ns, jpeg))
 
     def report(self, aircraft: str, state: Mapping[str, Any]) -> None:
-        """Show a state; numbers that are not finite become null; ``track``: new points alone."""
+        """Show a state; non-finite numbers become null; ``track`` holds only new points."""
         fields = {str(key): plain(value) for key, value in state.items()}
         self._call(lambda: self._routes.hub.report(aircraft, fields))
 
@@ -103,7 +103,7 @@ class PageServer:
         self._call(self._stale.set)
 
     def _call(self, call: Callable[[], object]) -> None:
-        """Call on the server's loop, while there is one."""
+        """Call a function on the server's event loop, while it runs."""
         if self._loop is not None:
             with contextlib.suppress(RuntimeError):  # it has just ended
                 self._loop.call_soon_threadsafe(call)
@@ -120,7 +120,7 @@ class PageServer:
         except OSError as error:
             reason = str(error.strerror or error).partition(" (while")[0]
             raise PageError(
-                f"listen: {self._config.listen}: {reason}: is another one "
+                f"listen: {self._config.listen}: {reason}: is another page "
                 "running? Choose an address of this computer and a free port"
             ) from None
 
@@ -164,14 +164,14 @@ class PageServer:
         actions = Actions(self._backend, self._feeds, undulation_m, self._stale.set)
         app = web.Application(middlewares=[guard.middleware], client_max_size=_BODY_BYTES)
         app.add_routes(self._routes.table(guard, actions))
-        app.on_response_prepare.append(mark)
+        app.on_response_prepare.append(add_headers)
         app.on_shutdown.append(self._routes.close)
         runner = http_runner(app)
         await runner.setup()
         return runner
 
     async def _keep_targets(self) -> None:
-        """Send the targets that have changed; changes meanwhile go together."""
+        """Send the targets that have changed; changes during a reading are sent together."""
         source, sent = (self._backend.targets, self._config.geoid_undulation_m), Sent()
         while True:
             await self._stale.wait()
@@ -200,12 +200,12 @@ def tls_context(config: ViewerConfig) -> ssl.SSLContext | None:
 
 
 def _reachable(host: str) -> str:
-    """Return an address that others reach; of a server on all addresses, that of the main way."""
+    """Return a host that others can reach; for "all addresses", the default route's."""
     if host not in {"0.0.0.0", "::"}:  # noqa: S104 compared, not listened on
         return host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # sends nothing: asks for the way there
+            probe.connect(("192.0.2.1", 9))  # sends nothing: asks for the route
             return str(probe.getsockname()[0])
         except OSError:
             return socket.gethostname()

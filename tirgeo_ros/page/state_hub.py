@@ -1,4 +1,4 @@
-"""Give each page the newest of what all must know, and answers to what it asks."""
+"""Send each page the newest states and targets, and the answers to its requests."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from aiohttp import WSMsgType, web
 from tirgeo_ros.page.actions import FOR_VIEWERS, Actions, RequestError, read_request
 from tirgeo_ros.page.connections import OPERATOR, Allowance
 
-_REQUESTS_A_S, _REQUESTS_AT_ONCE = 50.0, 100.0  # a page that was offline sends what it kept
-_PAUSE_S = 0.1  # after a refusal nothing is read: a flood stays in its own network
+_REQUESTS_A_S, _REQUESTS_AT_ONCE = 50.0, 100.0  # a page that was offline sends its kept requests
+_PAUSE_S = 0.1  # nothing is read after a refusal, which slows down a flood
 _RUNNING = 64  # requests of a page that are being answered
-_UNREAD = 100  # answers that a page has not taken: it does not read
+_UNREAD = 100  # answers that wait; a page with more does not read them
 _PERIOD_S = 0.2  # states go out at most at 5 Hz
 _MOST_POINTS = 20_000  # of a track that newcomers get
-_POINTS_AT_ONCE, _TARGETS_AT_ONCE = 500, 50  # so that a slow link's state isn't late for them
+_POINTS_AT_ONCE, _TARGETS_AT_ONCE = 500, 50  # so that they do not delay the state on a slow link
 
 
 class StatePage:
@@ -61,7 +61,7 @@ class StatePage:
     async def _listen(self) -> None:
         async for message in self._socket:
             if message.type is not WSMsgType.TEXT or len(self._outbox.answers) > _UNREAD:
-                await self._socket.close(code=1008, message=b"texts alone, and read the answers")
+                await self._socket.close(code=1008, message=b"only texts, and read the answers")
                 return
             try:
                 self._begin(message.data)
@@ -69,7 +69,7 @@ class StatePage:
                 refusal = {"type": "answer", "request": error.request, "ok": False}
                 self._outbox.answer({**refusal, "reason": str(error)})
                 await asyncio.sleep(_PAUSE_S)
-            await asyncio.sleep(0)  # a flood must not hold up the others, nor its own answers
+            await asyncio.sleep(0)  # a flood must not delay the others, nor its own answers
 
     def _begin(self, text: str) -> None:
         """Begin to answer a request; raises RequestError."""
@@ -79,10 +79,10 @@ class StatePage:
         if not may or len(self._running) >= _RUNNING:
             raise RequestError("too many requests at once: wait a moment", name)
         if self._role != OPERATOR and kind not in FOR_VIEWERS:
-            raise RequestError("you may look on, not change anything", name)
+            raise RequestError("a viewer may not change anything", name)
 
         async def answer() -> None:
-            """Answer; a confirmed change is then on the disk."""
+            """Answer; a change that is confirmed is on the disk."""
             result = await self._actions.answer(name, kind, fields)
             self._outbox.answer({"type": "answer", "request": name, **result})
 
@@ -99,9 +99,9 @@ class Track:
         self.points: list[Any] = []
 
     def add(self, points: list[Any], start: int | None) -> None:
-        """Add points, the first of which has the index ``start``; None: the next one's."""
+        """Add points; the first gets the index ``start``, or the next index for None."""
         at = len(self.points) if start is None else start - self.first
-        if not 0 <= at <= len(self.points):  # the node began anew
+        if not 0 <= at <= len(self.points):  # the node was started again
             at, self.first, self.points = 0, start or 0, []
         self.points[at:] = points
         spare = len(self.points) - _MOST_POINTS
@@ -116,12 +116,12 @@ class Track:
 
 
 class Outbox:
-    """Hold what one page gets next: of each thing the newest, and every answer."""
+    """Hold the messages for one page: the newest by key, and every answer."""
 
     def __init__(self) -> None:
-        self.answers: list[str] = []  # that wait
+        self.answers: list[str] = []  # waiting
         self._newest: dict[str, Callable[[], str]] = {}
-        self._some = asyncio.Event()
+        self._has_message = asyncio.Event()
         self.track_ends: dict[str, int] = {}
         self.targets: dict[str, str] = {}  # to be sent yet, by id
         self.has_targets = False
@@ -129,18 +129,18 @@ class Outbox:
     def answer(self, message: Mapping[str, Any]) -> None:
         """Add an answer."""
         self.answers.append(json.dumps(message))
-        self._some.set()
+        self._has_message.set()
 
-    def put(self, what: str, text: Callable[[], str]) -> None:
-        """Replace the newest of something; its text is made when it is sent."""
-        self._newest[what] = text
-        self._some.set()
+    def put(self, key: str, text: Callable[[], str]) -> None:
+        """Replace the message of a key; its text is made when it is sent."""
+        self._newest[key] = text
+        self._has_message.set()
 
     async def take(self) -> str:
         """Return the next text: answers first."""
         while not self.answers and not self._newest:
-            self._some.clear()
-            await self._some.wait()
+            self._has_message.clear()
+            await self._has_message.wait()
         if self.answers:
             return self.answers.pop(0)
         return self._newest.pop(next(iter(self._newest)))()
@@ -149,8 +149,8 @@ class Outbox:
 class StateHub:
     """Give states and targets to every page.
 
-    ``latency_ms`` returns, of an aircraft and of somebody who looks on, the time from taking a
-    picture to its being on that screen.
+    ``latency_ms(aircraft, who)`` returns the time from taking a picture of an aircraft to showing
+    it on that user's screen.
     """
 
     def __init__(self, latency_ms: Callable[[str, str], float | None]) -> None:
@@ -160,10 +160,10 @@ class StateHub:
         self._tracks: dict[str, Track] = {}
         self._waiting: dict[str, asyncio.TimerHandle] = {}
         self._sent_s: dict[str, float] = {}
-        self._targets: dict[str, str] | None = None  # until the file was read
+        self._targets: dict[str, str] | None = None  # None: the file is not read yet
 
     def join(self, outbox: Outbox, who: str) -> None:
-        """Give a page all there is, and from now on what is new."""
+        """Give a page all states and targets, and from now on each change."""
         self._pages[outbox] = who
         if self._targets is not None:
             self._put_targets(outbox, self._targets)
@@ -187,7 +187,7 @@ class StateHub:
         track = self._tracks.setdefault(aircraft, Track())
         start = state.pop("track_from", None)
         track.add(state.pop("track", None) or [], start)
-        for outbox in self._pages if start is not None else ():  # what they had from there is old
+        for outbox in self._pages if start is not None else ():  # points from there are replaced
             outbox.track_ends[aircraft] = min(outbox.track_ends.get(aircraft, 0), start)
         self._states[aircraft] = {"type": "state", "aircraft": aircraft, **state}
         if aircraft in self._waiting:
@@ -228,7 +228,7 @@ class StateHub:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it: no number but finite ones, no tuples; raise TypeError."""
+    """Return a value for JSON: non-finite numbers as None, no tuples; raise TypeError."""
     if isinstance(value, np.generic):
         return plain(value.item())
     if value is None or isinstance(value, (str, bool)):

@@ -1,4 +1,4 @@
-"""Send the video: each aircraft's newest pictures, as fast and as large as a viewer takes them."""
+"""Send the video: each aircraft's newest pictures, as fast and large as a viewer's link allows."""
 
 from __future__ import annotations
 
@@ -22,16 +22,41 @@ from aiohttp import WSMsgType, web
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, size_of
 from tirgeo_ros.page.connections import Allowance
 
+_FIRST = 4  # index into LEVELS
+#: Most pictures on the way to a screen, and only one while their bytes alone take longer than
+#: _ALONE_S: on a slow link a second would wait for the first, and be old when it arrives.
+_UNANSWERED, _ALONE_S = 2, 0.08
+_LOST_S = 3.0  # then a picture counts as answered: the page may have failed on it
+#: A trip lasts from sending a picture to its answer. Trips above _LONG_S make pictures smaller,
+#: trips below _SHORT_S larger; the new size aims at _WANTED_S, or surely at _SURE_S.
+_LONG_S, _SHORT_S, _WANTED_S, _SURE_S = 0.28, 0.16, 0.2, 0.1
+_VERY_LONG_S, _IN_SUCCESSION = 0.6, 2  # one long trip alone may be a hiccup
+_READABLE = 5  # smallest size that shows a person; smaller ones only for very long trips
+#: Periods of trying a larger size; it has failed if trips are long within _SOON_S.
+_PROBE_S, _RAREST_PROBE_S, _SOON_S = 1.0, 32.0, 3.0
+_KEPT_BYTES = 16 * 2**20  # of pictures to cut targets out of: five seconds
+_HELD = 30  # last pictures of stopped videos: an operator may still press on them
+_CUT_HALF = 80  # pixels: half a cut-out's side
+_REDUCED = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
+#: stamp_ns, sent_ns, number, width, height; the JPEG follows.
+HEADER = struct.Struct("<QQIHH")
+#: Limit of the kernel's buffer, for a page that reports pictures as shown without reading them.
+_KERNEL_BUFFER = 256 * 1024
+_ANSWERS_A_S = 150.0
+_AGES = 30  # pictures over which an age is taken
+_SENT = 3  # pictures that may be on the screen: two unanswered, and the one before
+_LOG = logging.getLogger("tirgeo.page")
+
 
 class Level(NamedTuple):
     """Hold one size of picture."""
 
     divisor: int  # of width and height: 1, 2 or 4
     quality: int  # of the JPEG; 0: the bytes as they came
-    share: float  # of the untouched bytes, as measured on overlays of 640 x 512
+    share: float  # of the original bytes, as measured on overlays of 640 x 512
 
 
-#: From the untouched picture down, each some two thirds of the one before.
+#: From the original picture down; each has about two thirds of the bytes of the one before.
 LEVELS = (
     Level(1, 0, 1.0),
     Level(1, 60, 0.68),
@@ -42,29 +67,6 @@ LEVELS = (
     Level(4, 80, 0.08),
     Level(4, 50, 0.048),
 )
-_FIRST = 4
-#: Pictures on the way; one alone where bytes make trips longer than this: on a slow link a second
-#: would only wait for the first, and be old when it arrives.
-_UNANSWERED, _ALONE_S = 2, 0.08
-_LOST_S = 3.0  # then a picture counts as answered: the page may have failed on it
-#: Trips above the first make pictures smaller, trips below the second larger.
-_LONG_S, _SHORT_S, _WANTED_S, _SURE_S = 0.28, 0.16, 0.2, 0.1
-_VERY_LONG_S, _IN_SUCCESSION = 0.6, 2  # one long trip alone may be a hiccup
-_READABLE = 5  # the least level that shows a person; below it only for very long trips
-#: How often a larger size is tried; one that leads to long trips so soon has failed.
-_PROBE_S, _RAREST_PROBE_S, _SOON_S = 1.0, 32.0, 3.0
-_KEPT_BYTES = 16 * 2**20  # of pictures to cut targets out of: five seconds
-_HELD = 30  # pictures that were the last on somebody's screen: he may press on one for long
-_CUT_HALF = 80  # pixels: half a cut-out's side
-_LOG = logging.getLogger("tirgeo.page")
-_REDUCED = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
-#: stamp_ns, sent_ns, number, width, height; the JPEG follows.
-HEADER = struct.Struct("<QQIHH")
-#: What a page that lies about what it has drawn can make the kernel hold.
-_KERNEL_BUFFER = 256 * 1024
-_ANSWERS_A_S = 150.0
-_AGES = 30  # pictures over which an age is taken
-_SENT = 3  # pictures of which one may be on the screen: two unanswered, and the one before
 
 
 class Pace:
@@ -82,16 +84,16 @@ class Pace:
     def may_send(self, now_s: float) -> bool:
         """Return whether a picture may be sent."""
         self._forget(lambda _, sent_s: now_s - sent_s > _LOST_S)
-        return len(self._on_the_way) < (1 if self._of_bytes_s() > _ALONE_S else _UNANSWERED)
+        return len(self._on_the_way) < (1 if self._transfer_s() > _ALONE_S else _UNANSWERED)
 
     def sent(self, number: int, now_s: float) -> None:
-        """Note a picture that goes out at the present level."""
+        """Record that a picture is sent at the present level."""
         self._on_the_way[number] = now_s, self.level
 
     def shown(self, number: int, now_s: float) -> bool:
-        """Note a picture that is on the screen; return whether it had been sent, and not answered.
+        """Record that a picture is on the screen; return whether it was waiting for this answer.
 
-        Those sent before it count as answered too.
+        Pictures sent before it count as answered too.
         """
         if number not in self._on_the_way:
             return False
@@ -100,7 +102,7 @@ class Pace:
         self._trip_s = now_s - sent_s
         self._least_s[level] = min(self._trip_s, self._least_s.get(level, math.inf))
         if level != self.level:
-            return True  # it tells of a size that is no longer sent
+            return True  # its size is no longer sent
         self._long = self._long + 1 if self._trip_s > _LONG_S else 0
         if self._long >= _IN_SUCCESSION or self._trip_s > _VERY_LONG_S:
             self._shrink(self._trip_s, now_s)
@@ -108,8 +110,8 @@ class Pace:
             self._grow(self._trip_s, now_s)
         return True
 
-    def _of_bytes_s(self) -> float:
-        """Return the part of the last trip that bytes took (s), by trips of smaller pictures."""
+    def _transfer_s(self) -> float:
+        """Return how long (s) the bytes of the last trip took, by trips of smaller pictures."""
         smaller = [n for n in self._least_s if n > self.level]
         if not smaller or self.level not in self._least_s:
             return self._trip_s
@@ -123,18 +125,18 @@ class Pace:
             del self._on_the_way[number]
 
     def _shrink(self, trip_s: float, now_s: float) -> None:
-        """Take the level whose trip will be short if the bytes alone make it long."""
+        """Take the level whose trip is short enough if trips are proportional to the bytes."""
         share = LEVELS[self.level].share * _WANTED_S / trip_s
         least = len(LEVELS) - 1 if trip_s > _VERY_LONG_S else max(_READABLE, self.level)
         fitting = (n for n, level in enumerate(LEVELS) if level.share <= share)
         self.level = min(max(next(fitting, least), self.level + 1), least)
-        failed = now_s - self._probed_s < _SOON_S  # the link bears no more: ask it less often
+        failed = now_s - self._probed_s < _SOON_S  # the link carries no more: try less often
         self._probe_every_s = min(self._probe_every_s * 2, _RAREST_PROBE_S) if failed else _PROBE_S
         self._long, self._probed_s = 0, -math.inf
         self._probe_at_s = now_s + self._probe_every_s
 
     def _grow(self, trip_s: float, now_s: float) -> None:
-        """Take the best level that is surely short enough; now and then try one that may be."""
+        """Take the best level whose trip is surely short; from time to time try the next one."""
         share = LEVELS[self.level].share * _SURE_S / trip_s
         best = next(n for n, level in enumerate(LEVELS) if level.share <= share or n == self.level)
         if best < self.level:
@@ -158,10 +160,10 @@ class Picture:
 
 
 class VideoFeed:
-    """Take pictures in, wake who waits for one, and make smaller ones once for all who want them.
+    """Take pictures, wake the viewers that wait for one, and make each smaller size once for all.
 
-    Pictures are made smaller on ``workers``, one thread: then viewers of slow links take nothing
-    from the others.
+    Pictures are made smaller on ``workers``, one thread, so that viewers on slow links do not slow
+    down the others.
     """
 
     def __init__(self, workers: Executor) -> None:
@@ -175,7 +177,7 @@ class VideoFeed:
         self.waking: set[Callable[[], None]] = set()  # called at each picture
 
     def show(self, stamp_ns: int, begun_ns: int, jpeg: bytes) -> None:
-        """Take the newest picture; count what is no JPEG of a video, and log the first."""
+        """Take the newest picture; count data that are no JPEG of a video, and log the first."""
         width, height = size_of(jpeg, ("JPEG",))
         if not 0 < width * height <= MOST_OF_VIDEO:
             if not self.damaged:
@@ -194,7 +196,7 @@ class VideoFeed:
             wake()
 
     def hold(self, pictures: Iterable[Picture]) -> None:
-        """Keep pictures for targets: those that a page had last when it stopped the video."""
+        """Keep the pictures that a page had last when its video stopped, to cut out targets."""
         self._held.extend(pictures)
 
     async def bytes_at(self, picture: Picture, level: int) -> bytes:
@@ -218,8 +220,8 @@ class VideoFeed:
 def _smaller(jpeg: bytes, level: int) -> bytes:
     divisor, quality, _ = LEVELS[level]
     image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), _REDUCED[divisor])
-    made = image is not None and cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    small: bytes = made[1].tobytes() if made else jpeg
+    coded = image is not None and cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    small: bytes = coded[1].tobytes() if coded else jpeg
     return min(small, jpeg, key=len)
 
 
@@ -231,8 +233,8 @@ def _cut_out(picture: Picture, u: float, v: float) -> bytes | None:
     part = image[top : top + 2 * _CUT_HALF, left : left + 2 * _CUT_HALF]
     if not part.size:
         return None
-    made: bytes = cv2.imencode(".jpg", part, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
-    return made
+    coded: bytes = cv2.imencode(".jpg", part, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    return coded
 
 
 class VideoViewer:
@@ -248,7 +250,7 @@ class VideoViewer:
 
     @property
     def latency_ms(self) -> float | None:
-        """Return the time from taking a picture to its being on the screen, lately."""
+        """Return the median time from taking a picture to showing it, of the newest ones."""
         return median(self._ages_ms) if self._ages_ms else None
 
     async def run(self) -> None:
@@ -285,24 +287,24 @@ class VideoViewer:
         await self._socket.send_bytes(head + jpeg)
 
     async def _take_answers(self) -> None:
-        """Take ``shown NUMBER``; what else a page says ends the connection."""
+        """Take ``shown NUMBER``; any other message of the page ends the connection."""
         allowance = Allowance(_ANSWERS_A_S, _ANSWERS_A_S)
         async for message in self._socket:
             word, _, number = str(message.data).partition(" ")
             is_number = number.isascii() and number.isdigit() and len(number) <= 10
-            right = message.type is WSMsgType.TEXT and word == "shown" and is_number
-            if not right or not allowance.take(time.monotonic()):
+            valid = message.type is WSMsgType.TEXT and word == "shown" and is_number
+            if not valid or not allowance.take(time.monotonic()):
                 await self._socket.close(code=1008, message=b"only shown NUMBER, once for each")
                 return
             if self._pace.shown(int(number), time.monotonic()):
                 age_ns = time.time_ns() - self._sent[int(number)].begun_ns
                 self._ages_ms.append(age_ns * 1e-6)
                 self._news.set()
-            await asyncio.sleep(0)  # a flood must not hold up the others
+            await asyncio.sleep(0)  # a flood must not delay the others
 
 
 def bound_kernel_buffer(request: web.Request) -> None:
-    """Keep the kernel from growing the buffer of what is sent."""
+    """Keep the kernel from growing its buffer of bytes to send."""
     own = request.transport.get_extra_info("socket") if request.transport else None
     if own is not None:
         own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KERNEL_BUFFER)

@@ -35,7 +35,7 @@ def flight():
 
 
 @pytest.fixture(scope="module")
-def found(flight):
+def estimate(flight):
     return fit(FlightRuns(flight, EkfConfig()), ())
 
 
@@ -46,10 +46,10 @@ def errors(result):
 
 @pytest.mark.slow
 def test_slopes_are_those_of_runs_apart(flight):
-    """A run at a value a little off: its innovations lie along the slope.
+    """Compare a run at a value that is a little off: its innovations change by the slope.
 
-    Gains change with the antenna too, by which two slopes differ at random; 10 % is what that and
-    the transition's second order leave.
+    Gains change with the antenna too, which makes two slopes differ at random. This and the
+    transition's second order leave 10 %.
     """
     runs = FlightRuns(flight, EkfConfig())
     start = runs.aligned(truth(), by_antennas=False)
@@ -73,20 +73,20 @@ def test_without_headings_and_velocities_the_rest_is_found(flight):
 
 
 @pytest.mark.slow
-def test_an_outlier_hardly_moves_it(flight, found):
+def test_an_outlier_hardly_moves_the_fit(flight, estimate):
     aids = list(flight.aids)
     for k in range(100, len(aids), 90):
         if not isinstance(aids[k], HeadingSample) and aids[k].source is Source.RTK_POSITION:
             aids[k] = replace(aids[k], height_m=aids[k].height_m + 3.0)
     result = fit(FlightRuns(replace(flight, aids=aids), EkfConfig()), ())
-    reports = [PARAMETERS.index(name) for name in found.determined]
-    assert (np.abs(result.values - found.values)[reports] < 2 * found.sigma[reports]).all()
+    reports = [PARAMETERS.index(name) for name in estimate.determined]
+    assert (np.abs(result.values - estimate.values)[reports] < 2 * estimate.sigma[reports]).all()
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_turns_on_the_spot_tell_the_antenna_though_the_baseline_is_unknown():
-    """Held at 25 deg off, the baseline would turn the antenna's place by as much: 13 cm."""
+    """A baseline held 25 deg off would turn the antenna's place as far: 13 cm."""
     samples = aircraft_samples(3, 90.0, **{"route.shape": "hover"})
     result = fit(FlightRuns(recorded(samples), EkfConfig()), ())
     assert {"antenna_forward", "antenna_left", "heading_delay"} <= set(result.determined)
@@ -124,7 +124,7 @@ PLANTED_RAD = np.radians((2.0, -3.0))
 
 @pytest.fixture(scope="module")
 def aligned_run():
-    """The filter over a flight with all as the parameters say; its attitude is the IMU's."""
+    """Run the filter over a flight with right parameters; its attitude is the IMU's."""
     flight = recorded(aircraft_samples(5, 60.0))
     runs = FlightRuns(flight, EkfConfig())
     values = values_of_config(runs.config)
@@ -132,7 +132,7 @@ def aligned_run():
 
 
 def autopilot(aligned_run, turn, yaw_rad=0.0):
-    """The IMU's attitude seen from the body, with a heading that is wrong."""
+    """Return the body's attitude from the IMU's, with a wrong heading."""
     body_imu = matrix_from_rotvec(np.array([*turn, 0.0]))
     return [
         ImuSample(
@@ -147,7 +147,7 @@ def autopilot(aligned_run, turn, yaw_rad=0.0):
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.3])
 def test_a_turn_is_found_whatever_the_heading(aligned_run, yaw_rad):
-    """Small angles: the product of the two, 2e-3 rad, is what is neglected."""
+    """The fit neglects the product of two small angles, 2e-3 rad."""
     level = mounting_level(aligned_run, autopilot(aligned_run, PLANTED_RAD, yaw_rad), 6)
     np.testing.assert_allclose(level.angles_rad, PLANTED_RAD, atol=2e-3)
     np.testing.assert_allclose(level.sigma_rad, aligned_run.tilt_sigma_rad, rtol=0.1)

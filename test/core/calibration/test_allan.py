@@ -28,7 +28,7 @@ def fit_of(record, step_s=STEP_S):
 
 
 def by_definition(values, m):
-    """The variance of averages over ``m`` beside each other, at every quarter of ``m``."""
+    """Return the variance of adjacent averages over ``m``, at every quarter of ``m``."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     starts = np.arange(0, len(values) - 2 * m + 1, max(m // 4, 1))
     steps = total[starts + 2 * m] - 2 * total[starts + m] + total[starts]
@@ -58,27 +58,27 @@ def test_missing_samples_leave_the_noise_as_it_is():
     rng = np.random.default_rng(2)
     values = white(rng, 200_000, 1e-3, STEP_S)
     values[rng.random(len(values)) < 0.15] = np.nan
-    # A sixth of the samples lacks: without regard for that N would be 8 % too large.
+    # A sixth of the samples is missing: if that were ignored, N would be 8 % too large.
     assert fit_of(values).white.value == pytest.approx(1e-3, rel=0.015)
 
 
 @pytest.mark.parametrize(("make", "term"), [(white, 0), (flicker, 1), (walk, 2)])
 def test_variances_and_their_scatter_against_simulation(make, term):
-    """400 records: variances to 5 sigma of their mean, scatters as the degrees of freedom say."""
+    """400 records: variances within 5 sigma of their mean, scatter as the degrees predict."""
     rng = np.random.default_rng(3)
     runs, step_s = 400, 0.5
     records = np.stack([make(rng, 4096, 2.0, step_s) for _ in range(runs)], axis=1)
     curve = curve_of(records, step_s=step_s)
-    used = curve.tau_s >= 4 * step_s  # flicker noise of samples is none at fewer
+    used = curve.tau_s >= 4 * step_s  # with fewer samples it is not flicker noise
     tau_s, variances = curve.tau_s[used], curve.variances[used]
     theory = 4.0 * [1 / tau_s, np.full(len(tau_s), 2 * np.log(2) / np.pi), tau_s / 3][term]
-    if make is walk:  # a step a sample, where the theory has one at every instant
+    if make is walk:  # it steps once a sample, in theory at every instant
         theory *= 1 + 0.5 * (step_s / tau_s) ** 2
     spread = variances.std(axis=1)
-    bias = 0.02 if make is flicker else 0.0  # of the filter that makes it, at short times
+    bias = 0.02 if make is flicker else 0.0  # of the filter that generates it, at short times
     error = np.abs(variances.mean(axis=1) - theory)
     assert (error < 5 * spread / math.sqrt(runs) + bias * theory).all()
-    # The degrees are flicker noise's; those of the others differ by up to a factor of 1.6.
+    # The degrees are for flicker noise; for the others they differ by up to a factor of 1.6.
     ratio = 2 * theory**2 / spread**2 / curve.degrees[used]
     assert ((ratio > 0.6) & (ratio < 2.0)).all()
 
@@ -120,7 +120,7 @@ def test_sigmas_are_honest():
     for name, true in (("white", 1e-3), ("flicker", 2e-3)):
         terms = [getattr(fit, name) for fit in fits]
         errors = np.array([(term.value - true) / term.sigma for term in terms])
-        # 0.5 to 1.5: 60 draws tell a root mean square to 9 %; sigmas are themselves estimates.
+        # 0.5 to 1.5: 60 draws give a root mean square to 9 %, and sigmas are estimates too.
         assert 0.5 < np.sqrt(np.mean(errors**2)) < 1.5, name
         assert abs(errors.mean()) < 0.8, name
     unseen = [fit for fit in fits if fit.walk.value is None]
@@ -152,18 +152,18 @@ def test_a_gauss_markov_bias_is_found_as_the_filter_models_it():
 @pytest.mark.slow
 @pytest.mark.parametrize(("b", "k"), [(3e-4, 0.0), (1e-4, 3e-6), (5e-5, 0.0)])
 def test_flicker_is_modelled_by_its_own_b(b, k):
-    """What the parameters call bias instability is B, as everywhere else."""
+    """The parameter bias instability is B, as in data sheets."""
     size = 360_000  # 5 h at 20 Hz
     record = noise(np.random.default_rng(1), size, 2e-4, b, k, 0.05)
     curve = curve_of(record, step_s=0.05)
     fit = fit_noise(curve, 0)
     assert fit.flicker.value == pytest.approx(b, rel=0.15)  # as B is asked for
     assert fit.bias.sigma == fit.flicker.value
-    # The process's own deviation is 0.618 s at its highest, the floor 0.664 B: where its time is.
+    # The process's highest deviation is 0.618 s, the floor 0.664 B, both near its time.
     peak = curve.tau_s[np.argmax(fit.bias_model - fit.white.value**2 / curve.tau_s)]
     floor = np.sqrt(fit.variances - fit.white.value**2 / curve.tau_s)
     at = np.argmin(np.abs(curve.tau_s - peak))
-    assert floor[at] == pytest.approx(0.664 * b, rel=0.25)  # the walk lifts it, noise shakes it
+    assert floor[at] == pytest.approx(0.664 * b, rel=0.25)  # the walk raises it, noise scatters it
 
 
 def test_a_bias_that_walks_is_more_than_b():
@@ -171,7 +171,7 @@ def test_a_bias_that_walks_is_more_than_b():
     record = noise(np.random.default_rng(1), size, 2e-4, 1e-4, 2e-5, 0.05)
     fit = fit_of(record, 0.05)
     assert fit.bias.sigma > 2 * fit.flicker.value
-    # what it drives a bias with is what drives the walk: K, to a half of it
+    # the noise that drives the bias is that of the walk: K, within a half
     driven = fit.bias.sigma * math.sqrt(2 / fit.bias.time_s)
     assert driven == pytest.approx(2e-5, rel=0.6)
 
@@ -197,13 +197,13 @@ def test_a_low_pass_filter_of_the_sensor_does_not_pull_the_random_walk_down():
 
 @pytest.mark.filterwarnings("error")
 def test_a_curve_without_any_of_the_lasting_terms_divides_by_nothing():
-    """A swing falls with the square of time beyond its period, and no white noise is left."""
+    """An oscillation's variance falls with the square of time; no white noise is left."""
     swing = np.sin(np.arange(60_000) / 40) + 1e-3 * np.random.default_rng(9).standard_normal(
         60_000
     )
     fit = fit_of(swing)
     assert fit.flicker.value is None
-    assert fit.misfit > 2  # which is warned of
+    assert fit.misfit > 2  # a warning follows from it
 
 
 def test_a_drift_is_taken_out():
@@ -235,8 +235,7 @@ def test_lines_are_found_with_frequency_and_amplitude(frequency_hz):
     result = measured(values)
     (line,) = result.lines(3)
     assert line.frequency_hz == pytest.approx(frequency_hz, abs=0.2)
-    # The noise beneath is within 2 % of the line's power; the median takes it away but for its own
-    # scatter.
+    # The noise adds 2 % to the line's power; subtraction of the median leaves only its scatter.
     assert line.amplitude == pytest.approx(2.0, rel=0.02)
     assert result.lines(4) == []
 
@@ -269,7 +268,7 @@ def test_a_few_lost_samples_are_bridged_and_gaps_passed_by():
     lost[30 * FLIGHT_HZ : 34 * FLIGHT_HZ] = True
     result = measured(values, lost)
     assert len(result.floors) == DURATION_S // PIECE_S - 2
-    # A sample on the line between its neighbours lacks part of the noise: 0.5 % of them do.
+    # 0.5 % of the samples are interpolated, which removes part of their noise.
     np.testing.assert_allclose(np.median(result.floors, axis=0), DENSITY, rtol=0.045)
 
 

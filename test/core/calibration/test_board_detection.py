@@ -1,4 +1,4 @@
-"""Boards in thermal pictures whatever their polarity, refusals, and how near the corners are."""
+"""Boards of either polarity in thermal pictures, refusals, and the accuracy of the corners."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ FAR = BOARD.columns * BOARD.square_m * XT2.fx / (0.6 * W)  # the board fills six
 
 
 def placed(u, v, depth, turn=None, board=BOARD):
-    """A pose with the board's middle at a pixel."""
+    """Return a pose with the board's middle at a pixel."""
     turn = np.eye(3) if turn is None else turn
     return turn, XT2.rays(np.array([[u, v]]))[0] * depth - turn @ board.points_m.mean(0)
 
 
 def drawn():
-    """Pictures of boards that are wrong as they stand there, by name."""
+    """Return pictures of boards that must be refused, by name."""
     rng = np.random.default_rng(SEED)
     middle = placed(W / 2, H / 2, FAR, rotation_x(0.3))
     steep = rotation_y(math.radians(77)) @ rotation_z(0.1)
@@ -69,7 +69,7 @@ def drawn():
 
 
 def spoilt():
-    """Good pictures with something over them, and pictures of other things, by name."""
+    """Return pictures of covered boards and of other things, by name."""
     rng = np.random.default_rng(SEED + 1)
     turn = rotation_y(0.3) @ rotation_z(0.1)
     good = renderer().view(*placed(W / 2, H / 2, FAR, turn), LOOK, rng)
@@ -90,9 +90,9 @@ def spoilt():
     }
 
 
-def off_px(found, truth):
-    """Root mean square from the true corners, counted from either end."""
-    return min(np.sqrt(((found.corners_px - c) ** 2).mean()) for c in (truth, truth[::-1]))
+def off_px(sighting, truth):
+    """Return the rms distance to the true corners, counted from either end."""
+    return min(np.sqrt(((sighting.corners_px - c) ** 2).mean()) for c in (truth, truth[::-1]))
 
 
 LOOKS = {
@@ -111,12 +111,12 @@ LOOKS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
-def test_boards_are_found_whatever_they_look_like(look):
+def test_boards_of_every_appearance_are_found(look):
     for view in board_views(XT2, BOARD, 2, 7, look):
-        found = find_board(view.image, BOARD)
-        assert isinstance(found, BoardSighting), found
-        assert off_px(found, view.corners_px) < 3.5 * found.sigma_px
-        assert found.sigma_px < 0.15
+        sighting = find_board(view.image, BOARD)
+        assert isinstance(sighting, BoardSighting), sighting
+        assert off_px(sighting, view.corners_px) < 3.5 * sighting.sigma_px
+        assert sighting.sigma_px < 0.15
 
 
 def test_a_hot_spot_does_not_hide_a_16_bit_board():
@@ -126,12 +126,12 @@ def test_a_hot_spot_does_not_hide_a_16_bit_board():
     assert off_px(find_board(image, BOARD), view.corners_px) < 0.1
 
 
-def test_a_large_picture_is_searched_in_small_and_fitted_as_it_is():
+def test_a_large_picture_is_reduced_for_detection_and_fitted_in_full():
     camera = Camera(1400, 1120, 1750.0, 1750.0, 705.0, 552.0)
     view = board_views(camera, BOARD, 1, 7, parts=1)[0]
-    found = find_board(view.image, BOARD)
-    assert isinstance(found, BoardSighting), found
-    assert off_px(found, view.corners_px) < 3.5 * found.sigma_px
+    sighting = find_board(view.image, BOARD)
+    assert isinstance(sighting, BoardSighting), sighting
+    assert off_px(sighting, view.corners_px) < 3.5 * sighting.sigma_px
 
 
 @pytest.mark.slow
@@ -143,9 +143,9 @@ def test_the_order_is_right_handed(columns, rows, turn):
     position = np.array([0, 0, 2.2]) - rotation @ board.points_m.mean(0)
     rng = np.random.default_rng(3)
     view = BoardRenderer(XT2, board).view(rotation, position, LOOK, rng)
-    found = find_board(view.image, board)
-    assert isinstance(found, BoardSighting), found
-    grid = found.corners_px.reshape(rows, columns, 2)
+    sighting = find_board(view.image, board)
+    assert isinstance(sighting, BoardSighting), sighting
+    grid = sighting.corners_px.reshape(rows, columns, 2)
     along, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
     assert along[0] * down[1] - along[1] * down[0] > 0
 
@@ -163,27 +163,27 @@ EXPECTED = {
 
 @pytest.mark.slow
 def test_no_bad_picture_is_taken_and_reasons_are_right():
-    found = {name: find_board(image, BOARD) for name, image in (drawn() | spoilt()).items()}
-    assert [name for name, item in found.items() if not isinstance(item, Refused)] == []
-    assert {name: found[name].reason for name in EXPECTED} == EXPECTED
+    results = {name: find_board(image, BOARD) for name, image in (drawn() | spoilt()).items()}
+    assert [name for name, item in results.items() if not isinstance(item, Refused)] == []
+    assert {name: results[name].reason for name in EXPECTED} == EXPECTED
 
 
 def test_a_moderate_motion_is_a_blur():
     look = replace(LOOK, motion_px=(10.0, 0.0))
     position = np.array([0, 0, 2.0]) - BOARD.points_m.mean(0)
     view = BoardRenderer(XT2, BOARD).view(np.eye(3), position, look, np.random.default_rng(5))
-    found = find_board(view.image, BOARD)
-    assert isinstance(found, Refused)
-    assert found.reason is RefusalReason.BLURRED, found
+    refused = find_board(view.image, BOARD)
+    assert isinstance(refused, Refused)
+    assert refused.reason is RefusalReason.BLURRED, refused
 
 
 @pytest.mark.parametrize(
     "image", [np.zeros((512, 640), np.uint8), np.full((64, 80), 9, np.uint16)]
 )
 def test_empty_pictures_show_no_board(image):
-    found = find_board(image, BOARD)
-    assert isinstance(found, Refused)
-    assert found.reason is RefusalReason.NO_BOARD
+    refused = find_board(image, BOARD)
+    assert isinstance(refused, Refused)
+    assert refused.reason is RefusalReason.NO_BOARD
 
 
 @pytest.mark.parametrize(
@@ -211,14 +211,14 @@ def view(look, seed=1, number=0):
 
 
 def fitted(seen, off_px=0.7, seed=2):
-    """The fit from places that a detector could have given."""
+    """Return the fit that starts at places as a detector gives them."""
     off = np.random.default_rng(seed).uniform(-off_px, off_px, seen.corners_px.shape)
     begun = seen.corners_px + off
     return fit_corners(seen.image.astype(np.float32), begun, steps_of(begun, BOARD))
 
 
 @pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
-def test_errors_are_those_that_the_fit_tells(look):
+def test_errors_agree_with_the_covariance_of_the_fit(look):
     seen = view(look)
     fit = fitted(seen)
     errors = fit.uv - seen.corners_px

@@ -1,4 +1,4 @@
-"""Boresight and latency from sightings: derivatives, the fit, its covariance, what it refuses."""
+"""Boresight and latency from sightings: derivatives, the fit, its covariance, refusals."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ POSE_SIGMA = np.array([0.01, 0.01, 0.02, *np.radians([0.1, 0.1, 0.2])])
 
 
 class Path:
-    """A camera 20 m up whose heading winds and whose tilt steps; the map's plane is the ground."""
+    """Move a camera 20 m above ground, the map's plane; its heading winds, its tilt steps."""
 
     def __init__(self, *, tilts_deg=(-30.0,), turning=True, speed_m_s=3.0, rpy_deg=(0, 0, 0)):
         self.tilts, self.turning, self.speed = np.radians(tilts_deg), turning, speed_m_s
@@ -81,7 +81,7 @@ STEP = math.radians(1.0)
 
 
 def flight_of(path, present_rpy_deg=(0, 0, 0), click_sigma_px=0.5, *, north=False):
-    """The flight as read with the present parameters; a step of north turns back by as much."""
+    """Return the flight under the present parameters; a step of north turns the camera back."""
     return SightedFlight(
         XT2,
         path.at,
@@ -94,7 +94,7 @@ def flight_of(path, present_rpy_deg=(0, 0, 0), click_sigma_px=0.5, *, north=Fals
 
 
 def seen_by(path, rng, *, count=60, latency_s=LATENCY_S, sigma_px=0.5, span_s=60.0, area=1.0):
-    """Clicks by the true path: a point for every three, all over the picture."""
+    """Return clicks from the true path, three a point, all over the picture."""
     outcome = []
     while len(outcome) < count:
         t_s = float(rng.uniform(2.0, span_s))
@@ -133,7 +133,7 @@ def test_the_derivatives_are_those_of_differences():
     off=st.tuples(*[st.floats(-4, 4)] * 3),
     late_s=st.floats(-0.1, 0.2),
 )
-def test_without_noise_the_truth_comes_out(present, off, late_s):
+def test_without_noise_the_fit_gives_the_truth(present, off, late_s):
     rng = np.random.default_rng(2)
     true_rpy = np.add(present, off)
     truth, now = Path(rpy_deg=true_rpy), Path(rpy_deg=present)
@@ -150,7 +150,7 @@ def test_without_noise_the_truth_comes_out(present, off, late_s):
 
 
 def errors_that_last(rng):
-    """Gauss-Markov errors of POSE_SIGMA that last 4 s, as functions of time."""
+    """Return Gauss-Markov errors of POSE_SIGMA with 4 s of correlation, as functions of time."""
     values = np.stack([gauss_markov(rng, 1000, 1.0, 4.0, 0.1) for _ in range(6)], axis=1)
     return lambda t_s: POSE_SIGMA * values[int(t_s * 10)]
 
@@ -167,7 +167,7 @@ def test_errors_are_as_large_as_the_covariance_says():
         error = outcome.correction[:4] - [*np.radians([1.0, -0.8, 1.5]), 0.02]
         squares.append(error @ np.linalg.solve(outcome.covariance, error) / 4)
     # A mean of 64 squares has a sigma of sqrt(2 / 64) = 0.18: three of them. The errors last 4 s
-    # and are taken for such of 5 s, by which the mean is a little less than 1.
+    # and are modelled as lasting 5 s, which makes the mean a little less than 1.
     assert 0.4 < float(np.mean(squares)) < 1.55
 
 
@@ -195,7 +195,7 @@ def test_too_many_wrong_clicks_are_refused():
     seen = seen_by(Path(), rng)
     for k in range(0, 60, 2):
         seen[k] = dataclasses.replace(seen[k], uv=rng.uniform([0, 0], [640, 512]))
-    with pytest.raises(CalibrationError, match=r"agree with each other|does not settle"):
+    with pytest.raises(CalibrationError, match=r"agree with each other|does not converge"):
         fit(flight_of(Path()), seen, USUAL)
 
 
@@ -218,7 +218,7 @@ def doubt_of(path, seen, names):
 
 
 @pytest.mark.slow
-def test_norths_at_one_tilt_are_refused_and_told_at_two():
+def test_north_is_refused_at_one_tilt_and_found_at_two():
     rng = np.random.default_rng(9)
     names = (*USUAL, "gimbal_north")
     outcome = doubt_of(Path(), seen_by(Path(), rng), names)
@@ -231,7 +231,7 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
     seen = seen_by(truth, rng, count=120)
     assert doubt_of(now, seen, names) is None
     turned = flight_of(now, north=True)
-    # the flight as read is turned by 2 deg of north that the truth does not have
+    # under the present parameters the flight has an error of 2 deg of north
     turned = dataclasses.replace(
         turned,
         poses=lambda t: now.at(t, 2 * STEP),

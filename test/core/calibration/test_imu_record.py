@@ -76,7 +76,7 @@ def test_late_and_repeated_samples_are_left_out():
     assert np.flatnonzero(~there(record)).tolist() == [500, 700]
 
 
-def test_what_is_not_finite_is_left_out_and_what_repeats_is_counted():
+def test_values_that_are_not_finite_are_left_out_and_repeated_ones_counted():
     values = np.repeat(np.arange(500.0), 2)[:, None] + np.zeros(6)
     values[300, 2], values[301, 5] = np.nan, np.inf
     record = laid(even(1000), values)
@@ -100,19 +100,19 @@ def test_shaking_stamps_keep_every_sample_and_its_time(jitter, rate_hz, unit_ns,
     stamps = np.sort(np.round(shaken / unit_ns) * unit_ns).astype(np.int64)
     record = laid(stamps)
     assert record.samples + record.irregular["repeated_stamps"] == 5000
-    # Its length is that of the stamps, to the rounding and the jitter of the two ends.
+    # Its length equals the stamps', within rounding and the jitter of both ends.
     assert len(there(record)) == pytest.approx(5000, abs=2 + 2 * unit_ns / step_ns)
 
 
 def test_samples_keep_their_order_and_time_in_bursts_and_by_a_coarse_clock():
-    """Ten at a time, microseconds apart; 6, 6, 8, 6, 9 ms in turns, in whole milliseconds."""
+    """Bursts of ten, microseconds apart; steps of 6, 6, 8, 6, 9 ms in whole milliseconds."""
     bursts = np.repeat(even(3000)[9::10], 10) + np.tile(np.arange(10) * 1000, 300)
     coarse = np.cumsum(np.resize([6, 6, 8, 6, 9], 3000)) * 1_000_000
     for stamps, step_s in ((bursts, 0.01), (coarse, 0.007)):
         record = laid(stamps)
         (run,) = record.runs
         assert run[there(record), 0].tolist() == list(range(3000))
-        # The last burst ends the record: its step is known to a burst in 300.
+        # The record ends with a burst, so its step has an error of one burst in 300.
         assert record.step_s == pytest.approx(step_s, rel=0.005)
         assert len(run) == pytest.approx(3000, rel=0.005)
 
@@ -157,7 +157,7 @@ def test_rest_is_rest(seed):
 def test_a_turn_a_tilt_and_a_knock_are_named():
     values = rest(2)
     values[30_000:30_250, 2] += 0.05  # turned by 7 deg within 2.5 s
-    values[60_000:, 3] += 9.8 * np.sin(np.radians(2))  # laid down askew
+    values[60_000:, 3] += 9.8 * np.sin(np.radians(2))  # put down tilted
     values[90_050, 4] += 20.0  # a knock of one sample
     result = movements(in_seconds(values))
     assert result == [Interval(299, 304), Interval(599, 601), Interval(899, 902)]
@@ -172,7 +172,7 @@ def test_a_flight_has_moved_all_along():
     assert movements(in_seconds(values)) == []
 
 
-def test_a_slow_drift_is_told_with_its_slope():
+def test_a_slow_drift_is_reported_with_its_slope():
     values = rest(3)
     slope = 2e-5 / 60  # rad/s a second
     values[:, 1] += slope * np.arange(SIZE) / RATE_HZ

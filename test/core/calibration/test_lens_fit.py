@@ -1,4 +1,4 @@
-"""Lenses from corners known to a figure, and a board's pose: truth, honest sigmas, refusals."""
+"""Lenses from corners with known errors, and a board's pose: truth, sigmas, refusals."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_exact_corners_give_the_exact_lens():
     assert fit.camera.distortion == tuple(fit.values[4:])
 
 
-def test_views_that_do_not_fit_leave_with_their_reason():
+def test_views_that_do_not_fit_are_refused_with_the_reason():
     views = views_of(14, 2)
     bent = views["v3"].corners_px.copy()
     bent[:, 1] += 3.0 * np.sin(bent[:, 0] / 60)  # a board that is not flat
@@ -156,7 +156,7 @@ def test_an_upright_frame_is_made_of_a_board_that_lies_on_its_side():
         assert np.degrees(result) == pytest.approx([0, 0, 0], abs=1e-3)
 
 
-def test_a_plane_has_two_poses_and_the_track_keeps_to_one():
+def test_a_plane_has_two_poses_and_the_tracker_keeps_one():
     board, rng = Checkerboard(4, 3, 0.05), np.random.default_rng(4)
     tracker = BoardTracker(board, XT2)
     tracker.pose(observed(board, (0, 12, 0), 2.0))  # without noise: the right one

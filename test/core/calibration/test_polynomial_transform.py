@@ -1,4 +1,4 @@
-"""Polynomials through control points: exact where they are exact, as good as the points' noise."""
+"""Polynomials through control points: exact for exact points, else as good as their noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CORNER_M = np.array([457_000.0, 4_410_000.0])  # a UTM plane's large numbers
 
 
 def warped(pixels, order, seed=0):
-    """A plane of metres: turned, scaled, and bent by tens of pixels where the order allows."""
+    """Return places in metres: turned, scaled, and bent by tens of pixels if the order allows."""
     rng = np.random.default_rng(seed)
     u, v = ((pixels / SIZE_PX - 0.5) * 2).T
     turn = rng.uniform(0, 2 * np.pi)
@@ -74,7 +74,7 @@ def test_noise_gives_the_residuals_and_errors_that_statistics_expect():
     # The errors of points that were not used are the leverage times the noise.
     ratio = np.mean(misses, axis=(0, 2)) / (result.leverage(checks) * sigma_m**2)
     assert ratio.mean() == pytest.approx(1, abs=0.1)
-    # A point left out errs by its own noise and the fit's: 1 / (1 - leverage) times the variance.
+    # A left-out point has its own noise and the fit's: 1 / (1 - leverage) times the variance.
     wanted = 2 * sigma_m**2 / (1 - result.leverage(pixels))
     assert (np.mean(left_out, axis=0) / wanted).mean() == pytest.approx(1, abs=0.1)
 

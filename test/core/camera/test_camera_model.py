@@ -1,4 +1,4 @@
-"""The camera against OpenCV's projection, its inverse, its limits, and pictures made straight."""
+"""The camera against OpenCV's projection, its inverse, its limits, and rectified pictures."""
 
 import contextlib
 import math
@@ -124,7 +124,7 @@ GREY = np.full((512, 640, 3), 90, np.uint8)
 
 
 def blank_of(camera):
-    """Pixels of the straight picture whose place in the camera's picture lies outside it."""
+    """Return which rectified pixels come from outside the camera's picture, (h, w)."""
     v, u = np.indices((camera.height, camera.width))
     rays = np.stack(
         [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], -1
@@ -141,8 +141,8 @@ def test_a_camera_of_too_many_pixels_is_refused():
 
 
 @pytest.mark.parametrize("camera", LENSES)
-def test_a_dot_comes_to_its_straight_place(camera):
-    """Of a blob's brightness, the centre: a tenth of a pixel is what 8 bits and 1/32 px leave."""
+def test_a_dot_moves_to_its_rectified_place(camera):
+    """The centre of a blob's brightness is right to 0.1 px, which 8 bits and 1/32 px allow."""
     rectifier = Rectifier(camera)
     for u, v in [(100.0, 80.0), (550.0, 100.0), (320.0, 256.0), (90.0, 430.0), (500.0, 400.0)]:
         rows, columns = np.indices((512, 640))

@@ -48,7 +48,7 @@ def screen_covariance(camera, pose, points_n, config, rates=None, sigma_m=None):
 
 
 def some_covariance(position_m=0.3, attitude_deg=0.4, seed=0):
-    """Full: every error goes with every other."""
+    """Return a full matrix (6, 6): every error is correlated with every other."""
     mixed = np.random.default_rng(seed).normal(size=(6, 6)) / np.sqrt(6)
     scale = np.repeat([position_m, math.radians(attitude_deg)], 3)
     return scale[:, None] * (mixed @ mixed.T) * scale
@@ -93,7 +93,7 @@ def test_jacobians_against_differences(camera, down_deg, yaw_deg, seed):
 
 
 def drawn_pixels(camera, pose, point_n, config, rates, count, rng):
-    """(count, 2) where a point truly appears, if pose, time, lens and map err as they may."""
+    """Return pixels (count, 2) of a point with random errors of pose, time, lens and map."""
     pose_error = rng.multivariate_normal(np.zeros(6), pose.covariance, count)
     late_s = rng.normal(0, config.latency_sigma_s, (count, 1))
     sigma = [config.map_sigma_m, config.map_sigma_m, config.ground_sigma_m]
@@ -106,7 +106,7 @@ def drawn_pixels(camera, pose, point_n, config, rates, count, rng):
 
 
 def share_inside(uv, middle, covariance):
-    """Of true pixels, the share in the ellipse of 95 %; one that nobody sees is not."""
+    """Return the share of true pixels in the 95 % ellipse; nan pixels count as outside."""
     off = uv - middle
     return np.mean(np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off) <= CHI2_95)
 
@@ -141,8 +141,8 @@ def test_95_percent_of_true_places_are_inside(camera, place, rates):
     assert shown >= 3
 
 
-def test_where_the_first_order_holds_it_says_so_truly():
-    """Over all sizes of errors: where ``linear``, 93 to 97 % are inside."""
+def test_linear_is_true_only_where_first_order_is_enough():
+    """Errors have all sizes; where ``linear`` is True, 93 to 97 % are inside."""
     rng = np.random.default_rng(11)
     shares, refused = [], 0
     for seed in range(200):
@@ -168,7 +168,7 @@ def test_where_the_first_order_holds_it_says_so_truly():
 
 
 @pytest.mark.parametrize("count", [1, 3, 2500, 2501, 6000])
-def test_many_points_are_as_the_jacobians_have_them(count):
+def test_many_points_agree_with_their_jacobians(count):
     pose = pose_at(covariance=some_covariance())
     rng = np.random.default_rng(count)
     points_n = ground_at(XT2, pose, rng.uniform(0, 1, (count, 2)) * [639, 511])
@@ -189,7 +189,7 @@ def test_many_points_are_as_the_jacobians_have_them(count):
     np.testing.assert_allclose(together, expected, rtol=1e-8, atol=1e-9)
 
 
-def test_a_covariance_that_is_none_trusts_nothing():
+def test_an_impossible_covariance_gives_no_ellipse():
     wrong = np.diag([1.0, 1.0, 1.0, 1e-4, 1e-4, -1e-4])
     tangled = np.diag([1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4])
     tangled[0, 3] = tangled[3, 0] = 0.02  # a correlation of 2

@@ -1,4 +1,4 @@
-"""Joints planted wrong on the sample flight, and none that is right."""
+"""Mistakes planted in the joints of the sample flight are named; right joints are not."""
 
 import math
 from dataclasses import replace
@@ -105,7 +105,7 @@ def off_by(axis, off_deg):
     return lambda joints: replace(joints, **{axis: getattr(joints, axis) + math.radians(off_deg)})
 
 
-def test_a_joint_with_a_wrong_zero_is_told_with_its_size_and_far_off_stops(sample):
+def test_a_joint_with_a_wrong_zero_is_reported_with_its_size_and_far_off_stops(sample):
     [finding] = result(sample, off_by("pitch_rad", 6.0))
     # The sample's reported pitch is within 0.5 deg (Table 8's wander) of the encoder's.
     mean_deg = float(finding.evidence.split(")")[0].split(",")[2])
@@ -132,24 +132,24 @@ def test_yaw_counted_from_north_is_named(sample):
 
 @pytest.mark.parametrize("late_s", [0.12, 0.3, 0.7, -0.15])
 @pytest.mark.parametrize("reported", [True, False])
-def test_joints_of_another_time_are_told_with_their_delay(sample, late_s, reported):
+def test_joints_of_another_time_are_reported_with_their_delay(sample, late_s, reported):
     def restamped(joints):
         return replace(joints, stamp_ns=joints.stamp_ns + round(late_s * 1e9))
 
     [finding] = result(sample, restamped, reported=reported)
     assert (finding.check, finding.severity) == ("joints_late", Severity.STOP)
-    told_s = float(finding.evidence.split("stamped ")[1].split()[0])
+    reported_s = float(finding.evidence.split("stamped ")[1].split()[0])
     # Half a step between joints, 10 ms, and as much between attitudes of the autopilot.
-    assert told_s == pytest.approx(abs(late_s), abs=0.02)
+    assert reported_s == pytest.approx(abs(late_s), abs=0.02)
     assert ("later" if late_s > 0 else "earlier") in finding.evidence
     assert finding.parameter == "gimbal/joint_states header.stamp"
 
 
-def test_computed_joints_are_no_witness(sample):
+def test_computed_joints_are_ignored(sample):
     assert not result(sample, lambda joints: replace(exchanged(joints), computed=True))
 
 
-def test_a_boresight_that_nobody_gave_is_told(sample):
+def test_a_boresight_at_its_default_is_reported(sample):
     [finding] = result(sample, right, given=())
     assert finding.check == "boresight_default"
     assert not result(sample, right, given={"boresight_rpy_deg"})

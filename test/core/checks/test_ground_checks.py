@@ -98,13 +98,13 @@ def test_a_map_beside_the_model():
 
 
 def test_a_file_that_names_no_system_is_noted(tmp_path):
-    """The words are the reader's own."""
+    """The remark is the map reader's."""
     place = np.degrees([PLANE.longitude_rad, PLANE.latitude_rad])
     write_shapefile(tmp_path / "m.shp", [[(*place, 25.0), (*place + STEP_DEG, 25.0)]], prj=None)
     layers = load_layers(str(tmp_path / "m.shp"))
     [result] = map_findings(drape_layers(layers, PLANE, GROUND_M), GROUND_M)
     assert (result.check, result.severity) == ("map_system_unknown", Severity.NOTE)
-    assert "names no known system" in result.evidence
+    assert "names no known coordinate system" in result.evidence
 
 
 def test_the_checks_of_a_flight_follow_its_plane_and_its_map():
@@ -176,12 +176,12 @@ FAR = Terrain(np.full((3, 3), 0.0), graticule((10.0, 10.0), (0.1, 0.1), 3))
         # A flight that starts and ends in the air has no rest, however still it hangs.
         (HOME_M - GEOID_M, [20.0] * 300),
         (HOME_M - GEOID_M, [*[20.0] * 100, *CLIMB[::-1], *CLIMB]),
-        # Nothing is known of the ground.
+        # The ground is not known.
         (None, FLIGHT),
         (FAR, FLIGHT),
     ],
 )
-def test_where_nothing_is_wrong_or_known_nothing_is_said(ground, flight):
+def test_nothing_is_reported_where_nothing_is_wrong_or_known(ground, flight):
     assert heights_found(ground, flight) == []
 
 
@@ -189,7 +189,7 @@ LONG = [*FLIGHT, *[40.0] * 2000]
 
 
 @pytest.mark.parametrize("flight", [FLIGHT, FLIGHT[::-1], LONG], ids=["up", "down", "long"])
-def test_ground_above_sea_level_is_told_at_rest(flight):
+def test_ground_above_sea_level_is_reported_at_rest(flight):
     [plane] = heights_found(HOME_M - GEOID_M, flight)
     assert plane.check == "height_at_rest"
     assert "47.4 m above ground" in plane.evidence
@@ -201,7 +201,7 @@ def test_ground_above_sea_level_is_told_at_rest(flight):
 
 
 @pytest.mark.parametrize("ground", [HOME_M + GEOID_M, level(HOME_M + GEOID_M)])
-def test_below_the_ground_stops_whatever(ground):
+def test_below_the_ground_is_a_stop_on_any_ground(ground):
     findings = heights_found(ground, [40.0] * 60)
     assert [(item.check, item.severity) for item in findings] == [("below_ground", Severity.STOP)]
     assert "7.0 m below" in findings[0].evidence

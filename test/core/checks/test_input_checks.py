@@ -1,4 +1,4 @@
-"""What a flight is given: topics absent or of another type, parameters, calibrations."""
+"""Topics that are absent or of another type; parameters; calibrations."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_good_lenses_say_nothing(camera):
         ({"fx": 150.0, "fy": 150.0}, "field_of_view"),
     ],
 )
-def test_what_cannot_be_is_told(changes, check):
+def test_impossible_lenses_are_reported(changes, check):
     assert checks_of(replace(BOSON, **changes)) == [check]
 
 
@@ -139,7 +139,7 @@ def test_another_namespace_is_one_fault_that_says_which():
     assert finding.mend == "did you mean --namespace /?"
 
 
-def test_a_topic_under_another_name_is_told_where_it_is():
+def test_a_topic_under_another_name_is_reported_where_it_is():
     there = without("imu/data") | {"/mavros/imu/data": "Imu"}
     (finding,) = recording_findings(RecordedTopics(there, CONTRACT))
     assert finding.evidence == "the bag has no /imu/data (there is /mavros/imu/data)"

@@ -1,4 +1,4 @@
-"""Faults planted in flights are named with their parameter; clean flights are left in peace."""
+"""Faults planted in flights are named with their parameter; clean flights give no finding."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def velocity(topic, change):
 
 
 def ned(velocity_n):
-    """As decoded from x = north, y = east, z = down."""
+    """Return a velocity as decoded if x is sent as north, y as east, z as down."""
     north, east, down = velocity_n
     return np.array([east, north, -down])
 
@@ -115,7 +115,7 @@ def swapped(arrived):
 
 
 def every(number, *topics):
-    """Only one sample in ``number`` of each topic comes."""
+    """Keep one sample in ``number`` of each topic."""
     counts = dict.fromkeys(topics, 0)
 
     def change(arrived):
@@ -128,12 +128,12 @@ def every(number, *topics):
 
 
 def gaps(arrived):
-    """The IMU is silent for 0.4 s in every 5 s."""
+    """Silence the IMU for 0.4 s in every 5 s."""
     silent = arrived.topic == "imu/data" and arrived.arrival_ns // 10**8 % 50 < 4
     return None if silent else arrived
 
 
-#: Fault: its change; what the first finding says: check, parameter and words of its line.
+#: Fault: its change; the first finding's severity, check, parameter and words of its line.
 PLANTED = {
     "acceleration in g": (imu(force=1 / 9.80665), STOP, "force_unit", FORCE, "it is in g"),
     "gravity taken off": (without_gravity, STOP, "force_unit", FORCE, "gravity was removed"),
@@ -148,15 +148,15 @@ PLANTED = {
     "heading + 180 deg": (heading(plus_deg=180), STOP, "heading_offset", SECOND, "swapped"),
     "heading + 20 deg": (heading(plus_deg=20), STOP, "heading_offset", SECOND, "measure both"),
     "azimuth for ENU yaw": (heading(azimuth), STOP, "heading_turns", HEADING, "90 deg less"),
-    "heading in degrees": (heading(in_degrees), STOP, "heading_turns", HEADING, "degrees for"),
+    "heading in degrees": (heading(in_degrees), STOP, "heading_turns", HEADING, "degrees instead"),
     "heading repeated": (heading(lambda _: 0.3), STOP, "heading_turns", HEADING, "repeated"),
     "heading silent": (lost(HEADING), CAUTION, "no_rtk_heading", HEADING, "method to ekf"),
     "RTK above sea level": (higher("rtk/fix", -47), CAUTION, "height_datum", GEOID, "sea level"),
     "GPS above sea level": (higher("gps/fix", 9), CAUTION, "height_datum", GEOID, "sea level"),
     "another base": (another_base, CAUTION, "position_datum", "rtk/fix", "of the RTK base"),
     "latitude for longitude": (swapped, STOP, "position_elsewhere", "latitude", "swapped"),
-    "rtk/vel NED": (velocity("rtk/vel", ned), STOP, "rtk_vel_axes", "rtk/vel", "NED for ENU"),
-    "gps/vel NED": (velocity("gps/vel", ned), STOP, "gps_vel_axes", "gps/vel", "NED for ENU"),
+    "rtk/vel NED": (velocity("rtk/vel", ned), STOP, "rtk_vel_axes", "rtk/vel", "send ENU"),
+    "gps/vel NED": (velocity("gps/vel", ned), STOP, "gps_vel_axes", "gps/vel", "send ENU"),
     "rtk/vel in km/h": (in_km_h, STOP, "rtk_vel_unit", "rtk/vel", "km/h"),
     "rtk/vel always 0": (stopped, STOP, "rtk_vel_zero", "rtk/vel", "0,"),
     "covariances 0": (no_covariance, CAUTION, "covariance_zero", "rtk/fix", "rtk/vel (150 of"),
@@ -172,7 +172,7 @@ PLANTED = {
     "gaps of the IMU": (gaps, CAUTION, "imu_gaps", "imu/data", "longest 0.4 s"),
     "no RTK": (lost("rtk/"), NOTE, "no_rtk_fix", "rtk/fix", "ordinary GPS"),
     "no position": (lost("rtk/", "gps/"), STOP, "no_rtk_fix", "rtk/fix", "nothing gives a"),
-    "no IMU": (lost("imu/data"), STOP, "no_imu_data", "imu/data", "nothing in"),
+    "no IMU": (lost("imu/data"), STOP, "no_imu_data", "imu/data", "no message"),
 }
 
 
@@ -183,12 +183,12 @@ def test_a_planted_fault_is_named_first(fault, flight, config):
     assert (first.check, first.severity) == (check, severity)
     assert parameter in first.parameter
     assert words in first.line
-    # One fault is told once; only axes that are turned are so for both sensors.
+    # One fault gives one finding; only turned axes concern both sensors.
     assert all(item.severity is NOTE or check == "force_axes" for item in others)
 
 
 def of_headings(count, rate_of, heading_of):
-    """The findings of headings (rad) at 20 Hz beside yaw rates (rad/s), by number."""
+    """Return the checks that report headings (rad) at 20 Hz beside yaw rates (rad/s)."""
     checks, forces_b = HeadingChecks(EkfConfig()), np.array([0.0, 0.0, -9.8])
     for k in range(1, count):
         rates_b = np.array([0.0, 0.0, rate_of(k)])
@@ -197,35 +197,35 @@ def of_headings(count, rate_of, heading_of):
     return [item.check for item in checks.findings()]
 
 
-@pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["heading_turns"])])
-def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, found):
+@pytest.mark.parametrize(("sign", "expected"), [(1, []), (-1, ["heading_turns"])])
+def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, expected):
     turned = of_headings(6000, lambda k: 0.3 * (k < 600), lambda k: sign * 0.015 * min(k, 600))
-    assert turned == found
+    assert turned == expected
 
 
-@pytest.mark.parametrize(("every", "found"), [(16, []), (3, ["heading_turns"])])
-def test_single_outliers_among_headings_are_no_fault(every, found):
-    """Of 34 s, two headings are 140 deg off: an rms of 54 deg by the change, there and back."""
+@pytest.mark.parametrize(("every", "expected"), [(16, []), (3, ["heading_turns"])])
+def test_single_outliers_among_headings_are_no_fault(every, expected):
+    """Two headings of 34 s are 140 deg off: the changes to them and back have 54 deg rms."""
 
     def outlying(k):
         return 0.005 * k + (2.4 if k // 20 % every == 8 % every else 0.0)
 
-    assert of_headings(681, lambda _: 0.1, outlying) == found
+    assert of_headings(681, lambda _: 0.1, outlying) == expected
 
 
-@pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["rtk_vel_up"])])
-def test_climbs_with_the_wrong_sign_are_named(sign, found):
+@pytest.mark.parametrize(("sign", "expected"), [(1, []), (-1, ["rtk_vel_up"])])
+def test_climbs_with_the_wrong_sign_are_named(sign, expected):
     checks = VelocityChecks("rtk/vel", "rtk/fix")
     for stamp_ns in range(0, 20_000_000_000, 200_000_000):
         turn = 0.5e-9 * stamp_ns
         climbs = np.array([0.0, 0.0, sign * 1.5 * np.cos(turn)])
         checks.velocity(VelocitySample(stamp_ns, Source.RTK_VELOCITY, climbs, np.eye(3)))
         checks.position(stamp_ns, np.array([0.0, 0.0, 3 * np.sin(turn)]))
-    assert [item.check for item in checks.findings()] == found
+    assert [item.check for item in checks.findings()] == expected
 
 
 def over_ground(noise_m, change):
-    """The findings of a turning flight at 3 m/s; ``change`` takes its velocities and times."""
+    """Return the findings of a turning flight at 3 m/s; ``change`` takes velocities and times."""
     checks, rng = VelocityChecks("gps/vel", "gps/fix"), np.random.default_rng(7)
     for stamp_ns in range(0, 60_000_000_000, 200_000_000):
         turn = 0.2e-9 * stamp_ns
@@ -239,10 +239,10 @@ def over_ground(noise_m, change):
 @pytest.mark.parametrize(
     ("change", "check", "end"),
     [
-        (lambda v, _: v * 3.6, "gps_vel_unit", " is km/h"),
-        (lambda v, _: v * 3600 / 1852, "gps_vel_unit", " is knots"),
-        (lambda v, _: v * 2.237, "gps_vel_unit", " is mph"),
-        (lambda v, _: v * 100.0, "gps_vel_unit", " is cm/s"),
+        (lambda v, _: v * 3.6, "gps_vel_unit", " means km/h"),
+        (lambda v, _: v * 3600 / 1852, "gps_vel_unit", " means knots"),
+        (lambda v, _: v * 2.237, "gps_vel_unit", " means mph"),
+        (lambda v, _: v * 100.0, "gps_vel_unit", " means cm/s"),
         (lambda v, _: np.linalg.norm(v) * np.eye(3)[0], "gps_vel_axes", "not in axes of the body"),
     ],
 )
@@ -255,32 +255,32 @@ def test_a_unit_is_named_by_its_ratio_and_axes_by_directions(change, check, end)
 @pytest.mark.parametrize("noise_m", [1.0, 1.5, 2.5, 4.0, 8.0])
 @pytest.mark.parametrize("factor", [1.0, 1.5])
 def test_poor_positions_are_no_other_unit(noise_m, factor):
-    """They make speeds of 1.5 times and more, and of other directions."""
+    """Poor positions give speeds of 1.5 times and more, in other directions."""
     assert over_ground(noise_m, lambda v, _: v * factor) == []
 
 
-def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):
+def test_a_jump_of_a_clock_is_reported_with_its_size(flight, config):
     middle_ns = flight[len(flight) // 2].arrival_ns
 
     def change(arrived):
         later = arrived.topic in RTK.split() and arrived.arrival_ns > middle_ns
         return stamps(RTK, 0.3)(arrived) if later else arrived
 
-    found = {item.check: item for item in checked(flight, config, change)}
-    assert "jumped by -0.30 s" in found["stamp_jump"].evidence
+    by_check = {item.check: item for item in checked(flight, config, change)}
+    assert "jumped by -0.30 s" in by_check["stamp_jump"].evidence
 
 
 def test_the_sample_flight_is_clean(flight, config):
     assert checked(flight, config, given=()) == []
 
 
-def test_places_that_nobody_gave(flight):
-    (known,) = checked(flight, EkfConfig(), given=())
+def test_places_that_are_not_configured(flight):
+    (finding,) = checked(flight, EkfConfig(), given=())
     (unknown,) = checked(flight, EkfConfig())
-    assert (known.check, known.severity) == ("antenna_place", CAUTION)
-    assert "aircraft.rtk_antenna_m" in known.parameter
+    assert (finding.check, finding.severity) == ("antenna_place", CAUTION)
+    assert "aircraft.rtk_antenna_m" in finding.parameter
     assert unknown.severity is NOTE
-    # Somebody says that it is at zero: that contradicts the flight.
+    # A configured place of zero contradicts the flight.
     (text,) = checked(flight, EkfConfig(), given=("aircraft.rtk_antenna_m",))
     assert (text.check, text.severity) == ("antenna_place", CAUTION)
     assert "not at (+0.00, +0.00, +0.00)" in text.evidence
@@ -288,16 +288,16 @@ def test_places_that_nobody_gave(flight):
 
 def test_without_the_autopilots_attitude_the_course_tells(flight, config):
     assert [item.check for item in checked(flight, config, bare)] == ["imu_tilt"]  # not known
-    (found,) = checked(flight, config, bare, heading(plus_deg=180))
-    assert (found.check, found.severity) == ("heading_offset", STOP)
-    assert "the course over ground" in found.evidence
+    (finding,) = checked(flight, config, bare, heading(plus_deg=180))
+    assert (finding.check, finding.severity) == ("heading_offset", STOP)
+    assert "the course over ground" in finding.evidence
 
 
 def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight, config):
     findings = checked(flight, config, bare, imu(rate=DEGREES * 0.7))
-    found = {item.check: item for item in findings}
-    assert found["heading_turns"].severity is STOP
-    assert "imu/data angular_velocity" in found["heading_turns"].parameter
+    by_check = {item.check: item for item in findings}
+    assert by_check["heading_turns"].severity is STOP
+    assert "imu/data angular_velocity" in by_check["heading_turns"].parameter
 
 
 def test_numbers_that_are_none_do_no_harm(flight, config):

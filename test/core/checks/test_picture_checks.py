@@ -1,4 +1,4 @@
-"""Faults of pictures: what they show of lens and ground, points that move, stamps and rates."""
+"""Faults of lens, ground and latency by the motion of pictures; stamps and rates of pictures."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,7 @@ def flight(sample):
 
 
 def mapped(flight, kind, change):
-    """The flight with other samples of a kind."""
+    """Return the flight with changed samples of a kind."""
     events = tuple(
         item._replace(sample=change(item.sample)) if item.topic == kind else item
         for item in flight.events
@@ -32,29 +32,29 @@ def mapped(flight, kind, change):
 
 
 def reshot(flight, change):
-    """The flight with pictures (uint8) that ``change`` makes of its own."""
-    return mapped(flight, "frame", lambda what: (what[0], change(what[1])))
+    """Return the flight with its pictures (uint8) changed by ``change``."""
+    return mapped(flight, "frame", lambda frame: (frame[0], change(frame[1])))
 
 
 def test_the_sample_flight_is_right(flight):
     assert picture_findings(flight, each_second=True) == []
 
 
-def told_latency(findings):
-    """The latency and its sigma, s, in the finding of a wrong one."""
+def reported_latency(findings):
+    """Return the latency and its sigma, s, from the finding of a wrong latency."""
     [finding] = (item for item in findings if item.check == "video_latency")
     assert finding.parameter == "overlay_node video_latency_s"
-    told_s, _, _, sigma_s = finding.evidence.split(" by ")[1].split()[:4]
-    return float(told_s), float(sigma_s.rstrip("),"))
+    reported_s, _, _, sigma_s = finding.evidence.split(" by ")[1].split()[:4]
+    return float(reported_s), float(sigma_s.rstrip("),"))
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25, 0.45, 0.55, -0.35, -0.9])
-def test_a_wrong_latency_is_told_with_the_right_one(flight, latency_s):
+def test_a_wrong_latency_is_reported_with_the_right_one(flight, latency_s):
     overlay = replace(flight.configs.overlay, video_latency_s=latency_s)
     findings = picture_findings(flight, overlay=overlay)
     assert len(findings) == 1
-    told_s, _ = told_latency(findings)
-    assert abs(told_s - 0.05) < 0.012  # four of the 3 ms that the fit has at random
+    reported_s, _ = reported_latency(findings)
+    assert abs(reported_s - 0.05) < 0.012  # 4 sigma of the fit, 3 ms each
 
 
 @pytest.mark.parametrize("late_s", [1.3, 2.0, -0.8])
@@ -66,16 +66,16 @@ def test_pictures_that_are_later_still_contradict_the_poses(flight, late_s):
 
 @pytest.mark.parametrize("shift_s", [0.005, -0.005])
 def test_the_sigma_of_a_latency_holds_what_all_pictures_share(flight, shift_s):
-    """Poses are stamped to half a sample of the IMU; no picture tells that from a latency."""
+    """Poses are stamped to half a sample of the IMU, which has the effect of a latency."""
     overlay = replace(flight.configs.overlay, video_latency_s=0.25)
     shift_ns = round(shift_s * 1e9)
     shifted = mapped(flight, "pose", lambda pose: replace(pose, stamp_ns=pose.stamp_ns + shift_ns))
-    told_s, sigma_s = told_latency(picture_findings(shifted, overlay=overlay))
-    assert abs(told_s - 0.05) < 2 * sigma_s
+    reported_s, sigma_s = reported_latency(picture_findings(shifted, overlay=overlay))
+    assert abs(reported_s - 0.05) < 2 * sigma_s
 
 
-def test_a_straight_flight_tells_a_latency_with_the_sigma_that_it_has(flight):
-    """The noise of the poses was taken for turns: 0.2 s off, with a sigma of 0.007."""
+def test_a_straight_flight_gives_a_latency_with_an_honest_sigma(flight):
+    """Noise of the poses once looked like turns: 0.2 s off, with a sigma of 0.007."""
     begin_ns = flight.events[0].arrival_ns + 14 * 10**9
     straight = CheckedFlight(
         flight.configs,
@@ -86,12 +86,12 @@ def test_a_straight_flight_tells_a_latency_with_the_sigma_that_it_has(flight):
         ),
     )
     overlay = replace(flight.configs.overlay, video_latency_s=0.25)
-    told_s, sigma_s = told_latency(picture_findings(straight, overlay=overlay))
-    assert abs(told_s - 0.05) < 2 * sigma_s
+    reported_s, sigma_s = reported_latency(picture_findings(straight, overlay=overlay))
+    assert abs(reported_s - 0.05) < 2 * sigma_s
     assert 0.01 < sigma_s < 0.03
 
 
-UNTOLD = MotionFit(
+NO_LATENCY = MotionFit(
     values=np.zeros(6),
     sigmas=np.array([0.05, 0.001, 0.001, 0.001, 0.001, 0.001]),
     assumed=(True, *[False] * 5),
@@ -111,21 +111,21 @@ UNTOLD = MotionFit(
     ("pairs", "off_s", "checks"),
     [(34, 0.05, []), (34, 0.15, ["video_latency"]), (50, 0.05, ["video_latency"])],
 )
-def test_a_young_filter_that_turns_is_no_latency(pairs, off_s, checks):
-    """The soak's good flight: 0.05 s off by 34 pairs, at 7 sigma, 0.013 by 50."""
+def test_a_turning_heading_of_a_new_filter_is_no_latency(pairs, off_s, checks):
+    """The soak's good flight: 0.05 s off after 34 pairs, at 7 sigma, 0.013 s after 50."""
     values, sigmas = np.array([off_s, *[0.0] * 5]), np.array([0.007, *[0.001] * 5])
-    young = replace(UNTOLD, pairs=pairs, values=values, sigmas=sigmas, assumed=(False,) * 6)
-    result = motion_findings(replace(young, without=(0.6,) * 4), 0.05, 800.0, "", "")
-    assert [item.check for item in result] == checks
+    changes = {"assumed": (False,) * 6, "without": (0.6,) * 4, "sigmas": sigmas}
+    fit = replace(NO_LATENCY, pairs=pairs, values=values, **changes)
+    assert [item.check for item in motion_findings(fit, 0.05, 800.0, "", "")] == checks
 
 
-def test_a_flight_that_does_not_tell_the_latency_says_so():
-    [finding] = motion_findings(UNTOLD, 0.05, 800.0, "", "")
+def test_a_flight_that_does_not_show_the_latency_gives_a_note():
+    [finding] = motion_findings(NO_LATENCY, 0.05, 800.0, "", "")
     assert finding.severity is Severity.NOTE
-    assert "does not tell the latency" in finding.evidence
-    vague = replace(UNTOLD, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
+    assert "does not show the latency" in finding.evidence
+    vague = replace(NO_LATENCY, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
     assert motion_findings(vague, 0.05, 800.0, "", "") == [finding]
-    reports = replace(UNTOLD, assumed=(False,) * 6)
+    reports = replace(NO_LATENCY, assumed=(False,) * 6)
     assert motion_findings(reports, 0.05, 800.0, "", "") == []
 
 
@@ -145,7 +145,7 @@ def test_pictures_that_are_turned_are_named(flight, turned, words):
 
 
 @pytest.mark.parametrize(("factor", "severity"), [(1.3, 2), (0.8, 2), (1.1, 1)])
-def test_a_wrong_focal_length_is_told_with_the_right_one(flight, factor, severity):
+def test_a_wrong_focal_length_is_reported_with_the_right_one(flight, factor, severity):
     def longer(camera):
         return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
 
@@ -153,9 +153,9 @@ def test_a_wrong_focal_length_is_told_with_the_right_one(flight, factor, severit
     assert finding.check == "focal_length"
     assert finding.severity == severity
     assert finding.parameter == "thermal/camera_info"
-    told_px = float(finding.evidence.split(" were ")[1].split()[0])
-    # What the lens's own distortion makes of another focal length is not modelled: 1 in 50.
-    assert told_px == pytest.approx(803.6, rel=0.025)
+    reported_px = float(finding.evidence.split(" were ")[1].split()[0])
+    # The effect of the lens's distortion with another focal length is not modelled: 1 in 50.
+    assert reported_px == pytest.approx(803.6, rel=0.025)
 
 
 def test_a_lens_of_another_size_stops(flight):
@@ -175,7 +175,7 @@ def test_a_lens_of_another_size_stops(flight):
     [(11.5 - 47, "ground_by_motion"), (11.5 + 9, "ground_by_motion"), (11.5 + 47, "below_ground")],
 )
 @pytest.mark.parametrize("as_model", [True, False])
-def test_ground_above_sea_level_is_told(flight, height_m, check, as_model):
+def test_ground_above_sea_level_is_reported(flight, height_m, check, as_model):
     overlay = replace(flight.configs.overlay, ground_height_m=height_m)
     place = graticule((39.84, 116.69), (0.005, 0.005), 5)
     ground = Terrain(np.full((5, 5), height_m), place) if as_model else None
@@ -200,13 +200,13 @@ def test_pictures_contradict_joints_that_are_wrong(flight, fault):
 
 
 def askew(joints):
-    """Joints of a camera that hangs 5 deg lower than they say, and 3 deg to the right."""
+    """Change the joints so that the camera hangs 5 deg lower than they say, 3 deg to the right."""
     pitch_rad = joints.pitch_rad + math.radians(5.0)
     return replace(joints, pitch_rad=pitch_rad, yaw_rad=joints.yaw_rad - math.radians(3.0))
 
 
 @pytest.mark.slow
-def test_a_camera_askew_is_told_with_the_boresight_that_mends_it(flight):
+def test_a_camera_askew_is_reported_with_the_boresight_that_mends_it(flight):
     faulty = recomposed(flight, askew)
     [finding] = picture_findings(faulty)
     assert finding.check == "boresight_by_motion"
@@ -239,7 +239,7 @@ STEP_NS = 111_000_000
 
 
 def cut(right, down, width=640, height=512):
-    """A part of blurred noise: something to follow everywhere."""
+    """Return a part of blurred noise, which can be tracked everywhere."""
     noise = np.random.default_rng(0).normal(0.0, 1.0, (1300, 1600)).astype(np.float32)
     blurred = cv2.GaussianBlur(noise, (0, 0), 6.0)
     scene = np.clip(128 + 60 * blurred / blurred.std(), 0, 255).astype(np.uint8)
@@ -289,7 +289,7 @@ START_NS = 1_700_000_000 * 10**9
     ("stamp", "checks"),
     [
         (lambda k: START_NS + k * PERIOD_NS, []),
-        # Of a busy computer, a few come late.
+        # On a busy computer a few frames come late.
         (lambda k: START_NS + (k - 15 * (k < 30)) * PERIOD_NS, []),
         (lambda k: 0 * k, ["picture_stamps_zero"]),
         (lambda k: START_NS + (k + 5) * PERIOD_NS, ["picture_stamps_ahead"]),
@@ -298,7 +298,7 @@ START_NS = 1_700_000_000 * 10**9
         (lambda k: START_NS + (k // 2) * 2 * PERIOD_NS, ["picture_stamps_back"]),
     ],
 )
-def test_bad_stamps_are_told(stamp, checks):
+def test_bad_stamps_are_reported(stamp, checks):
     stamps = FrameStamps()
     for k in range(100):
         now_ns = START_NS + k * PERIOD_NS + 50_000_000
@@ -308,7 +308,7 @@ def test_bad_stamps_are_told(stamp, checks):
 
 
 def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():
-    """As where a bag is played and the first /clock is late: 3 of 10 would."""
+    """A bag is played and the first /clock comes late: 3 of 10 frames would be reported."""
     stamps = FrameStamps()
     for k in range(100):
         stamp_ns = START_NS + k * PERIOD_NS

@@ -33,7 +33,7 @@ def test_a_rate_is_that_between_gaps():
 
 
 def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
-    """Findings on rtk/fix with an age for every second, beside an IMU without one."""
+    """Return findings on rtk/fix with an age in each second, and an IMU without delay."""
     imu, rtk = Stream(0.2), Stream(1.5)
     checks = StampChecks(config)
     for second, age_s in enumerate(ages_s, start=10):
@@ -64,7 +64,7 @@ def test_a_clock_that_jumps():
     assert "+0.30 s" in jumped["stamp_jump"].evidence
 
 
-def test_two_publishers_are_told_by_their_order():
+def test_two_publishers_are_reported_by_their_order():
     stream = Stream(0.2)
     for k in range(100):
         stream.add(at(k * S // 100), k * S // 100)

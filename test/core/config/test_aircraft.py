@@ -1,4 +1,4 @@
-"""The aircraft's places, said once: from which point they are measured, and the IMU's axes."""
+"""Positions on the aircraft, set once: from which point they are measured, and the IMU's axes."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def test_antennas_that_give_no_heading_are_refused_with_both_names(second_m):
 @pytest.mark.parametrize(
     ("kind", "name", "instead"),
     [
-        (EkfConfig, "rtk.lever_arm_m", "is now aircraft.rtk_antenna_m, said once for all nodes"),
-        (EkfConfig, "gps.lever_arm_m", "is now aircraft.gps_antenna_m, said once for all nodes"),
+        (EkfConfig, "rtk.lever_arm_m", "is now aircraft.rtk_antenna_m, set once for all nodes"),
+        (EkfConfig, "gps.lever_arm_m", "is now aircraft.gps_antenna_m, set once for all nodes"),
         (EkfConfig, "heading.offset_deg", "is now the direction from aircraft.rtk_antenna_m to"),
         (EkfConfig, "heading.baseline_m", "is now the direction from aircraft.rtk_antenna_m to"),
-        (GimbalConfig, "lever_arm_m", "is now aircraft.gimbal_pivot_m, said once for all nodes"),
-        (GimbalConfig, "camera_offset_m", "is now aircraft.camera_from_pivot_m, said once"),
-        (DjiConfig, "heading.baseline_offset_deg", "to aircraft.second_antenna_m, said once for"),
+        (GimbalConfig, "lever_arm_m", "is now aircraft.gimbal_pivot_m, set once for all nodes"),
+        (GimbalConfig, "camera_offset_m", "is now aircraft.camera_from_pivot_m, set once"),
+        (DjiConfig, "heading.baseline_offset_deg", "to aircraft.second_antenna_m, set once for"),
         (NODE_CONFIGS["bag_player"], "aircraft.pushes", "is now simulated_aircraft.pushes"),
     ],
 )
@@ -85,8 +85,8 @@ def test_an_old_name_is_refused_with_the_new_one(kind, name, instead):
 
 
 def test_no_old_name_is_in_use_and_every_node_knows_them():
-    known = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)}
-    assert not known & set(RENAMED)
+    in_use = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)}
+    assert not in_use & set(RENAMED)
     for kind in NODE_CONFIGS.values():
         with pytest.raises(ConfigError, match=r"rtk\.lever_arm_m is now aircraft\.rtk_antenna_m"):
             config_from(kind, {"rtk.lever_arm_m": [0.0, 0.0, 0.0]})

@@ -116,11 +116,11 @@ def test_values_come_back(length, unset, arms, mode, title, count):
         "title": title,
         "count": count,
     }
-    made = config_from(Tree, given_values)
-    again = config_from(Tree, values_of(made))
-    assert repr(again) == repr(made)  # nan is not equal to itself
+    config = config_from(Tree, given_values)
+    again = config_from(Tree, values_of(config))
+    assert repr(again) == repr(config)  # nan is not equal to itself
     read = given_values | {"leaf.length_m": float(length), "leaf.arms_m": tuple(map(float, arms))}
-    assert repr({name: values_of(made)[name] for name in read}) == repr(read)
+    assert repr({name: values_of(config)[name] for name in read}) == repr(read)
 
 
 # The nodes' own trees

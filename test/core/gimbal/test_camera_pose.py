@@ -61,7 +61,7 @@ def body_at(euler, position_n=(3.0, 4.0, -20.0), covariance=None):
 
 
 def rotation_ng(pose):
-    """The camera body's rotation, where the mount has no boresight."""
+    """Return the camera body's rotation, for a mount without boresight."""
     return matrix_from_quat(pose.q_nc) @ BODY_OPTICAL.T
 
 
@@ -114,7 +114,7 @@ def test_boresight_turns_about_camera_axes():
 
 
 def turned(body, error):
-    """The body that a position error (m) and phi_n (rad), (6,), lead to."""
+    """Return the body pose with a position error (m) and phi_n (rad), (6,), added."""
     q = quat_from_matrix(matrix_from_rotvec(error[3:]) @ matrix_from_quat(body.q_nb))
     return dataclasses.replace(body, position_n=body.position_n + error[:3], q_nb=q)
 
@@ -146,7 +146,7 @@ NORTH_VARIANCE = np.radians(2.0) ** 2
 
 
 def computed(autopilot_q_nb, camera_euler):
-    """Joints as they are computed from the two attitudes that the flight controller reports."""
+    """Return joints computed from the two attitudes that the flight controller reports."""
     rotation_bg = matrix_from_quat(autopilot_q_nb).T @ matrix_from_quat(
         quat_from_euler(*camera_euler)
     )
@@ -187,7 +187,7 @@ def by_reported(euler, camera):
 
 
 def by_computed(euler, camera):
-    """Where the autopilot's tilt is the body's, so that the camera's is the reported one."""
+    """The autopilot's tilt equals the body's, so the camera's tilt is the reported one."""
 
     def compose(at, error):
         tilted = quat_multiply(quat_from_euler(*error[2:4], 0.0), quat_from_euler(*euler))

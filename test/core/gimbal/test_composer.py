@@ -1,4 +1,4 @@
-"""The composer: what waits, what is composed, what is dropped and how it is counted."""
+"""The composer: which samples wait, are composed or dropped, and how they are counted."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_paper_takes_the_autopilot_of_the_same_instant():
 
 
 def arrivals():
-    """What comes in 200 ms, each stream in its own order."""
+    """Return the samples of 200 ms, each stream in its own order."""
     bodies = [("add_body", (body(t),)) for t in range(0, 201, 10)]
     autopilot = [
         ("add_autopilot", (t * MS, quat_from_euler(0.0, 0.0, YAW_RATE * t * 1e-3 + 0.3)))
@@ -117,7 +117,7 @@ def test_dropped_when_the_body_does_not_come():
 
 
 def feed(composer, t_ms, *, joint=True, attitude=True, bias=0.0):
-    """One instant of a level hover; what came of it."""
+    """Add the samples of one instant of a level hover; return the composed poses."""
     poses = composer.add_autopilot(t_ms * MS, quat_from_euler(0.0, 0.0, 0.3))
     poses += composer.add_body(body(t_ms, 0.0))
     if joint:
@@ -128,7 +128,7 @@ def feed(composer, t_ms, *, joint=True, attitude=True, bias=0.0):
 
 
 def test_auto_goes_over_to_steady_joints_and_back_when_they_are_silent():
-    """The gimbal's north, 3 deg off, is known by then: the heading does not jump."""
+    """The bias of the gimbal's north, 3 deg, is estimated by then: the heading does not jump."""
     composer = composing("auto")
     driven, poses = [], []
     for t_ms in range(0, 10_000, 20):
@@ -152,8 +152,8 @@ def test_auto_goes_over_to_steady_joints_and_back_when_they_are_silent():
     assert counts["composed"] + counts["unused"] == 500 + 201
 
 
-def test_computed_joints_are_no_reading_of_the_north():
-    """They would show none: the bias is in both."""
+def test_computed_joints_do_not_measure_the_bias_of_the_north():
+    """They would measure zero, because the reported attitude has the same bias."""
     bias = np.radians(4.0)
     composer = composing("auto")
     for t_ms in range(0, 8000, 20):
@@ -166,7 +166,7 @@ def test_computed_joints_are_no_reading_of_the_north():
 
 
 def test_computed_joints_of_a_centred_gimbal_show_its_north():
-    """After they have taken over nothing else does: the reported attitudes drive no more."""
+    """Once the joints are in use, reported attitudes no longer measure it."""
     bias_deg = 2.0
     composer = composing(north=NorthConfig(centred=True))
     for t_ms in range(0, 20_000, 50):
@@ -205,7 +205,7 @@ def test_clock_going_back_starts_again():
 
 
 @pytest.mark.parametrize("computed", [False, True])
-def test_the_zero_of_the_yaw_encoder_is_taken_out_of_what_an_encoder_saw(computed):
+def test_the_yaw_zero_is_subtracted_only_from_an_encoders_angle(computed):
     def heading_of(zero_deg):
         composer = composing(yaw_zero_deg=zero_deg)
         composer.add_body(body(0, 0.0))

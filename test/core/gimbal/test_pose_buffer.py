@@ -1,4 +1,4 @@
-"""Poses between poses: where they lie, and how sure they are."""
+"""Interpolated poses: position, attitude and covariance; and when there is none."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_never_outside_the_poses():
     assert history.at(2 * STEP_NS + 1) is Miss.TOO_NEW
 
 
-def test_gap_is_not_bridged_but_its_ends_stand():
+def test_a_gap_is_not_interpolated_but_its_ends_are_returned():
     history: PoseBuffer[BodyPose] = PoseBuffer(max_gap_s=0.1)
     for stamp_ns in (0, 100_000_000, 200_000_001):
         history.add(body(stamp_ns))

@@ -1,4 +1,4 @@
-"""The gimbal's north: when it shows, what the filter learns, what it doubts, how sure it is."""
+"""The bias of the gimbal's north: its measurements, its estimate, refusals and variance."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def seconds(count, start_s=0):
 
 
 def fed(readings_rad, config=None, *, centred=True):
-    """The filter after one reading a second, and what became of each."""
+    """Return the filter after one reading a second, and the outcome of each."""
     north = YawBiasFilter(config or NorthConfig())
     stamps = seconds(len(readings_rad))
     outcomes = [
@@ -48,7 +48,7 @@ def test_many_readings_are_the_least_squares_solution(centred):
     assert north.variance == pytest.approx(posterior[0, 0], rel=1e-9)
 
 
-def test_clock_that_is_set_costs_an_hour_at_most():
+def test_a_clock_that_is_set_propagates_an_hour_at_most():
     north = YawBiasFilter(NorthConfig(sigma_deg=0.5))
     north.advance(0)
     north.advance(1_700_000_000 * S)
@@ -57,7 +57,7 @@ def test_clock_that_is_set_costs_an_hour_at_most():
     assert math.degrees(math.sqrt(north.variance)) == pytest.approx(math.hypot(0.5, 0.03 * 60))
 
 
-def test_one_wrong_reading_is_doubted_and_forgotten():
+def test_one_wrong_reading_raises_the_variance_only_until_the_next():
     north, _ = fed([0.0] * 30)
     before = north.bias_rad, north.variance
     assert north.take(30 * S, math.radians(8.0), NOISE, centred=True) is Outcome.GATED
@@ -103,12 +103,12 @@ steps = st.tuples(
 
 
 @given(st.lists(steps, max_size=40), st.floats(0, 100), st.floats(0, 10), st.floats(0, 90))
-def test_whatever_comes_the_answer_is_a_number(given_steps, sigma_deg, walk_deg, centre_deg):
+def test_any_readings_leave_a_finite_estimate(readings, sigma_deg, walk_deg, centre_deg):
     north = YawBiasFilter(
         NorthConfig(sigma_deg=sigma_deg, walk_deg=walk_deg, centred_sigma_deg=centre_deg)
     )
     stamp_s, sound = 0, 0
-    for elapsed_s, reading, variance, centred in given_steps:
+    for elapsed_s, reading, variance, centred in readings:
         stamp_s += elapsed_s
         outcome = north.take(stamp_s * S, reading, variance, centred=centred)
         sound += outcome is not Outcome.INVALID

@@ -124,7 +124,7 @@ def test_why_a_ray_meets_nothing(position_n, ray_n, stop):
     assert first_hit(HILLS, PLANE, np.array(position_n, float), ray_n) is stop
 
 
-def test_a_gap_under_the_ray_is_told_and_one_behind_the_point_is_not():
+def test_a_gap_before_the_point_is_reported_and_one_behind_it_is_not():
     def holed(lat, lon):
         north, east = metres(lat, lon)
         return np.where(np.hypot(north - 60, east) < 5, np.nan, 20.0)
@@ -156,14 +156,14 @@ def test_infinite_heights_are_gaps_and_any_layout_in_memory_serves():
 
 
 @pytest.mark.parametrize(
-    ("heights", "said"),
+    ("heights", "message"),
     [
-        (np.zeros((1, 5)), "at least 2 x 2 are needed"),
-        (np.zeros(5), "at least 2 x 2 are needed"),
-        (np.full((3, 3), np.nan), "all of it is no-data"),
+        (np.zeros((1, 5)), "at least 2 x 2 heights are needed"),
+        (np.zeros(5), "at least 2 x 2 heights are needed"),
+        (np.full((3, 3), np.nan), "all its values are no-data"),
         (np.array([[0.0, 1.0], [2.0, -32768.0]]), "is its no-data value declared"),
     ],
 )
-def test_what_is_no_model(heights, said):
-    with pytest.raises(ElevationError, match=said):
+def test_heights_that_are_no_model_are_refused(heights, message):
+    with pytest.raises(ElevationError, match=message):
         Terrain(heights, graticule((0.0, 0.0), (1.0, 1.0), 2))

@@ -144,7 +144,7 @@ def test_target_error_is_that_of_a_click():
 
 
 @pytest.mark.parametrize(
-    ("sensor_deg", "ground", "known"),
+    ("sensor_deg", "ground", "finite"),
     [
         ((0, -45, 0), None, (True, True)),
         ((0, -15, 0), None, (True, False)),  # the upper corners are above the horizon
@@ -154,11 +154,11 @@ def test_target_error_is_that_of_a_click():
         ((0, -45, 0), 9000.0, (False, False)),
     ],
 )
-def test_what_is_not_known_is_nan(sensor_deg, ground, known):
+def test_unknown_values_are_nan(sensor_deg, ground, finite):
     geometry = frame_geometry(sight_of((0, 0, 0), sensor_deg, ground=ground), CONFIG)
     numbers = (*geometry.centre, geometry.slant_range_m, geometry.ce90_m, geometry.le90_m)
-    assert set(np.isfinite(numbers)) == {known[0]}
-    assert set(np.isfinite(geometry.corners).ravel()) == {known[1]}
+    assert set(np.isfinite(numbers)) == {finite[0]}
+    assert set(np.isfinite(geometry.corners).ravel()) == {finite[1]}
     assert np.isfinite([*geometry.sensor, *geometry.sensor_rpy]).all()
 
 

@@ -58,7 +58,7 @@ def slope_terrain():
 
 
 def drawn(rng, pose):
-    """A true pose and pixel for what is believed of them, and the ground's error."""
+    """Draw a true pose for an estimated one, and errors of the pixel and of the ground."""
     errors = rng.multivariate_normal(np.zeros(6), COVARIANCE)
     late = rng.normal(0, CONFIG.latency_sigma_s)
     errors += late * np.concatenate(RATES)
@@ -107,11 +107,11 @@ def test_the_covariance_is_that_of_the_pixels_derivatives(seed):
     by_pose, by_point = (each[0] for each in pixel_jacobian(XT2, pose, point_n[None]))
     latitude, longitude, _ = PLANE.geodetic_from_ned(point_n)
     up_n = PLANE.up_n(latitude, longitude)
-    known = np.zeros((3, 3))
-    known[:2, :2] = by_pose @ COVARIANCE @ by_pose.T + CONFIG.lens_sigma_px**2 * np.eye(2)
-    known[2, 2] = CONFIG.ground_sigma_m**2
+    sources = np.zeros((3, 3))
+    sources[:2, :2] = by_pose @ COVARIANCE @ by_pose.T + CONFIG.lens_sigma_px**2 * np.eye(2)
+    sources[2, 2] = CONFIG.ground_sigma_m**2
     inverse = np.linalg.inv(np.vstack([by_point, up_n]))
-    expected = inverse @ known @ inverse.T
+    expected = inverse @ sources @ inverse.T
     result = point_covariance(XT2, pose, COVARIANCE, point_n, PLANE, 5.0, CONFIG)
     # the pixels' derivatives are 1 px/m and less, the normal 1: the inverse loses three digits
     np.testing.assert_allclose(result, expected, rtol=0, atol=1e-9 * np.trace(expected))

@@ -1,4 +1,4 @@
-"""Where a map is, seen from a place, and what may have put it there."""
+"""The distance and direction of a map, and the likely mistake if it is far away."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def map_of(*features):
 
 
 def nearest_of_all(features_n, at):
-    """By another way than the code: points a decimetre apart along every line."""
+    """Computed independently of the code: points a decimetre apart along every line."""
     best = math.inf
     for points in features_n:
         dense = [points[:1]]
@@ -54,8 +54,8 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
     """Along the Earth, not through it; a sphere of the equator's radius is wrong by 0.5 %."""
     south_rad = HERE.latitude_rad - math.pi / 2
     point = GeoFeature("", False, np.array([[south_rad, HERE.longitude_rad, 0.0]]))
-    laid = drape_layers([MapLayer("m", [point])], HERE, 0.0)
-    result = nearest_feature(laid.map, np.zeros(3))
+    draped = drape_layers([MapLayer("m", [point])], HERE, 0.0)
+    result = nearest_feature(draped.map, np.zeros(3))
     assert nearest_feature(map_of(), np.zeros(3)) is None
     assert result.distance_m == pytest.approx(10_002_000, rel=5e-3)
 
@@ -74,6 +74,6 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
         (48.1, 14.5, ""),  # half a zone away is no zone
     ],
 )
-def test_what_put_a_map_so_far_away(latitude_deg, longitude_deg, question):
+def test_the_likely_mistake_of_a_map_far_away(latitude_deg, longitude_deg, question):
     place_n = HERE.ned_from_geodetic(*np.radians([latitude_deg, longitude_deg]), 0.0)
     assert likely_mistake(HERE, place_n) == question

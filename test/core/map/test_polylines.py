@@ -42,11 +42,11 @@ def test_cut(lengths, seed):
     enter = np.where(rng.random(count) < 0.6, 0.0, rng.random(count))
     leave = np.where(rng.random(count) < 0.6, 1.0, rng.random(count))
     leave[~lines.links()] = 0.0
-    got = lines.cut(enter, leave)
+    result = lines.cut(enter, leave)
     wanted, owners = cut_by_loop(lines, enter, leave)
-    assert got.owner.tolist() == owners
-    assert len(got.split()) == len(wanted)
-    for line, other in zip(got.split(), wanted, strict=True):
+    assert result.owner.tolist() == owners
+    assert len(result.split()) == len(wanted)
+    for line, other in zip(result.split(), wanted, strict=True):
         np.testing.assert_array_equal(line, other)
 
 

@@ -106,7 +106,7 @@ def test_a_line_ends_where_the_model_ends():
     assert "1 of 2 features lie where the elevation model has no height" in got.notes[0]
 
 
-def test_a_hole_of_the_model_parts_a_line_and_unfills_its_ring():
+def test_a_gap_of_the_model_cuts_a_line_and_leaves_its_ring_unfilled():
     model, fill = terrain(hole=True), LayerStyle(fill_bgr=(0, 0, 255))
     north, east = (SIZE // 2 - 70) * CELL_M, (70 - SIZE // 2) * CELL_M
     across = feature([[north, east - 200], [north, east + 200]])
@@ -128,7 +128,7 @@ def test_marks_off_the_model_are_left_out():
     assert got.without_ground == 1
 
 
-def test_too_fine_a_model_is_touched_less_often_and_the_operator_is_told(monkeypatch):
+def test_lines_on_too_fine_a_model_get_fewer_vertices_and_a_note(monkeypatch):
     line = feature([[-450, 0], [450, 0]])
     every_cell = draped(line)
     assert not every_cell.notes

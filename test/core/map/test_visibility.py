@@ -47,7 +47,7 @@ def test_marks_are_projected_points_of_the_image():
 
 
 @pytest.mark.parametrize("camera", [PINHOLE, XT2])
-def test_what_is_seen_knows_its_place_on_the_map(camera):
+def test_a_visible_point_has_its_ray_to_the_map(camera):
     rng = np.random.default_rng(5)
     line = np.column_stack([rng.uniform(-50, 200, 40), rng.uniform(-80, 80, 40), np.zeros(40)])
     pose = pose_at(pitch=-20, roll=5)

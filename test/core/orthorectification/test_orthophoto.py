@@ -44,7 +44,7 @@ def white_view(ground, pose):
 
 
 def off_px(ground, pose):
-    """How far each seen pixel is off, (n, 2) pixels: the place that it shows less its own."""
+    """Return each pixel's error (n, 2), px: the place that it shows minus its own place."""
     picture, corner = coded(pose, ground)
     result = []
     view = FrameView(tiles_of(ground, PIXEL_M), CAMERA, pose, picture, GRAZING)
@@ -69,7 +69,7 @@ def off_px(ground, pose):
     ],
 )
 def test_a_pixel_shows_its_own_place(ground, pose):
-    """By the way back: rays to the ground made the picture, the ground's points find it again."""
+    """The inverse way: the picture was made by rays from its pixels to the ground."""
     off = off_px(ground, pose)
     assert len(off) > 4_000
     # Codes are 0.02; between nodes of 4 pixels, and between the picture's pixels, the perspective
@@ -222,7 +222,7 @@ def test_hard_values_are_those_of_the_best_view(patches):
     assert (values[:100, :50] == 900).all()
 
 
-def test_what_nobody_sees_is_unknown():
+def test_ground_that_no_picture_shows_is_unknown():
     tile = MosaicTile.empty(3)
     values, observed = tile.values()
     assert not observed.any()

@@ -1,4 +1,4 @@
-"""Poses a little after the newest: where they lie, and how sure they are."""
+"""Poses predicted a little beyond the newest one: their position, attitude, covariance."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def wandering(rng, number):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("steps_ahead", [1, 3, 5])
-def test_the_covariance_is_what_the_error_is(steps_ahead):
+def test_the_covariance_agrees_with_the_errors(steps_ahead):
     """Mean squared error over variance of each of six axes, over 300 flights.
 
     One for a covariance that is right. At most 1.3: its expected spread over 1800 errors is 0.03,

@@ -35,12 +35,12 @@ def pose_over(north_m):
 @pytest.fixture
 def clicks():
     """Three pictures, a second and ten metres apart."""
-    made = Clicks(ConfidenceConfig())
-    made.set_plane(PLANE)
-    made.set_ground(30.0)
+    shown = Clicks(ConfidenceConfig())
+    shown.set_plane(PLANE)
+    shown.set_ground(30.0)
     for k in range(1, 4):
-        made.show(k * S, XT2, pose_over(10.0 * k))
-    return made
+        shown.show(k * S, XT2, pose_over(10.0 * k))
+    return shown
 
 
 CENTRE = (XT2.cx, XT2.cy)
@@ -78,7 +78,7 @@ def test_pictures_are_forgotten_in_time(clicks):
     assert isinstance(clicks.locate(CENTRE, 2 * S), Located)
 
 
-def test_what_must_be_known():
+def test_a_click_needs_pose_plane_and_ground():
     clicks = Clicks(ConfidenceConfig())
     assert clicks.locate(CENTRE).reason is Reason.NO_PICTURE
     clicks.set_plane(PLANE)
@@ -121,7 +121,7 @@ def test_another_plane_forgets_pictures_and_moves_marks(clicks):
     np.testing.assert_allclose(mark.point_n, expected, atol=1e-6)
     clicks.show(9 * S, XT2, pose_over(0.0))
     clicks.set_plane(TangentPlane(other.latitude_rad, other.longitude_rad, other.height_m))
-    assert isinstance(clicks.locate(CENTRE), Located)  # the same plane said again
+    assert isinstance(clicks.locate(CENTRE), Located)  # the same plane, set again
 
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
@@ -168,8 +168,8 @@ def test_targets_take_the_place_of_clicks_and_stay_in_another_plane(clicks):
 
 
 def test_targets_wait_for_the_plane():
-    made = Clicks(ConfidenceConfig())
-    made.set_targets([target_at(39.85, 116.7, 30.0)])
-    assert made.markers() == []
-    made.set_plane(PLANE)
-    assert [marker.label for marker in made.markers()] == ["1 fire"]
+    clicks = Clicks(ConfidenceConfig())
+    clicks.set_targets([target_at(39.85, 116.7, 30.0)])
+    assert clicks.markers() == []
+    clicks.set_plane(PLANE)
+    assert [marker.label for marker in clicks.markers()] == ["1 fire"]

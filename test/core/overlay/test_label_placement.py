@@ -1,4 +1,4 @@
-"""Labels: by their features, off each other and off what must be seen, and calm."""
+"""Labels: near their features, without overlap, and steady from frame to frame."""
 
 import math
 from typing import NamedTuple
@@ -41,8 +41,8 @@ class Scene:
     """One map's labels on frames of a video."""
 
     def __init__(self, *layers):
-        made = [MapLayer("", each, LayerStyle()) for each in layers]
-        self.map = VectorMap.from_layers(made, PLANE)
+        styled = [MapLayer("", each, LayerStyle()) for each in layers]
+        self.map = VectorMap.from_layers(styled, PLANE)
         self.labels, self.view = Labels(self.map), View(CAMERA)
         self.size = CAMERA.height, CAMERA.width, 3
 
@@ -93,7 +93,7 @@ def test_a_mark_is_not_hidden_by_its_label():
     assert result.anchor == pytest.approx((300, 200), abs=1e-6)
 
 
-def test_an_anchor_knows_where_on_the_map_it_is():
+def test_an_anchor_has_its_ray_to_the_map():
     """Of a mark, of a way and of an outline, on level ground: the ray meets the ground there."""
     features = [feature("Tree", (120, 90)), feature("Way", (400, 300), (400, 100), (600, 90))]
     bay = [(100, 200), (350, 200), (350, 230), (140, 230), (140, 400), (350, 400), (350, 430)]

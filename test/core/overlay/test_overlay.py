@@ -1,4 +1,4 @@
-"""Frames and their poses: which comes out when; lines where the truth is, else a notice."""
+"""Frames and poses: which frame is drawn when, with lines at the true place or a notice."""
 
 import math
 
@@ -57,7 +57,7 @@ def test_the_lines_lie_on_the_truth_at_the_exposure():
 
 
 def test_a_rectified_picture():
-    """Lines lie on the truth of a camera without distortion, and a click is taken on that one."""
+    """Lines lie at the true place for a camera without distortion, and clicks use that camera."""
     plain = Camera(640, 512, XT2.fx, XT2.fy, XT2.cx, XT2.cy)
     wide_n = SQUARE_N * [1, 2, 1]
     overlay = ready([geo(wide_n)], rectify=True, ground_height_m=25.0)
@@ -82,9 +82,9 @@ def test_another_map_while_running():
     assert distances(pixels, outline).max() < 1.5
 
 
-def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
+def test_a_map_that_is_draped_elsewhere_is_awaited_in_each_plane():
     layers = [MapLayer("map", [geo(SQUARE_N)])]
-    overlay = ready(layers=None, told=False)
+    overlay = ready(layers=None, has_status=False)
     moved = TangentPlane(PLANE.latitude_rad + 1e-6, PLANE.longitude_rad, 25.0)
     square_n = moved.ned_from_geodetic(*PLANE.geodetic_from_ned(SQUARE_N))
     for turn, (plane, other, ring_n) in enumerate(
@@ -104,8 +104,8 @@ def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
         assert distances(ink_on(result.image), true_outline(pose_at(START), ring_n)).max() < 1.5
 
 
-def test_a_map_that_fails_to_come_is_told_and_one_that_is_drawn_stays():
-    overlay = ready(layers=None, told=False)
+def test_a_map_that_fails_gives_a_notice_and_a_map_that_is_drawn_stays():
+    overlay = ready(layers=None, has_status=False)
     overlay.map_failed("park.geojson not found")
     assert pictured(overlay, START + MS).notice == "NO MAP: park.geojson not found"
     overlay.set_map(drape_layers([MapLayer("map", [geo(SQUARE_N)])], PLANE, math.nan))
@@ -166,7 +166,7 @@ def test_the_notice_says_why(poses_ns, state, notice):
     assert (result.image[:480] != 90).any()
 
 
-def test_what_no_pose_can_help_is_said_at_once():
+def test_a_frame_that_no_pose_can_help_gets_its_notice_at_once():
     overlay = Overlay(OverlayConfig(), [MapLayer("map", [geo(SQUARE_N)])])
 
     def notice(number, frame=GREY):
@@ -304,7 +304,7 @@ def test_poses_that_always_come_late_still_give_every_picture():
 
 def test_a_blocked_consumer_gets_the_newest_picture_and_every_frame_is_accounted_for():
     rng = np.random.default_rng(5)
-    overlay, given, got = ready(), 0, []
+    overlay, added, results = ready(), 0, []
     fly(overlay, START, 10 * MS)
     now = START
     for _ in range(60):
@@ -312,14 +312,14 @@ def test_a_blocked_consumer_gets_the_newest_picture_and_every_frame_is_accounted
             now += 33 * MS
             overlay.add_pose(flown(now))
             overlay.add_frame(now, GREY, now)
-            given += 1
+            added += 1
         result = overlay.take(now)
         assert result.stamp_ns == now  # the newest, and no older one after it
         assert overlay.take(now) is None
-        got.append(result)
+        results.append(result)
     counts = overlay.counts
-    assert counts["drawn"] == len(got) == 60
-    assert counts["drawn"] + counts["notices"] + counts["replaced"] == given
+    assert counts["drawn"] == len(results) == 60
+    assert counts["drawn"] + counts["notices"] + counts["replaced"] == added
 
 
 def test_a_bag_that_begins_again():

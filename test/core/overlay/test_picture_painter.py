@@ -1,4 +1,4 @@
-"""The picture's tones, what is written on it, and why none of the map is in it."""
+"""The picture's tones and text, and why no part of the map is in view."""
 
 from __future__ import annotations
 
@@ -106,21 +106,21 @@ def test_local_contrast_shows_what_is_faint():
     stamps=st.lists(st.integers(-(10**19), 10**19), min_size=2, max_size=5),
 )
 def test_any_values_at_any_stamps_keep_their_order(values, stamps):
-    made = toner()
+    mapper = toner()
     raw = np.array([sorted(values)], np.uint16)
     for stamp_ns in stamps:
-        assert (np.diff(grey(made.tone(raw, stamp_ns))[0]) >= 0).all()
+        assert (np.diff(grey(mapper.tone(raw, stamp_ns))[0]) >= 0).all()
 
 
 # a video
 
 
-def video(made, frames, start_ns=0):
-    return [grey(made.tone(raw, start_ns + i * FRAME_NS)) for i, raw in enumerate(frames)]
+def video(mapper, frames, start_ns=0):
+    return [grey(mapper.tone(raw, start_ns + i * FRAME_NS)) for i, raw in enumerate(frames)]
 
 
 def hot(raw, share=0.2, value=40000):
-    """With something hot in it, in place of what was the hottest."""
+    """Return a picture whose hottest part is replaced by something hotter."""
     raw = raw.copy()
     raw[len(raw) - round(share * len(raw)) :] = value
     return raw
@@ -142,8 +142,8 @@ def test_a_change_of_the_scene_is_followed_within_the_time(time_s, back):
     scenes = [ramp(), hot(ramp())]
     first, second = reversed(scenes) if back else scenes
     count = round(time_s * 1e9 / FRAME_NS)
-    made = toner(stretch_time_s=time_s)
-    shown = video(made, [first] * 3 + [second] * (count + 1))
+    mapper = toner(stretch_time_s=time_s)
+    shown = video(mapper, [first] * 3 + [second] * (count + 1))
     begin, settled = (grey(toner().tone(raw, 0)) for raw in (first, second))
     away = np.abs(settled - shown[-1]).max()
     assert away <= 0.1 * 255 + 1
@@ -153,11 +153,11 @@ def test_a_change_of_the_scene_is_followed_within_the_time(time_s, back):
 def test_the_noise_of_a_still_scene_moves_nothing():
     rng = np.random.default_rng(4)
     frames = [(ramp() + rng.normal(0, 30, SHAPE)).astype(np.uint16) for _ in range(40)]
-    made = toner()
-    video(made, frames)
-    ends = made._stretch._ends
-    video(made, frames, start_ns=40 * FRAME_NS)
-    assert made._stretch._ends == ends
+    mapper = toner()
+    video(mapper, frames)
+    ends = mapper._stretch._ends
+    video(mapper, frames, start_ns=40 * FRAME_NS)
+    assert mapper._stretch._ends == ends
 
 
 POSES = 40
@@ -181,7 +181,7 @@ def town(rng):
 
 
 @pytest.mark.parametrize("width", [336, 640])
-def test_nothing_that_is_written_meets_another(width):
+def test_texts_do_not_overlap(width):
     rng = np.random.default_rng(13)
     part, labels = width / XT2.width, 0
     height = round(part * XT2.height)
@@ -242,7 +242,7 @@ def at(latitude_deg, longitude_deg):
         ([at(30.5, 108.3)], None, "map 580 km away to the west; is it UTM zone 50 instead of 49?"),
     ],
 )
-def test_why_none_of_it_is_in_view(features, pose, why):
+def test_why_no_part_of_the_map_is_in_view(features, pose, why):
     assert notice(features, pose) == f"NO MAP IN VIEW: {why}"
 
 
@@ -255,8 +255,8 @@ def test_no_layer_at_this_scale():
 def test_a_map_beside_the_elevation_model_lies_on_no_ground():
     grid_of = graticule((40.0, 10.0), (1e-4, 1e-4), 3)
     elsewhere = Terrain(np.full((3, 3), 25.0), grid_of)
-    laid = drape_layers([MapLayer("m", [geo(SQUARE_N)])], PLANE, elsewhere)
-    why = why_absent(laid.map, PLANE, laid.first_n, XT2, pose_at(START), 1000.0)
+    draped = drape_layers([MapLayer("m", [geo(SQUARE_N)])], PLANE, elsewhere)
+    why = why_absent(draped.map, PLANE, draped.first_n, XT2, pose_at(START), 1000.0)
     assert why == "none of the map lies on the elevation model"
 
 

@@ -27,7 +27,7 @@ def pose(height_m=40.0, yaw=0.0, down=60.0, roll=0.0):
 
 
 def ground_point(camera, at, uv):
-    """By another way than the code: the plane at the map's origin, flat over so few metres."""
+    """Computed independently of the code: on the map's plane, flat over so few metres."""
     ray = matrix_from_quat(at.q_nc) @ camera.rays(np.array([uv]))[0]
     return at.position_n + ray * (-at.position_n[2] / ray[2])
 

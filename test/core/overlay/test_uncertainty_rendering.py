@@ -53,16 +53,16 @@ def seen_from(pose, *lines):
 RADIUS_PX_PER_M = RADIUS * PX_PER_M
 
 
-def faded_lines(one, pose, lines, sigma_m=None):
+def faded_lines(config, pose, lines, sigma_m=None):
     none = anchors_at(pose, [])
-    return marked(one, FrameConfidence(one, CAMERA, pose), lines, none, MARK_PX, sigma_m)[:2]
+    return marked(config, FrameConfidence(config, CAMERA, pose), lines, none, MARK_PX, sigma_m)[:2]
 
 
 def faded(sigma_m, pose=None, **changes):
     pose = pose or pose_at()
-    one = dataclasses.replace(PLAIN, **changes)
+    config = dataclasses.replace(PLAIN, **changes)
     lines = seen_from(pose, [(100, 200), (110, 205), (125, 200)])
-    return faded_lines(one, pose, lines, np.array([sigma_m]))
+    return faded_lines(config, pose, lines, np.array([sigma_m]))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_opacity_falls_to_the_faintest_at_the_configured_radius(share, opacity):
     assert len(lines) == 1
 
 
-def test_what_nobody_can_tell_is_faintest():
+def test_a_line_of_unknown_uncertainty_is_faintest():
     none = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, -1.0])
     assert faded(0.0, pose_at(covariance=none))[1].tolist() == [FAINTEST]
 
@@ -86,9 +86,9 @@ def test_a_long_line_fades_along_its_way():
     covariance = np.zeros((6, 6))
     covariance[5, 5] = math.radians(2.0) ** 2
     pose = pose_at(covariance=covariance)
-    one = dataclasses.replace(PLAIN, fade_px=20.0)
+    config = dataclasses.replace(PLAIN, fade_px=20.0)
     lines = seen_from(pose, [(319.5, 255.5), (639, 255.5)], [(10, 10), (20, 12), (24, 19)])
-    cut_lines, opacity = faded_lines(one, pose, lines)
+    cut_lines, opacity = faded_lines(config, pose, lines)
     first = opacity[cut_lines.owner == 0]
     assert (np.diff(first) < 0).all()
     assert first[0] == 1.0
@@ -112,14 +112,14 @@ def test_cut_lines_are_the_same_lines():
         pixels = [
             rng.uniform(0, 600, 2) + rng.normal(0, 9, (n, 2)).cumsum(axis=0) for n in lengths
         ]
-        lines, some = sampled(seen_from(pose_at(), *pixels), STEP_PX)
-        value = rng.integers(0, 2, len(some.line) - 1)
-        runs, first = cut(lines, some, value)
+        lines, samples = sampled(seen_from(pose_at(), *pixels), STEP_PX)
+        value = rng.integers(0, 2, len(samples.line) - 1)
+        runs, first = cut(lines, samples, value)
         expected = {}
-        for k in np.flatnonzero(some.links()):
-            for v in range(some.vertex[k], some.vertex[k + 1]):
+        for k in np.flatnonzero(samples.links()):
+            for v in range(samples.vertex[k], samples.vertex[k + 1]):
                 key = tuple(lines.points[:, v]) + tuple(lines.points[:, v + 1])
-                expected[key] = (some.line[k], value[k])
+                expected[key] = (samples.line[k], value[k])
         result = {}
         for run, owner, way in zip(runs.split(), runs.owner, first, strict=True):
             for a, b in itertools.pairwise(run):
@@ -169,7 +169,7 @@ def test_an_ellipse_as_large_as_the_picture_is_a_hint():
     assert np.hypot(*off.T).max() <= 128 + 1e-9  # a quarter of 512 rows
 
 
-def test_what_the_first_order_does_not_tell_is_uncertain():
+def test_an_anchor_beyond_first_order_is_uncertain():
     covariance = np.zeros((6, 6))
     covariance[2, 2] = 3.0**2  # of 20 m
     pose = pose_at(covariance=covariance)
@@ -181,7 +181,7 @@ def test_what_the_first_order_does_not_tell_is_uncertain():
 
 
 def test_labels_have_their_ellipses_before_other_marks():
-    """As many as there may be; one of them is a mark that is seen too."""
+    """At most MOST_ELLIPSES in all; one of the labels belongs to a mark that is visible too."""
     pose = pose_at(down_deg=40.0)
     uv = np.random.default_rng(5).uniform(0.2, 1, (500, 2)) * [639, 511]
     marks = seen_from(pose, *[[point] for point in uv])

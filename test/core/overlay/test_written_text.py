@@ -1,4 +1,4 @@
-"""The words on the picture: for every state of the filter, cut to fit, legible, in any script."""
+"""The text on the picture: for every state of the filter, cut to fit, legible, any script."""
 
 import dataclasses
 import math
@@ -237,9 +237,9 @@ def test_what_cannot_be_written_is_left_out(monkeypatch, words, written):
     assert stamp(words, 24, TEXT_BGR).ink.any() == bool(written)
     assert passing_stamp(f"NO MAP: {words}", 24, TEXT_BGR).size[0] > 90
     layer = MapLayer("m", [geo(SQUARE_N, words), geo(SQUARE_N, "plain")])
-    laid = drape_layers([layer], PLANE, 25.0).map
-    assert laid.labelled.tolist() == [bool(written), True]
-    assert ("map: labels not drawn: 1, as" in str(laid.notes)) is not bool(written)
+    draped = drape_layers([layer], PLANE, 25.0).map
+    assert draped.labelled.tolist() == [bool(written), True]
+    assert ("map: labels not drawn: 1, such as" in str(draped.notes)) is not bool(written)
 
 
 def test_control_characters_and_length():
@@ -249,16 +249,16 @@ def test_control_characters_and_length():
 
 
 @given(left=st.integers(-80, 80), top=st.integers(-40, 60))
-def test_laying_a_stamp_anywhere_touches_only_its_place(left, top):
+def test_a_bitmap_drawn_anywhere_changes_only_its_place(left, top):
     rng = np.random.default_rng(1)
     image = rng.integers(0, 255, (40, 60, 3), np.uint8)
-    made = stamp("Abc", 12, TEXT_BGR)
-    assert (made.keep.astype(int) + made.ink <= 255).all()  # no overflow on any picture
-    width, height = made.size
+    bitmap = stamp("Abc", 12, TEXT_BGR)
+    assert (bitmap.keep.astype(int) + bitmap.ink <= 255).all()  # no overflow on any picture
+    width, height = bitmap.size
     canvas = np.zeros((200, 300, 3), np.uint8)
     canvas[100:140, 100:160] = image
     place = np.s_[100 + top : 100 + top + height, 100 + left : 100 + left + width]
     wanted = canvas.astype(float)
-    wanted[place] = canvas[place] * (made.keep / 255) + made.ink
-    made.lay(image, left, top)
+    wanted[place] = canvas[place] * (bitmap.keep / 255) + bitmap.ink
+    bitmap.draw(image, left, top)
     np.testing.assert_allclose(image, wanted[100:140, 100:160], atol=0.5 + 1e-9)  # rounding

@@ -1,4 +1,4 @@
-"""The average of clicks: its errors over its sigmas, what clicks share, how long it lasts."""
+"""The average of clicks: errors over sigmas, errors common to clicks, their correlation time."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_clicks_of_the_same_moment_are_no_better_than_one(one, number):
     np.testing.assert_allclose(east_north_up(result), east_north_up(one), atol=1e-6)
 
 
-def test_many_clicks_far_apart_in_time_leave_what_they_share():
+def test_many_clicks_far_apart_in_time_leave_the_common_error():
     def variance(number):
         some = [click(after_s=50 * MEMORY_S * k, covariance=np.eye(3)) for k in range(number)]
         return averaged(some).covariance_enu[0]
@@ -104,7 +104,7 @@ def test_a_hurried_series_counts_as_one_click():
     assert east_north_up(averaged([*series, other]))[0] == pytest.approx(0.5, abs=1e-3)
 
 
-def test_errors_over_sigma_of_clicks_that_share_what_is_assumed():
+def test_errors_over_sigma_of_clicks_with_the_assumed_common_error():
     """Clicks from several sides, of unlike quality: the error is as the covariance says."""
     rng = np.random.default_rng(4)
     axes = [turned(COVARIANCE * scale, angle) for scale, angle in ((1, 0), (4, 70), (2, 160))]
@@ -128,7 +128,7 @@ def test_errors_over_sigma_of_clicks_that_share_what_is_assumed():
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_clicks_that_share_less_stay_within_the_ellipse(share):
-    """With what is common less than assumed, 95 % is the least."""
+    """If the common error is smaller than assumed, 95 % or more are inside."""
     rng = np.random.default_rng(5)
     inside = 0
     for _ in range(RUNS):
@@ -210,7 +210,7 @@ def test_the_outline_is_the_ellipse():
         {"covariance_enu": (1e9, 0, 0, 0, 1.0, 0, 0, 0, 1.0)},
     ],
 )
-def test_what_is_no_place_is_refused(changed):
+def test_an_impossible_point_is_refused(changed):
     with pytest.raises(TargetError, match="not a located point"):
         target(1, click(), dataclasses.replace(click(), **changed))
 

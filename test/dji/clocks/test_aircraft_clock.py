@@ -19,13 +19,13 @@ LATENCY_S = 0.004
 
 
 class Link(NamedTuple):
-    """What was sent and came: arrays of one length, in the order of sending."""
+    """Hold sent and received messages: arrays of one length, in the order of sending."""
 
     ticks: np.ndarray  # of the aircraft's counter, not wrapped
     extra_ns: np.ndarray  # after the tick
-    truth_ns: np.ndarray  # when it would have come with the smallest latency
+    truth_ns: np.ndarray  # arrival with the smallest latency
     arrival_ns: np.ndarray
-    since_s: np.ndarray  # since the first, by the aircraft
+    since_s: np.ndarray  # since the first message, by the aircraft's clock
 
     def messages(self, bits=32):
         for tick, extra, arrival in zip(
@@ -39,21 +39,21 @@ def exponential(mean_ms):
 
 
 def bursts_of_8(rng, since_s):
-    """Sent eight at a time: each waits for the last of its eight."""
+    """Return the delays of messages sent in groups of eight: each waits for its group's last."""
     number = np.arange(len(since_s))
     last = np.minimum(number // 8 * 8 + 7, len(since_s) - 1)
     return since_s[last] - since_s + rng.exponential(5e-4, len(since_s))
 
 
 def stalls(rng, since_s):
-    """2 ms exponential; 20 ms for one in twenty, 100 ms for one in a hundred."""
+    """Return delays: 2 ms exponential, 20 ms for one in twenty, 100 ms for one in a hundred."""
     odd = rng.random((2, len(since_s)))
     late = np.where(odd[0] < 0.05, 0.02, 0) + np.where(odd[1] < 0.01, 0.1, 0)
     return rng.exponential(2e-3, len(since_s)) + late
 
 
 def link(rate_hz, seconds, delays, *, drift_ppm=0.0, seed=0, start_s=12.3, steady=True):
-    """A stream in order; ``drift_ppm`` a number or a function of seconds.
+    """Return a stream in order; ``drift_ppm`` is a number or a function of seconds.
 
     The host's clock is faster than the aircraft's by that. ``steady`` messages are sent at
     multiples of the period, others at random times.
@@ -111,8 +111,8 @@ LINKS = {
 
 @pytest.mark.parametrize("drift_ppm", [0, 40, -40])
 @pytest.mark.parametrize("name", LINKS)
-def test_jitter_is_taken_out_and_settled_stamps_step_as_the_counter_does(name, drift_ppm):
-    # Asked for: rms below 0.5 ms and never 2 ms after 5 s, with a counter that counts fractions.
+def test_jitter_is_removed_and_settled_stamps_step_as_the_counter_does(name, drift_ppm):
+    # Required: rms below 0.5 ms and never 2 ms after 5 s, with a counter that counts fractions.
     rate_hz, delays = LINKS[name]
     flown = link(rate_hz, 60, delays, drift_ppm=drift_ppm, seed=1)
     clock = AircraftClock(CONFIG)
@@ -141,9 +141,9 @@ def test_drift_that_follows_the_temperature():
         seed=5,
     )
     errors = errors_ms(stamps_of(flown, extra=True), flown)
-    # The drift changes by 30 ppm 2 pi / 600 s = 0.31 ppm/s; the slope is that of the middle of
-    # 60 s, thus 9.4 ppm off at the most, over the 20 s of the window 0.19 ms, and the hull's
-    # minima take as much again. A minimum without drift lags by up to 50 ppm 20 s = 1 ms.
+    # The drift changes by 30 ppm 2 pi / 600 s = 0.31 ppm/s. The slope is that of the middle of
+    # 60 s, thus off by at most 9.4 ppm: 0.19 ms over the 20 s of the window. The hull's minima add
+    # as much. A minimum without drift lags by up to 50 ppm 20 s = 1 ms.
     assert np.abs(errors[5500:]).max() < 0.4
     assert rms(errors) < 0.15
 
@@ -172,8 +172,8 @@ def test_a_counter_that_starts_again(off_s, start_s):
     assert clock.diagnostics["clock resets"] == "1"
     assert clock.diagnostics["clock host steps"] == "0"
     errors = errors_ms(stamps, flown, 0)
-    # From the second message on a stamp is no later than the message; 2 s on, the smallest of 200
-    # delays is 0.01 ms in the mean.
+    # From the second message on, a stamp is not later than the message. After 2 s, the smallest of
+    # 200 delays is 0.01 ms in the mean.
     late = (flown.arrival_ns - flown.truth_ns)[3000:] / MS
     assert np.all(errors[3000:3002] <= late[:2])
     assert errors[3002:].max() <= late[1]
@@ -192,7 +192,7 @@ def test_the_hosts_clock_is_set(step_s):
     assert clock.diagnostics["clock resets"] == "0"
     errors = errors_ms(stamps, flown, 0)
     assert np.abs(errors[:3000]).max() <= (flown.arrival_ns - flown.truth_ns)[:3000].max() / MS
-    # Back: at the second message. Ahead: after 0.5 s, since it may be a queue.
+    # A step back is followed at the second message, one ahead after 0.5 s: it may be a queue.
     follows = 3000 if step_s < 0 else 3052
     assert np.abs(errors[follows : follows + 100]).max() < 20  # a delay: exp(-10) for 20 ms
     assert np.abs(errors[3300:]).max() < 0.2
@@ -200,7 +200,7 @@ def test_the_hosts_clock_is_set(step_s):
 
 @pytest.mark.parametrize("held_s", [0.3, 2.0, 10.0])
 def test_a_queue_that_drains_is_no_step(held_s):
-    # Nothing is read for a while, then all at once.
+    # No message is read for a while, then all at once.
     flown = link(100, 60, exponential(2), seed=15)
     from_ns = flown.arrival_ns[3000]
     held_until_ns = from_ns + round(held_s * SECOND)
@@ -214,24 +214,24 @@ def test_a_queue_that_drains_is_no_step(held_s):
 
 
 @pytest.mark.parametrize("start_s", [17.5, 2**32 * 2.5e-3 - 1.0])
-@pytest.mark.parametrize(("rate_hz", "seen_s"), [(100, 1.8), (10, 2.1)])
-def test_ticks_of_2_5_ms_are_seen_before_the_clock_settles(rate_hz, seen_s, start_s):
+@pytest.mark.parametrize(("rate_hz", "found_s"), [(100, 1.8), (10, 2.1)])
+def test_ticks_of_2_5_ms_are_found_before_the_clock_settles(rate_hz, found_s, start_s):
     flown = link(rate_hz, 20, exponential(1), seed=20, start_s=start_s)
     ticks = (flown.ticks * MS + flown.extra_ns) // 2_500_000
     clock = AircraftClock(CONFIG)
     stamps = stamps_of(flown._replace(ticks=ticks), clock)
     assert np.all(np.diff(stamps) >= 0)
     assert errors_ms(stamps, flown, 0).min() > -1100
-    # From then on a message's own delay at worst, half of it after as much time, and a tick.
-    errors = errors_ms(stamps, flown, seen_s)
+    # Then errors are at most a message's delay, half of it after as much time, and a tick.
+    errors = errors_ms(stamps, flown, found_s)
     assert -2.5 < errors.min() < errors.max() < 10
-    assert np.abs(errors_ms(stamps, flown, seen_s + 1)).max() < 2.5
+    assert np.abs(errors_ms(stamps, flown, found_s + 1)).max() < 2.5
     result = clock.diagnostics
     assert (result["clock tick [ms]"], result["clock state"]) == ("2.5", "settled")
 
 
-def test_a_settled_counter_keeps_its_milliseconds():
-    """A line too slow for what is sent, for 5 s: as if the counter had become slower."""
+def test_a_settled_counter_keeps_its_tick():
+    """For 5 s the line is too slow for the messages, as if the counter had become slower."""
     flown = link(100, 20, exponential(1), seed=21)
     queue_ns = 1.5 * SECOND * np.clip(flown.since_s - 10, 0, 5)
     clock = AircraftClock(CONFIG)
@@ -254,7 +254,7 @@ near = st.integers(-50, 50)
     ),
     st.booleans(),
 )
-def test_whatever_comes(messages, adds_up):
+def test_stamps_of_random_messages(messages, adds_up):
     clock = AircraftClock(CONFIG)
     ticks, arrival_ns = 0, HOST_NS
     for tick, arrival, extra_ns in messages:
@@ -271,7 +271,7 @@ def steady_stamps(arrivals_ns, steady=None):
 
 
 def checked_stamps(flown, steady=None):
-    """Stamps, which always increase and are no later than the arrival by more than roundings."""
+    """Return stamps; check that they increase and, but for rounding, do not exceed the arrival."""
     stamps = steady_stamps(flown.arrival_ns, steady)
     assert np.all(np.diff(stamps) > 0)
     assert np.max(stamps - np.maximum.accumulate(flown.arrival_ns)) < 1000  # 1 ns a message
@@ -284,7 +284,7 @@ def test_exponential_delays(rate_hz, drift_ppm):
     flown = link(rate_hz, 60, exponential(2), drift_ppm=drift_ppm, seed=1)
     steady = SteadyStamps()
     errors = errors_ms(checked_stamps(flown, steady), flown)
-    # Asked for: rms below 0.5 ms, never 2 ms. The lowest of 10 s has 2 ms / 500 at 50 Hz.
+    # Required: rms below 0.5 ms, never 2 ms. The lowest of 10 s has 2 ms / 500 at 50 Hz.
     assert rms(errors) < 0.1
     assert np.abs(errors).max() < 0.5
     assert SECOND / steady.period_ns == pytest.approx(rate_hz, rel=1e-4)
@@ -292,7 +292,7 @@ def test_exponential_delays(rate_hz, drift_ppm):
 
 @pytest.mark.parametrize(("rate_hz", "number"), [(100, 1), (100, 3), (50, 10), (5, 1), (1, 1)])
 def test_lost_messages(rate_hz, number):
-    # Counted within 0.2 s; at 5 Hz and less at once.
+    # Lost messages are counted within 0.2 s; at 5 Hz and less at once.
     flown = link(rate_hz, 60, exponential(1), seed=5)
     lost_s = 40.0
     kept = (flown.since_s < lost_s) | (flown.since_s >= lost_s + number / rate_hz)
@@ -302,7 +302,7 @@ def test_lost_messages(rate_hz, number):
     shows = flown.since_s >= lost_s + number / rate_hz + (0.22 if rate_hz > 5 else 0)
     right = (flown.since_s > 20) & (flown.since_s < lost_s) | shows
     assert np.abs(errors[right]).max() < 1
-    assert errors.min() >= -number / rate_hz * 1e3 - 1  # early by what was lost, no more
+    assert errors.min() >= -number / rate_hz * 1e3 - 1  # early by at most the lost periods
 
 
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(100, 50), (50, 100), (400, 200), (10, 50)])
@@ -329,14 +329,14 @@ def test_a_pause_or_a_hosts_clock_that_is_set(off_s):
     stamps = checked_stamps(flown) if off_s > 0 else steady_stamps(flown.arrival_ns)
     assert np.sum(np.diff(stamps) < 0) == (off_s < 0)
     errors = errors_ms(stamps, flown, after_s=0)
-    # Again from the arrival: late by a delay at first, then by the lowest of 100.
+    # It begins at the arrival: late by a delay at first, then by the lowest of 100.
     assert np.abs(errors[(flown.since_s > 5) & (flown.since_s < 20)]).max() < 0.2
     assert errors[flown.since_s > 20].min() > -0.1
     assert np.abs(errors[flown.since_s > 21]).max() < 0.2
 
 
 @pytest.mark.parametrize("kind", ["exponential", "uniform"])
-def test_a_stream_without_a_period_keeps_to_its_arrivals(kind):
+def test_a_stream_without_a_period_is_stamped_at_arrival(kind):
     rng = np.random.default_rng(11)
     mean_s = 0.01
     gaps = rng.exponential(mean_s, 6000) if kind == "exponential" else rng.uniform(0, 0.02, 6000)
@@ -346,7 +346,7 @@ def test_a_stream_without_a_period_keeps_to_its_arrivals(kind):
     assert np.all(np.diff(stamps) > 0)
     early_ms = (arrivals - stamps) / MS
     assert early_ms.max() <= 250
-    assert np.mean(early_ms > 0.001) < 0.2  # now and then a hundred look periodic
+    assert np.mean(early_ms > 0.001) < 0.2  # sometimes a hundred messages look periodic
     assert np.mean(early_ms) < mean_s * 1e3
 
 
@@ -356,7 +356,7 @@ def test_a_stream_without_a_period_keeps_to_its_arrivals(kind):
         max_size=300,
     )
 )
-def test_whatever_comes_to_steady_stamps(gaps_ns):
+def test_steady_stamps_of_random_gaps(gaps_ns):
     steady = SteadyStamps()
     arrival_ns = HOST_NS
     for gap_ns in gaps_ns:

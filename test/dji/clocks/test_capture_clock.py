@@ -21,7 +21,7 @@ HOUR = 3600 * SECOND
 UTC_NS = 1_750_000_000 * SECOND
 
 
-def test_after_a_reset_the_stream_goes_on_a_second_later():
+def test_after_a_reset_stamps_continue_a_second_later():
     clock = CaptureTimeline(start_ns=UTC_NS).clock()
     for tick in range(500_000, 501_000, 10):
         newest = clock.stamp_ns(tick)
@@ -39,9 +39,9 @@ def test_a_wrong_count_alone_changes_nothing(wrong):
     assert stamps == [500_000 * MS, 500_010 * MS, 500_010 * MS, 500_030 * MS]
 
 
-def test_a_counter_apart_is_placed_by_the_order_of_messages():
-    # Two clocks 24.6 s apart, at 100 and 50 Hz: the second's messages are sent at random within
-    # the first's periods, and the offset is what the closest after a message of the first says.
+def test_the_order_of_messages_gives_the_offset_of_another_counter():
+    # Two clocks 24.6 s apart, at 100 and 50 Hz: the messages of the second are sent at random
+    # within periods of the first. The one that most closely follows one of the first is decisive.
     rng = np.random.default_rng(1)
     timeline = CaptureTimeline()
     clock, other = timeline.clock(), timeline.clock()
@@ -54,9 +54,9 @@ def test_a_counter_apart_is_placed_by_the_order_of_messages():
             stamps.append(stamp)
             errors.append((stamp - sent * MS) / MS)
     assert np.all(np.diff(stamps) > 0)
-    assert min(errors) >= -10  # a period of the first
+    assert min(errors) >= -10  # a period of the first clock
     assert max(errors) <= 0
-    assert errors[-1] == 0  # in whole ms one of 240 came with a message of the first
+    assert errors[-1] == 0  # one of 240 messages came in the same ms as one of the first
 
 
 def test_all_counters_start_again_together():
@@ -75,7 +75,7 @@ def test_all_counters_start_again_together():
     assert stamps[3] - stamps[2] == 3 * MS
 
 
-def test_a_counter_that_resets_alone_stays_beside_the_others():
+def test_a_counter_that_resets_alone_keeps_the_time_of_the_others():
     timeline = CaptureTimeline()
     clock, sync = timeline.clock(), timeline.clock(tick_ns=2_500_000, resets_alone=True)
     errors = []
@@ -84,7 +84,7 @@ def test_a_counter_that_resets_alone_stays_beside_the_others():
         for part in range(4):  # 400 Hz; the counter is set to zero in the middle
             tick = 4 * (sent - (15_000 if sent >= 15_000 else 0)) // 10 + part
             errors.append(sync.stamp_ns(tick) / MS - sent - 2.5 * part)
-    # One wrong count is not believed: it and the next have the newest stamps.
+    # A single wrong count is not used: it and the next message get the newest stamps.
     assert min(errors) >= -5.0
     assert max(errors) <= 0.0
     assert timeline.restarts == 0
@@ -101,7 +101,7 @@ def test_a_counter_that_resets_alone_stays_beside_the_others():
         max_size=80,
     )
 )
-def test_whatever_comes(messages):
+def test_stamps_of_random_messages(messages):
     timeline = CaptureTimeline()
     clocks = [timeline.clock(), timeline.clock(), timeline.clock(2_500_000, resets_alone=True)]
     for which, ticks, extra_ns in messages:
@@ -121,7 +121,7 @@ def test_whatever_comes(messages):
         (20240611, 2**32 - 1),
     ],
 )
-def test_words_that_are_none(date, time):
+def test_invalid_words_give_no_time(date, time):
     assert time_of_words(date, time) is None
 
 
@@ -131,7 +131,7 @@ def as_words(utc_ns, offset_h):
 
 
 def five_a_second(seconds, offset_h, wrong=0):
-    """Stamps and words of epochs at fifths of a second, sent 20 to 60 ms after."""
+    """Return stamps and words of epochs at fifths of a second, sent 20 to 60 ms later."""
     rng = np.random.default_rng(2)
     powered_ns = UTC_NS - 77 * SECOND - 123 * MS
     messages = []
@@ -144,7 +144,7 @@ def five_a_second(seconds, offset_h, wrong=0):
 
 
 @pytest.mark.parametrize("offset_h", [0, 8])
-def test_a_capture_is_placed_by_its_seconds(offset_h):
+def test_whole_seconds_give_a_captures_civil_time(offset_h):
     powered_ns, messages = five_a_second(60, offset_h, wrong=30)
     seconds = WholeSeconds()
     assert seconds.shift_ns is None
@@ -156,5 +156,5 @@ def test_a_capture_is_placed_by_its_seconds(offset_h):
     assert guess_utc_offset(newest_ns, modified_ns) == offset_h
     assert guess_utc_offset(newest_ns, modified_ns + 900 * HOUR) is None
     late_ms = (powered_ns - (seconds.shift_ns - offset_h * HOUR)) / MS
-    # The soonest of 54 first messages of a second was sent 20 to 21 ms after its epoch.
+    # The earliest of 54 first messages of a second was sent 20 to 21 ms after its epoch.
     assert 20 <= late_ms < 23

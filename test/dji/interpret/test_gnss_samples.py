@@ -1,4 +1,4 @@
-"""RTK and ordinary GPS to samples, each measurement once; any readings, and a whole flight."""
+"""Samples of RTK and ordinary GPS, each measurement once; random readings; a whole flight."""
 
 from __future__ import annotations
 
@@ -55,18 +55,18 @@ def polled(seconds, poll_hz, receiver_hz=5.0):
 
 
 @pytest.mark.parametrize("poll_hz", [5.0, 10.0, 50.0, 100.0])
-def test_what_is_polled_goes_out_once_an_epoch(poll_hz):
-    meant = interpreter()
-    samples = taken(meant, polled(10.0, poll_hz))
+def test_each_polled_epoch_gives_one_sample(poll_hz):
+    interp = interpreter()
+    samples = taken(interp, polled(10.0, poll_hz))
     for kind in (PositionSample, VelocitySample, HeadingSample):
         result = of(kind, samples)
         assert [t_ms(s) for s in result] == pytest.approx([200.0 * k for k in range(50)])
-    assert meant.counts.get("rtk_repeated", 0) == 10 * poll_hz - 50
+    assert interp.counts.get("rtk_repeated", 0) == 10 * poll_hz - 50
 
 
 def test_broadcast_and_subscription_of_one_epoch_are_one():
-    """They differ in the last digits, and the slower one still says the epoch before."""
-    meant = interpreter()
+    """They differ in the last digits, and the slower one still sends the previous epoch."""
+    interp = interpreter()
     readings = []
     for k in range(50):
         parts = epoch(k)
@@ -77,24 +77,24 @@ def test_broadcast_and_subscription_of_one_epoch_are_one():
             (200 * k + 20 * j, other if j > 1 else epoch(max(k - 1, 0))) for j in range(10)
         ]
     readings.sort(key=lambda entry: entry[0])
-    samples = taken(meant, [rtk(t, **parts) for t, parts in readings])
+    samples = taken(interp, [rtk(t, **parts) for t, parts in readings])
     for kind in (PositionSample, VelocitySample, HeadingSample):
         assert [t_ms(s) for s in of(kind, samples)][1:] == [200 * k + 1 for k in range(1, 50)]
-    # The epoch before, at 20 ms; at 0 ms it is a repetition.
-    assert meant.counts["rtk_late"] == 49
+    # The previous epoch comes at 20 ms; at 0 ms it is a repetition.
+    assert interp.counts["rtk_late"] == 49
 
 
 @pytest.mark.parametrize("flag", [34, 16, 0])
-def test_a_worse_fix_of_the_same_place_goes_out(flag):
-    meant = interpreter()
-    taken(meant, [rtk(20 * k, **epoch(0)) for k in range(5)])
-    samples = taken(meant, [rtk(100 + 20 * k, **epoch(0, position_flag=flag)) for k in range(5)])
+def test_a_worse_fix_of_the_same_place_is_published(flag):
+    interp = interpreter()
+    taken(interp, [rtk(20 * k, **epoch(0)) for k in range(5)])
+    samples = taken(interp, [rtk(100 + 20 * k, **epoch(0, position_flag=flag)) for k in range(5)])
     (position,) = samples
     assert t_ms(position) == 100
     assert position.status < FixStatus.FIXED
     assert (position.latitude_rad, position.longitude_rad) == place(0)[:2]
-    assert meant.counts["rtk_status_fell"] == 1
-    # What the aircraft has flown in 100 ms since is in the covariance.
+    assert interp.counts["rtk_status_fell"] == 1
+    # The covariance contains the distance flown in these 100 ms.
     (alone,) = positions(interpreter().take(rtk(0, **epoch(0, position_flag=flag))))
     moved_m2 = 0.01 * (3.0**2 + 1.0**2 + 0.2**2)
     np.testing.assert_allclose(
@@ -102,27 +102,27 @@ def test_a_worse_fix_of_the_same_place_goes_out(flag):
     )
 
 
-def test_a_fix_that_is_lost_with_its_place_is_told():
-    """Without a solution a receiver says 0, 0."""
-    meant = interpreter()
-    meant.take(rtk(0, **epoch(0)))
+def test_a_fix_that_is_lost_with_its_place_is_published():
+    """Without a solution a receiver sends 0, 0."""
+    interp = interpreter()
+    interp.take(rtk(0, **epoch(0)))
     lost = {"place": GeodeticPlace(0.0, 0.0, 0.0), "position_flag": 0, "yaw_flag": 0}
-    (position,) = positions(meant.take(rtk(200, **epoch(1) | lost)))
+    (position,) = positions(interp.take(rtk(200, **epoch(1) | lost)))
     assert position.status is FixStatus.NONE
     assert position.covariance_n[0, 0] >= 1e10
-    assert positions(meant.take(rtk(400, **epoch(2) | lost))) == []
-    assert meant.counts["rtk_position_refused"] == 2
+    assert positions(interp.take(rtk(400, **epoch(2) | lost))) == []
+    assert interp.counts["rtk_position_refused"] == 2
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 4)), max_size=40), st.randoms())
 def test_stamps_of_each_stream_ascend(steps, random):
-    """Readings of two roads, out of order by less than 20 ms."""
-    meant = interpreter()
+    """Readings of two sources, out of order by less than 20 ms."""
+    interp = interpreter()
     samples, t = [], 0
     for step, number in steps:
         t += step
         parts = epoch(number, position_flag=random.choice([0, 34, 50]))
-        samples += meant.take(rtk(t - random.randrange(20), **parts))
+        samples += interp.take(rtk(t - random.randrange(20), **parts))
     for kind in (PositionSample, VelocitySample, HeadingSample):
         stamps = [s.stamp_ns for s in of(kind, samples)]
         assert all(a < b for a, b in itertools.pairwise(stamps))
@@ -132,8 +132,8 @@ NAN, INF = math.nan, math.inf
 
 
 def test_an_epoch_becomes_three_samples():
-    meant = interpreter()
-    position, velocity, heading = meant.take(rtk(100, **epoch(0)))
+    interp = interpreter()
+    position, velocity, heading = interp.take(rtk(100, **epoch(0)))
     assert (position.source, velocity.source) == (Source.RTK_POSITION, Source.RTK_VELOCITY)
     assert position.status is FixStatus.FIXED
     assert (position.latitude_rad, position.longitude_rad) == place(0)[:2]
@@ -144,8 +144,8 @@ def test_an_epoch_becomes_three_samples():
     assert math.degrees(heading.heading_rad) == pytest.approx(10.0)  # 100 less the kit's 90
     assert heading.variance_rad2 == pytest.approx(math.radians(0.6) ** 2)
     assert [t_ms(s) for s in (position, velocity, heading)] == [100, 100, 100]
-    assert meant.counts == {}
-    assert meant.diagnostics["rtk_flag"] == "50"
+    assert interp.counts == {}
+    assert interp.diagnostics["rtk_flag"] == "50"
 
 
 STATUS = {
@@ -190,19 +190,19 @@ def test_covariance_worsens_by_class(flags):
         GeodeticPlace(52.0, 4.0, 30.0),  # degrees
     ],
 )
-def test_what_is_no_place_is_refused(bad):
-    meant = interpreter()
-    samples = meant.take(rtk(0, **epoch(0) | {"place": bad}))
+def test_an_invalid_place_is_refused(bad):
+    interp = interpreter()
+    samples = interp.take(rtk(0, **epoch(0) | {"place": bad}))
     assert positions(samples) == []
     assert len(samples) == 2  # velocity and heading are judged by themselves
-    assert meant.counts == {"rtk_position_refused": 1}
+    assert interp.counts == {"rtk_position_refused": 1}
 
 
 @given(st.integers(-32768, 32767), st.floats(-360, 360))
 def test_heading_of_any_turn(yaw_deg, offset_deg):
     second_m = math.cos(math.radians(offset_deg)), -math.sin(math.radians(offset_deg)), 0.3
-    meant = interpreter(aircraft=AircraftConfig(second_antenna_m=second_m))
-    (heading,) = meant.take(rtk(0, yaw_deg=yaw_deg, yaw_flag=50))
+    interp = interpreter(aircraft=AircraftConfig(second_antenna_m=second_m))
+    (heading,) = interp.take(rtk(0, yaw_deg=yaw_deg, yaw_flag=50))
     assert 0 <= heading.heading_rad < math.tau
     # A yaw of 32768 deg has its last digit at 4e-12 deg.
     expected = math.radians((yaw_deg % 360) - offset_deg)
@@ -211,17 +211,17 @@ def test_heading_of_any_turn(yaw_deg, offset_deg):
 
 @pytest.mark.parametrize("yaw_flag", [0, 16, 34, 48, 49, 51, 255, None])
 def test_only_a_fixed_yaw_is_a_heading(yaw_flag):
-    meant = interpreter()
-    samples = meant.take(rtk(0, **epoch(0, yaw_flag=yaw_flag)))
+    interp = interpreter()
+    samples = interp.take(rtk(0, **epoch(0, yaw_flag=yaw_flag)))
     assert of(HeadingSample, samples) == []
     assert len(samples) == 2
-    assert meant.counts == {"rtk_yaw_not_fixed": 1}
+    assert interp.counts == {"rtk_yaw_not_fixed": 1}
 
 
 def test_a_flag_of_another_message_holds_for_a_while():
-    meant = interpreter()
-    assert meant.take(rtk(0, position_flag=50)) == []
-    result = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
+    interp = interpreter()
+    assert interp.take(rtk(0, position_flag=50)) == []
+    result = [positions(interp.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
     assert result == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
 
 
@@ -239,8 +239,8 @@ def whole(number=0, fix=3, **other):
 
 
 def test_a_reading_becomes_two_samples():
-    meant = interpreter(delay=DjiDelayConfig(gps_s=0.1))
-    position, velocity = meant.take(gps(400, **whole()))
+    interp = interpreter(delay=DjiDelayConfig(gps_s=0.1))
+    position, velocity = interp.take(gps(400, **whole()))
     assert (position.source, velocity.source) == (Source.GPS_POSITION, Source.GPS_VELOCITY)
     assert position.status is FixStatus.SINGLE
     assert position.height_m == 73.25
@@ -262,8 +262,8 @@ def test_status_by_fix(fix, status):
 
 
 @pytest.mark.parametrize("unknown", [None, 0.0, math.nan, -1.0, math.inf])
-def test_accuracy_that_is_not_told_is_not_known(unknown):
-    """Zero in a message: the filter has its own."""
+def test_an_accuracy_that_is_not_stated_gives_a_zero_covariance(unknown):
+    """Zero in a message: the filter uses its default."""
     position, velocity = interpreter().take(gps(0, **whole() | dict.fromkeys(SIGMAS, unknown)))
     assert not position.covariance_n.any()
     assert not velocity.covariance_n.any()
@@ -290,7 +290,7 @@ readings = st.one_of(
 
 
 def values(sample):
-    """Every number of a sample."""
+    """Yield every number of a sample."""
     fields = [getattr(sample, name) for name in sample.__dataclass_fields__]
     for value in fields:
         if isinstance(value, float):
@@ -301,16 +301,16 @@ def values(sample):
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(readings, max_size=30), st.sampled_from(["north", "body"]))
-def test_any_readings_give_finite_samples_that_can_be_sent(given_readings, reference):
-    meant = Interpreter(DjiConfig(gimbal_reference=reference, acceleration_unit="g"))
-    samples = [*taken(meant, given_readings), *meant.flush()]
+def test_any_readings_give_finite_samples_that_can_be_sent(random_readings, reference):
+    interp = Interpreter(DjiConfig(gimbal_reference=reference, acceleration_unit="g"))
+    samples = [*taken(interp, random_readings), *interp.flush()]
     for sample in samples:
         assert all(map(math.isfinite, values(sample)))
         topic, message = sensed(MESSAGES, sample)
         assert message is not None, topic
-    assert all(isinstance(text, str) for text in meant.diagnostics.values())
-    assert all(number > 0 for number in meant.counts.values())
-    assert all(meant.warnings)
+    assert all(isinstance(text, str) for text in interp.diagnostics.values())
+    assert all(number > 0 for number in interp.counts.values())
+    assert all(interp.warnings)
 
 
 def flight(seconds):
@@ -326,8 +326,8 @@ def flight(seconds):
 
 
 def test_a_flight():
-    meant = Interpreter(DjiConfig(geoid_undulation_m=40.0, aircraft=KIT))
-    samples = [*taken(meant, flight(20.0)), *meant.flush()]
+    interp = Interpreter(DjiConfig(geoid_undulation_m=40.0, aircraft=KIT))
+    samples = [*taken(interp, flight(20.0)), *interp.flush()]
     result: dict[str, int] = {}
     for sample in samples:
         topic, _ = sensed(MESSAGES, sample)
@@ -341,9 +341,9 @@ def test_a_flight():
         "gimbal/attitude": 1000,
         "gimbal/joint_states": 999,  # none is after the last attitude
     }
-    assert meant.warnings == []
-    assert meant.counts == {"gimbal_without_joints": 1, "gps_repeated": 900, "rtk_repeated": 900}
-    message_text = meant.diagnostics
+    assert interp.warnings == []
+    assert interp.counts == {"gimbal_without_joints": 1, "gps_repeated": 900, "rtk_repeated": 900}
+    message_text = interp.diagnostics
     assert message_text["imu_source"] == "broadcast"
     assert message_text["acceleration_unit"] == "g (by its size, 1.000)"
     assert message_text["rtk_flag"] == message_text["rtk_yaw_flag"] == "50"

@@ -1,4 +1,4 @@
-"""Frames, check sums, the writer, AES-256; streams damaged, cut, and in pieces of any size."""
+"""Frames, check sums, encoding, AES-256; damaged and cut streams, in pieces of any size."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def read_with(data, key=None):
 
 
 def raw_frame(head, data=b""):
-    """A frame of any first ten bytes, with right check sums."""
+    """Return a frame with any first ten bytes and right check sums."""
     head = bytes(head)
     head += crc16(head).to_bytes(2, "little")
     return head + data + crc32(head + data).to_bytes(4, "little")
@@ -91,7 +91,7 @@ def test_the_shortest_and_the_longest():
     ],
 )
 def test_header_fields_that_are_refused(byte, value):
-    """With check sums that are right, so that these alone speak against it."""
+    """The check sums are right, so that only these fields are wrong."""
     head = bytearray(KNOWN[:10])
     head[byte] = value
     frames, counts = read_with(raw_frame(head, KNOWN[12:16]) + KNOWN)
@@ -108,9 +108,9 @@ def read_in(pieces, key=None):
     reader, frames = FrameReader(key), []
     for piece in pieces:
         frames += reader.feed(piece)
-        assert reader.held < MAX_BYTES
+        assert reader.buffered < MAX_BYTES
     frames += reader.rescan()
-    assert reader.held == 0
+    assert reader.buffered == 0
     return frames, reader.counts
 
 
@@ -124,7 +124,7 @@ def cut_at(data, places):
 
 
 def false_header(length=MAX_BYTES):
-    """A header with a right check sum; nothing of its frame behind it."""
+    """Return a header with a right check sum, without the rest of its frame."""
     return raw_frame([0xAA, length & 0xFF, length >> 8, *[0] * 7])[:12]
 
 
@@ -149,7 +149,7 @@ def test_no_flipped_bit_is_accepted():
 
 
 def test_a_frame_cut_anywhere_costs_no_other():
-    """Not even where its header claims bytes of the frames behind it."""
+    """Not even if its length field includes bytes of the next frames."""
     for kept in range(len(FRAMES[3])):
         frames, counts = read_with(FRAMES[3][:kept] + FRAMES[0] + FRAMES[2])
         assert offsets(frames) == [kept, kept + len(FRAMES[0])]
@@ -160,7 +160,7 @@ def test_a_frame_cut_anywhere_costs_no_other():
 
 @pytest.mark.parametrize("before", [b"\xaa", b"\xaa\xaa", b"\xaa\x20\x00"])
 def test_a_stray_start_costs_no_frame_of_any_length(before):
-    """It may make a header of the frame's own first bytes."""
+    """It may form a header with the frame's own first bytes."""
     for size in range(1008):
         whole = encode_frame(bytes(size), session=1)
         frames, counts = read_with(before + whole)
@@ -168,13 +168,13 @@ def test_a_stray_start_costs_no_frame_of_any_length(before):
         assert counts["skipped_bytes"] == len(before)
 
 
-def test_a_frame_given_up_frees_those_behind_it():
-    """What a pause of the line is for: 1023 bytes are promised, and two frames stand there."""
+def test_frames_after_a_dropped_frame_are_read():
+    """As after a pause of the line: a header states 1023 bytes, but two frames follow."""
     reader = FrameReader()
     assert reader.feed(false_header() + FRAMES[0] + FRAMES[1]) == []
-    assert reader.held == 12 + len(FRAMES[0] + FRAMES[1])
+    assert reader.buffered == 12 + len(FRAMES[0] + FRAMES[1])
     assert offsets(reader.rescan()) == [12, 12 + len(FRAMES[0])]
-    assert reader.held == 0
+    assert reader.buffered == 0
     assert reader.counts["truncated"] == 1
     # The stream goes on: offsets count from its beginning.
     at = 12 + len(FRAMES[0] + FRAMES[1])
@@ -194,7 +194,7 @@ HOSTILE = {
 @pytest.mark.parametrize("most", [1, 64, 5000, 10**6])
 @pytest.mark.parametrize("name", HOSTILE)
 def test_the_work_on_hostile_streams_is_bounded(name, most, monkeypatch):
-    """Counted, not timed: a CRC-32 once a header, a CRC-16 twice where the frame is waited for."""
+    """Counted, not timed: one CRC-32 per header, two CRC-16 if the reader waits for the frame."""
     stream = HOSTILE[name]
     if most == 1:
         stream = stream[:20_000]
@@ -240,14 +240,14 @@ def read(data, key=CIPHER_KEY):
 
 
 def frame_of(cipher, padding, encryption=1):
-    """A frame around data that is encrypted already."""
+    """Return a frame of data that is encrypted already."""
     plain = encode_frame(cipher)
     head = plain[:4] + bytes([padding | encryption << 5]) + plain[5:10]
     return raw_frame(head, cipher)
 
 
 def test_the_published_vector_in_a_frame():
-    """The vector's last block stands as padding whole: its first three come out."""
+    """The vector's last block is taken as padding: the first three are returned."""
     frame, counts = read(frame_of(NIST_CIPHER, 16), parse_key(NIST_KEY))
     assert frame.data == NIST_CLEAR[:48]
     assert (frame.encryption, frame.padding, frame.is_encrypted) == (1, 16, False)
@@ -267,7 +267,7 @@ def test_without_a_key_it_is_counted_and_not_read():
 @pytest.mark.parametrize(
     ("size", "padding"), [(0, 16), (4, 4), (17, 1), (31, 8), (16, 0), (32, 17), (32, 31)]
 )
-def test_what_cannot_be_encrypted_data_is_counted(size, padding):
+def test_data_that_cannot_be_encrypted_is_counted(size, padding):
     empty = raw_frame([0xAA, 16, 0, 0, padding | 1 << 5, *[0] * 5])
     frame, counts = read(frame_of(bytes(size), padding) if size else empty)
     assert frame.is_encrypted
@@ -279,8 +279,8 @@ def test_what_cannot_be_encrypted_data_is_counted(size, padding):
 @pytest.mark.parametrize(
     "text", ["ab" * 31, "ab" * 33, "xy" * 32, "ab " * 21 + "a", "0x" + "ab" * 31, "\u0663" * 64]
 )
-def test_what_is_no_key(text):
-    with pytest.raises(DjiError, match=r"^key: 64 hexadecimal digits .* \d+ characters") as caught:
+def test_an_invalid_key_is_refused(text):
+    with pytest.raises(DjiError, match=r"^key: \d+ characters .* 64 hexadecimal digits") as caught:
         parse_key(text)
     assert text not in str(caught.value)  # it may be a secret but for one digit
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""The port over real pseudo-terminals, and what a person is told: pulled, refused, silent."""
+"""The serial port over real pseudo-terminals, and its messages: pulled, refused, silent."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ STEP_S = 0.05
 
 
 class Scene:
-    """Time goes on in steps; bytes and frames come as told."""
+    """Watch a link over time in steps, with given numbers of bytes and frames."""
 
     def __init__(self, baud=921600):
         self.watch = LinkWatch("/dev/ttyUSB0", baud)
         self.now_s, self.bytes, self.frames = 1000.0, 0, 0
-        self.told = []
+        self.reports = []
 
     def pass_(self, seconds, *, state=LinkState.OPEN, message="", bytes_=0, frames=0):
-        """``bytes_`` and ``frames`` come in each step."""
+        """Let time pass; ``bytes_`` and ``frames`` are the numbers of each step."""
         for _ in range(round(seconds / STEP_S)):
             self.now_s += STEP_S
             self.bytes += bytes_
             self.frames += frames
             report = self.watch.look(self.now_s, state, message, self.bytes, self.frames)
             if report is not None:
-                self.told.append(report)
+                self.reports.append(report)
         return self.watch.report
 
     @property
     def conditions(self):
-        return [report.condition for report in self.told]
+        return [report.condition for report in self.reports]
 
 
 def test_an_open_port_without_bytes_is_silent_after_two_seconds():
@@ -59,7 +59,7 @@ def test_bytes_without_frames_are_a_wrong_rate():
     assert scene.conditions == ["waiting", "wrong_baud"]
 
 
-def test_an_aircraft_that_is_switched_off_is_silence_and_not_a_wrong_rate():
+def test_an_aircraft_that_is_switched_off_is_silent_and_has_no_wrong_rate():
     scene = Scene()
     scene.pass_(3.0, bytes_=300, frames=1)
     scene.pass_(STEP_S, bytes_=120)  # a cut frame
@@ -75,7 +75,7 @@ def test_every_state_of_the_port_has_its_condition(state):
     assert report.level is not LinkLevel.OK
 
 
-def test_what_came_before_the_cable_was_pulled_does_not_count_after_it():
+def test_bytes_from_before_the_cable_was_pulled_do_not_count():
     scene = Scene()
     scene.pass_(1.0, bytes_=300, frames=1)
     scene.pass_(0.5, state=LinkState.LOST)
@@ -90,7 +90,7 @@ FRAME = encode_frame(bytes((2, 0, 0, 0)))
 
 
 def test_from_no_device_to_receiving_and_back(tmp_path):
-    """What a person reads, while the aircraft sends at any time but the first."""
+    """The messages to a person; the aircraft sends always except at first."""
     path, reports = tmp_path / "aircraft", []
     with PseudoTerminal(path, WATCHED_BAUD) as cable:
         link, watch = SerialLink(str(path), WATCHED_BAUD), LinkWatch(str(path), WATCHED_BAUD)
@@ -181,7 +181,7 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
         assert link.read(0.05) == b""
         reads += 1
     assert link.state is LinkState.LOST
-    assert "it hung up" in link.message
+    assert "the device hung up" in link.message
     assert reads < 30  # it does not spin
 
 
@@ -190,16 +190,16 @@ def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
     [
         (PermissionError(errno.EACCES, "Permission denied"), "permission_denied", "group dialout"),
         (OSError(errno.EPERM, "Operation not permitted"), "permission_denied", "dialout"),
-        (OSError(errno.EBUSY, "Device or resource busy"), "busy", "another program uses it"),
-        (OSError(errno.EAGAIN, "lock"), "busy", "another program uses it"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "busy", "another program uses the port"),
+        (OSError(errno.EAGAIN, "lock"), "busy", "another program uses the port"),
         (OSError(errno.ENOTTY, "it is a file"), "not_a_port", "not a serial port.*it is a file"),
         (OSError("Could not configure port"), "not_a_port", "Could not configure port"),
-        (ValueError("refuses 12345 baud"), "baud_refused", "set baud .refuses 12345 baud"),
+        (ValueError("refuses 12345 baud"), "baud_refused", "parameter baud .refuses 12345 baud"),
         (OSError(errno.ENXIO, "No such device"), "no_device", "plug the cable in"),
         (OSError(errno.EIO, "Input/output error"), "no_device", "plug the cable in"),
     ],
 )
-def test_what_the_system_says_in_words(open_link, error, state, message):
+def test_errors_of_the_system_have_a_state_and_a_message(open_link, error, state, message):
     def opener(path, baud):
         raise error
 
@@ -219,7 +219,7 @@ def test_a_file_or_folder_is_not_a_port(tmp_path, open_link, make):
     assert "this is not a serial port: set the parameter port" in link.message
 
 
-def test_a_port_that_another_one_holds_is_busy_until_it_is_given_back(cable, open_link):
+def test_a_port_that_another_program_uses_is_busy_until_it_is_closed(cable, open_link):
     first = opened(open_link(str(cable.path), BAUD))
     second = open_link(str(cable.path), BAUD)
     second.read(0.0)

@@ -73,7 +73,7 @@ _BITS = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32}
 
 
 def number(code):
-    """Any number that a code of ``struct`` can hold, but NaN."""
+    """Return any number that a code of ``struct`` can hold, except NaN."""
     if code in "fd":
         return st.floats(width=32 if code == "f" else 64, allow_nan=False)
     if code.isupper():
@@ -83,7 +83,7 @@ def number(code):
 
 @st.composite
 def values(draw, layout):
-    """The value of a broadcast in a layout, with any parts."""
+    """Return the value of a broadcast in a layout, with any parts."""
     mask = draw(st.integers(0, 2 ** len(FORMS[layout]) - 1))
     form = form_of(layout, mask)
     return struct.pack(form, mask, *[draw(number(code)) for code in form[2:]])
@@ -103,7 +103,7 @@ def test_each_part_is_as_long_as_documented():
 
 
 def lengths_of(layout):
-    """Of every mask, by the tables of the tests; -1 where the layout lacks a bit."""
+    """Return the length for every mask, by the test's table; -1 if the layout lacks a bit."""
     masks = np.arange(1 << 15)
     lengths = np.full(masks.shape, 2)
     for bit, form in FORMS[layout].items():
@@ -130,7 +130,7 @@ def test_a_length_of_no_layout_is_refused(mask, length):
 
 @pytest.mark.parametrize("layout", Layout)
 @given(data=st.data())
-def test_what_is_decoded_encodes_to_the_same_bytes(layout, data):
+def test_a_decoded_broadcast_encodes_to_the_same_bytes(layout, data):
     value = data.draw(values(layout))
     result = decode_broadcast(value)
     assert encode_broadcast(result) == value
@@ -215,7 +215,7 @@ def test_a_push_that_is_decoded_encodes_to_the_same_bytes(case):
     assert encode_push(push) == value
 
 
-def test_a_32_bit_number_is_printed_as_told_apart_from_its_neighbours():
+def test_a_32_bit_number_is_printed_with_the_digits_that_it_needs():
     numbers = np.array([0.1, 1 / 3, 7.3499999, -1e-30, 3.4028235e38, 1.0000001], dtype=np.float32)
     for value in numbers:
         table = PackageTable([Package.of(0, 50, with_timestamp=False, names=("HEIGHT_FUSION",))])
@@ -239,16 +239,16 @@ def without(key):
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
-        ({"packages": None}, "not a table of packages"),
-        ({"packages": {5: entry()}}, r"packages\.5: ids of packages are 0 to 4"),
+        ({"packages": None}, "must have the key packages"),
+        ({"packages": {5: entry()}}, r"packages\.5: the id must be 0 to 4"),
         (
             {"packages": {1: without("topics")}},
-            r"packages\.1: needs rate_hz, with_timestamp, topics",
+            r"packages\.1: must have the keys rate_hz, with_timestamp, topics",
         ),
-        ({"packages": {1: entry(rate=5)}}, r"packages\.1: needs .*, and nothing else"),
-        ({"packages": {1: entry(rate_hz=401)}}, r"packages\.1\.rate_hz: 401: a whole number"),
-        ({"packages": {1: entry(with_timestamp=1)}}, r"packages\.1\.with_timestamp: 1: true or"),
-        ({"packages": {1: entry(topics=[])}}, r"packages\.1\.topics: a list of topics"),
+        ({"packages": {1: entry(rate=5)}}, r"packages\.1: must have the keys .*, and no others"),
+        ({"packages": {1: entry(rate_hz=401)}}, r"packages\.1\.rate_hz: 401: must be an integer"),
+        ({"packages": {1: entry(with_timestamp=1)}}, r"packages\.1\.with_timestamp: 1: must "),
+        ({"packages": {1: entry(topics=[])}}, r"packages\.1\.topics: must be a list"),
         (
             {"packages": {1: entry(topics=["RTK_JAW"])}},
             r"packages\.1\.topics: unknown topic RTK_J",
@@ -256,6 +256,6 @@ def without(key):
         ({"packages": {1: entry(topics=["ESC_DATA"] * 4)}}, r"packages\.1: .* more than the 250 "),
     ],
 )
-def test_what_is_no_table_is_told_with_file_and_key(tree, message):
+def test_an_invalid_table_is_refused_with_file_and_key(tree, message):
     with pytest.raises(DjiError, match=rf"^{FILE}: {message}"):
         package_table(tree, FILE)

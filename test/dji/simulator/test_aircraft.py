@@ -1,4 +1,4 @@
-"""What the simulated aircraft says, and the port that is not there."""
+"""The frames of the simulated aircraft, and the simulated port."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ FIX = np.diag([1e-4, 1e-4, 4e-4])
 
 def imu(k: int, period_ms: int = 10, **values) -> tuple[int, ImuSample]:
     stamp = START + k * period_ms * MS
-    given = {"specific_force_b": np.array([0.3, -0.2, -9.80665]), "autopilot_q_nb": Q_NB}
-    given |= {"angular_rate_b": np.array([0.01, -0.02, 0.5])} | values
-    return stamp, ImuSample(stamp, **given)
+    fields = {"specific_force_b": np.array([0.3, -0.2, -9.80665]), "autopilot_q_nb": Q_NB}
+    fields |= {"angular_rate_b": np.array([0.01, -0.02, 0.5])} | values
+    return stamp, ImuSample(stamp, **fields)
 
 
 def rtk(at_ms: int, status=FixStatus.FIXED, source=Source.RTK_POSITION) -> PositionSample:
@@ -45,7 +45,7 @@ def rtk(at_ms: int, status=FixStatus.FIXED, source=Source.RTK_POSITION) -> Posit
 
 
 def reports(samples):
-    """Broadcasts that an aircraft makes of samples, sorted by arrival."""
+    """Return the broadcasts that an aircraft makes of samples, sorted by arrival."""
     frames = list(frames_of(Aircraft(), sorted(samples, key=lambda pair: pair[0])))
     result = FrameReader().feed(b"".join(frame.data for frame in frames))
     assert [frame.sequence for frame in result] == [k & 0xFFFF for k in range(1, len(result) + 1)]
@@ -55,7 +55,7 @@ def reports(samples):
     return broadcasts
 
 
-def test_a_flight_that_starts_again_switches_it_on_anew():
+def test_a_second_flight_switches_the_aircraft_on_again():
     text = reports([imu(k) for k in range(300)])
     assert text[-1].time.time_ms == 60_000 + 2990
     aircraft = Aircraft()
@@ -65,7 +65,7 @@ def test_a_flight_that_starts_again_switches_it_on_anew():
     assert decode_broadcast(result[0].value).time.time_ms == 60_000
 
 
-def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
+def test_a_package_is_pushed_at_its_rate_with_interpolated_values():
     aircraft = Aircraft(SimulatedAircraftConfig(clock_start_ms=1000, pushes=True))
     samples = [
         imu(
@@ -87,13 +87,13 @@ def test_a_package_is_pushed_at_its_rate_on_the_line_between_samples():
         assert frame.time_ns == START + k * 2_500_000
         assert (tick.time2p5ms, tick.time1ns, tick.reset_time2p5ms) == (400 + k, 0, k)
         assert tick.gyro_radps[0] == pytest.approx(0.001 * k / 4, abs=1e-8)
-    # Nothing is known of the gimbal, which stands in package 1: it waits.
+    # Package 1 contains the gimbal, which has no data: it is not pushed.
     assert {push.package.id for _, push in pushes} == {0, 2, 3, 4}
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 400])
-def test_parts_are_polled_in_step_with_any_imu(rate_hz):
-    """50 Hz from the first frame on, whatever the IMU's rate; else a fix is told of late."""
+def test_parts_have_their_rate_with_any_imu(rate_hz):
+    """50 Hz from the first frame on, at any rate of the IMU; otherwise a fix would be late."""
     step_ns = 1_000_000_000 // rate_hz
     samples = [(START + k * step_ns, replace(imu(0)[1], stamp_ns=START + k * step_ns))
                for k in range(rate_hz)]  # fmt: skip
@@ -118,7 +118,7 @@ def test_another_speed_reads_noise(tmp_path, speed, clean):
         os.close(host)
 
 
-def test_a_link_of_a_run_that_was_killed_is_replaced(tmp_path):
+def test_a_symbolic_link_of_a_killed_run_is_replaced(tmp_path):
     path = tmp_path / "tty"
     path.symlink_to("/nowhere")
     with PseudoTerminal(path) as port:
@@ -126,11 +126,11 @@ def test_a_link_of_a_run_that_was_killed_is_replaced(tmp_path):
     assert not path.is_symlink()
 
 
-def test_a_path_that_is_taken_or_impossible_is_named(tmp_path):
+def test_a_path_that_exists_or_is_impossible_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(DjiError, match=r"file: no pseudo-terminal can be made there: File exists"):
         PseudoTerminal(tmp_path / "file")
     with pytest.raises(DjiError, match=r"no/such: no pseudo-terminal can be made there: No such"):
         PseudoTerminal(tmp_path / "no" / "such")
-    with pytest.raises(DjiError, match=r"123 is not a speed of a serial port"):
+    with pytest.raises(DjiError, match=r"123 baud is not a speed of a serial port"):
         PseudoTerminal(tmp_path / "tty", baud=123)

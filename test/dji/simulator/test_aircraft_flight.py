@@ -1,7 +1,7 @@
 """The sample flight through the serial link: bytes on a wire in place of a bag's messages.
 
-Samples of the bag -> the aircraft's frames -> a line of 921600 baud with a reader who is late ->
-frames -> readings -> samples -> the filter and the gimbal, beside the bag's samples themselves.
+Samples of the bag -> the aircraft's frames -> a line of 921600 baud with a late reader -> frames
+-> readings -> samples -> the filter and the gimbal. The bag's samples are used for comparison.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ BYTE_NS = 10 * 1_000_000_000 // 921_600
 
 
 class Line:
-    """A wire that takes its time and a reader that takes his: he never sees a byte too early."""
+    """Simulate a wire and a reader, both with delays; no byte is read too early."""
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
         self._free_ns = self._read_ns = 0
 
     def read_ns(self, sent_ns: int, length: int) -> int:
-        """When the last byte of a frame is read: half a millisecond late, at times 20."""
+        """Return when the last byte of a frame is read: 0.5 ms late in the mean, at times 20."""
         self._free_ns = max(self._free_ns, sent_ns) + length * BYTE_NS
         late_ns = self._rng.exponential(0.5e6) + 20e6 * (self._rng.random() < 0.01)
         self._read_ns = max(self._read_ns, self._free_ns + round(late_ns))
@@ -61,19 +61,19 @@ class Line:
 
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
 AS_GOOD = 1.25
-#: The sample's first clicks are 10 s into it.
+#: The first clicks of the sample flight are 10 s after its start.
 SETTLED_S = 10.0
 
 
 @dataclass(frozen=True)
-class Judged:
+class Errors:
     heading_deg: float
     ground_m: dict[str, float]  # by composition
     located: int
 
 
 class Flight:
-    """The sample, its parameters and what it is judged by."""
+    """Hold the sample flight, its parameters, its truth and its observations."""
 
     def __init__(self, folder):
         params = ParameterFile(folder / "params.yaml")
@@ -85,7 +85,7 @@ class Flight:
         self._overlay = params.config("overlay_node", OverlayConfig)
         self._truth = load_truth(folder / "truth.mcap")
         points = (folder / "survey.geojson", folder / "observations.csv")
-        self._given = load_experiment(*points)
+        self._experiment = load_experiment(*points)
         self._camera = read_camera(folder / "flight.mcap")
         cdr, bag = Cdr(), BagReader(folder / "flight.mcap")
         self.samples = [
@@ -96,8 +96,8 @@ class Flight:
             for item in bag.messages([f"/{topic}" for topic in SENSED_SAMPLES])
         ]
 
-    def heard(self, **changes):
-        """The samples that dji_node makes of the aircraft's bytes, and its interpreter."""
+    def received(self, **changes):
+        """Return the samples that dji_node makes of the aircraft's bytes, and its interpreter."""
         aircraft = Aircraft(replace(self.aircraft, **changes), places=self.places)
         clock, reader, line = self.dji.clock, FrameReader(), Line(seed=7)
         clocks = Clocks(
@@ -112,30 +112,30 @@ class Flight:
                     samples += interpreter.take(reading)
         return samples + interpreter.flush(), interpreter
 
-    def judged(self, samples) -> Judged:
+    def errors(self, samples) -> Errors:
         samples, cameras = list(samples), {}
         for composition in ("paper", "encoders"):
             gimbal = replace(self._gimbal, composition=composition)
-            flown = Registration(self._ekf, gimbal)
-            outcome = [flown.take(sample) for sample in samples]
+            registration = Registration(self._ekf, gimbal)
+            outcome = [registration.take(sample) for sample in samples]
             cameras[composition] = PoseBuffer(1e9)
             for pose in (pose for entry in outcome for pose in entry.cameras):
                 cameras[composition].add(pose)
         bodies = [entry.body for entry in outcome if entry.body is not None]
-        errors = body_errors(bodies, self._truth, SETTLED_S)
+        body = body_errors(bodies, self._truth, SETTLED_S)
         ground = {
             composition: locate_observations(
                 poses,
-                flown.navigation.plane,
+                registration.navigation.plane,
                 self._camera,
-                self._given,
+                self._experiment,
                 self._overlay.ground_height_m,
                 self._overlay,
             )[0]
             for composition, poses in cameras.items()
         }
-        return Judged(
-            math.degrees(errors.heading_rad),
+        return Errors(
+            math.degrees(body.heading_rad),
             {name: ground_errors(located).rmse_m for name, located in ground.items()},
             min(len(located) for located in ground.values()),
         )
@@ -148,22 +148,22 @@ def flight(sample):
 
 @pytest.fixture(scope="module")
 def bag(flight):
-    return flight.judged([outcome for _, outcome in flight.samples])
+    return flight.errors([outcome for _, outcome in flight.samples])
 
 
 @pytest.fixture(scope="module")
 def by_joints(flight):
-    return flight.heard()
+    return flight.received()
 
 
 @pytest.mark.slow
 def test_heading_and_ground_are_as_good_as_the_bags(flight, bag, by_joints):
-    serial = flight.judged(by_joints[0])
-    # Its bytes take their time: the filter may start a click later.
+    serial = flight.errors(by_joints[0])
+    # Its bytes come later: the filter may miss one click.
     assert bag.located - 1 <= serial.located <= bag.located
     assert bag.located >= 20
     assert serial.heading_deg <= AS_GOOD * bag.heading_deg
-    # Encoders survive by the attitude that is composed of them; the reported one is better too.
+    # The sent attitude is composed of the encoders; the reported attitude is as good.
     assert serial.ground_m["encoders"] <= AS_GOOD * bag.ground_m["encoders"]
     assert serial.ground_m["paper"] <= AS_GOOD * bag.ground_m["paper"]
 
@@ -184,18 +184,18 @@ def imu_stamps(samples):
 
 
 def test_stamps_are_the_measurements_own(flight, by_joints):
-    """Late by the wire and the reader's best, early by no more than half a millisecond.
+    """Late by the smallest delay of wire and reader, early by at most half a millisecond.
 
-    75 bytes take 0.81 ms at 921600 baud, and the fastest of some thousand reads none more.
+    75 bytes take 0.81 ms at 921600 baud; the fastest of some thousand reads adds nothing.
     """
-    text = imu_stamps([outcome for _, outcome in flight.samples])
-    settled = (imu_stamps(by_joints[0]) - text)[500:] / 1e6
+    expected = imu_stamps([outcome for _, outcome in flight.samples])
+    settled = (imu_stamps(by_joints[0]) - expected)[500:] / 1e6
     assert settled.min() > -0.5
     assert np.median(settled) == pytest.approx(0.8, abs=0.3)
     assert settled.max() < 2.0
 
 
 def test_a_clock_that_drifts_and_wraps_changes_nothing(flight, by_joints):
-    samples, _ = flight.heard(clock_start_ms=2**32 - 10_000, clock_drift_ppm=50.0)
+    samples, _ = flight.received(clock_start_ms=2**32 - 10_000, clock_drift_ppm=50.0)
     # A millisecond of the counter is truncated, and 50 ppm of a 20 s window is one more.
     assert np.abs(imu_stamps(samples) - imu_stamps(by_joints[0]))[500:].max() < 2e6

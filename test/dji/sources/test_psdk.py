@@ -1,4 +1,4 @@
-"""The topics of psdk_ros2: each trap with numbers worked by hand, and times."""
+"""The topics of psdk_ros2: units and axes by numbers computed by hand, and stamps."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ IMU = Message(
     angular_velocity=xyz(0.0, 0.0, 0.0),
     linear_acceleration=xyz(0.0, 0.0, 9.8),
 )
-#: A handful of products of numbers of order one.
+#: Rounding of a few products of numbers of order one.
 ROUNDING = 2e-15
 
 
@@ -68,24 +68,24 @@ angles = st.floats(-179.99, 179.99)
 
 
 @pytest.fixture
-def road():
+def decoder():
     return PsdkDecoder()
 
 
 def near(metres: float) -> Message:
-    """So much to the north of home."""
+    """Return a fix this far north of home."""
     return fix(HOME.latitude + metres / 111e3, HOME.longitude, HOME.altitude)
 
 
 @given(st.integers(-(2**15), 2**15 - 1))
-def test_every_rtk_yaw_comes_back(yaw_deg):
+def test_every_rtk_yaw_is_read(yaw_deg):
     (sent,) = struct.unpack("<H", struct.pack("<h", yaw_deg))
     assert PSDK_TOPICS["rtk_yaw"].read(7, Message(yaw=sent)).yaw_deg == yaw_deg
 
 
 @given(angles, st.floats(-120, 60), st.floats(-30, 30))
-def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
-    """As psdk_ros2 makes them: with constants of single precision, turned by one round."""
+def test_gimbal_round_trip(yaw_deg, pitch_deg, roll_deg):
+    """As psdk_ros2 computes them: with constants of single precision, and one turn added."""
     z = single(1.571) - yaw_deg * PI32 / 180
     if z < -PI32:
         z += 2 * PI32
@@ -93,7 +93,7 @@ def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
         z -= 2 * PI32
     sent = (roll_deg * PI32 / 180, -pitch_deg * PI32 / 180, z)
     _, roll, pitch, yaw = PSDK_TOPICS["gimbal_angles"].read(7, Message(vector=xyz(*sent)))
-    # Its pi is 8.7e-8 too large, 1.571 is 2.4e-8 off: of angles up to a turn, less than 3e-7.
+    # Its pi is 8.7e-8 too large, its 1.571 is 2.4e-8 off: over a turn less than 3e-7.
     assert roll == pytest.approx(math.radians(roll_deg), abs=3e-7)
     assert pitch == pytest.approx(math.radians(pitch_deg), abs=3e-7)
     assert abs(math.remainder(yaw - math.radians(yaw_deg), math.tau)) < 3e-7
@@ -101,71 +101,71 @@ def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
 
 
 @given(st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array))
-def test_attitude_there_and_back(rotvec):
+def test_attitude_round_trip(rotvec):
     """R_ENU<-NED R R_FRD<-FLU is sent; q and -q are the same attitude."""
     matrix = matrix_from_quat(quat_from_rotvec(rotvec))
     sent = quat_from_matrix(ENU_NED @ matrix @ FLU_FRD)
     for sign in (1, -1):
         w, x, y, z = (sign * sent).tolist()
-        made = PSDK_TOPICS["attitude"].read(7, Message(quaternion=Message(w=w, x=x, y=y, z=z)))
-        back = matrix_from_quat(np.array(made.q_nb))
+        reading = PSDK_TOPICS["attitude"].read(7, Message(quaternion=Message(w=w, x=x, y=y, z=z)))
+        back = matrix_from_quat(np.array(reading.q_nb))
         np.testing.assert_allclose(back, matrix, atol=10 * ROUNDING)
 
 
 @pytest.mark.parametrize(("fix", "is_fix"), [(3.0, 3), (math.nan, 0), (math.inf, 0)])
 def test_accuracies_are_millimetres_and_centimetres_a_second(fix, is_fix):
-    made = PSDK_TOPICS["gps_details"].read(7, details(fix, 1500.0, 2500.0, 40.0))
-    assert made == GpsReading(7, None, None, is_fix, 1.5, 2.5, pytest.approx(0.4, rel=ROUNDING))
+    reading = PSDK_TOPICS["gps_details"].read(7, details(fix, 1500.0, 2500.0, 40.0))
+    assert reading == GpsReading(7, None, None, is_fix, 1.5, 2.5, pytest.approx(0.4, rel=ROUNDING))
 
 
-def test_receivers_keep_the_stamps_of_their_headers(road):
-    """Their delay is a parameter, which is taken off later."""
-    (position,) = road.take("gps_position", HOME, START, START + 3 * MS)
-    (velocity,) = road.take("gps_velocity", twist(1.0, 2.0, 3.0), START + 1, START + 3 * MS)
+def test_receivers_keep_the_stamps_of_their_headers(decoder):
+    """Their delay is a parameter, which is subtracted later."""
+    (position,) = decoder.take("gps_position", HOME, START, START + 3 * MS)
+    (velocity,) = decoder.take("gps_velocity", twist(1.0, 2.0, 3.0), START + 1, START + 3 * MS)
     quality = details(3.0, 1e3, 2e3, 10.0)
-    (accuracy,) = road.take("gps_details", quality, START + 2, START + 3 * MS)
+    (accuracy,) = decoder.take("gps_details", quality, START + 2, START + 3 * MS)
     assert [r.stamp_ns - START for r in (position, velocity, accuracy)] == [0, 1, 2]
     assert velocity.velocity_n == (1.0, 2.0, 3.0)  # north, east, down, as it comes
-    road.take("rtk_velocity", twist(1.0, 2.0, 3.0), START + 1, START + 2 * MS)
-    road.take("rtk_position", HOME, START, START + 3 * MS)
-    road.take("rtk_position_info", Message(data=50), 0, START + 4 * MS)
-    (fixed,) = road.due(START + EPOCH)
+    decoder.take("rtk_velocity", twist(1.0, 2.0, 3.0), START + 1, START + 2 * MS)
+    decoder.take("rtk_position", HOME, START, START + 3 * MS)
+    decoder.take("rtk_position_info", Message(data=50), 0, START + 4 * MS)
+    (fixed,) = decoder.due(START + EPOCH)
     assert (fixed.stamp_ns, fixed.position_flag) == (START, 50)
     assert fixed.velocity_n == (1.0, 2.0, 3.0)
 
 
-def test_streams_of_a_steady_rate_lose_their_jitter(road):
-    """At 100 Hz, with the delays of a callback: up to 8 ms, none of it negative."""
+def test_streams_of_a_steady_rate_lose_their_jitter(decoder):
+    """At 100 Hz, with the delays of a callback, 0 to 8 ms."""
     late = np.random.default_rng(3).exponential(1.5 * MS, 3000).clip(0, 8 * MS).astype(int)
     sent = START + np.arange(3000) * 10 * MS
     angles = Message(vector=xyz(0, 0, 0))
     attitude = Message(quaternion=LEVEL_EAST)
     for topic, message in (("imu", IMU), ("attitude", attitude), ("gimbal_angles", angles)):
         stamps = [
-            road.take(topic, message, int(at), int(at))[0].stamp_ns
+            decoder.take(topic, message, int(at), int(at))[0].stamp_ns
             for at in np.maximum.accumulate(sent + late)
         ]
         assert all(b > a for a, b in pairwise(stamps))
-        # The second half, as the first may learn; 0.1 ms is what the clock calls settled.
+        # Only the second half: the first is for learning. The clock is settled within 0.1 ms.
         off = (np.array(stamps) - sent)[1500:]
         assert late[1500:].std() > 1 * MS
         assert off.std() < 0.1 * MS
 
 
 @pytest.mark.parametrize("flag_after_ns", [-5 * MS, 5 * MS])
-def test_a_fix_that_is_lost_is_lost_at_once(road, flag_after_ns):
+def test_a_lost_fix_is_published_at_once(decoder, flag_after_ns):
     """Not an epoch later, whether the flag comes before the position or after it."""
-    meaning, events = Interpreter(DjiConfig(geoid_undulation_m=40.0)), []
+    interpreter, events = Interpreter(DjiConfig(geoid_undulation_m=40.0)), []
     for number, flag in enumerate([50, 50, 34, 34, 50]):
         at = START + number * EPOCH
         events += [("rtk_position", near(number), at, at)]
         events += [("rtk_position_info", Message(data=flag), 0, at + flag_after_ns)]
     events.sort(key=lambda event: event[3])
-    readings = [reading for event in events for reading in road.take(*event)]
-    readings += road.due(START + 5 * EPOCH)
-    given = [s for r in readings for s in meaning.take(r) if isinstance(s, PositionSample)]
-    for number, sample in enumerate(given):
+    readings = [reading for event in events for reading in decoder.take(*event)]
+    readings += decoder.due(START + 5 * EPOCH)
+    samples = [s for r in readings for s in interpreter.take(r) if isinstance(s, PositionSample)]
+    for number, sample in enumerate(samples):
         assert sample.latitude_rad == pytest.approx(math.radians(near(number).latitude))
         assert sample.height_m == pytest.approx(HOME.altitude + 40.0)
     fixed, floating = FixStatus.FIXED, FixStatus.FLOAT
-    assert [s.status for s in given] == [fixed, fixed, floating, floating, fixed]
+    assert [s.status for s in samples] == [fixed, fixed, floating, floating, fixed]

@@ -66,10 +66,10 @@ def attitude(stamp_ns: int, w: float) -> Message:
 
 
 def readings(name, message, record_ns=START + LAG, setup=None):
-    """What one message gives, epochs that are not over included."""
-    road = Ros1Decoder(setup or Ros1Setup())
-    result = road.take(name, message, record_ns)
-    return [arrived.reading for arrived in result + road.flush()]
+    """Return the readings of one message, unfinished epochs included."""
+    decoder = Ros1Decoder(setup or Ros1Setup())
+    result = decoder.take(name, message, record_ns)
+    return [arrived.reading for arrived in result + decoder.flush()]
 
 
 def test_imu_is_turned_to_ned_and_frd():
@@ -94,7 +94,7 @@ def test_imu_is_turned_to_ned_and_frd():
         ((2.0, -70.0, 45.0), "uav1/ground_ENU"),
     ],
 )
-def test_the_order_of_the_gimbals_angles_is_told_by_the_frame(angles, frame):
+def test_the_order_of_the_gimbals_angles_depends_on_the_frame(angles, frame):
     (reading,) = readings("gimbal_angle", vector(START, *angles, frame))
     expected = GimbalReading(START, math.radians(2.0), math.radians(-70.0), math.radians(45.0))
     assert reading == expected
@@ -110,26 +110,26 @@ def test_the_order_of_the_gimbals_angles_is_told_by_the_frame(angles, frame):
         ("rtk_position", fix(START, latitude=91.0), "not a place on the Earth: 91, 4"),
         ("rtk_position", fix(START, altitude=math.nan), "not finite"),
         ("gimbal_angle", vector(START, 4500.0, 0.0, 0.0), "not angles of a gimbal"),
-        ("rtk_yaw", Message(angle=1), "its definition has no data"),
-        ("imu", imu(START - 3600 * SECOND), r"stamped -3600 s from when it was recorded"),
+        ("rtk_yaw", Message(angle=1), "its definition has no field data"),
+        ("imu", imu(START - 3600 * SECOND), r"its stamp is -3600 s from its time of recording"),
     ],
 )
-def test_values_that_make_no_sense_are_refused(name, message, because):
+def test_invalid_values_are_refused(name, message, because):
     with pytest.raises(MessageError, match=because):
         readings(name, message)
 
 
 def test_yaw_and_flags_have_the_stamp_of_their_position():
-    road = Ros1Decoder()
-    given = [
+    decoder = Ros1Decoder()
+    messages = [
         ("rtk_info_position", Message(data=50)),
         ("rtk_position", fix(START)),
         ("rtk_yaw", Message(data=-90)),
         ("rtk_info_yaw", Message(data=49)),
     ]
-    for k, (name, message) in enumerate(given):
-        assert road.take(name, message, START + (k + 2) * MS) == []
-    ((arrival_ns, reading),) = road.take("imu", imu(START + SECOND), START + SECOND)[:1]
+    for k, (name, message) in enumerate(messages):
+        assert decoder.take(name, message, START + (k + 2) * MS) == []
+    ((arrival_ns, reading),) = decoder.take("imu", imu(START + SECOND), START + SECOND)[:1]
     place = (math.radians(52.0), math.radians(4.0), 30.0)
     assert reading == RtkReading(START, place, 50, None, -90, 49)
     assert arrival_ns == START + 5 * MS
@@ -139,17 +139,17 @@ def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
     later = 86_400 * SECOND
     stamps = [START + k * 10 * MS for k in range(50)]
     setup = survey(("imu", imu(stamp), stamp + LAG + later) for stamp in stamps)
-    road = Ros1Decoder(setup)
+    decoder = Ros1Decoder(setup)
     assert setup.shift_ns == later + LAG
     message = Message(data=10)
-    assert road.take("rtk_yaw", message, START + later + LAG) == []
-    ((arrival_ns, reading),) = road.flush()
+    assert decoder.take("rtk_yaw", message, START + later + LAG) == []
+    ((arrival_ns, reading),) = decoder.flush()
     assert arrival_ns == reading.stamp_ns == START
-    assert "86400.002 s before the times of recording" in road.warnings[0]
+    assert "86400.002 s before the times of recording" in decoder.warnings[0]
 
 
 def test_a_gravity_that_is_multiplied_in_twice():
-    """Broadcast with m/s2 set in Assistant: the wrapper's factor comes on top of it."""
+    """Broadcast with m/s2 set in Assistant: the wrapper multiplies by g again."""
     message = imu(START, force=(0.0, 0.0, 9.8 * 9.801))
     setup = survey([("imu", message, START)] * 30)
     (reading,) = readings("imu", message, setup=setup)
@@ -171,12 +171,12 @@ def test_an_imu_in_bursts_gets_the_stamps_of_its_rate(burst):
         last = min(k // burst * burst + burst - 1, len(true) - 1)
         after = stamped[-1] + 20_000 if stamped else 0
         stamped.append(max(true[last] + rng.randrange(300_000), after))
-    road = Ros1Decoder(survey(("imu", imu(stamp), stamp + MS) for stamp in stamped[:200]))
-    made = [road.take("imu", imu(s), s + MS)[0].reading.stamp_ns for s in stamped]
-    errors_ms = (np.array(made) - np.array(true))[800:] * 1e-6
+    decoder = Ros1Decoder(survey(("imu", imu(stamp), stamp + MS) for stamp in stamped[:200]))
+    stamps_ns = [decoder.take("imu", imu(s), s + MS)[0].reading.stamp_ns for s in stamped]
+    errors_ms = (np.array(stamps_ns) - np.array(true))[800:] * 1e-6
     assert np.std(errors_ms) < 0.1
     assert np.std((np.array(stamped) - np.array(true))[800:] * 1e-6) > 2.0
-    assert "imu is stamped in bursts" in road.warnings[0]
+    assert "imu is stamped in bursts" in decoder.warnings[0]
 
 
 def test_even_stamps_are_left_alone():
@@ -184,8 +184,8 @@ def test_even_stamps_are_left_alone():
     stamps = [START + (5 * k // 2) * MS for k in range(400)]
     setup = survey(("imu", imu(stamp), stamp + LAG) for stamp in stamps)
     assert setup == Ros1Setup()
-    road = Ros1Decoder(setup)
-    assert [road.take("imu", imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
+    decoder = Ros1Decoder(setup)
+    assert [decoder.take("imu", imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
 
 
 def test_fused_velocity_is_east_north_up():
@@ -198,7 +198,7 @@ PARTS = ("place", "velocity_n", "yaw_deg", "position_flag", "yaw_flag")
 
 
 def part(name: str, number: int, stamp_ns: int) -> RtkReading:
-    """A part that tells of which epoch it is."""
+    """Return a part whose value shows its epoch."""
     values = {
         "place": GeodeticPlace(0.9, 0.1, float(number)),
         "velocity_n": (float(number), 0.0, 0.0),
@@ -207,7 +207,7 @@ def part(name: str, number: int, stamp_ns: int) -> RtkReading:
 
 
 def reports(events):
-    """Readings of (arrival, part)."""
+    """Return the readings of (arrival, part)."""
     epochs = RtkEpochs()
     result = []
     for arrival_ns, given_part in events:
@@ -247,7 +247,7 @@ def test_any_order_within_an_epoch_and_any_delay_below_half_of_one(orders, delay
 
 
 @pytest.mark.parametrize("lost", PARTS)
-def test_a_lost_part_costs_itself_alone(lost):
+def test_a_lost_part_costs_no_other_part(lost):
     events = [
         (number * PERIOD + k * MS, part(name, number, number * PERIOD))
         for number in range(3)

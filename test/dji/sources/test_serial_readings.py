@@ -1,4 +1,4 @@
-"""Frames and bytes of the serial link to readings: units, axes, times, the host's words."""
+"""Readings from frames and bytes of the serial link: units, axes, times, messages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ DETAIL = parts.GpsDetail(90.0, 150.0, 3.0, 1500.0, 750.0, 25.0, 9, 5, 14, 1)
 
 
 class Ticks:
-    """A clock that tells what it was asked: the counter in ns, the arrival's last digit kept."""
+    """Return the counter in ns as the stamp, and record the arrivals."""
 
     def __init__(self, tick_ns):
         self.tick_ns = tick_ns
@@ -65,15 +65,15 @@ def frame_of(cmd_set, cmd_id, value, **more):
     return frame
 
 
-def read(telemetry, said):
-    return telemetry.read(frame_of(2, 0, encode_broadcast(said)), ARRIVAL_NS)
+def read(telemetry, broadcast):
+    return telemetry.read(frame_of(2, 0, encode_broadcast(broadcast)), ARRIVAL_NS)
 
 
 def push(telemetry, number, **values):
-    held = next(item for item in USUAL_PACKAGES if item.id == number)
-    empty = {topic.name: topic.make(_zeros(topic)) for topic in held.topics}
-    stamp = (5000, 0) if held.with_timestamp else (None, None)
-    value = encode_push(Push(held, *stamp, empty | values))
+    package = next(item for item in USUAL_PACKAGES if item.id == number)
+    empty = {topic.name: topic.make(_zeros(topic)) for topic in package.topics}
+    stamp = (5000, 0) if package.with_timestamp else (None, None)
+    value = encode_push(Push(package, *stamp, empty | values))
     return telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
 
 
@@ -83,7 +83,7 @@ def _zeros(topic):
 
 
 def test_broadcast_of_an_imu_sample(telemetry):
-    said = Broadcast(
+    broadcast = Broadcast(
         time=parts.Time(1234, 0, 0, 0, 0),
         quaternion_wxyz=Q,
         acceleration_as_packed=ACCELERATION,
@@ -91,14 +91,14 @@ def test_broadcast_of_an_imu_sample(telemetry):
     )
     origin, unit = ImuOrigin.BROADCAST, AccelerationUnit.UNKNOWN
     expected = ImuReading(1_234_000_000, origin, ACCELERATION, unit, RATE, Q)
-    assert read(telemetry, said) == [expected]
+    assert read(telemetry, broadcast) == [expected]
 
 
 def test_a_broadcast_without_time_is_stamped_at_arrival_and_counted(telemetry):
     assert read(telemetry, Broadcast(quaternion_wxyz=Q)) == [AttitudeReading(ARRIVAL_NS, Q)]
     assert telemetry.counts["untimed"] == 1
     assert read(telemetry, Broadcast()) == []
-    assert telemetry.counts["untimed"] == 1  # nothing in it that wants a time
+    assert telemetry.counts["untimed"] == 1  # it contains nothing to stamp
 
 
 @pytest.mark.parametrize("layout", [Layout.MODERN, Layout.LEGACY])
@@ -107,14 +107,14 @@ def test_broadcast_of_satellites_and_gimbal(telemetry, layout):
     time = parts.Time(20, 0, 0, 0, 0) if modern else parts.Time(20, 0)
     gps = parts.Gps(20260101, 1, 74474000, 469480000, 512345, (100.0, -50.0, 25.0))
     rtk = parts.Rtk(20260101, 1, BERN[1], BERN[0], 512.5, (-200.0, 300.0, -50.0), -77, 50, 49)
-    said = Broadcast(
+    broadcast = Broadcast(
         layout=layout,
         time=time,
         gps=gps._replace(detail=DETAIL) if modern else gps,
         rtk=rtk,
         gimbal=parts.Gimbal(1.0, -30.0, 170.0, 0),
     )
-    got_gps, got_rtk, gimbal = read(telemetry, said)
+    got_gps, got_rtk, gimbal = read(telemetry, broadcast)
     place = GeodeticPlace(*map(math.radians, BERN), 512.345)
     quality = (3, 0.75, 1.5, 0.25) if modern else (None, None, None, None)
     assert got_gps.place == pytest.approx(place, rel=1e-15)
@@ -156,13 +156,13 @@ def test_subscribed_satellites_and_gimbal(telemetry):
 GPS_ALONE = Package.of(4, 5, with_timestamp=True, names=("GPS_POSITION",))
 
 
-@pytest.mark.parametrize("known_by", ["GPS_FUSED", "broadcast", "the poles"])
-def test_a_gps_position_with_its_latitude_first_is_found_out(clocks, known_by):
+@pytest.mark.parametrize("evidence", ["GPS_FUSED", "broadcast", "the poles"])
+def test_a_gps_position_with_its_latitude_first_is_recognised(clocks, evidence):
     telemetry = Telemetry(clocks, PackageTable([*USUAL_PACKAGES, GPS_ALONE]))
     raw, (latitude, longitude) = parts.GpsPosition(469480000, 74474000, 0), BERN
-    if known_by == "GPS_FUSED":
+    if evidence == "GPS_FUSED":
         push(telemetry, 1, GPS_FUSED=parts.GpsFused(math.radians(7.4), math.radians(46.9), 0.0, 9))
-    elif known_by == "broadcast":
+    elif evidence == "broadcast":
         there = parts.Position(math.radians(46.9), math.radians(7.4), 0.0, 0.0, 5)
         beside = parts.RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
         time = parts.Time(1, 0, 0, 0, 0)
@@ -186,58 +186,58 @@ def frame(time_ms, key=None):
 
 
 @pytest.fixture
-def road():
+def decoder():
     return SerialDecoder(DjiConfig(), PackageTable())
 
 
-def test_bytes_become_readings_at_the_aircrafts_pace(road):
-    # Sent every 10 ms, read in pairs: the first of a pair is 10 ms older than its arrival tells.
+def test_bytes_become_readings_at_the_aircrafts_pace(decoder):
+    # Sent every 10 ms, read in pairs: the first of a pair was sent 10 ms before its arrival.
     stamps = []
     for k in range(2, 200, 2):
         arrival_ns = NOW_NS + k * 10_000_000
         pair = frame(10 * (k - 1)) + frame(10 * k)
-        readings = road.take(pair, arrival_ns, k * 0.01)
+        readings = decoder.take(pair, arrival_ns, k * 0.01)
         assert [type(reading) for reading in readings] == [AttitudeReading] * 2
         stamps += [reading.stamp_ns for reading in readings]
     last = NOW_NS + 198 * 10_000_000
     assert stamps[-2:] == pytest.approx([last - 10_000_000, last], abs=100_000)
-    assert road.counts["frames"] == 198
-    assert road.counts["bytes"] == 198 * len(frame(0))
+    assert decoder.counts["frames"] == 198
+    assert decoder.counts["bytes"] == 198 * len(frame(0))
 
 
-def test_each_frame_of_a_batch_has_the_time_at_which_the_line_had_brought_it():
-    road = SerialDecoder(DjiConfig(baud=921600), PackageTable())
-    parts = encode_broadcast(Broadcast(quaternion_wxyz=Q))  # no time of its own: of its arrival
+def test_each_frame_of_a_batch_has_the_time_at_which_its_bytes_were_complete():
+    decoder = SerialDecoder(DjiConfig(baud=921600), PackageTable())
+    parts = encode_broadcast(Broadcast(quaternion_wxyz=Q))  # without a time
     untimed = encode_frame(b"\x02\x00" + parts)
-    road.take(untimed[:7], NOW_NS - 10_000_000, 0.9)  # bytes that were there before count no more
-    readings = road.take(untimed[7:] + untimed * 2, NOW_NS, 1.0, 3_000_000)
+    decoder.take(untimed[:7], NOW_NS - 10_000_000, 0.9)  # earlier bytes do not count
+    readings = decoder.take(untimed[7:] + untimed * 2, NOW_NS, 1.0, 3_000_000)
     byte_ns = 10e9 / 921600
     ends = [NOW_NS - 3_000_000 + (k * len(untimed) - 7) * byte_ns for k in (1, 2, 3)]
     # the time of a byte in whole ns, over 102 bytes
     assert [reading.stamp_ns for reading in readings] == pytest.approx(ends, rel=0, abs=102)
-    late = road.take(untimed * 200, NOW_NS, 1.1, 3_000_000)
+    late = decoder.take(untimed * 200, NOW_NS, 1.1, 3_000_000)
     assert late[-1].stamp_ns == NOW_NS  # it cannot have come after it was read
 
 
-def test_a_frame_whose_rest_does_not_come_is_given_up_after_a_pause(road):
+def test_a_cut_frame_is_dropped_after_a_pause(decoder):
     whole = frame(10)
     promising = encode_frame(bytes(600))[:20]  # its header promises 618 bytes
-    assert road.take(promising + whole, NOW_NS, 1.0) == []
-    assert road.take(b"", NOW_NS, 1.04) == []
-    (reading,) = road.take(b"", NOW_NS, 1.06)
+    assert decoder.take(promising + whole, NOW_NS, 1.0) == []
+    assert decoder.take(b"", NOW_NS, 1.04) == []
+    (reading,) = decoder.take(b"", NOW_NS, 1.06)
     assert reading.q_nb == Q
-    assert road.take(b"", NOW_NS, 2.0) == []
+    assert decoder.take(b"", NOW_NS, 2.0) == []
 
 
 @pytest.mark.parametrize(
     ("key", "words"), [(bytes(32).hex(), "key is not the aircraft's"), ("", "key is not set")]
 )
 def test_a_wrong_key_is_named(key, words):
-    """Frames whose data makes no sense are not received, whatever their check sums say.
+    """Frames with meaningless data do not count as received, although their check sums are right.
 
-    Ten seconds at 50 frames a second, the aircraft's acks among them.
+    Ten seconds at 50 frames a second, including acks of the aircraft.
     """
-    road = SerialDecoder(DjiConfig(key=key), PackageTable())
+    decoder = SerialDecoder(DjiConfig(key=key), PackageTable())
     watch = LinkWatch("/dev/ttyUSB0", 230400, has_key=bool(key))
     reports = []
     for k in range(1, 500):
@@ -245,8 +245,8 @@ def test_a_wrong_key_is_named(key, words):
         if k % 50 == 0:
             data += encode_frame(bytes(2), is_ack=True, session=2, key=KEY)
         now_s = k * 0.02
-        road.take(data, NOW_NS + k * 20_000_000, now_s)
-        counts = road.counts["bytes"], road.counts["frames"], road.locked
+        decoder.take(data, NOW_NS + k * 20_000_000, now_s)
+        counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
         report = watch.look(now_s, LinkState.OPEN, "", *counts)
         reports += [report.condition] if report else []
     assert reports == ["waiting", "wrong_key"]

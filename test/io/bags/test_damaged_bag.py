@@ -250,7 +250,7 @@ def test_a_chunk_that_says_it_holds_gigabytes_or_holds_more_than_it_says(tmp_pat
             BagReader(path)
 
     assert peak_of(read) < MOST_PEAK
-    with pytest.raises(BagError, match="is packed as 'rar', which is not known"):
+    with pytest.raises(BagError, match="is compressed as 'rar', which is not supported"):
         BagReader(mcap(tmp_path / "a.mcap", "rar", 100, b"Rar!"))
 
 

@@ -212,16 +212,16 @@ def naming(*names, **how):
         ),
         (
             naming("bag_0.dat", storage="of_my_own"),
-            "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3",
+            "{}/metadata.yaml: storage 'of_my_own' is not supported, only mcap, sqlite3",
         ),
         (
             naming("a.mcap.lz4", mode="file", form="lz4"),
-            "{}/metadata.yaml: compression 'lz4' is not known (zstd);",
+            "{}/metadata.yaml: compression 'lz4' is not supported, only zstd;",
         ),
         (naming("x" * 300), "{}: cannot be read: File name too long"),
         (cut_database, "{}/a.db3: the database is cut off or damaged (database disk image is"),
         (another_database, "{}/a.db3: a SQLite database, but not of rosbag2"),
-        (database([]), "{}/a.db3: no message can be read; it has none"),
+        (database([]), "{}/a.db3: no message can be read; the bag has none"),
         (
             database(MESSAGES, "json"),
             "{}/a.db3: topic /a is encoded as json; record it with ROS 2 (cdr)",
@@ -238,7 +238,7 @@ def test_one_clear_line(tmp_path, make, output):
 
 
 def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
-    monkeypatch.setattr(bag, "_ANYWAY", 1 << 20)
+    monkeypatch.setattr(bag, "_SMALL_BYTES", 1 << 20)
     path = tmp_path / "a.mcap.zstd"
     path.write_bytes(zstandard.compress(bytes(32 << 20)))
     with pytest.raises(BagError, match=r"a\.mcap\.zstd: unpacks to more than 1000 times its size"):
@@ -248,7 +248,7 @@ def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
 def test_a_disk_that_is_full(tmp_path, scratch, monkeypatch):
     write_mcap(tmp_path / "a.mcap", MESSAGES)
     path = compressed(tmp_path / "a.mcap")
-    full = SimpleNamespace(free=bag._RESERVE + 1000)
+    full = SimpleNamespace(free=bag._FREE_BYTES + 1000)
     monkeypatch.setattr(bag.shutil, "disk_usage", lambda _: full)
     text = rf"{path}: cannot be unpacked to {scratch}: only 0 MiB are free there; set TMPDIR to"
     with pytest.raises(BagError, match=text):

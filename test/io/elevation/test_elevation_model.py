@@ -87,7 +87,7 @@ def test_heights_are_those_of_the_pixels_middles(rasterio, write, kind):
     assert terrain.notes == ()
 
 
-def test_a_turned_grid_and_one_from_the_south(rasterio, write):
+def test_a_rotated_grid_and_one_from_the_south(rasterio, write):
     cos, sin = math.cos(0.4), math.sin(0.4)
     column, row = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
     for down in (1.0, -1.0):
@@ -129,7 +129,7 @@ def test_integers_with_a_scale_and_an_undulation(rasterio, write):
     assert at(terrain, WEST + 4, NORTH - 4) == pytest.approx(123.4 + 5.0 - 9.5, abs=1e-4)
 
 
-def test_what_a_person_should_know(write):
+def test_notes_for_a_person(write):
     bands = np.stack([np.full((9, 9), 100.0), np.zeros((9, 9))]).astype(np.float32)
     path = write("n.tif", bands, crs="EPSG:32650+5773", units="ft")
     terrain = load_terrain(path)
@@ -156,7 +156,7 @@ NO_GROUND = "odd.tif: its pixels cover no ground"
     ("options", "reason"),
     [
         ({"crs": None}, "odd.tif: no coordinate system"),
-        ({"values": np.full_like(FLAT, -9999)}, "odd.tif: .*all of it is no-data"),
+        ({"values": np.full_like(FLAT, -9999)}, "odd.tif: .*all its values are no-data"),
         ({"values": np.full_like(FLAT, -32768)}, "odd.tif: .*is its no-data value declared"),
         ({"crs": "EPSG:4978"}, ODD_CRS),
         ({"crs": 'LOCAL_CS["site",UNIT["metre",1]]'}, ODD_CRS),
@@ -171,7 +171,7 @@ NO_GROUND = "odd.tif: its pixels cover no ground"
         ),
     ],
 )
-def test_what_is_refused(rasterio, write, options, reason):
+def test_files_that_are_refused(rasterio, write, options, reason):
     options = {"values": FLAT} | options
     if numbers := options.pop("numbers", None):
         options["transform"] = rasterio.Affine(*numbers)
@@ -180,7 +180,7 @@ def test_what_is_refused(rasterio, write, options, reason):
 
 
 @pytest.mark.usefixtures("rasterio")
-def test_what_is_no_raster_is_refused(tmp_path, monkeypatch):
+def test_a_file_that_is_no_raster_is_refused(tmp_path, monkeypatch):
     (tmp_path / "text.tif").write_text("no picture")
     for name in ("text.tif", "absent.tif"):
         with pytest.raises(ElevationError, match=rf"{name}: cannot be read as a raster"):
@@ -226,7 +226,7 @@ def test_tiles_side_by_side_are_one_surface(tiles_of):
     np.testing.assert_allclose(at(terrain, *places), wave(*places), atol=BILINEAR_M)
 
 
-def test_between_tiles_is_a_gap_and_the_first_tile_stands_above_the_next(write, tiles_of):
+def test_between_tiles_is_a_gap_and_the_first_tile_has_precedence(write, tiles_of):
     first, second = tiles_of([(0, 0, 40, 150), (50, 0, 150, 150)])
     holed = np.full((150, 20), 7.0, np.float32)
     holed[:60] = -9999

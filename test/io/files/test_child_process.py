@@ -48,9 +48,9 @@ LARGE = bytes(range(256)) * 40_000  # ten times what a pipe holds
 
 @pytest.fixture
 def child():
-    made = ChildProcess(_ECHO)
-    yield made
-    made.close()
+    process = ChildProcess(_ECHO)
+    yield process
+    process.close()
 
 
 def test_objects_come_back_and_printing_is_no_answer(child):

@@ -336,7 +336,7 @@ def test_times(tmp_path, time, cell, expected_ns):
         (("[2, 3, 4]", "[2, 3, y]"), r"imu\.accel\.columns\.3: True is not .* in quotes"),
         (("axes: flu", "axes: [front, left, down]"), r"imu\.axes: .* not right-handed"),
         (("header: false", "header: false, skip: -1"), r"table\.skip: -1 is not a number"),
-        (("time:", "tim:"), r"time is missing: for all, or imu\.time"),
+        (("time:", "tim:"), r"time is missing: give time for all, or imu\.time"),
         (("header: false", "header: true"), "time.column: 1: a number is for tables without a"),
         (("[2, 3, 4]", "[2, 3, az]"), r"imu\.accel\.columns\.3: 'az': .* a name for those with"),
         ((IMU_COLUMNS, "[]"), "must be keys with values"),
@@ -399,7 +399,7 @@ gps_position:
     rows = "t,lat,lon,h,s\n1,1,2,0.3,DGPS\n2,1,2,0.3,1.000\n3,1,2,0.3,0\n4,1,2,0.3,\n"
     contents = read_table(tmp_path, rows, columns)
     assert [s.status for s in contents.samples] == [FixStatus.FLOAT, FixStatus.SINGLE]
-    assert contents.refused == {("gps_position", "status is none of those that are a fix"): 2}
+    assert contents.refused == {("gps_position", "status is not one of the values for a fix"): 2}
     assert isinstance(contents.samples[0], PositionSample)
     assert contents.samples[0].height_m == pytest.approx(300 - 21.387)
     with pytest.raises(LogError, match=r"status\.fixd: unknown key \(did you mean fixed"):

@@ -154,9 +154,9 @@ def test_a_log_as_text_gives_the_same(tmp_path):
     text = tmp_path / "a.log"
     text.write_text("\n".join(lines) + "\n")
     assert is_dataflash(text.read_bytes()[:64])
-    given, result = (by_source(read_dataflash(one, OPTIONS)) for one in (path, text))
-    assert result.keys() == given.keys()
-    for source, samples in given.items():
+    expected, result = (by_source(read_dataflash(one, OPTIONS)) for one in (path, text))
+    assert result.keys() == expected.keys()
+    for source, samples in expected.items():
         assert list(map(repr, result[source])) == list(map(repr, samples))
 
 

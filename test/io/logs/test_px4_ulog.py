@@ -62,7 +62,7 @@ def test_every_field_is_the_source_readers(shared, name):
 
     path = shared / "foreign_logs" / "px4" / f"{name}.ulg"
     contents = read_px4_ulog(path, LogOptions())
-    found, log = by_source(contents), ULog(str(path))
+    samples, log = by_source(contents), ULog(str(path))
     data = {d.name: d.data for d in log.data_list if d.multi_id == 0}
     gps = data["vehicle_gps_position"]
     utc, boot = gps["time_utc_usec"].astype(np.int64), gps["timestamp"].astype(np.int64)
@@ -72,23 +72,23 @@ def test_every_field_is_the_source_readers(shared, name):
         return np.array([sample.stamp_ns for sample in samples]) // 1000 - shift_us
 
     imu = data["sensor_combined"]
-    np.testing.assert_array_equal(stamps(found[Source.IMU]), imu["timestamp"].astype(np.int64))
+    np.testing.assert_array_equal(stamps(samples[Source.IMU]), imu["timestamp"].astype(np.int64))
     for k in range(3):
-        force = [sample.specific_force_b[k] for sample in found[Source.IMU]]
-        rate = [sample.angular_rate_b[k] for sample in found[Source.IMU]]
+        force = [sample.specific_force_b[k] for sample in samples[Source.IMU]]
+        rate = [sample.angular_rate_b[k] for sample in samples[Source.IMU]]
         np.testing.assert_array_equal(force, imu[f"accelerometer_m_s2[{k}]"])
         np.testing.assert_array_equal(rate, imu[f"gyro_rad[{k}]"])
-    check_fixes(found, gps, stamps)
-    check_attitudes(found[Source.IMU], data["vehicle_attitude"], shift_us)
-    pressures = [sample.pressure_pa for sample in found[Source.BAROMETER]]
+    check_fixes(samples, gps, stamps)
+    check_attitudes(samples[Source.IMU], data["vehicle_attitude"], shift_us)
+    pressures = [sample.pressure_pa for sample in samples[Source.BAROMETER]]
     np.testing.assert_array_equal(pressures, data["vehicle_air_data"]["baro_pressure_pa"])
     assert not any("damaged" in note for note in contents.notes)
 
 
-def check_fixes(found, gps, stamps):
+def check_fixes(samples, gps, stamps):
     rtk = bool(np.isin(gps["fix_type"], (5, 6)).any())
-    positions = found[Source.RTK_POSITION if rtk else Source.GPS_POSITION]
-    velocities = found[Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY]
+    positions = samples[Source.RTK_POSITION if rtk else Source.GPS_POSITION]
+    velocities = samples[Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY]
     good = gps["fix_type"] >= 3
     degrees = "latitude_deg" in gps
     latitude = gps["latitude_deg"] if degrees else gps["lat"] * 1e-7
@@ -99,8 +99,8 @@ def check_fixes(found, gps, stamps):
     np.testing.assert_allclose(place[:, 0], np.radians(latitude)[good], atol=ANGLE_RAD)
     np.testing.assert_allclose(place[:, 1], np.radians(longitude)[good], atol=ANGLE_RAD)
     np.testing.assert_allclose(place[:, 2], height[good], rtol=1e-15)
-    known = {3: FixStatus.SINGLE, 6: FixStatus.FIXED}
-    assert [s.status for s in positions] == [known[int(kind)] for kind in gps["fix_type"][good]]
+    statuses = {3: FixStatus.SINGLE, 6: FixStatus.FIXED}
+    assert [s.status for s in positions] == [statuses[int(kind)] for kind in gps["fix_type"][good]]
     sigmas = np.sqrt([s.covariance_n.diagonal() for s in positions])
     expected = np.stack([gps["eph"], gps["eph"], gps["epv"]], axis=-1)[good]
     np.testing.assert_allclose(sigmas, expected, rtol=1e-7)  # of single precision
@@ -108,7 +108,7 @@ def check_fixes(found, gps, stamps):
     np.testing.assert_array_equal([s.velocity_n for s in velocities], velocity)
     speeds = np.sqrt([s.covariance_n[1, 1] for s in velocities])
     np.testing.assert_allclose(speeds, gps["s_variance_m_s"][good], rtol=1e-7)
-    headings = [math.remainder(s.heading_rad, math.tau) for s in found[Source.RTK_HEADING]]
+    headings = [math.remainder(s.heading_rad, math.tau) for s in samples[Source.RTK_HEADING]]
     logged = gps["heading"][~np.isnan(gps["heading"])]
     np.testing.assert_allclose(headings, logged, atol=1e-15)
 
@@ -147,20 +147,20 @@ def test_the_newer_units_rtk_and_the_heading_of_the_nose(tmp_path):
     log.parameter("EKF2_GPS_POS_Y", 0.25)
     log.parameter("EKF2_GPS_DELAY", 110)
     contents = read_px4_ulog(log.write(tmp_path / "new.ulg"), LogOptions())
-    found = by_source(contents)
-    statuses = [sample.status for sample in found[Source.RTK_POSITION]]
+    samples = by_source(contents)
+    statuses = [sample.status for sample in samples[Source.RTK_POSITION]]
     assert statuses == [FixStatus.FIXED, FixStatus.FLOAT]
-    assert found[Source.RTK_POSITION][0].height_m == 44.0
-    assert len(found[Source.RTK_VELOCITY]) == 1  # the other is marked as invalid
-    heading = found[Source.RTK_HEADING][0]
+    assert samples[Source.RTK_POSITION][0].height_m == 44.0
+    assert len(samples[Source.RTK_VELOCITY]) == 1  # the other is marked as invalid
+    heading = samples[Source.RTK_HEADING][0]
     assert heading.heading_rad == pytest.approx(math.tau - 0.5)
     assert heading.variance_rad2 == pytest.approx(1e-4)
     notes = " ".join(contents.notes)
-    for told in (
+    for words in (
         *("heading_offset, 90.0 deg", "[0, -0.25, 0] (forward, left, up)", "delay_s, to 0.11"),
         *("was RTK float or fixed", "spread over 0 ms"),
     ):
-        assert told in notes
+        assert words in notes
 
 
 def test_the_first_receiver_with_a_fix_is_taken(tmp_path):
@@ -185,9 +185,9 @@ def test_utc_is_that_of_records_with_a_fix(tmp_path):
         wrong_us = UTC_US - 3 * 3600 * 10**6
         log.add("vehicle_gps_position", 20_000_000 + k, wrong_us, *place, *FIX[:9], 1, True)
     contents = read_px4_ulog(log.write(tmp_path / "utc.ulg"), LogOptions())
-    found = by_source(contents)
-    (position,) = found[Source.GPS_POSITION]
-    assert len(found[Source.GPS_VELOCITY]) == 1
+    samples = by_source(contents)
+    (position,) = samples[Source.GPS_POSITION]
+    assert len(samples[Source.GPS_VELOCITY]) == 1
     assert "was never RTK float or fixed" in " ".join(contents.notes)
     assert position.stamp_ns == (UTC_US + 20_300_000) * 1000
 
@@ -197,12 +197,12 @@ def test_velocities_count_where_the_log_does_not_judge_them(tmp_path):
     log.topic("vehicle_gps_position", OLD.removesuffix(";bool vel_ned_valid"))
     place = (520_116_000, 43_575_000, 1_000, 44_000)
     log.add("vehicle_gps_position", 20_300_000, UTC_US, *place, *FIX[:10])
-    found = by_source(read_px4_ulog(log.write(tmp_path / "old.ulg"), LogOptions()))
-    assert [s.velocity_n.tolist() for s in found[Source.GPS_VELOCITY]] == [[1.0, -2.0, 0.5]]
+    samples = by_source(read_px4_ulog(log.write(tmp_path / "old.ulg"), LogOptions()))
+    assert [s.velocity_n.tolist() for s in samples[Source.GPS_VELOCITY]] == [[1.0, -2.0, 0.5]]
 
 
-@pytest.mark.parametrize(("boot_us", "told"), [(20_000_000, "in 1970"), (UTC_US, "a date")])
-def test_without_utc_the_autopilots_clock_is_taken(tmp_path, boot_us, told):
+@pytest.mark.parametrize(("boot_us", "words"), [(20_000_000, "in 1970"), (UTC_US, "a date")])
+def test_without_utc_the_autopilots_clock_is_taken(tmp_path, boot_us, words):
     log = UlogFile()
     log.topic("vehicle_imu", "uint64_t timestamp;float[3] delta_angle;float[3] delta_velocity;"
               "uint32_t delta_angle_dt;uint32_t delta_velocity_dt")  # fmt: skip
@@ -215,7 +215,7 @@ def test_without_utc_the_autopilots_clock_is_taken(tmp_path, boot_us, told):
     assert sample.specific_force_b[2] == pytest.approx(-9.8)
     assert sample.angular_rate_b[0] == pytest.approx(2.0)
     assert sample.autopilot_q_nb is None
-    assert told in contents.notes[0]
+    assert words in contents.notes[0]
     assert contents.read["vehicle_imu"] == 3
     assert contents.refused["vehicle_imu", "of another instance than the one taken"] == 1
 
@@ -227,8 +227,8 @@ def test_heights_above_the_sea_alone_need_the_geoid(tmp_path):
     path = log.write(tmp_path / "msl.ulg")
     with pytest.raises(TirgeoError, match=r"msl\.ulg: .*above mean sea level.*--geoid-undulation"):
         read_px4_ulog(path, LogOptions())
-    found = by_source(read_px4_ulog(path, LogOptions(geoid_undulation_m=43.0)))
-    assert found[Source.GPS_POSITION][0].height_m == 44.0
+    samples = by_source(read_px4_ulog(path, LogOptions(geoid_undulation_m=43.0)))
+    assert samples[Source.GPS_POSITION][0].height_m == 44.0
 
 
 def test_a_log_without_imu_is_refused(tmp_path):
@@ -264,6 +264,6 @@ def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):
     def read(path):
         return read_px4_ulog(path, LogOptions(geoid_undulation_m=40.0)).samples
 
-    found = read_damaged(read, whole, tmp_path / "b.ulg", 150)
-    assert 30 < found < 150
+    readable = read_damaged(read, whole, tmp_path / "b.ulg", 150)
+    assert 30 < readable < 150
     assert capfd.readouterr() == ("", "")

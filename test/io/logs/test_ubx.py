@@ -95,7 +95,7 @@ def test_headings_of_a_moving_base(shared):
         # 24.96 km from its base: all else of that message says that the heading is good
         ("fixed_base_relposned_one_epoch", "not of a moving base"),
         ("neo_m8p_relposned_v0", "version 0 of 40 bytes has no heading"),
-        ("zed_x20p_relposned_invalid", "the receiver calls it not valid"),
+        ("zed_x20p_relposned_invalid", "the receiver marks it as not valid"),
     ],
 )
 def test_real_relposned_that_are_no_heading(shared, name, reason):
@@ -111,7 +111,7 @@ def test_real_relposned_that_are_no_heading(shared, name, reason):
     [
         ({}, {"isMoving": 0}, "not of a moving base"),
         ({}, {"carrSoln": 1}, "ambiguities are not fixed"),
-        ({}, {"relPosHeadingValid": 0}, "the receiver calls it not valid"),
+        ({}, {"relPosHeadingValid": 0}, "the receiver marks it as not valid"),
         ({}, {"relPosLength": 131}, "its length is more than 0.1 m from the baseline's"),
         ({}, {"relPosLength": 2496465}, "its length is more than 0.1 m from the baseline's"),
         ({}, {"iTOW": 5}, "no NAV-PVT with a date within a minute of it"),
@@ -203,7 +203,7 @@ def test_a_damaged_length_costs_its_own_frame_alone(tmp_path):
     noise = b"# comment\n$GNGGA,074439.00,,,,,0,,,,,,,,*4F\r\n"
     contents = read(tmp_path, noise, pvt(), noise, bytes(damaged), pvt(second=40), pvt()[:50])
     assert len(of(contents, PositionSample)) == 2
-    assert contents.refused == {("frame", "cut, or its sum is wrong"): 2}
+    assert contents.refused == {("frame", "cut off, or its checksum is wrong"): 2}
 
 
 @pytest.mark.parametrize(("length", "expected"), [(84, 1), (92, 1), (0, 0), (91, 0), (100, 0)])

@@ -1,4 +1,4 @@
-"""Which files make which layers, what each format has of its own, and what a reload watches."""
+"""Layers of files and style sheets, the features of each format, and files to watch."""
 
 from __future__ import annotations
 
@@ -90,11 +90,11 @@ def test_a_sheet_with_its_own_files(styled):
     assert not layers[3].style.labels
 
 
-def test_entries_without_a_file_are_of_the_map(styled):
+def test_entries_without_a_file_draw_the_map(styled):
     layers = styled("layers: [{colour: red}, {layer: main}]", "roads.gpkg")
     assert names(layers) == ["main", "paths", "main"]
     assert [layer.style.line_bgr == RED for layer in layers] == [True, True, False]
-    with pytest.raises(ConfigError, match=r"style.yaml: layer 1: has no file, and the parameter"):
+    with pytest.raises(ConfigError, match=r"style.yaml: layer 1: no key file, and parameter map"):
         styled("layers: [{colour: red}]")
 
 
@@ -103,7 +103,7 @@ def test_files_that_the_sheet_does_not_draw_come_first(styled):
     assert names(layers) == ["wells", "main"]
 
 
-def test_the_label_field_where_the_sheet_does_not_say(styled):
+def test_the_label_field_if_the_sheet_names_none(styled):
     layers = styled("layers: [{}, {label: name}]", "houses.geojson", label_field="street")
     assert [layer.features[0].label for layer in layers] == ["Gasse", "Haus"]
 
@@ -118,7 +118,7 @@ def test_the_sheets_system_takes_precedence(folder, styled):
         styled("layers: [{file: ../odd.geojson}]")
 
 
-def test_what_a_sheet_asks_for_in_vain(styled):
+def test_a_sheet_that_names_absent_files_layers_or_fields(styled):
     with pytest.raises(
         MapError, match=r"roads.gpkg: there is no layer 'pats' \(did you mean paths"
     ):
@@ -183,7 +183,7 @@ def test_one_file_in_several_layers_by_a_property(kinds, styled):
     assert [layer.left_out for layer in layers] == [(reports,), (), ()]  # of the file, so once
 
 
-def test_a_condition_on_what_is_not_there(kinds, styled):
+def test_a_condition_on_an_absent_property(kinds, styled):
     good = "{where: kind == well}"
     _, layer = styled(f"layers: [{good}, {{where: kidn == well}}]", "kinds.geojson")
     assert layer.features == []
@@ -199,11 +199,13 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
         f"{sheet}: layer 2: where: no feature of {kinds}: layer kinds matches: "
     )
     assert note.endswith("kind is pump, well")
-    with pytest.raises(ConfigError, match=r"style.yaml: it matches no feature of the map: .*pump"):
+    with pytest.raises(
+        ConfigError, match=r"style.yaml: its conditions match no feature of the map: .*pump"
+    ):
         styled("layers: [{where: kind == hydrant}]", "kinds.geojson")
 
 
-def test_what_is_watched(folder):
+def test_files_on_which_the_layers_depend(folder):
     (folder / "site.prj").write_text("")
     sheet = folder / "style.yaml"
     sheet.write_text("layers: [{file: wells.shp, crs: 4326}, {file: houses.geojson}]")
@@ -289,8 +291,8 @@ def test_arcs_become_lines(path):
     assert len(radii) > 10
 
 
-def test_the_few_that_happen_to_lie_on_the_earth_are_not_drawn_where_most_do_not(path):
-    """A plane of metres has some places that could be degrees."""
+def test_features_on_the_earth_are_not_drawn_if_most_others_are_off_it(path):
+    """Coordinates in metres include some that could be degrees."""
     points = [[16.0, 48.0], [316.0, 148.0], [916.0, 48.0], [-500.0, 2.0]]
     path.write_text(collection(*(feature("Point", point) for point in points)))
     with pytest.raises(MapError, match=r"feature 1 .*uncertain|feature 2 .*\(none of 4 fea"):
@@ -313,8 +315,8 @@ def test_the_few_that_happen_to_lie_on_the_earth_are_not_drawn_where_most_do_not
         {"type": "Feature", "properties": None, "geometry": None},
     ],
 )
-def test_the_rest_of_a_file_is_where_it_was(path, wrong):
-    """One feature that is bad in any way changes neither place nor number of the others."""
+def test_a_bad_feature_does_not_move_the_others(path, wrong):
+    """A bad feature changes neither position nor number of the others."""
     good = [feature("Polygon", [RING, HOLE]), feature("LineString", [[16, 48, 3], [17, 48]])]
     path.write_text(collection(good[0], wrong, good[1]))
     (layer,) = read_layers(str(path))
@@ -323,14 +325,14 @@ def test_the_rest_of_a_file_is_where_it_was(path, wrong):
     assert layer.left_out
 
 
-def test_what_pyogrio_cannot_read_and_where_it_is_absent(tmp_path, monkeypatch):
+def test_unreadable_files_and_pyogrio_not_installed(tmp_path, monkeypatch):
     path = tmp_path / "a.xyz"
     path.write_bytes(b"\0\1\2 no map at all")
     with pytest.raises(MapError, match=r"a.xyz: not a readable map: not recogn") as caught:
         read_layers(str(path))
     assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "pyogrio", None)
-    with pytest.raises(MapError, match=r"a.xyz: maps are read by pyogrio: pip install pyogrio"):
+    with pytest.raises(MapError, match=r"a.xyz: to read maps needs pyogrio: pip install pyogrio"):
         read_layers(str(path))
 
 
@@ -346,7 +348,7 @@ def test_tables_of_a_geopackage_are_layers_in_their_order(path):
 
 
 def test_a_bad_table_beside_a_good_one(path):
-    """What is wrong with the bad one is told, and it takes nothing from the other."""
+    """The bad one is reported, and the good one is complete."""
     path = path.with_suffix(".gpkg")
     far = gpb(wkb("Point", (500_000.0, 5_300_000.0)))
     write_geopackage(path, {"far": (0, [(far, "f", 1)]), "near": (4326, [(LINE, "n", 1)])})
@@ -357,7 +359,7 @@ def test_a_bad_table_beside_a_good_one(path):
 
 @pytest.mark.parametrize("journal", ["delete", "wal"])
 def test_a_package_that_another_program_writes(path, journal):
-    """What that has written last is read, and nothing is changed beside the file."""
+    """Its last committed change is read, and no file beside the package changes."""
     path = path.with_suffix(".gpkg")
     with closing(sqlite3.connect(path)) as writer:
         fill_geopackage(writer, {"a": (4326, [(LINE, "old", 1)])}, journal)
@@ -380,8 +382,8 @@ def test_null_shapes_keep_their_number(path):
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "cp1251"])
-def test_letters_of_a_shapefile_that_does_not_name_them(path, encoding):
-    """Or names them in its table: 0xC9 is Windows' Cyrillic."""
+def test_a_shapefile_without_its_encoding(path, encoding):
+    """Or with the code of one in its table: 0xC9 is Windows' Cyrillic."""
     name = "улица" if encoding == "cp1251" else "Grünfläche"
     path = write_shapefile(path.with_suffix(".shp"), [RING], [name], encoding=encoding)
     table = bytearray(path.with_suffix(".dbf").read_bytes())

@@ -1,4 +1,4 @@
-"""A map read by another process, which may fail or die, and the map that a web page gets."""
+"""A map read by another process, which may fail or crash, and the map for a web page."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ def feature(line) -> str:
 
 @pytest.fixture
 def child():
-    made = MapProcess()
-    yield made
-    made.stop()
+    process = MapProcess()
+    yield process
+    process.stop()
 
 
-def test_the_map_is_the_one_that_this_process_would_lay(child, config):
+def test_the_map_equals_one_draped_in_this_process(child, config):
     contents = child.read(config)
     assert (contents.features, contents.left_out) == (1, ())
-    result, own = child.lay(PLANE), drape_layers(load_layers(config.map), PLANE, 30.0)
+    result, own = child.drape(PLANE), drape_layers(load_layers(config.map), PLANE, 30.0)
     np.testing.assert_array_equal(result.map.lines.points, own.map.lines.points)
     assert (result.plane, result.features) == (PLANE, contents.features)
     # Half and a whole thousandth of a degree to the north, at 110.85 km a degree there (WGS84).
@@ -63,20 +63,20 @@ def test_the_middle_of_own_heights_comes_with_the_map(child, config):
     high = [[*place, height] for place, height in zip(LINE, (10.0, 20.0, 60.0), strict=True)]
     Path(config.map).write_text(feature(high))
     child.read(OverlayConfig(map=config.map))
-    assert child.lay(PLANE).level_m == 20.0
+    assert child.drape(PLANE).level_m == 20.0
 
 
-def test_a_map_is_read_anew_for_each_laying(child, config):
+def test_a_map_is_read_again_before_each_draping(child, config):
     child.read(config)
     child.read(config)  # the first is given up
-    child.lay(PLANE)
+    child.drape(PLANE)
     with pytest.raises(MapError, match=r"map\.geojson: nothing was read"):
-        child.lay(PLANE)
+        child.drape(PLANE)
     child.read(config)
-    assert child.lay(PLANE).features == 1
+    assert child.drape(PLANE).features == 1
 
 
-def test_what_the_reading_raises_is_raised_here(child, config):
+def test_an_error_of_the_reading_is_raised_in_the_parent(child, config):
     with pytest.raises(ConfigError, match="1 of 1 features have no height; set ground_height_m"):
         child.read(OverlayConfig(map=config.map))
     Path(config.map).write_text("{")
@@ -92,8 +92,8 @@ def test_a_reader_that_dies_is_an_error_that_names_the_map(child, config):
     with pytest.raises(
         MapError, match=r"map\.geojson: the process that reads it ended \(exit code -9\)"
     ):
-        child.lay(PLANE)
-    assert child.read(config).features == 1  # the next one is none the worse
+        child.drape(PLANE)
+    assert child.read(config).features == 1  # the next map is not affected
 
 
 def test_a_reader_that_cannot_begin_is_an_error_that_names_the_map(child, config, monkeypatch):
@@ -170,7 +170,7 @@ def circle(rng, radius_m, count):
 
 
 def test_a_large_map_is_simplified_to_what_a_browser_draws(monkeypatch):
-    """The largest stay, houses with corners, lakes within the tolerance; words say so."""
+    """The largest parts stay, houses with corners, lakes within the stated tolerance."""
     monkeypatch.setattr(module, "MOST_PARTS", 300)
     monkeypatch.setattr(module, "MOST_POINTS", 2500)
     rng = np.random.default_rng(1)
@@ -195,7 +195,7 @@ def test_a_large_map_is_simplified_to_what_a_browser_draws(monkeypatch):
     assert json.loads(page_map(layers))["simplified"] == ""
 
 
-def test_the_process_that_reads_maps_makes_it(sample):
+def test_the_process_that_reads_maps_makes_the_pages_map(sample):
     child = MapProcess()
     try:
         result = json.loads(child.answer("map", "page", str(sample / "map.geojson")))

@@ -1,4 +1,4 @@
-"""Style sheets: each key, labels and conditions, and what is said of each that is wrong."""
+"""Style sheets: each key, labels and conditions, and the messages for wrong ones."""
 
 from __future__ import annotations
 
@@ -88,13 +88,13 @@ BAD = {
     "label": ("layers: [{label: true}]", "layer 1: label: True is neither a field nor false"),
     "format": ("layers: [{label: '{b'}]", "layer 1: label: '{b' is not a label"),
     "crs": ("layers: [{crs: EPSG:1}]", "layer 1: crs: unknown .* system 'EPSG:1'"),
-    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition; write it as"),
+    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is not a condition; write it as"),
     "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj: cannot be read"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_wrong_is_said(written, case):
+def test_each_error_is_named(written, case):
     text, message = BAD[case]
     path = written(text)
     with pytest.raises(ConfigError, match=message) as caught:
@@ -109,7 +109,7 @@ def test_an_absent_sheet(tmp_path):
 
 
 def test_the_example_sheet_draws_the_sample_map():
-    """Each layer has features, each feature is in one, and nothing is remarked upon."""
+    """Each layer has features, each feature is in one layer, and there are no notes."""
     root = PROJECT
     sheet, path = root / "config/styles/rescue.yaml", root / "bags/sample/map.geojson"
     layers = load_layers(str(path), str(sheet))
@@ -172,7 +172,7 @@ FAILS = [
 
 
 @pytest.mark.parametrize("text", [*HOLDS, *FAILS])
-def test_what_holds_and_what_does_not(text):
+def test_conditions_that_hold_and_that_do_not(text):
     assert holds(text) is (text in HOLDS)
 
 
@@ -192,10 +192,10 @@ BAD_CONDITIONS = [
 
 
 @pytest.mark.parametrize("text", BAD_CONDITIONS)
-def test_what_is_none(text):
-    with pytest.raises(ConfigError, match="is no condition; write it as") as caught:
+def test_texts_that_are_not_conditions(text):
+    with pytest.raises(ConfigError, match="is not a condition; write it as") as caught:
         Condition.parsed(text, "s.yaml: layer 1: where")
-    assert str(caught.value).startswith(f"s.yaml: layer 1: where: {text!r} is no condition; ")
+    assert str(caught.value).startswith(f"s.yaml: layer 1: where: {text!r} is not a condition; ")
 
 
 def test_a_condition_that_is_too_long():
@@ -208,7 +208,7 @@ def test_any_text_is_a_condition_or_an_error(text):
     try:
         assert holds(text) in {True, False}
     except ConfigError as error:
-        assert "is no condition" in str(error)  # noqa: PT017  either outcome is right
+        assert "is not a condition" in str(error)  # noqa: PT017  either outcome is right
 
 
 def text(rule, properties):

@@ -50,7 +50,7 @@ def drawn(path):
 
 
 def check_same(got, wanted):
-    """Each place is one of the other's, and the other way round; 180 is -180."""
+    """Each position is in the other set, and the reverse; 180 is -180."""
     got, wanted = np.asarray(got), np.asarray(wanted)
     apart = np.abs(got[:, None] - wanted[None])
     apart[..., 0] = np.minimum(apart[..., 0], np.abs(360 - apart[..., 0]))
@@ -73,7 +73,7 @@ def test_a_map_is_read_where_it_lies(tmp_path, case):
     assert sorted(tmp_path.iterdir()) == before  # nothing is left beside the map
 
 
-def test_letters_by_the_name_of_their_encoding(tmp_path):
+def test_the_encoding_that_a_shapefile_names(tmp_path):
     name, write, _ = READ["shapefile, letters by .cpg"]
     path = written(tmp_path, name, write)
     assert read_layers(str(path))[0].features[0].label == "消防栓"
@@ -105,7 +105,7 @@ MAKERS = {
 
 
 def damaged(content, rng):
-    """The bytes cut somewhere, or with some of them changed, or with a run of them so."""
+    """The bytes cut somewhere, or with some of them or a run of them changed."""
     content = bytearray(content)
     way = rng.randrange(4)
     if way == 0:
@@ -119,7 +119,7 @@ def damaged(content, rng):
 
 
 def check(path):
-    """Load; whatever comes is a map of finite places, or a message of one line."""
+    """Load; the result is a map of finite coordinates, or a message of one line."""
     try:
         layers = read_layers(str(path))
     except MapError as error:
@@ -187,7 +187,7 @@ def test_what_gdal_would_draw_in_a_wrong_place_is_refused(tmp_path, name, conten
         load_layers(str(path))
 
 
-def test_a_map_gets_nothing_of_its_reader_s_input(tmp_path):
+def test_a_map_cannot_read_stdin_of_its_reader(tmp_path):
     """A description that names stdin would wait for the next task for ever."""
     path = tmp_path / "a.vrt"
     path.write_text(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import message_samples as samples
 import numpy as np
 import pytest
-from message_samples import cdr, made, through_cdr
+from message_samples import builder, cdr, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from transform_chains import Chains, rigid
@@ -26,14 +26,14 @@ AIRCRAFT = AircraftConfig(
 
 
 def test_the_chain_of_transforms_is_the_camera_pose():
-    body = made.body_transform(samples.BODY)
-    camera = made.camera_transform(samples.BODY, samples.CAMERA_POSE)
-    chains = Chains([through_cdr(made.tf([body])), through_cdr(made.tf([camera]))])
-    pose = made.camera_pose(samples.CAMERA_POSE).pose.pose
+    body = builder.body_transform(samples.BODY)
+    camera = builder.camera_transform(samples.BODY, samples.CAMERA_POSE)
+    chains = Chains([through_cdr(builder.tf([body])), through_cdr(builder.tf([camera]))])
+    pose = builder.camera_pose(samples.CAMERA_POSE).pose.pose
     wanted = rigid(pose.position, pose.orientation)
     result = chains.pose("tir_optical_frame", samples.STAMP_NS)
     assert_allclose(result, wanted, rtol=0, atol=ROUNDING)
-    odometry = made.odometry(samples.SOLUTION, samples.BODY).pose.pose
+    odometry = builder.odometry(samples.SOLUTION, samples.BODY).pose.pose
     assert_array_equal(
         rigid(odometry.position, odometry.orientation),
         rigid(body.transform.translation, body.transform.rotation),
@@ -41,8 +41,8 @@ def test_the_chain_of_transforms_is_the_camera_pose():
 
 
 def test_what_is_fixed_is_where_the_aircraft_block_has_it():
-    result = made.fixed_transforms(AIRCRAFT, samples.STAMP_NS)
-    chains = Chains([through_cdr(made.tf(result))])
+    result = builder.fixed_transforms(AIRCRAFT, samples.STAMP_NS)
+    chains = Chains([through_cdr(builder.tf(result))])
     assert set(chains.parents.values()) == {"base_link"}
     places = {
         "rtk_antenna": (0.5, 1.75, 3.125),
@@ -59,7 +59,7 @@ def test_what_is_fixed_is_where_the_aircraft_block_has_it():
             assert_array_equal(pose[:3, :3], np.eye(3))
     # Turned by 90 deg about up, the IMU's forward axis points to the aircraft's left.
     assert_allclose(chains.pose("imu_link", samples.STAMP_NS)[:3, 0], [0, 1, 0], atol=1e-15)
-    alone = Chains([made.tf(made.fixed_transforms(AircraftConfig(), 0))])
+    alone = Chains([builder.tf(builder.fixed_transforms(AircraftConfig(), 0))])
     assert "second_antenna" not in alone.parents
 
 
@@ -67,21 +67,21 @@ def test_what_is_fixed_is_where_the_aircraft_block_has_it():
 def test_the_imu_is_turned_as_the_block_says(rpy_deg):
     """Roll, pitch, yaw about forward, left, up, applied yaw first."""
     aircraft = AircraftConfig(imu_rpy_deg=rpy_deg)
-    pose = Chains([made.tf(made.fixed_transforms(aircraft, 0))]).pose("imu_link", 0)
+    pose = Chains([builder.tf(builder.fixed_transforms(aircraft, 0))]).pose("imu_link", 0)
     wanted = Rotation.from_euler("ZYX", rpy_deg[::-1], degrees=True).as_matrix()
     assert_allclose(pose[:3, :3], wanted, atol=1e-15)
 
 
 def test_outline_and_track_are_in_the_map():
     outline_n = np.array([[1.0, 2.0, -3.0], [4.0, 5.0, -6.0]])
-    footprint = through_cdr(made.footprint(samples.STAMP_NS, outline_n))
+    footprint = through_cdr(builder.footprint(samples.STAMP_NS, outline_n))
     points = [(p.x, p.y, p.z) for p in footprint.polygon.points]
     assert points == [(2.0, 1.0, 3.0), (5.0, 4.0, 6.0)]
-    path = through_cdr(made.path(7, [made.track_point(samples.BODY)]))
+    path = through_cdr(builder.path(7, [builder.track_point(samples.BODY)]))
     place = path.poses[0].pose.position
     assert (place.x, place.y, place.z) == (-20.0, 10.0, 30.0)
     assert (footprint.header.frame_id, path.header.frame_id) == ("map", "map")
-    assert through_cdr(made.footprint(0, np.empty((0, 3)))).polygon.points == []
+    assert through_cdr(builder.footprint(0, np.empty((0, 3)))).polygon.points == []
 
 
 def ids_of(message) -> set[str]:

@@ -69,9 +69,9 @@ def test_a_refused_click_comes_back_with_its_reason(reason):
         ({"latitude_deg": 91.0}, "not a located point"),
         ({"covariance_enu": [1.0, 2.0]}, "not a located point"),
         ({"covariance_enu": [math.inf] * 9}, "not a located point"),
-        ({"u": "left"}, "no answer to a click"),
-        ({"refused": "weather"}, "no answer to a click"),
-        ({"stamp_ns": None}, "no answer to a click"),
+        ({"u": "left"}, "not a valid answer to a click"),
+        ({"refused": "weather"}, "not a valid answer to a click"),
+        ({"stamp_ns": None}, "not a valid answer to a click"),
         ({"schema": "tirgeo/locate/answer/2"}, "its schema is not tirgeo/locate/answer/1"),
         ({"words": "x" * 10_000}, "10000 are read"),
     ],
@@ -120,7 +120,7 @@ def test_targets_that_cannot_be_or_are_too_many_are_refused(changed, reason):
     many = document["targets"] * (MOST_TARGETS + 1)
     with pytest.raises(MessageError, match=f"{MOST_TARGETS} can be drawn"):
         targets_of(text_of(document | {"targets": many}))
-    with pytest.raises(MessageError, match="no list of targets"):
+    with pytest.raises(MessageError, match="targets is not a list"):
         targets_of(text_of(document | {"targets": 7}))
     document["targets"][0] |= changed
     if not reason:  # of a later version: drawn all the same
@@ -182,7 +182,7 @@ PICTURE = json.loads(MESSAGES.state(samples.STATE).data)["picture"]
     ],
 )
 def test_another_document_is_no_state(changed):
-    with pytest.raises(MessageError, match="tirgeo/state: no state of a node: "):
+    with pytest.raises(MessageError, match="tirgeo/state: not a node's state: "):
         node_state(state_document(**changed))
 
 
@@ -202,7 +202,9 @@ def test_what_is_no_document_is_refused(topic, decode, text):
 
 
 def test_another_version_and_one_without_end_are_named():
-    with pytest.raises(MessageError, match="tirgeo/state: 100001 characters; 100000 are read"):
+    with pytest.raises(
+        MessageError, match="tirgeo/state: 100001 characters; at most 100000 are read"
+    ):
         node_state(SimpleNamespace(data=" " * 100_001))
     with pytest.raises(MessageError, match="tirgeo/state: its schema is not tirgeo/state/1"):
         node_state(state_document(schema="tirgeo/state/2"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from message_samples import EXACT, assert_same_rotation, made, through_cdr
+from message_samples import EXACT, assert_same_rotation, builder, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tirgeo_ros.core.frames import rotations as frames
@@ -48,24 +48,24 @@ unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
 
 #: Sample, how it becomes a message, its frame, and how the message is read.
 ROUND_TRIPS = {
-    "imu": (samples.IMU, made.imu, "base_link", messages.imu_sample),
+    "imu": (samples.IMU, builder.imu, "base_link", messages.imu_sample),
     "position": (
         samples.POSITION,
-        lambda sample: made.nav_sat_fix(sample, "rtk"),
+        lambda sample: builder.nav_sat_fix(sample, "rtk"),
         "rtk",
         lambda message: position_sample(message, Source.RTK_POSITION),
     ),
     "camera attitude": (
         samples.CAMERA_ATTITUDE,
-        made.camera_attitude,
+        builder.camera_attitude,
         "map",
         messages.camera_attitude,
     ),
-    "camera pose": (samples.CAMERA_POSE, made.camera_pose, "map", messages.camera_pose),
-    "origin": (samples.PLANE, lambda p: made.origin(p, 7), "map", messages.tangent_plane),
+    "camera pose": (samples.CAMERA_POSE, builder.camera_pose, "map", messages.camera_pose),
+    "origin": (samples.PLANE, lambda p: builder.origin(p, 7), "map", messages.tangent_plane),
     "odometry": (
         dataclasses.replace(samples.BODY, stamp_ns=samples.SOLUTION.stamp_ns),
-        lambda pose: made.odometry(samples.SOLUTION, pose),
+        lambda pose: builder.odometry(samples.SOLUTION, pose),
         "map",
         messages.body_pose,
     ),
@@ -89,7 +89,7 @@ def test_round_trips(name):
 
 
 def test_imu_at_rest_reads_up_also_without_attitude():
-    message = made.imu(ImuSample(0, np.array([0.0, 0.0, -9.8]), np.zeros(3)))
+    message = builder.imu(ImuSample(0, np.array([0.0, 0.0, -9.8]), np.zeros(3)))
     assert message.linear_acceleration.z == pytest.approx(9.8)
     assert message.orientation_covariance[0] == -1
     assert messages.imu_sample(message).autopilot_q_nb is None
@@ -97,7 +97,7 @@ def test_imu_at_rest_reads_up_also_without_attitude():
 
 @pytest.mark.parametrize("number", [0.0, math.nan])
 def test_bad_quaternion_goes_through_for_the_core_to_judge(number):
-    message = made.imu(samples.IMU)
+    message = builder.imu(samples.IMU)
     for axis in "wxyz":
         setattr(message.orientation, axis, number)
     assert_array_equal(messages.imu_sample(message).autopilot_q_nb, np.full(4, number))
@@ -105,7 +105,7 @@ def test_bad_quaternion_goes_through_for_the_core_to_judge(number):
 
 
 def test_unknown_covariance_becomes_zero():
-    message = made.nav_sat_fix(samples.POSITION, "rtk")
+    message = builder.nav_sat_fix(samples.POSITION, "rtk")
     message.position_covariance_type = 0
     assert not position_sample(message, Source.RTK_POSITION).covariance_n.any()
     message.position_covariance_type = 3
@@ -118,13 +118,13 @@ def test_unknown_covariance_becomes_zero():
     [(-2, "NONE"), (-1, "NONE"), (0, "SINGLE"), (1, "FLOAT"), (2, "FIXED"), (7, "NONE")],
 )
 def test_fix_status(number, status):
-    message = made.nav_sat_fix(samples.POSITION, "rtk")
+    message = builder.nav_sat_fix(samples.POSITION, "rtk")
     message.status.status = number
     assert position_sample(message, Source.GPS_POSITION).status is FixStatus[status]
 
 
 def test_velocity_round_trip():
-    message = through_cdr(made.velocity(samples.VELOCITY, "rtk"))
+    message = through_cdr(builder.velocity(samples.VELOCITY, "rtk"))
     assert (message.twist.twist.linear.x, message.twist.twist.linear.z) == (2.0, 0.5)
     assert message.twist.covariance[21] == UNKNOWN_VARIANCE
     sample = velocity_sample(message, Source.RTK_VELOCITY)
@@ -134,7 +134,7 @@ def test_velocity_round_trip():
 
 @given(st.floats(0, 2 * math.pi, exclude_max=True))
 def test_heading_round_trip(heading_rad):
-    message = made.heading(HeadingSample(5, heading_rad, 0.01))
+    message = builder.heading(HeadingSample(5, heading_rad, 0.01))
     assert message.angular_velocity_covariance[0] == -1  # absent
     assert message.linear_acceleration_covariance[0] == -1
     sample = heading_sample(message)
@@ -147,14 +147,14 @@ def test_heading_round_trip(heading_rad):
 
 
 def test_heading_of_a_tilted_or_scaled_quaternion():
-    message = made.imu(ImuSample(0, np.zeros(3), np.zeros(3), quat_from_euler(0.1, 0.2, 1.0)))
+    message = builder.imu(ImuSample(0, np.zeros(3), np.zeros(3), quat_from_euler(0.1, 0.2, 1.0)))
     for axis in "wxyz":
         setattr(message.orientation, axis, 3 * getattr(message.orientation, axis))
     assert heading_sample(message).heading_rad == pytest.approx(1.0, abs=EXACT)
 
 
 def test_joints_turn_the_camera_as_their_flu_chain_does():
-    message = through_cdr(made.joints(samples.JOINTS))
+    message = through_cdr(builder.joints(samples.JOINTS))
     angle = dict(zip(message.name, message.position, strict=True))
     flu = (
         matrix_from_euler(0, 0, angle["gimbal_yaw_joint"])
@@ -169,13 +169,13 @@ def test_joints_turn_the_camera_as_their_flu_chain_does():
     assert_allclose(frames.FLU_FRD @ flu @ frames.FLU_FRD, frd, atol=EXACT)
     computed = dataclasses.replace(samples.JOINTS, computed=True)
     for sample, frame in ((samples.JOINTS, "base_link"), (computed, "gimbal/attitude")):
-        message = through_cdr(made.joints(sample))
+        message = through_cdr(builder.joints(sample))
         assert message.header.frame_id == frame
         assert messages.joint_sample(message) == sample
 
 
 def test_joints_are_found_by_name():
-    message = made.joints(samples.JOINTS)
+    message = builder.joints(samples.JOINTS)
     message.name = ["propeller", *reversed(message.name)]
     message.position = np.array([99.0, *message.position[::-1]])
     assert messages.joint_sample(message) == samples.JOINTS
@@ -183,7 +183,7 @@ def test_joints_are_found_by_name():
 
 @pytest.mark.parametrize("joint", ["gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint"])
 def test_a_missing_joint_is_named(joint):
-    message = made.joints(JointSample(0, 0.1, 0.2, 0.3))
+    message = builder.joints(JointSample(0, 0.1, 0.2, 0.3))
     message.name = [name.replace(joint, "other") for name in message.name]
     with pytest.raises(MessageError, match=f"gimbal/joint_states: no position of {joint}"):
         messages.joint_sample(message)
@@ -192,7 +192,7 @@ def test_a_missing_joint_is_named(joint):
 @pytest.mark.parametrize("heading_rad", [0.0, 1.2, 3.5, 6.2])
 def test_a_heading_that_is_set_is_a_yaw_in_map(heading_rad):
     sample = SetHeading(samples.STAMP_NS, heading_rad, 0.01)
-    topic, message = sensed(made, sample)
+    topic, message = sensed(builder, sample)
     assert topic == "ekf_node/set_heading"
     assert message.header.frame_id == "map"
     turned = message.pose.pose.orientation
@@ -205,7 +205,7 @@ def test_a_heading_that_is_set_is_a_yaw_in_map(heading_rad):
 
 
 def test_twist_is_in_the_body():
-    message = made.odometry(samples.SOLUTION, samples.BODY)
+    message = builder.odometry(samples.SOLUTION, samples.BODY)
     forward_right_down = matrix_from_quat(samples.SOLUTION.q_nb).T @ samples.SOLUTION.velocity_n
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
     wanted = forward_right_down * [1, -1, -1]
@@ -230,7 +230,7 @@ def test_twist_covariance_is_that_of_the_solution_in_the_body():
         ]
     )
     wanted = partials @ samples.SOLUTION.covariance[3:, 3:] @ partials.T
-    message = made.odometry(samples.SOLUTION, samples.BODY)
+    message = builder.odometry(samples.SOLUTION, samples.BODY)
     covariance = message.twist.covariance.reshape(6, 6)
     # Central differences with steps of 1e-6: rounding 1e-16 / 1e-6 times entries of order 10.
     assert_allclose(covariance[:3, :3], wanted, rtol=1e-8, atol=1e-8)
@@ -240,7 +240,7 @@ def test_twist_covariance_is_that_of_the_solution_in_the_body():
 
 @pytest.mark.parametrize("height_m", [math.inf, math.nan, 1e200])
 def test_an_origin_that_is_no_place_is_refused(height_m):
-    message = made.origin(dataclasses.replace(samples.PLANE, height_m=height_m), 7)
+    message = builder.origin(dataclasses.replace(samples.PLANE, height_m=height_m), 7)
     with pytest.raises(MessageError, match=r"^tirgeo/origin: .*(not finite|out of range)"):
         messages.tangent_plane(message)
 
@@ -248,13 +248,13 @@ def test_an_origin_that_is_no_place_is_refused(height_m):
 @pytest.mark.parametrize(("space", "aircraft"), [("/", "aircraft"), ("/a/uav1/", "a/uav1")])
 def test_a_diagnostic_names_its_aircraft(space, aircraft):
     items = [messages.DiagnosticItem(f"{space}ekf_node: a/b: c", 0, "")]
-    assert made.diagnostics(0, items).status[0].hardware_id == aircraft
+    assert builder.diagnostics(0, items).status[0].hardware_id == aircraft
 
 
 def test_a_diagnostic_has_all_of_the_filters_status():
     status = dataclasses.replace(samples.STATUS, nis={"imu": 1.5}, vibration=(0.25, math.nan))
     item = messages.navigation_item("ekf_node: state", status)
-    (message,) = through_cdr(made.diagnostics(0, [item])).status
+    (message,) = through_cdr(builder.diagnostics(0, [item])).status
     assert (message.level, message.message) == (1, "aligning: too slow")
     assert {pair.key: pair.value for pair in message.values} == {
         "method": "ekf_heading",
@@ -296,7 +296,7 @@ def test_a_warning_while_running_is_the_message():
 
 
 def test_the_fix_is_the_place_with_its_covariance_in_enu():
-    fix, sent = through_cdr(made.located_fix(samples.LOCATED)), samples.LOCATED.covariance_n
+    fix, sent = through_cdr(builder.located_fix(samples.LOCATED)), samples.LOCATED.covariance_n
     assert messages.stamp_ns(fix) == samples.STAMP_NS
     assert fix.header.frame_id == "map"
     assert_allclose(
@@ -312,7 +312,7 @@ def test_the_fix_is_the_place_with_its_covariance_in_enu():
 
 
 def test_the_point_is_in_the_map_and_has_no_attitude():
-    point = through_cdr(made.located_point(samples.LOCATED))
+    point = through_cdr(builder.located_point(samples.LOCATED))
     assert point.header.frame_id == "map"
     position = point.pose.pose.position
     assert (position.x, position.y, position.z) == (2.0, 1.0, -3.0)
@@ -328,7 +328,7 @@ def test_the_point_is_in_the_map_and_has_no_attitude():
 
 def test_a_clicked_pixel_comes_back():
     clicked = (samples.STAMP_NS, 12.5, 7.25)
-    assert messages.pixel(through_cdr(made.pixel(*clicked))) == clicked
+    assert messages.pixel(through_cdr(builder.pixel(*clicked))) == clicked
 
 
 # axes
@@ -340,19 +340,19 @@ rotvecs = st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array)
 @given(rotvecs)
 def test_attitude_is_the_same_in_both_worlds(rotvec):
     q_nb = quat_from_rotvec(rotvec)
-    made = frames.quat_turned_both(*q_nb)
+    converted = frames.quat_turned_both(*q_nb)
     expected = frames.ENU_NED @ matrix_from_quat(q_nb) @ frames.FLU_FRD
-    assert_allclose(matrix_from_quat(made), expected, atol=EXACT)
-    assert_allclose(frames.quat_turned_both(*made), q_nb, atol=EXACT)
+    assert_allclose(matrix_from_quat(converted), expected, atol=EXACT)
+    assert_allclose(frames.quat_turned_both(*converted), q_nb, atol=EXACT)
 
 
 @given(rotvecs)
 def test_only_the_world_changes(rotvec):
     q = quat_from_rotvec(rotvec)
-    made = quat_turned_world(*q)
+    converted = quat_turned_world(*q)
     expected = frames.ENU_NED @ matrix_from_quat(q)
-    assert_allclose(matrix_from_quat(made), expected, atol=EXACT)
-    back = matrix_from_quat(quat_turned_world(*made))
+    assert_allclose(matrix_from_quat(converted), expected, atol=EXACT)
+    back = matrix_from_quat(quat_turned_world(*converted))
     assert_allclose(back, matrix_from_quat(q), atol=EXACT)
 
 
@@ -361,9 +361,9 @@ def test_covariance_of_turned_vectors(blocks):
     size = 3 * blocks
     root = np.random.default_rng(1).normal(size=(size, size))
     covariance = root @ root.T
-    made = covariance_turned_world(covariance, size)
+    converted = covariance_turned_world(covariance, size)
     turn = np.kron(np.eye(blocks), frames.ENU_NED)
     # a permutation with signs: no rounding at all
-    assert_array_equal(made.reshape(size, size), turn @ covariance @ turn.T)
-    back = covariance_turned_world(made, size).reshape(size, size)
+    assert_array_equal(converted.reshape(size, size), turn @ covariance @ turn.T)
+    back = covariance_turned_world(converted, size).reshape(size, size)
     assert_array_equal(back, covariance)

@@ -19,14 +19,14 @@ from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages, camera, compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.pictures import unpacked
 
-made = Messages(Cdr().types)
+builder = Messages(Cdr().types)
 rng = np.random.default_rng(5)
 GREY = rng.integers(0, 256, (6, 8), np.uint8)
 COLOUR = rng.integers(0, 256, (6, 8, 3), np.uint8)
 
 
 def image(pixels, encoding=None):
-    message = made.image(0, pixels)
+    message = builder.image(0, pixels)
     message.encoding = encoding or message.encoding
     return message
 
@@ -102,12 +102,12 @@ def test_broken_images_are_refused(field, value, reason):
 def test_png_of_16_bits_keeps_its_values(channels):
     values = rng.integers(0, 1 << 16, (6, 8), np.uint16)
     written = values if channels == 1 else np.dstack([values] * channels)
-    message = made.compressed(0, cv2.imencode(".png", written)[1].tobytes())
+    message = builder.compressed(0, cv2.imencode(".png", written)[1].tobytes())
     pixels = compressed_pixels(message)
     assert pixels.dtype == np.uint16
     assert_array_equal(pixels, values)
     clear = np.dstack([COLOUR, np.full((6, 8), 9, np.uint8)])  # it loses its transparency
-    message = made.compressed(0, cv2.imencode(".png", clear)[1].tobytes())
+    message = builder.compressed(0, cv2.imencode(".png", clear)[1].tobytes())
     assert_array_equal(compressed_pixels(message), COLOUR)
 
 
@@ -115,9 +115,9 @@ def test_png_of_16_bits_keeps_its_values(channels):
 def test_what_is_no_picture_is_refused(data):
     tiff = cv2.imencode(".tiff", np.ones((6, 8), np.float32))[1].tobytes()
     with pytest.raises(MessageError, match="pixels of float32; send 8 or 16 bits"):
-        compressed_pixels(made.compressed(0, tiff))
+        compressed_pixels(builder.compressed(0, tiff))
     with pytest.raises(MessageError, match=f"{len(data)} bytes are no jpeg"):
-        compressed_pixels(made.compressed(0, data))
+        compressed_pixels(builder.compressed(0, data))
 
 
 # camera_info
@@ -125,7 +125,7 @@ def test_what_is_no_picture_is_refused(data):
 
 @pytest.mark.parametrize("lens", [samples.BROWN, samples.RATIONAL])
 def test_camera_round_trip(lens):
-    result = camera(made.camera_info(lens, 0))
+    result = camera(builder.camera_info(lens, 0))
     padded = (*lens.distortion, 0.0) if len(lens.distortion) == 4 else lens.distortion
     assert result.distortion == padded
     assert (result.width, result.height, result.fx, result.cy) == (
@@ -137,7 +137,7 @@ def test_camera_round_trip(lens):
 
 
 def test_camera_info_of_a_brown_lens():
-    message = made.camera_info(samples.BROWN, 0)
+    message = builder.camera_info(samples.BROWN, 0)
     assert message.distortion_model == "plumb_bob"
     assert_array_equal(message.d, [0.054, 0.3462, -0.0037, 0.0076, 0])
     assert_array_equal(message.p.reshape(3, 4)[:, :3], message.k.reshape(3, 3))
@@ -157,7 +157,7 @@ def test_camera_info_of_a_brown_lens():
     ],
 )
 def test_useless_calibrations_are_refused(field, value, reason):
-    message = made.camera_info(samples.BROWN, 0)
+    message = builder.camera_info(samples.BROWN, 0)
     setattr(message, field, value)
     with pytest.raises(CameraError, match=rf"^cam0/camera_info: .*{reason}"):
         camera(message, "cam0/camera_info")
@@ -203,9 +203,9 @@ def test_a_picture_that_would_fill_the_memory_is_refused(tmp_path):
     done.check_modest()
     large = cv2.imencode(".png", np.zeros((2897, 2897), np.uint8))[1].tobytes()
     with pytest.raises(MessageError, match=r"compressed image: more than 8\.4 million pixels"):
-        compressed_pixels(made.compressed(0, large))
+        compressed_pixels(builder.compressed(0, large))
     ultra = cv2.imencode(".png", np.zeros((2160, 3840), np.uint8))[1].tobytes()  # 4k
-    assert compressed_pixels(made.compressed(0, ultra)).shape == (2160, 3840)
+    assert compressed_pixels(builder.compressed(0, ultra)).shape == (2160, 3840)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp", ".pgm", ".webp"])

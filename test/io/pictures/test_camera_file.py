@@ -37,12 +37,12 @@ RATIONAL = replace(XT2, distortion=(0.1, 0.02, 0.001, 0.002, 0.01, 0.05, 0.03, 0
 K3 = replace(XT2, distortion=(-0.3, 0.2, 0.001, -0.002, -0.15))
 
 
-def test_the_text_is_that_of_ros():
+def test_the_text_is_as_ros_writes_it():
     assert yaml.safe_load(camera_yaml(XT2)) == yaml.safe_load(TEXT)
 
 
 @pytest.mark.parametrize("camera", [RATIONAL, K3, replace(XT2, fx=803.1234567891)])
-def test_what_is_written_is_read(tmp_path, camera):
+def test_a_written_camera_is_read_back(tmp_path, camera):
     path = tmp_path / "camera.yaml"
     path.write_text(camera_yaml(camera), encoding="utf-8")
     result = load_camera(path)

@@ -40,38 +40,38 @@ def values_of(dtype, bands):
 @pytest.mark.parametrize(
     ("dtype", "bands"), [("uint8", 1), ("uint8", 3), ("uint16", 1), ("float32", 1)]
 )
-def test_it_is_valid_with_values_place_and_kind(tmp_path, dtype, bands):
+def test_a_file_is_valid_with_its_values_place_and_type(tmp_path, dtype, bands):
     values, path = values_of(dtype, bands), tmp_path / "a.tif"
     write_cog(path, form_of(dtype, bands, "degC" if dtype == "float32" else ""), parts_of(values))
     assert [each.name for each in tmp_path.iterdir()] == ["a.tif"]
     judge = pytest.importorskip("rio_cogeo.cogeo")
     assert judge.cog_validate(path, strict=True) == (True, [], [])
-    with rasterio.open(path) as made:
-        assert made.crs.to_epsg() == 32650
-        assert tuple(made.transform)[:6] == (0.25, 0.0, 474_000.0, 0.0, -0.25, 4_411_000.0)
-        assert (made.width, made.height) == (WIDTH, HEIGHT)
-        assert set(made.dtypes) == {dtype}
-        assert made.tags()["PICTURE"] == "7"
-        assert made.overviews(1) == [2, 4][: len(made.overviews(1))] != []
-        valid = made.dataset_mask() > 0
+    with rasterio.open(path) as raster:
+        assert raster.crs.to_epsg() == 32650
+        assert tuple(raster.transform)[:6] == (0.25, 0.0, 474_000.0, 0.0, -0.25, 4_411_000.0)
+        assert (raster.width, raster.height) == (WIDTH, HEIGHT)
+        assert set(raster.dtypes) == {dtype}
+        assert raster.tags()["PICTURE"] == "7"
+        assert raster.overviews(1) == [2, 4][: len(raster.overviews(1))] != []
+        valid = raster.dataset_mask() > 0
         assert valid[:, :400].all()
         assert valid[:, 500:].all()
         assert not valid[:, 400:500].any()
-        result = np.moveaxis(made.read(list(range(1, bands + 1))), 0, 2)
+        result = np.moveaxis(raster.read(list(range(1, bands + 1))), 0, 2)
         np.testing.assert_array_equal(result[valid], values[valid])  # nothing is lost
-        names = [item.name for item in made.colorinterp]
+        names = [item.name for item in raster.colorinterp]
         if dtype == "float32":
             assert names == ["gray"]
-            assert np.isnan(made.nodata)
+            assert np.isnan(raster.nodata)
             assert np.isnan(result[~valid]).all()
-            assert made.units == ("degC",)
+            assert raster.units == ("degC",)
         else:
-            assert made.nodata is None
+            assert raster.nodata is None
             assert names == [*(["red", "green", "blue"] if bands == 3 else ["gray"]), "alpha"]
-            assert (made.read(bands + 1)[~valid] == 0).all()
+            assert (raster.read(bands + 1)[~valid] == 0).all()
 
 
-def test_overviews_are_means_of_what_is_known(tmp_path):
+def test_overviews_are_means_of_known_pixels(tmp_path):
     values = np.full((HEIGHT, WIDTH, 1), 1000, np.uint16)
     write_cog(tmp_path / "a.tif", form_of("uint16"), parts_of(values))
     with rasterio.open(tmp_path / "a.tif", overview_level=0) as half:

@@ -96,7 +96,7 @@ def test_the_angles_of_known_attitudes(written, attitude, gimbal, mapping):
         assert_allclose([float(read.xmp[PIX4D + axis]) for axis in named], mapping, atol=1e-5)
 
 
-def test_altitudes_say_what_they_are_above(written):
+def test_altitudes_name_their_reference(written):
     ellipsoidal = written(still_at())
     assert place_of(ellipsoidal)[2] == 41.5
     assert ellipsoidal.picture[0x9000] == b"0300"  # where 0 means the ellipsoid
@@ -150,7 +150,7 @@ def test_sixteen_bits_are_kept_in_a_tiff(written, tmp_path):
     assert (cv2.imread(str(tmp_path / "still.tif"), cv2.IMREAD_UNCHANGED) == pixels).all()
 
 
-def test_what_is_not_known_is_not_said(written):
+def test_unknown_values_have_no_tags(written):
     rational = dataclasses.replace(XT2, distortion=(0.1, 0, 0, 0, 0, 0.01, 0, 0))
     place = dataclasses.replace(still_at().place, covariance_l=np.full((6, 6), np.nan))
     nothing = {"body_rpy": None, "above_ground_m": math.nan, "place": place, "camera": rational}

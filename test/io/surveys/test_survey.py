@@ -37,12 +37,12 @@ points = st.builds(
 
 @given(st.lists(points, min_size=1, max_size=5, unique_by=lambda point: point.id))
 @pytest.mark.parametrize("suffix", ["csv", "geojson"])
-def test_survey_round_trip(tmp_path_factory, suffix, made):
+def test_survey_round_trip(tmp_path_factory, suffix, expected):
     path = tmp_path_factory.mktemp("survey") / f"survey.{suffix}"
-    save_survey(path, made)
+    save_survey(path, expected)
     result = load_survey(path)
-    assert [p.id for p in result] == [p.id for p in made]
-    for point, wanted in zip(result, made, strict=True):
+    assert [p.id for p in result] == [p.id for p in expected]
+    for point, wanted in zip(result, expected, strict=True):
         # Ten decimals of a degree and four of a metre are written.
         assert abs(point.latitude_rad - wanted.latitude_rad) <= math.radians(0.51e-10)
         assert abs(point.longitude_rad - wanted.longitude_rad) <= math.radians(0.51e-10)
@@ -58,10 +58,10 @@ def test_csv_by_hand(tmp_path):
 
 def test_observation_round_trip(tmp_path):
     path = tmp_path / "o.csv"
-    made = [Observation("P1", 1_700_000_000_123_456_789, 12.125, -3.5), Observation("P2", 0, 0, 1)]
-    save_observations(path, made)
+    rows = [Observation("P1", 1_700_000_000_123_456_789, 12.125, -3.5), Observation("P2", 0, 0, 1)]
+    save_observations(path, rows)
     assert path.read_text().splitlines()[0] == "id,stamp_ns,u,v"
-    assert load_observations(path) == made
+    assert load_observations(path) == rows
 
 
 def feature(geometry=None, properties=None):
@@ -119,7 +119,7 @@ except TirgeoError as error:
 
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_of_too_many_rows_is_refused(tmp_path, name):
-    """What is made of a million rows, ellipses of sixty corners say, takes four gigabytes."""
+    """The results of a million rows, such as ellipses of sixty corners, take four gigabytes."""
     header, row = TABLES[name]
     rows, reason = (30_000, "more than the 20000 allowed: split the file")
     if name == "load_observations":
@@ -165,7 +165,7 @@ def test_a_points_file_of_qgis(tmp_path):
     np.testing.assert_allclose(result.degrees, [[116.70, 39.81], [116.71, 39.82]], rtol=1e-12)
 
 
-def test_rows_that_grow_upwards_are_turned():
+def test_rows_counted_upwards_are_reversed():
     up = np.array([[1.0, -5], [2, -700], [3, 2]])  # one a little above the picture
     assert downward(up)[:, 1].tolist() == [5, 700, -2]
     assert downward(-up)[:, 1].tolist() == [5, 700, -2]
@@ -188,8 +188,8 @@ ROWS = ["a,1.5,2,3", "a,1,x,3", "a,1,2", "a,1,nan,3", ",1,2,3", "a,1e400,2,3", f
 OF_POINTS = [
     (POINTS.partition("\n")[2], "names no coordinate system; save it with QGIS 3.26"),
     (MARKS, "not a .points file of QGIS .*give --survey too"),
-    (POINTS.replace("300", "x"), "point 2 is not four numbers"),
-    (POINTS.replace("39.82", "99.82"), "a point is not a place in GEOG"),
+    (POINTS.replace("300", "x"), "point 2 must have four numbers"),
+    (POINTS.replace("39.82", "99.82"), "a point is outside its system GEOG"),
 ]
 OF_MARKS = [
     ("id,column\na,1\n", "no column row; the first line must be id,column,row"),
@@ -206,7 +206,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("load", "text", "reason"), CASES)
-def test_what_is_refused_names_the_file_and_the_line(tmp_path, load, text, reason):
+def test_errors_name_the_file_and_the_line(tmp_path, load, text, reason):
     write(tmp_path, "s.csv", SURVEY)
     path = write(tmp_path, "refused.csv", text)
     with pytest.raises(SurveyError, match=f"^{path}: {reason}"):

@@ -81,7 +81,7 @@ def test_a_target_is_a_spot_with_place_errors_and_colour():
     assert "LE90" in remarks
 
 
-def test_name_note_and_clicks_are_said():
+def test_remarks_have_name_note_and_clicks():
     clicks = (CLICK, dataclasses.replace(CLICK, latitude_deg=48.21, stamp_ns=SEEN_NS + 10**9))
     words = {"name": "roof", "note": "two floors", "aircraft": "uav1"}
     event = parsed(target_event(dataclasses.replace(TARGET, clicks=clicks, **words), NOW_NS))
@@ -160,7 +160,7 @@ def test_the_angles_lead_back_to_the_pixels(attitude):
     assert edges[1, 2] == pytest.approx(edges[0, 2], abs=3e-5)  # the row is level in them
 
 
-def test_what_it_looks_at_is_in_the_middle_of_the_picture_and_the_fan_ends_there():
+def test_the_point_of_interest_is_the_pictures_middle_and_the_fan_ends_there():
     view, pose = looking(degrees(4, -40, 130), XT2)
     aircraft, looks_at = events(view)
     assert looks_at.get("type") == "b-m-p-s-p-i"
@@ -193,7 +193,7 @@ def test_an_aircraft_has_place_motion_and_name():
     assert aircraft.get("stale") == "2021-10-20T12:01:05.605Z"
 
 
-def test_what_is_not_known_is_left_out_and_never_nan():
+def test_unknown_values_are_left_out_and_never_nan():
     above_horizon, _ = looking(degrees(0, 20, 0))
     state = AircraftState("uav1", 48.2, 16.37, 350.0, view=above_horizon)
     text = encoded(aircraft_event("drone", state, SEEN_NS)).decode()

@@ -1,4 +1,4 @@
-"""Targets and located pixels in the formats of others: what their readers find, and ours."""
+"""Targets and located pixels in the formats of other programs, read by those and by us."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_targets_have_the_properties_of_located_pixels_and_their_own():
     assert [item["properties"]["kind"] for item in ellipses] == ["ellipse"] * 2
 
 
-def test_csv_is_one_line_a_target_that_excel_knows_as_utf_8():
+def test_csv_has_a_line_for_each_target_and_excels_mark_of_utf_8():
     content = exported(TARGETS, "csv")
     assert content.startswith(b"\xef\xbb\xbfid,number,name,")
     first, second = rows(content)
@@ -154,8 +154,8 @@ def test_texts_from_outside_do_no_harm_and_read_back(form, text, tmp_path):
 @pytest.mark.parametrize(
     "end", ["=HYPERLINK(1)", "+1", "-1", "@SUM(1)", ' "=1', "'=1", ";=1", "\t=1", '""=1']
 )
-def test_no_cell_is_a_formula_whatever_separates_the_cells(separator, end):
-    """A spreadsheet splits at what its country has, and takes no quotes within a cell then."""
+def test_no_cell_is_a_formula_with_any_separator(separator, end):
+    """A spreadsheet splits at its country's separator, and then ignores quotes within a cell."""
     texts = [f"x{before}{end}" for before in ";\t|\n"]
     some = [target(n, name=text, note=text) for n, text in enumerate(texts, 1)]
     content = exported(some, "csv").decode("utf-8-sig")
@@ -203,12 +203,12 @@ def test_located_pixels_are_targets_with_the_pixels_names(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "no GeoPackage; give one of targets from tirgeo"),
-        (b"id,stamp_ns,u,v\n1,2,3,4\n", "no GeoPackage"),
-        (b"SQLite format 3\0" + bytes(5000), "no GeoPackage|damaged"),
+        (b"", "not a GeoPackage; give a file of targets from tirgeo"),
+        (b"id,stamp_ns,u,v\n1,2,3,4\n", "not a GeoPackage"),
+        (b"SQLite format 3\0" + bytes(5000), "not a GeoPackage|damaged"),
     ],
 )
-def test_a_file_that_is_none_of_ours_is_named(content, words, tmp_path):
+def test_a_file_of_another_program_is_named(content, words, tmp_path):
     path = written(tmp_path, content)
     with pytest.raises(TargetError, match=f"{re.escape(str(path))}: .*({words})"):
         read_targets(path)

@@ -1,4 +1,4 @@
-"""Files that cannot be used, or have damage: one clear error each, and what is in them stays."""
+"""Files that are unusable or damaged: one clear error each, and they stay unchanged."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ def refused(path, words):
 
 def test_files_of_other_programs_are_left_alone(path, tmp_path):
     path.write_text("id,lat,lon\n1,2,3\n" * 100)
-    refused(path, "it is no GeoPackage; give the targets another name")
+    refused(path, "it is not a GeoPackage; give another file for the targets")
     path.unlink()
     with sqlite3.connect(path) as db:
         db.execute("CREATE TABLE targets (id)")
     db.close()
-    refused(path, "a database that tirgeo did not make; give the targets another name")
+    refused(path, "a database that tirgeo did not make; give another file for the targets")
     add_by_gdal(tmp_path / "gis.gpkg", "targets", "name")
     refused(tmp_path / "gis.gpkg", "a database that tirgeo did not make")
 
@@ -82,7 +82,7 @@ def overwritten(path):
         "UPDATE targets SET created_ns = NULL WHERE fid = 2",
     ],
 )
-def test_a_file_with_damage_or_rows_that_are_none_of_ours_is_refused(path, changed, damage):
+def test_a_file_with_damage_or_foreign_rows_is_refused(path, changed, damage):
     filled(path)
     if isinstance(damage, str):
         changed(damage)
@@ -91,8 +91,8 @@ def test_a_file_with_damage_or_rows_that_are_none_of_ours_is_refused(path, chang
     refused(path, DAMAGED)
 
 
-def test_what_a_gis_changed_is_taken(path, changed):
-    """Names, notes and new points of another program: no reason to lose the rest."""
+def test_changes_of_a_gis_are_accepted(path, changed):
+    """Names, notes and new points of another program; the other targets stay."""
     targets = filled(path, 3)
     changed(
         "UPDATE targets SET name = 'Huber', target_kind = 'Cow', note = NULL",
@@ -135,14 +135,14 @@ def test_a_file_that_cannot_be_written_is_refused_at_the_start(path, monkeypatch
         return connect(f"file:{name}?immutable=1", *args, uri=True, **kwargs)
 
     monkeypatch.setattr(sqlite3, "connect", read_only)
-    refused(path, "it is read-only: choose a place that can be written")
+    refused(path, "it is read-only: choose another place")
 
 
 def test_a_full_disk_loses_nothing_and_the_next_try_may_succeed(store):
     item = store.add(click(), now_ns=1)
     pages = store._db.execute("PRAGMA page_count").fetchone()[0]
     store._db.execute(f"PRAGMA max_page_count = {pages + 2}")  # SQLite's own "disk is full"
-    with pytest.raises(TargetError, match=r"targets\.gpkg: no room on the disk: make some"):
+    with pytest.raises(TargetError, match=r"targets\.gpkg: no room on the disk: free some"):
         store.add(click(), picture=b"\xff\xd8" + bytes(100_000), now_ns=2)
     assert store.all() == [item]
     store._db.execute("PRAGMA max_page_count = 100000")
@@ -153,7 +153,7 @@ def test_a_full_disk_loses_nothing_and_the_next_try_may_succeed(store):
 
 
 @pytest.mark.parametrize("moved", [True, False])
-def test_a_file_that_is_taken_away_confirms_nothing_more(path, store, moved):
+def test_after_the_file_is_moved_no_change_is_confirmed(path, store, moved):
     """SQLite would go on writing into a file without a name."""
     item = store.add(click(), now_ns=1)
     if moved:
@@ -193,7 +193,7 @@ def test_it_is_a_geopackage_for_gdal_which_may_add_a_layer_and_a_point(path):
     assert len(rows_of(path, "targets")) == 4
 
 
-def test_what_qgis_left_in_its_write_ahead_log_is_taken_over(path):
+def test_changes_in_the_write_ahead_log_of_qgis_are_kept(path):
     """QGIS turns a file to WAL; a crash of it leaves changes beside the file."""
     filled(path, 1)
     change = (
@@ -214,7 +214,7 @@ def test_what_qgis_left_in_its_write_ahead_log_is_taken_over(path):
 
 
 def test_a_file_that_was_cut_short_by_a_kill_is_read(path, store):
-    """A journal beside the file is of a change that was never confirmed."""
+    """A journal beside the file belongs to a change that was never confirmed."""
     store.add(click(), now_ns=1)
     store._db.execute("PRAGMA cache_size = 1")
     store._db.execute("BEGIN EXCLUSIVE")

@@ -1,4 +1,4 @@
-"""The store of targets: what is changed is in the file, and undone step by step."""
+"""The store of targets: changes are in the file, and are undone step by step."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_one_target_is_undone_past_the_changes_of_others(store):
     assert store.undo() == "target 2 as before"
 
 
-def test_the_journal_and_loose_pictures_have_a_bound(store, monkeypatch):
+def test_the_journal_and_pictures_of_deleted_targets_have_a_bound(store, monkeypatch):
     monkeypatch.setattr(store_module, "MOST_CHANGES", 5)
     gone = store.add(click(), picture=JPEG, now_ns=1)
     store.delete(gone.id, 2)
@@ -183,7 +183,7 @@ def shared_store(tmp_path_factory):
         (lambda s, t: s.refine(t.id, click(7000), 1), r"7\.0 km from target 1"),
     ],
 )
-def test_what_cannot_be_done_changes_nothing(store, change, text):
+def test_a_refused_change_changes_nothing(store, change, text):
     item = store.add(click(), picture=JPEG, now_ns=1)
     revision = store.revision
     with pytest.raises(TargetError, match=text):
@@ -230,8 +230,8 @@ def test_threads_share_a_store(store):
     again.close()
 
 
-def test_what_two_wrote_at_once_is_kept_and_chosen_from(store, monkeypatch):
-    """Tablet A comes back with words that it wrote before B's."""
+def test_texts_of_two_writers_are_kept_as_alternatives(store, monkeypatch):
+    """Tablet A sends late a text that it wrote before B's."""
     item = store.add(click(), now_ns=1)
     newer = store.edit(item.id, 2, {"note": ""}, note="found alive, medic needed")
     assert store.edit(item.id, 3, {"note": ""}, note="am Ufer") == newer
@@ -257,12 +257,12 @@ def test_what_two_wrote_at_once_is_kept_and_chosen_from(store, monkeypatch):
     assert store.get(item.id).note == newer.note
     store.edit(item.id, 10, {"name": "x"}, name="B")
     store.edit(item.id, 10, {"name": "x"}, name="C")
-    with pytest.raises(TargetError, match="it has 5 texts to choose from: choose first"):
+    with pytest.raises(TargetError, match="it has 5 texts to choose from: choose one"):
         store.edit(item.id, 10, {"name": "x"}, name="D")
     store.close()
 
 
-def test_a_target_that_changed_is_not_deleted_and_words_for_a_deleted_one_are_kept(store):
+def test_a_changed_target_is_not_deleted_and_texts_for_a_deleted_one_are_kept(store):
     item = store.add(click(), now_ns=1)
     was = {"name": "", "kind": "other", "note": ""}
     store.edit(item.id, 2, note="found alive")

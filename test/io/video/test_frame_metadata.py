@@ -1,4 +1,4 @@
-"""A picture's packet by MISB ST 0601: its bytes, and where a receiver places the picture by it."""
+"""A picture's packet by MISB ST 0601: its bytes, and the position that a receiver computes."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_a_receiver_s_own_projection_lands_on_the_frame_s_centre(place, attitude
 
 @settings(max_examples=60)
 @given(places, attitudes)
-def test_corners_are_our_rays(place, attitude):
+def test_corners_are_where_the_cameras_rays_meet_the_ground(place, attitude):
     sight = sight_at(*place, attitude)
     packet = METADATA.packet(TIME_NS, sight)
     values = values_in(packet)
@@ -229,19 +229,19 @@ def test_lengths(length, content):
 @pytest.mark.parametrize("tag", MAPPED)
 @settings(max_examples=40)
 @given(data=st.data())
-def test_a_value_comes_back_to_half_a_step(tag, data):
+def test_a_value_is_read_back_to_half_a_step(tag, data):
     low, high = range_of(tag)
     value = data.draw(st.floats(low, high))
-    made = packet(MISB_NS, {tag: value})
+    content = packet(MISB_NS, {tag: value})
     # Half a step, and the rounding of numbers of this size.
-    assert abs(values_in(made)[tag] - value) <= 0.5 * step_of(tag) + 1e-15 * max(-low, high)
+    assert abs(values_in(content)[tag] - value) <= 0.5 * step_of(tag) + 1e-15 * max(-low, high)
     # klvdata refuses values that its own rounding carries past the end of the range.
     if low + step_of(tag) < value < high - step_of(tag):
-        assert float(by_klvdata(made)[tag]) == pytest.approx(values_in(made)[tag], abs=1e-9)
+        assert float(by_klvdata(content)[tag]) == pytest.approx(values_in(content)[tag], abs=1e-9)
 
 
 @pytest.mark.parametrize("tag", MAPPED)
-def test_ends_of_a_range_and_what_is_beyond(tag):
+def test_ends_of_a_range_and_values_beyond(tag):
     low, high = range_of(tag)
     for value in (low, high):
         assert values_in(packet(MISB_NS, {tag: value}))[tag] == pytest.approx(value, abs=1e-9)
@@ -252,7 +252,7 @@ def test_ends_of_a_range_and_what_is_beyond(tag):
 
 @given(st.dictionaries(st.sampled_from(MAPPED), st.floats(allow_nan=True)), st.integers(0, 2**63))
 def test_any_values_make_a_good_packet(values, time_ns):
-    """Never an error code, whatever comes; the time is cut to microseconds."""
+    """Never an error code, for any value; the time is cut to microseconds."""
     result = values_in(packet(time_ns, values))
     assert result.pop(2) == time_ns // 1000
     low_high = {tag: range_of(tag) for tag in values}
@@ -262,9 +262,9 @@ def test_any_values_make_a_good_packet(values, time_ns):
 
 @given(st.text(max_size=200))
 def test_texts_of_any_length_and_both_parities(text):
-    made = packet(MISB_NS, {10: text, 13: 1.0})
-    items = dict(items_in(made))
+    content = packet(MISB_NS, {10: text, 13: 1.0})
+    items = dict(items_in(content))
     kept = items.get(10, b"").decode()  # a character is never cut in two
     assert text.startswith(kept)
     assert len(kept.encode()) > 123 or kept == text
-    by_klvdata(made)
+    by_klvdata(content)

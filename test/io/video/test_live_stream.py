@@ -1,4 +1,4 @@
-"""The live stream: another program receives it, and the one that sends never waits."""
+"""The live stream: another program receives it, and the sender never waits."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_the_newest_picture_wins_and_nobody_waits(opened, codec):
     assert codec.times == [(START_NS + k * STEP_NS) // 1000 for k in (0, 99)]
 
 
-def test_it_goes_on_when_the_network_is_back(opened, codec, monkeypatch):
+def test_the_stream_goes_on_when_the_network_is_back(opened, codec, monkeypatch):
     monkeypatch.setattr(live_stream, "_RETRY_S", 0.0)
     codec.errors.append(OSError(101, "Network is unreachable"))
     stream = opened()
@@ -134,7 +134,7 @@ def test_a_failure_is_not_tried_again_at_once(opened, codec):
 
 
 @pytest.mark.parametrize("bad", [b"", b"no picture", np.zeros((4, 4), np.uint8), PIXELS[:0]])
-def test_what_is_no_picture_is_counted(opened, codec, bad):
+def test_invalid_pictures_are_counted(opened, codec, bad):
     stream = opened()
     stream.add(START_NS, bad, None)
     wait_until(lambda: stream.counts["invalid"] == 1)
@@ -142,7 +142,7 @@ def test_what_is_no_picture_is_counted(opened, codec, bad):
     sent(stream, 1)
 
 
-def test_an_unknown_host_is_said(opened):
+def test_an_unknown_host_is_named(opened):
     stream = opened("udp://no-such-host.invalid:5004")
     stream.add(START_NS, PIXELS, None)
     wait_until(lambda: stream.counts["failed"] == 1)

@@ -48,7 +48,7 @@ def test_an_address_needs_no_port(cot, where):
         ("tls://tak.example", "cot_certificate: tls:// needs the certificate"),
     ],
 )
-def test_what_is_no_address_is_refused(cot, words):
+def test_a_wrong_address_is_refused(cot, words):
     with pytest.raises(ConfigError, match=words):
         pytak_settings(CotParameters(cot))
 
@@ -89,7 +89,9 @@ def locked(folder, *, pem):
 def test_a_key_that_does_not_open_is_refused_without_asking(tmp_path, ending, password):
     own = tmp_path / f"own{ending}"
     own.write_bytes(locked(tmp_path, pem=ending == ".pem"))
-    with pytest.raises(ConfigError, match=rf"cot_certificate: .*own\{ending} .*cot_password that"):
+    with pytest.raises(
+        ConfigError, match=rf"cot_certificate: .*own\{ending} .*and its cot_password "
+    ):
         pytak_settings(CotParameters("tls://h", certificate=str(own), password=password))
 
 
@@ -104,7 +106,7 @@ WRAPPED.__cause__ = WRONG_NAME
         (ConnectionRefusedError(111, "refused"), "refused; is the TAK server running"),
         (TimeoutError("no answer"), "no answer; is this computer in the team's network"),
         (socket.gaierror(-2, "unknown"), "unknown; write its IP address in cot"),
-        (WRAPPED, "Hostname mismatch.*; look at cot_ca, cot_certificate, .*=THAT_NAME"),
+        (WRAPPED, "Hostname mismatch.*; check cot_ca, cot_certificate, .*=THAT_NAME"),
         (OSError(71, "\x1b[31mdenied"), "denied; is this computer"),
         (RuntimeError("odd"), "odd$"),
     ],

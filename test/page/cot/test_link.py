@@ -1,4 +1,4 @@
-"""The link to the team: on and off, what waits, what is said again, how it ends."""
+"""The link to the team: on and off, events that wait and are sent again, its end."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_targets_of_an_earlier_run_are_deleted_too():
     assert flush(outbox) == [uid(1), uid(1) + "-deleted"]
 
 
-def test_old_deletions_are_not_said_for_ever(monkeypatch):
+def test_old_deletions_are_not_sent_for_ever(monkeypatch):
     monkeypatch.setattr(link_module, "_DELETIONS_KEPT", 2)
     outbox = Outbox()
     outbox.targets([target(number) for number in range(4)])
@@ -88,7 +88,7 @@ def test_old_deletions_are_not_said_for_ever(monkeypatch):
     assert len(flush(outbox)) == 2
 
 
-def test_an_aircraft_is_said_once_a_second_with_its_own_time_and_never_without_a_place():
+def test_an_aircraft_is_sent_once_a_second_with_its_own_time_and_only_with_a_place():
     outbox = Outbox()
     outbox.aircraft("lost", dataclasses.replace(flying(), latitude_deg=math.nan))
     assert len(outbox) == 0
@@ -123,7 +123,7 @@ def test_nothing_goes_out_while_it_is_off():
         assert aircraft_uid("") not in gone
 
 
-def test_what_cannot_be_said_is_counted_and_holds_nothing_up():
+def test_an_impossible_event_is_counted_and_delays_nothing():
     member = Member.of_group(GROUP)
     with sharing(f"udp://{GROUP}:{member.port}?interface=127.0.0.1") as link:
         apart = (target(1).clicks[0], target(1, latitude_deg=-48.0).clicks[0])
@@ -132,7 +132,7 @@ def test_what_cannot_be_said_is_counted_and_holds_nothing_up():
         assert link.status.error == "1 events could not be sent"
 
 
-def test_changes_are_told_once_and_not_each_attempt_and_it_ends_at_once():
+def test_changes_are_logged_once_but_no_attempts_and_the_link_ends_at_once():
     reports = []
     CotLink(CotParameters("tcp://127.0.0.1")).stop()  # never started
     link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"), reports.append)

@@ -89,5 +89,5 @@ def test_tls_with_a_clients_certificate_and_none_without(secure, tmp_path):
     other.mkdir()
     theirs = str(TakServer(other, tls=True).client("stranger"))
     with sharing(secure.address, certificate=theirs, ca=secure.ca) as link:
-        wait_until(lambda: "look at cot_ca, cot_certificate" in link.status.error)
+        wait_until(lambda: "check cot_ca, cot_certificate" in link.status.error)
         assert not link.status.connected

@@ -22,10 +22,10 @@ def row(rows, factor, form="general"):
 
 
 def test_the_forms_agree_for_a_pinhole_camera_and_factors_add_up_in_squares():
-    made = budget(Setting(Camera(640, 512, 800.0, 800.0, 319.5, 255.5)))
+    errors = budget(Setting(Camera(640, 512, 800.0, 800.0, 319.5, 255.5)))
     for factor in ("position", "height", "position 3d", "heading"):
-        np.testing.assert_allclose(made.general[factor], made.closed[factor], rtol=1e-9)
-    squares = {name: picture**2 for name, picture in made.general.items()}
+        np.testing.assert_allclose(errors.general[factor], errors.closed[factor], rtol=1e-9)
+    squares = {name: picture**2 for name, picture in errors.general.items()}
     parts = sum(squares[name] for name in ("position", "height", "heading", "tilt"))
     np.testing.assert_allclose(squares["pose"], parts, rtol=1e-9)
     others = sum(squares[name] for name in ("latency", "lens", "ground"))
@@ -36,16 +36,16 @@ def test_the_forms_agree_for_a_pinhole_camera_and_factors_add_up_in_squares():
     ("values", "reason"),
     [
         ({"height_m": 0.0}, "the camera is 0 m above the ground"),
-        ({"depression_deg": -5.0}, "the camera looks down by -5 deg: give above 0 to 90"),
+        ({"depression_deg": -5.0}, "the camera looks down by -5 deg: must be above 0, up to 90"),
         ({"roll_error_deg": -1.0}, "roll_error_deg is -1: must be 0 or more"),
         ({"east_error_m": math.nan}, "east_error_m is nan: must be 0 or more"),
     ],
 )
-def test_what_makes_no_sense_is_refused(values, reason):
+def test_invalid_values_are_refused(values, reason):
     with pytest.raises(CalibrationError, match=reason):
         make_budget(values)
     camera = Camera(640, 200, 800.0, 800.0, 319.5, 900.0)  # sees only what is over its axis
-    with pytest.raises(CalibrationError, match="sees no ground: look further down"):
+    with pytest.raises(CalibrationError, match="sees no ground: increase the tilt"):
         budget(Setting(camera, depression_deg=1.0)).rows()
 
 

@@ -236,7 +236,7 @@ def test_a_video_whose_disk_is_full_for_a_moment(tmp_path):
 def test_a_name_that_is_not_utf8(tmp_path, capsys):
     """Only FFmpeg refuses such names."""
     name = os.fsdecode(os.fsencode(tmp_path) + b"/\xff")
-    with pytest.raises(VideoError, match=r"\.mp4: FFmpeg takes names in UTF-8 alone; give anoth"):
+    with pytest.raises(VideoError, match=r"\.mp4: the name is not UTF-8, as FFmpeg needs it"):
         VideoFile(f"{name}.mp4")
     with open(f"{name}.png", "wb") as file:  # noqa: PTH123  as a user writes it
         file.write(b"no picture")

@@ -1,4 +1,4 @@
-"""``tirgeo dump``: a record a frame, whatever stands between the frames."""
+"""``tirgeo dump``: a record for each frame, with any bytes between the frames."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def tirgeo_dump(tmp_path, capsys):
     return run
 
 
-def test_the_example_frames_print_as_told(shared, tirgeo_dump):
+def test_the_example_frames_print_as_documented(shared, tirgeo_dump):
     reports = (shared / "dji" / "frames.jsonl").read_text().splitlines()
     code, records, err = tirgeo_dump((shared / "dji" / "frames.bin").read_bytes())
     assert records == [json.loads(line) for line in reports]
@@ -115,7 +115,7 @@ def test_packages_from_a_file(dump, tmp_path):
     ]
     assert record["fields"]["RTK_YAW"]["deg"] == -90
     assert record["fields"]["RTK_POSITION"] == {"lon_deg": 7.5, "lat_deg": 46.5, "hfsl_m": 540.25}
-    assert dump(frame)[0]["topics"] == []  # not in the usual packages
+    assert dump(frame)[0]["topics"] == []  # not in the default packages
 
 
 def test_other_frames_show_their_bytes(dump):
@@ -154,7 +154,7 @@ def test_any_frames_print_as_json(tmp_path_factory, frames):
 @pytest.mark.parametrize("text", [b"", b"no frame in here", bytes(range(256)) * 10])
 def test_a_file_without_a_frame_is_an_error(tirgeo_dump, tmp_path, text):
     code, records, err = tirgeo_dump(text)
-    what = f"no frame in {len(text)} bytes" if text else "empty"
+    what = f"no frame in {len(text)} bytes" if text else "the file is empty"
     assert (code, records) == (1, [])
     assert err.startswith(f"tirgeo dump: {tmp_path}/capture.bin: {what}")
     assert err.count("\n") == 1

@@ -55,7 +55,7 @@ def player(sample):
 
 @pytest.fixture(scope="module")
 def capture(flight, player, tmp_path_factory):
-    """A capture whose file is as old as the flight, so that its time zone can be told."""
+    """A capture whose file is as old as the flight, so that its time zone can be found."""
     path = tmp_path_factory.mktemp("capture") / "capture.bin"
     aircraft = Aircraft(player.simulated_aircraft, places=player.aircraft)
     path.write_bytes(b"".join(frame.data for frame in frames_of(aircraft, flight)))
@@ -101,7 +101,7 @@ def test_every_topic_with_its_type(imported):
 
 
 def test_the_time_is_that_of_the_receivers(imported, flight):
-    """Stamps lie a constant from the recorded ones, within what a whole second can tell."""
+    """Stamps differ from the recorded ones by a constant, known to a part of a second."""
     path, _ = imported
     true = np.array([s.stamp_ns for _, s in flight if type(s).__name__ == "ImuSample"])
     result = stamps(path, "/imu/data")
@@ -124,13 +124,13 @@ def test_the_result_can_be_processed(imported, sample, tmp_path, capsys):
     assert abs(math.degrees(math.remainder(apart_rad, math.tau))) < 1.0
 
 
-def test_the_zone_of_an_old_copy_is_as_documented_and_told(capture, imported, sample, tmp_path):
+def test_the_zone_of_an_old_copy_is_the_documented_one(capture, imported, sample, tmp_path):
     copy = tmp_path / "copy.bin"
     copy.write_bytes(capture.read_bytes())
     summary = import_flight(copy, tmp_path / "out.mcap", params=sample / "params.yaml")
     assert "give --start-time if that is wrong by hours" in summary["warning"]
-    made, expected = (stamps(p, "/imu/data") for p in (tmp_path / "out.mcap", imported[0]))
-    assert made.tolist() == expected.tolist()
+    outcome, expected = (stamps(p, "/imu/data") for p in (tmp_path / "out.mcap", imported[0]))
+    assert outcome.tolist() == expected.tolist()
 
 
 def test_without_a_date_times_count_from_power_up(capture, import_changed):
@@ -140,8 +140,8 @@ def test_without_a_date_times_count_from_power_up(capture, import_changed):
     assert result[0] == 60_000_000_000  # what its clock shows
 
 
-def test_garbage_and_cuts_cost_what_they_hit(capture, imported, import_changed):
-    """Bytes between frames, a bit, and the rest of the last frame."""
+def test_garbage_and_cuts_lose_only_the_frames_they_hit(capture, imported, import_changed):
+    """Bytes between frames, a flipped bit, and a last frame that is cut."""
     data = capture.read_bytes()
     frames = FrameReader().feed(data)
     middle, hit = frames[len(frames) // 2], frames[len(frames) // 3]
@@ -169,13 +169,13 @@ def test_encrypted_frames_need_the_key(capture, imported, import_changed, tmp_pa
 
 def test_a_capture_without_any_time_is_refused(capture, import_changed, tmp_path):
     timeless = (parts._replace(time=None) for parts in broadcasts(capture.read_bytes()))
-    with pytest.raises(DjiError, match=r"changed\.bin: it has no time of the aircraft"):
+    with pytest.raises(DjiError, match=r"changed\.bin: it lacks the aircraft's time"):
         import_changed(framed(timeless))
     assert list(tmp_path.iterdir()) == [tmp_path / "changed.bin"]
 
 
 @pytest.mark.parametrize("given", [None, 1_718_091_879_000_000_000])
-def test_a_counter_of_long_ticks_is_told_by_the_seconds(capture, imported, import_changed, given):
+def test_a_counter_of_long_ticks_is_recognised(capture, imported, import_changed, given):
     """Firmware of before 3.3 counts 2.5 ms; 100 Hz are four of them."""
     ticking = (
         parts._replace(time=parts.time._replace(time_ms=parts.time.time_ms * 2 // 5))
@@ -187,8 +187,8 @@ def test_a_counter_of_long_ticks_is_told_by_the_seconds(capture, imported, impor
     assert given is not None or abs(np.median(apart)) <= 2_500_000
 
 
-def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, import_changed):
-    """The time of what stands before is not moved by the seconds that are said after it."""
+def test_an_aircraft_that_was_off_meanwhile_gives_a_warning(capture, imported, import_changed):
+    """The receivers' seconds after the restart do not move the stamps before it."""
     text = broadcasts(capture.read_bytes())
     half = len(text) // 2
     begun_ms = text[half].time.time_ms

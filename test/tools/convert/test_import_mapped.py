@@ -93,9 +93,9 @@ def test_topics_of_ros_1_with_their_stamps_and_log_times(mapped, tmp_path):
     assert heading.stamp_ns == BEGUN_NS + 5_000_000  # no header: when it was recorded
     assert result["not_read"] == {"/chatter": "std_msgs/msg/String"}
     assert result["warning"] is None
-    told = " ".join(result["notes"])
+    message = " ".join(result["notes"])
     for words in ("above the ellipsoid", "no covariance", "no heading of two"):
-        assert words in told
+        assert words in message
     assert [row["lag_s"] for row in result["topics"]] == pytest.approx([0.005, 0.005, 0.005, 0.0])
 
 
@@ -133,17 +133,17 @@ def test_an_odometry_becomes_a_velocity_east_north_up(mapped, tmp_path):
     (velocity,) = samples(tmp_path / "out.mcap", Source.RTK_VELOCITY)
     assert velocity.velocity_n == pytest.approx((2.0, -0.5, 1.0))
     assert velocity.covariance_n.diagonal() == pytest.approx((0.04, 0.01, 0.09))
-    assert "wheel's odometry" in result["notes"][0]
+    assert "wheel odometry" in result["notes"][0]
 
 
-def test_an_imu_on_its_side_is_told_and_turned(tmp_path, capsys):
+def test_an_imu_on_its_side_gives_a_warning_and_is_rotated(tmp_path, capsys):
     bag = mavros_bag(force=(0.0, 9.8, 0.0), q=ON_SIDE)
     path, out = bag.write(tmp_path / "side.bag"), tmp_path / "out.mcap"
     words = ["import", str(path), "-o", str(out), "--map-topic", "/mavros/imu/data=imu/data"]
     assert main(words) == 0
-    told = capsys.readouterr().err
-    assert "imu/data: gravity is on +y at the beginning, not on +z" in told
-    assert "give --imu-rpy 90 0 YAW" in told
+    message = capsys.readouterr().err
+    assert "imu/data: gravity is on +y at the beginning, not on +z" in message
+    assert "give --imu-rpy 90 0 YAW" in message
     assert main([*words, "--imu-rpy", "90", "0", "0"]) == 0
     assert capsys.readouterr().err == ""
     sample = samples(out, Source.IMU)[0]
@@ -159,7 +159,7 @@ def test_an_imu_on_its_side_is_told_and_turned(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_heights_and_fixes_that_are_none_of_rtk(mapped, tmp_path):
+def test_heights_above_the_sea_and_fixes_without_rtk(mapped, tmp_path):
     result = mapped(mavros_bag(), (("/mavros/fix", "rtk/fix"),), undulation_m=43.5)
     first = samples(tmp_path / "out.mcap", Source.RTK_POSITION)[0]
     assert (first.height_m, first.status) == (87.5, FixStatus.SINGLE)
@@ -168,37 +168,37 @@ def test_heights_and_fixes_that_are_none_of_rtk(mapped, tmp_path):
     assert "map it to gps/fix" in result["warning"]
 
 
-def test_stamps_of_another_clock_are_kept_and_told(mapped, tmp_path):
+def test_stamps_of_another_clock_are_kept_with_a_warning(mapped, tmp_path):
     result = mapped(mavros_bag(lag_ns=7_200_000_000_000), MAVROS[:2])
     assert samples(tmp_path / "out.mcap", Source.IMU)[0].stamp_ns == BEGUN_NS
     assert "(/mavros/imu/data -7200.0 s, /mavros/fix -7200.0 s) and are kept" in result["warning"]
 
 
 @pytest.mark.parametrize(
-    ("pairs", "told"),
+    ("pairs", "message"),
     [
         (
             [("/x", "imu/data")],
-            r"/x is not there; imu/data takes sensor_msgs/msg/Imu: /mavros/imu",
+            r"/x is not in the bag; imu/data takes sensor_msgs/msg/Imu, the type of /mavros/imu",
         ),
         (
             [("/mavros/imu/data", "gps/vel")],
-            r"/data is of type sensor_msgs/msg/Imu; gps/vel takes .*Odometry: /mavros/gps_vel",
+            r"/data is of type sensor_msgs/msg/Imu; gps/vel takes .*Odometry, the type of /mav",
         ),
-        ([("/chatter", "baro/pressure")], r"FluidPressure: no topic of the bag"),
+        ([("/chatter", "baro/pressure")], r"FluidPressure, the type of no topic of the bag"),
         (
             [("/mavros/fix", "gps/fix"), ("/mavros/fix", "gps/fix")],
             r"two topics for gps/fix: give one",
         ),
     ],
 )
-def test_topics_that_do_not_fit_are_named(mapped, tmp_path, pairs, told):
-    with pytest.raises(BagError, match=rf"^{tmp_path}/a\.bag: .*{told}"):
+def test_topics_that_do_not_fit_are_named(mapped, tmp_path, pairs, message):
+    with pytest.raises(BagError, match=rf"^{tmp_path}/a\.bag: .*{message}"):
         mapped(mavros_bag(0.2), tuple(pairs))
     assert not (tmp_path / "out.mcap").exists()
 
 
-def test_pictures_that_are_left_are_named_with_the_option_that_takes_them(tmp_path, capsys):
+def test_pictures_that_are_not_imported_are_named_with_their_option(tmp_path, capsys):
     bag = mavros_bag()
     header = bag.header(BEGUN_NS)
     kind = bag.store.types["sensor_msgs/msg/CompressedImage"]
@@ -206,8 +206,8 @@ def test_pictures_that_are_left_are_named_with_the_option_that_takes_them(tmp_pa
     path = bag.write(tmp_path / "a.bag")
     words = f"import {path} -o {tmp_path}/out.mcap --map-topic /mavros/imu/data=imu/data"
     assert main(words.split()) == 0
-    told = "pictures in the bag that --map-topic may name: /cam/compressed"
-    assert told in capsys.readouterr().out
+    message = "pictures in the bag that --map-topic may name: /cam/compressed"
+    assert message in capsys.readouterr().out
 
 
 def test_a_joint_state_without_the_gimbals_joints_is_refused(mapped):
@@ -241,12 +241,12 @@ def test_a_bag_without_pairs_is_answered_with_options(tmp_path, capsys):
     )
     record(ros2, [[BagMessage("/xsens/imu", "sensor_msgs/msg/Imu", 1, data)]])
     assert main(["import", str(ros2), "-o", str(tmp_path / "out.mcap")]) == 1
-    told = f"{ros2}: a ROS 2 bag; say what its topics are, as --map-topic /xsens/imu=imu/data\n"
-    assert told in capsys.readouterr().err
+    line = f"{ros2}: a ROS 2 bag; name its topics, for example --map-topic /xsens/imu=imu/data\n"
+    assert line in capsys.readouterr().err
     record(tmp_path / "c", [[BagMessage("/chatter", "std_msgs/msg/String", 1, b"\0\1\0\0")]])
     assert main(["import", str(tmp_path / "c"), "-o", str(tmp_path / "out.mcap")]) == 1
-    told = "nothing to import: no topic has a type that tirgeo takes; it has /chatter (std_msgs/m"
-    assert told in capsys.readouterr().err
+    line = "nothing to import: no topic has a type that tirgeo takes; it has /chatter (std_msgs/m"
+    assert line in capsys.readouterr().err
     record(tmp_path / "d", [[BagMessage("/imu/data", "sensor_msgs/msg/Imu", 1, data)]])
     assert main(["import", str(tmp_path / "d"), "-o", str(tmp_path / "out.mcap")]) == 1
     assert "it needs no import: give it to tirgeo process" in capsys.readouterr().err
@@ -284,17 +284,17 @@ def recordings(bags):
     return sorted((bags / "rosbag2").iterdir())
 
 
-def test_every_recording_is_answered(bags, tmp_path, capsys):
-    """The made ones need no import; the real ones hold nothing that tirgeo takes."""
+def test_every_recording_gets_an_answer(bags, tmp_path, capsys):
+    """The simulated ones need no import; the real ones hold nothing that tirgeo takes."""
     for path in recordings(bags):
         assert main(["import", str(path), "-o", str(tmp_path / "out.mcap")]) == 1
-        told = capsys.readouterr().err
+        message = capsys.readouterr().err
         words = (
             "needs no import" if path.name.startswith("made_") else "nothing to import: no topic"
         )
-        assert told.startswith(f"tirgeo import: {path}: a ROS 2 bag; ")
-        assert words in told
-        assert told.count("\n") == 1
+        assert message.startswith(f"tirgeo import: {path}: a ROS 2 bag; ")
+        assert words in message
+        assert message.count("\n") == 1
     split = bags / "rosbag2" / "real_mcap_split_no_metadata"
     assert sum(1 for _ in BagReader(split).messages()) == 3177
 

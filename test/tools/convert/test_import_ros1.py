@@ -67,8 +67,8 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module", params=["subscription", "broadcast"])
 def imported(request, folder):
     """A flight as the wrapper records it in either mode, imported: path, summary."""
-    made = wrapper_bag(FLIGHT, broadcast=request.param == "broadcast")
-    source = made.write(folder / f"{request.param}.bag")
+    bag = wrapper_bag(FLIGHT, broadcast=request.param == "broadcast")
+    source = bag.write(folder / f"{request.param}.bag")
     target = folder / f"{request.param}.mcap"
     summary = import_flight(source, target, params=folder / "params.yaml")
     return target, summary
@@ -112,15 +112,15 @@ def test_rtk_position_is_ellipsoidal_and_fixed(imported):
         assert message.position_covariance[0] > 0
 
 
-def test_heading_is_the_baselines_less_its_offset(imported):
+def test_heading_is_the_baselines_azimuth_less_its_offset(imported):
     path, _ = imported
     outcome = by_time(path, "/rtk/heading")
     assert len(outcome) == 30
     for t_s, message in outcome:
         epoch_s = math.floor(t_s * 5 + 1e-6) / 5
         heading_deg = FLIGHT.yaw_deg(epoch_s) - PARAMETERS.baseline_deg
-        made = rotation(message.orientation)
-        np.testing.assert_allclose(made, about("z", 90 - heading_deg), atol=ROUNDING)
+        attitude = rotation(message.orientation)
+        np.testing.assert_allclose(attitude, about("z", 90 - heading_deg), atol=ROUNDING)
         off_deg = math.remainder(heading_deg - FLIGHT.at(epoch_s).heading_deg, 360)
         assert abs(off_deg) <= 0.5 + ROUNDING  # the aircraft's whole degrees
         assert message.orientation_covariance[8] > 0
@@ -188,7 +188,7 @@ def test_delays_are_taken_off(folder):
 
 
 def test_gps(imported):
-    """The fused position's height is a barometer's: it goes out as hardly known."""
+    """The fused position's height is a barometer's: its variance in the message is large."""
     path, _ = imported
     for t_s, message in by_time(path, "/gps/fix"):
         state = FLIGHT.at(t_s)
@@ -220,7 +220,7 @@ def test_renamed_prefix_and_namespace(empty_folder):
     assert not (empty_folder / "uav2.mcap").exists()
 
 
-def test_what_is_wrong_is_told_and_the_rest_imported(empty_folder, capsys):
+def test_errors_are_warnings_and_the_rest_is_imported(empty_folder, capsys):
     flight = Flight(duration_s=1.0)
     bag = wrapper_bag(flight)
     kept = [m for m in bag.messages if m[2] not in {"/dji_sdk/rtk_yaw", "/dji_sdk/gimbal_angle"}]
@@ -253,7 +253,7 @@ def test_what_is_wrong_is_told_and_the_rest_imported(empty_folder, capsys):
         assert reports in err
 
 
-def test_pictures_go_on_as_they_are(empty_folder):
+def test_pictures_are_copied_unchanged(empty_folder):
     bag = wrapper_bag(Flight(duration_s=1.0))
     pixels = np.arange(12, dtype=np.uint8)
     form = {"height": 3, "width": 4, "encoding": "mono8", "is_bigendian": 0, "step": 4}
@@ -282,13 +282,13 @@ def test_pictures_go_on_as_they_are(empty_folder):
     [
         (
             Pictures("/none"),
-            r"/none is not there; thermal/image_raw takes .*: no topic of the bag",
+            r"/none is not in the bag; thermal/image_raw takes .*, the type of no topic of",
         ),
         (Pictures("/dji_sdk/imu"), r"/dji_sdk/imu is of type sensor_msgs/msg/Imu; th"),
-        (Pictures(camera_info="/x"), r"/x is not there; thermal/camera_info takes"),
+        (Pictures(camera_info="/x"), r"/x is not in the bag; thermal/camera_info takes"),
     ],
 )
-def test_pictures_that_are_not_there(empty_folder, pictures, message):
+def test_absent_pictures(empty_folder, pictures, message):
     path = empty_folder / "no_pictures.bag"
     if not path.exists():
         wrapper_bag(Flight(duration_s=0.2)).write(path)
@@ -301,7 +301,9 @@ def test_a_bag_that_was_cut_off_is_read_up_to_the_cut(empty_folder, capsys):
     path.write_bytes(path.read_bytes()[:50_000])
     params = ["--params", str(empty_folder / "params.yaml")]
     assert main(["import", str(path), "-o", str(empty_folder / "cut.mcap"), *params]) == 1
-    assert "cut.bag: no usable index: it was not closed, or cut off; " in capsys.readouterr().err
+    assert (
+        "cut.bag: no usable index: the file was cut off or not closed; " in capsys.readouterr().err
+    )
     assert len(messages(empty_folder / "cut.mcap", "/imu/data")) > 20
     path.write_bytes(path.read_bytes()[:5_000])
     assert main(["import", str(path), "-o", str(empty_folder / "none.mcap"), *params]) == 1
@@ -314,7 +316,7 @@ def test_a_bag_that_was_cut_off_is_read_up_to_the_cut(empty_folder, capsys):
     [
         (b"", "the file is empty"),
         (b"stamp,latitude\n1,2\n", "text in columns: say what they mean"),
-        (b"Dear diary\n", "text of no known log: docs/import.md lists"),
+        (b"Dear diary\n", "a text, but no known log: docs/import.md lists"),
         (b"#ROSBAG V1.2\nxyz", "a ROS 1 bag of an older version"),
         (b"#ROSBAG V2.0\n", "cannot be read: Header could not be read"),
         (b"\x89MCAP0\r\n" + bytes(99), "no message can be read; 99 bytes"),
@@ -325,8 +327,8 @@ def test_a_bag_that_was_cut_off_is_read_up_to_the_cut(empty_folder, capsys):
         ("bag", "the bag has no message"),
     ],
 )
-def test_what_cannot_be_imported(tmp_path, content, message, capsys):
-    """By its content, whatever its name says; one line, and nothing is left behind."""
+def test_files_that_cannot_be_imported(tmp_path, content, message, capsys):
+    """By its content, not its name; one line, and no file is left."""
     path = tmp_path / "flight.bag"
     if isinstance(content, bytes):
         path.write_bytes(content)

@@ -30,9 +30,9 @@ MOSAIC = {
 
 
 @pytest.fixture(scope="module")
-def made(params, nine_s, tmp_path_factory):
+def products(params, nine_s, tmp_path_factory):
     """The folder of a run, and its summary."""
-    folder = tmp_path_factory.mktemp("made") / "products"
+    folder = tmp_path_factory.mktemp("out") / "products"
     summary = export(
         nine_s,
         folder,
@@ -43,8 +43,8 @@ def made(params, nine_s, tmp_path_factory):
     return folder, summary
 
 
-def test_files_and_summary(made):
-    folder, summary = made
+def test_files_and_summary(products):
+    folder, summary = products
     assert (summary["pictures"], summary["used"]) == (5, 4)
     assert summary["not_used"] == {"before the first pose": 1}
     assert summary["ortho"]["files"] == summary["stills"]["files"] == 4
@@ -60,9 +60,9 @@ def test_files_and_summary(made):
     assert summary["error"] is None
 
 
-def test_the_rasters_are_in_their_place(made):
+def test_the_rasters_are_at_their_coordinates(products):
     """All on one lattice, and an orthophoto within the mosaic."""
-    folder, summary = made
+    folder, summary = products
     with rasterio.open(folder / "mosaic.tif") as mosaic:
         assert (mosaic.width, mosaic.height) == (
             summary["mosaic"]["width"],
@@ -172,7 +172,7 @@ def test_damaged_pictures_are_counted(params, nine_s, tmp_path):
 
 @pytest.mark.slow
 def test_a_stopped_run_leaves_no_half_file(sample, tmp_path):
-    """Stopped while it writes orthophotos: what has its name is whole, and no tile is left."""
+    """Stopped while it writes orthophotos: each file is whole, and no tile is left."""
     code = "from tirgeo_ros.tools.cli.main import console; console()"
     argv = [sys.executable, "-c", code, "export", str(sample / "flight.mcap"), "-o", str(tmp_path)]
     argv += ["--params", str(sample / "params.yaml"), "--every", "0"]

@@ -46,12 +46,12 @@ def flown(pixels):
     return [frame_of(pixels, pose, k) for k, pose in enumerate(poses)]
 
 
-def test_a_pixel_of_the_file_shows_its_own_place(tmp_path):
+def test_a_pixel_shows_the_ground_at_its_coordinates(tmp_path):
     """The whole way, with the file's own transform: within half a pixel, as everywhere."""
     picture, corner = coded(OBLIQUE, GROUND_M)
-    made = Orthophotos(tmp_path / "ortho", setup_of())
-    made.take(frame_of(picture, OBLIQUE, 12))
-    assert made.finish()["files"] == 1
+    product = Orthophotos(tmp_path / "ortho", setup_of())
+    product.take(frame_of(picture, OBLIQUE, 12))
+    assert product.finish()["files"] == 1
     with rasterio.open(tmp_path / "ortho" / "000012.tif") as file:
         assert file.crs.to_epsg() == UTM.system.to_epsg()
         assert file.tags()["PICTURE"] == "12"
@@ -100,13 +100,13 @@ def test_degrees(tmp_path):
     ],
 )
 def test_tiles_on_disk_give_the_same_bytes(tmp_path, monkeypatch, pixels):
-    held = mosaic_of(tmp_path / "held", flown(pixels)[:3], pixel_m=0.06).read_bytes()
+    in_memory = mosaic_of(tmp_path / "memory", flown(pixels)[:3], pixel_m=0.06).read_bytes()
     monkeypatch.setattr(rasters, "_MOST_BYTES", 1)  # one tile at a time
     written, write = [], np.savez
     monkeypatch.setattr(np, "savez", lambda p, **of: written.append(p) or write(p, **of))
     folder = tmp_path / "stored"
     stored = mosaic_of(folder, flown(pixels)[:3], pixel_m=0.06).read_bytes()
-    assert stored == held
+    assert stored == in_memory
     assert len(written) > len(set(written)) > 1  # some came back from disk, and went again
     assert [item.name for item in folder.iterdir()] == ["mosaic.tif"]
 

@@ -1,4 +1,4 @@
-"""Stills of the sample flight: surveyed points lie where they were seen, by the files alone."""
+"""Stills of the sample flight: their metadata alone project surveyed points onto the clicks."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def stills(flight, tmp_path_factory):
     product = Stills(tmp_path_factory.mktemp("out") / "stills", undulation_m=UNDULATION_M)
     for frame in flight.frames:
         product.take(frame)
-    made = product.finish()
-    assert made["files"] == len(flight.frames)
+    summary = product.finish()
+    assert summary["files"] == len(flight.frames)
     return product.folder
 
 
 def test_surveyed_points_are_where_they_were_clicked(sample, flight, stills):
-    """A receiver that has the file alone projects them: as we do, and onto the clicks."""
+    """A reader of the file alone projects them as we do, and onto the clicks."""
     survey = json.loads((sample / "survey.geojson").read_text())["features"]
     places = {item["properties"]["id"]: item["geometry"]["coordinates"] for item in survey}
     frames = {frame.stamp_ns: frame for frame in flight.frames}
@@ -61,8 +61,8 @@ def test_surveyed_points_are_where_they_were_clicked(sample, flight, stills):
 def test_without_the_undulation_altitudes_are_ellipsoidal(flight, tmp_path):
     product, frame = Stills(tmp_path / "stills"), flight.frames[0]
     product.take(frame)
-    made = {"folder": str(tmp_path / "stills"), "files": 1, "altitude_above": "ellipsoid"}
-    assert product.finish() == made
+    summary = {"folder": str(tmp_path / "stills"), "files": 1, "altitude_above": "ellipsoid"}
+    assert product.finish() == summary
     read = read_still(product.folder / f"{frame.number:06}.jpg")
     height_m = frame.plane.geodetic_from_ned(frame.pose.position_n)[2]
     assert place_of(read)[2] == pytest.approx(float(height_m), abs=1e-4)

@@ -68,9 +68,9 @@ def written(flight, tmp_path):
         for frame in flight.frames if frames is None else frames:
             product.take(frame)
         assert not path.exists()  # before it is complete
-        made = product.finish()
+        summary = product.finish()
         cues = cues_of(path)
-        assert made == {"file": str(path), "cues": len(cues)}
+        assert summary == {"file": str(path), "cues": len(cues)}
         return cues
 
     return write
@@ -88,7 +88,7 @@ def test_each_picture_has_its_cue_at_its_time_in_the_video(written, flight):
         assert cue.fields["DiffTime"] == "111ms"
 
 
-def test_cues_say_where_the_camera_was_and_how_it_was_turned(written, flight):
+def test_cues_have_the_cameras_position_and_attitude(written, flight):
     cues = written(undulation_m=UNDULATION_M)
     for cue, frame in zip(cues, flight.frames, strict=True):
         latitude, longitude, height = frame.plane.geodetic_from_ned(frame.pose.position_n)
@@ -106,7 +106,7 @@ def test_cues_say_where_the_camera_was_and_how_it_was_turned(written, flight):
     assert cue.fields["date"] == "2021-10-20 12:00:39.333"
 
 
-def test_heights_that_are_not_known_are_not_said(written, flight):
+def test_unknown_heights_are_left_out(written, flight):
     bare = [dataclasses.replace(item, ground=None) for item in flight.frames[:20]]
     cue = written(bare)[7]
     assert "rel_alt" not in cue.fields
@@ -123,7 +123,7 @@ def test_cues_of_chosen_pictures_last_until_the_next(written, flight):
     assert cues[-1].end_s == pytest.approx(30.0, abs=1e-3)  # the last picture's end
 
 
-def test_no_cue_stands_where_the_pose_is_lost(written, flight):
+def test_no_cue_while_the_pose_is_lost(written, flight):
     frames = [item for item in flight.frames[::9] if not 100 <= item.number < 140]
     cues = written(frames, every_s=1.0)
     last = max(item.number for item in frames if item.number < 100)

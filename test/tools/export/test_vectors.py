@@ -18,7 +18,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, place
-from tirgeo_ros.io.targets.columns import of_target
+from tirgeo_ros.io.targets.columns import target_cells
 from tirgeo_ros.io.targets.formats import exported as targets_as
 from tirgeo_ros.tools.evaluate.result import load_truth
 from tirgeo_ros.tools.export.vectors import Vectors
@@ -114,7 +114,7 @@ def test_the_track_is_the_true_one(path, sample, by_number):
 def test_targets_are_there_with_their_ellipses(path):
     rows = rows_of(path, "targets")
     for row, target in zip(rows, TARGETS, strict=True):
-        expected = of_target(target)
+        expected = target_cells(target)
         assert {key: row[key] for key in expected} == expected
         place = target.place
         assert row["positions"].tolist() == [[place.longitude_deg, place.latitude_deg]]
@@ -128,9 +128,9 @@ def test_the_track_needs_no_ground_and_is_broken_where_there_is_no_pose(flight, 
     for frame in flight.frames[::9]:
         if not 100 <= frame.number < 150:
             product.take(dataclasses.replace(frame, ground=None))
-    made = product.finish()
-    assert made["footprints"] == 0
-    assert made["pictures_without_ground"] == made["track_points"] > 3
+    summary = product.finish()
+    assert summary["footprints"] == 0
+    assert summary["pictures_without_ground"] == summary["track_points"] > 3
     assert "targets" not in layers_in(tmp_path / "flight.gpkg")
     first, second = rows_of(tmp_path / "flight.gpkg", "track")
     assert first["end"] < second["begin"]

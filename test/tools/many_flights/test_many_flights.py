@@ -63,7 +63,7 @@ def test_links_in_a_loop_and_pipes_fail_alone(flights, run, tmp_path, capsys):
     assert "not a file" in errors.pop(str(flights[1]))
     assert [errors[str(item)].partition(": ")[2] for item in (*loops, pipe)] == [
         *["cannot be read: Too many levels of symbolic links"] * 2,
-        "is no file: a pipe or a device cannot be read as a bag",
+        "not a file: a pipe or a device cannot be read as a bag",
     ]
 
 

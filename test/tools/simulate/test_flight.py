@@ -1,4 +1,4 @@
-"""Sensors differ from the truth as the scenario says; the perfect IMU and the motion agree."""
+"""Sensors have the scenario's errors; the perfect IMU and the motion agree."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def samples_of(flight, kind, source=None):
 
 
 def rows_at(flight, samples):
-    """Rows of the truth at the stamps of samples; sensors measure at stamps of the IMU."""
+    """Return rows of the truth at the stamps of samples, which are stamps of the IMU."""
     row = {stamp: k for k, stamp in enumerate(flight.truth.stamp_ns)}
     return [row[sample.stamp_ns] for _, sample in samples]
 
@@ -168,7 +168,7 @@ SPIN_E = np.array([0.0, 0.0, EARTH_RATE_RAD_S])
 
 
 def derivative_e(position_e, velocity_e, q_eb, force_b, rate_b):
-    """The equations of motion in the earth-fixed frame (Groves 5.26, 5.36 and 2.133)."""
+    """Return the rates of the motion in the earth-fixed frame (Groves 5.26, 5.36 and 2.133)."""
     lat, lon, height = (float(x) for x in geodetic_from_ecef(position_e))
     gravity_e = rotation_ecef_from_ned(lat, lon)[:, 2] * gravity_down(lat, height)
     rotation = matrix_from_quat(q_eb)
@@ -178,7 +178,7 @@ def derivative_e(position_e, velocity_e, q_eb, force_b, rate_b):
 
 
 def integrate(trajectory, duration_s, step_s):
-    """Runge and Kutta's fourth order on the IMU's values, from the true start."""
+    """Integrate the IMU's values from the true start by Runge and Kutta's fourth order."""
     half_steps = np.arange(0, 2 * round(duration_s / step_s) + 1) * step_s / 2
     motion = trajectory.motion(half_steps)
     force, rate = trajectory.inertial(motion)
@@ -249,7 +249,7 @@ def test_the_paper_flight_is_flown_as_the_paper_says():
     assert speed[-1] < 1.0
 
 
-def test_what_the_receiver_says_is_true_beside_the_antimeridian_and_the_pole():
+def test_receivers_are_right_near_the_antimeridian_and_the_pole():
     """Without noise: longitudes within 180 degrees, headings from true north at the aircraft."""
     values = {
         "site.latitude_deg": 89.0,

@@ -1,4 +1,4 @@
-"""What pictures show, and where: spots, targets, hillsides; map, other cameras, clicks."""
+"""The contents of pictures: spots, targets, hillsides; the map, other cameras, clicks."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def flown(tmp_path_factory):
 
 
 def test_a_ray_meets_the_ground_that_the_elevation_model_has(flown):
-    """Of 200 rays all over the picture."""
+    """For 200 rays all over the picture."""
     pytest.importorskip("rasterio", reason="elevation models need rasterio")
     terrain, plane = load_terrain(flown / "dem.asc"), SCENARIO.site.plane
     q_pc = looking(-40.0, 15.0)
@@ -189,7 +189,7 @@ def test_a_ray_meets_the_ground_that_the_elevation_model_has(flown):
     assert np.abs(level - lengths).max() > 3.0  # the slope matters
 
 
-def test_a_sloping_flight_is_whole_and_ground_as_high_as_the_flight_refused(flown, tmp_path):
+def test_a_sloping_flight_is_complete_and_too_high_ground_is_refused(flown, tmp_path):
     plane = SCENARIO.site.plane
     assert "ground_height_m" not in (flown / "params.yaml").read_text()
     for name in ("survey.geojson", "targets.geojson"):
@@ -201,7 +201,7 @@ def test_a_sloping_flight_is_whole_and_ground_as_high_as_the_flight_refused(flow
             np.testing.assert_allclose(place, HILLSIDE.places(place[None, :2])[0], atol=0.1)
     assert load_observations(flown / "observations.csv")
     (tmp_path / "steep.yaml").write_text(SLOPING.replace("slope_deg: 4.0", "slope_deg: 20.0"))
-    with pytest.raises(ScenarioError, match=r"park: its ground rises to .* fly 3 m above it"):
+    with pytest.raises(ScenarioError, match=r"park: the ground rises to .* fly 3 m above the"):
         simulate(tmp_path / "steep.yaml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -245,7 +245,7 @@ survey: {points: 4, views: 2, after_s: 0.0, apart_s: 0.5, rows_px: [90, 245], si
 """
 
 
-def test_the_bag_says_the_camera_of_its_pictures(tmp_path):
+def test_the_bag_contains_the_camera_of_its_pictures(tmp_path):
     (tmp_path / "other.yaml").write_text(OTHER)
     summary = simulate(tmp_path / "other.yaml", tmp_path)
     assert summary["messages"]["thermal/image_raw"] == 30

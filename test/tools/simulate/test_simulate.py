@@ -1,4 +1,4 @@
-"""A scenario and its flight as files: whole, repeatable, cut; the sample flight; joint orders."""
+"""A scenario's flight as files: complete, repeatable, cut; the sample flight; joint orders."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_every_file_is_there_with_the_contracts_topics(whole):
 
 
 def test_a_window_is_a_cut_of_the_whole(whole, scenario_path, tmp_path):
-    """So the same seed gives the same bytes."""
+    """So a seed always gives the same bytes."""
     folder, start_s, duration_s = whole[0], 2.0, 2.5
     simulate(scenario_path, tmp_path, start_s=start_s, duration_s=duration_s)
     start_ns = scenario_from({}).start_ns + round(start_s * 1e9)
@@ -114,7 +114,7 @@ def test_parameters_fit_the_flight(whole):
     ("start_s", "duration_s"), [(-1.0, 2.0), (0.0, 0.0), (3.0, 4.0), (7.0, None), (np.nan, 1.0)]
 )
 def test_a_window_outside_the_flight_is_refused(scenario_path, tmp_path, start_s, duration_s):
-    with pytest.raises(ScenarioError, match=r"short.yaml: no .* s on in a flight of 6 s"):
+    with pytest.raises(ScenarioError, match=r"short.yaml: .* are not within the flight of 6 s"):
         simulate(scenario_path, tmp_path / "out", start_s=start_s, duration_s=duration_s)
     assert not (tmp_path / "out").exists()
 
@@ -141,7 +141,7 @@ def leaves(tree, prefix=""):
             yield f"{prefix}{key}"
 
 
-def test_the_paper_flight_is_the_default_and_says_so_in_full():
+def test_the_paper_flights_file_states_all_defaults():
     assert load_scenario(PAPER) == Scenario()
     unsaid = {p.name for p in parameters_of(Scenario)} - set(leaves(load_yaml(PAPER)))
     # The filter's own belief of turn-on biases is no property of the flight.
@@ -233,7 +233,7 @@ def test_its_map_survey_parameters_and_click_are_the_scenarios(flight, sample):
 
 
 def processed(folder, order):
-    """The camera's poses, of a flight with an order of the joints, less the true ones."""
+    """Return estimated minus true camera poses of a flight with an order of the joints."""
     scenario, flown, out = (folder / f"{order}{end}" for end in (".yaml", "", ".mcap"))
     gimbal = f"gimbal: {{joint_order: {order}}}"
     scenario.write_text(f"duration_s: 40.0\nroute: {{hover_s: 2.0}}\n{gimbal}\n")

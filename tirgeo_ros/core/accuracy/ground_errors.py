@@ -1,6 +1,6 @@
 """Predict the errors of a pixel's ground point, and summarise measured ones.
 
-A prediction is by errors of the camera's pose, time and lens. It has two forms. The paper's (Ren
+A prediction uses errors of the camera's pose, time and lens. It has two forms. The paper's (Ren
 et al. 2022, section 3.5) is for a level pinhole camera over a plane: scalars, Equations 15 to 21
 as printed. Ours is the derivative of the ground point by position and attitude, from rotation
 matrices, for any lens and any covariance of the pose; the paper's is its special case.
@@ -28,6 +28,9 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
 _DOWN = 2
+
+#: The share of errors within the circular error CE90, the usual figure for maps.
+CIRCULAR_SHARE = 0.9
 
 
 def paper_ground_offset(
@@ -93,8 +96,8 @@ class GroundView:
     def of(cls, camera: Camera, rotation_nc: Array, height_m: float, uv: Array) -> GroundView:
         """Back-project pixels (N, 2) to level ground, from a height (m) and an attitude (3, 3).
 
-        A pixel stays where it is if its ground point moves against what a pose error does to it:
-        0 = J_pose dp + J_point dg, with the derivatives of the pixel.
+        A pixel does not move if the motion of its ground point cancels the pose error:
+        0 = J_pose dp + J_point dg, where J are derivatives of the pixel.
         """
         rays_n = camera.rays(uv) @ rotation_nc.T
         with np.errstate(invalid="ignore"):
@@ -148,10 +151,6 @@ def pixel_grid(camera: Camera, step_px: int) -> tuple[Array, tuple[int, int]]:
 def rms_m(covariance: Array) -> Array:
     """Return the rms horizontal errors (N,), m, of covariances (N, 2, 2), m2."""
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
-
-
-#: The share of errors within the circular error CE90, the usual figure for maps.
-CIRCULAR_SHARE = 0.9
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ values that are far off.
 
 The IMU's mounting angles follow from the mean difference between the filter's vertical in the
 IMU's axes and the autopilot's in the body's, by a small turn ``phi``:
-``d_body - d_imu = phi x d_imu``. An error of the autopilot's heading does not enter.
+``d_body - d_imu = phi x d_imu``. An error of the autopilot's heading has no effect.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
-PARTS = 6  # of a flight: each is left out in turn
+PARTS = 6  # of a flight; each is left out in turn, for the standard deviations
 #: Noise floors of the coarse steps, and the largest number of steps with each.
 _COARSE = ((Floors(0.5, 0.5, math.radians(5)), 3), (Floors(0.1, 0.1, math.radians(1.5)), 2))
 _MOST_STEPS = 8
@@ -59,16 +59,25 @@ _LEAST_TILT_RAD = math.radians(1.5)  # rms about the mean
 _LEAST_SPEED_M_S = 1.0  # rms about the mean
 _LEAST_TURN_RATE_RAD_S = math.radians(3.0)  # rms
 
+# Roll and pitch of the IMU in its mount.
+LEVEL = ("level_roll", "level_pitch")
+LEVEL_LIMIT_RAD = math.radians(0.3)
+LEVEL_ADVICE = (
+    "three minutes with orientation in imu/data, legs in several directions and rests between"
+)
+_LEAST_PART = 20  # attitudes
+_NEAR_NS = 30_000_000
+
 
 @dataclass(frozen=True)
 class AircraftFit:
     """Hold the values of PARAMETERS that a flight has determined."""
 
-    values: Array  # (7,) those that were held or not observed are as given
+    values: Array  # (7,) unchanged where held or not observed
     sigma: Array  # (7,) nan where held
     determined: tuple[str, ...]
     undetermined: dict[str, str]  # parameter -> why, and what to fly
-    first: Array  # (7,) as given
+    first: Array  # (7,) before the fit
     before: FilterRun
     after: FilterRun
 
@@ -104,7 +113,7 @@ class _Search:
             self.weights[white.number] = huber_weight(float(off), scale)
 
     def step(self, run: FilterRun, free: list[int], keep: Array | None = None) -> Array:
-        """Return the change (7,) that a run asks for; ``keep`` (M,) selects the rows to use."""
+        """Return the Gauss-Newton step (7,) from a run; ``keep`` (M,) selects the rows to use."""
         rows = slice(None) if keep is None else keep
         slope, error = run.slope[rows][:, free], run.error[rows]
         prior = PRIOR_SIGMA[free] ** -2
@@ -115,13 +124,13 @@ class _Search:
         return change
 
     def over_scale(self, change: Array, run: FilterRun, free: list[int]) -> float:
-        """Return the largest change (7,) over LIMITS, or the sigma of what is less certain."""
+        """Return the largest ratio of a change (7,) to its limit, or to its sigma if larger."""
         scale = LIMITS.copy()
         scale[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
         return float(np.max(np.abs(change / scale)))
 
     def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> FilterRun:
-        """Return the run at the values that no step changes any more, or after ``most`` steps."""
+        """Iterate until a step is small, or ``most`` times; return the run at the last values."""
         for _ in range(most):
             run = self.run(values, floors)
             self.weigh(run)
@@ -134,7 +143,7 @@ class _Search:
 
 
 def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None) -> AircraftFit:
-    """Fit all parameters that the flight observes, without those in ``hold``.
+    """Fit all parameters that the flight observes, except those in ``hold``.
 
     Raises CalibrationError where the filter cannot run, or the fit does not converge.
     """
@@ -158,8 +167,8 @@ def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None
     run = search.settled(values, free, Floors(), _MOST_STEPS)
     if free and search.over_scale(search.step(run, free), run, free) > 1.0:
         raise CalibrationError(
-            "the fit does not converge: are the topics those of one aircraft, and the IMU's axes "
-            "those of base_link?"
+            "the fit does not converge: check that the topics are those of one aircraft, and the "
+            "IMU's axes those of base_link"
         )
     sigma = _sigma(search, run, free)
     why_not = _unobserved(run, free, sigma)
@@ -177,7 +186,7 @@ def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None
 
 
 def _heading_guess(search: _Search, values: Array) -> tuple[float, float]:
-    """Return azimuth and delay with which headings scatter least about a yaw without them."""
+    """Return the azimuth and delay with least scatter of headings about a yaw without them."""
     run = search.run(values, _COARSE[0][0], without=Source.RTK_HEADING)
     headings = [s for s in search.runs.recorded.aids if isinstance(s, HeadingSample)]
     first_ns = run.attitude_ns[0]
@@ -186,22 +195,22 @@ def _heading_guess(search: _Search, values: Array) -> tuple[float, float]:
     azimuths += reported_direction_rad(search.runs.config)
     yaw_s = np.array([stamp_ns - first_ns for stamp_ns in run.attitude_ns]) * 1e-9
     yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
-    tried = []
+    candidates = []
     for delay_s in _TRIED_DELAYS_S.tolist():
         off = np.exp(1j * (azimuths - np.interp(times_s - delay_s, yaw_s, yaw)))
         middle = complex(np.mean(off))
         scatter = float(np.median(np.abs(np.angle(off * middle.conjugate()))))
-        tried.append((scatter, float(np.angle(middle)), delay_s))
-    return min(tried)[1:]
+        candidates.append((scatter, float(np.angle(middle)), delay_s))
+    return min(candidates)[1:]
 
 
 def _unobserved(run: FilterRun, free: list[int], sigma: Array) -> dict[int, str]:
     """Return the parameters that the flight does not observe, and why.
 
-    They stay in the fit as unknowns: one held at a wrong value would make the others wrong with a
-    small sigma.
+    They stay in the fit as unknowns: one that is held at a wrong value would make the others wrong
+    while their sigmas stay small.
     """
-    motion = _not_flown(run)
+    motion = _missing_motion(run)
     reasons = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
     for k in free:
         if k not in reasons and not sigma[k] <= LIMITS[k]:
@@ -232,11 +241,11 @@ def _sigma(search: _Search, run: FilterRun, free: list[int]) -> Array:
     return sigma
 
 
-def _not_flown(run: FilterRun) -> dict[str, str]:
+def _missing_motion(run: FilterRun) -> dict[str, str]:
     """Return the parameters that the motion of a flight cannot observe, with what was missing.
 
     Standard deviations alone do not show that: over a hover that drifts by centimetres they shrink
-    with time, for they assume that the receiver's error has no memory.
+    with time, because they assume that the receiver's errors are white noise.
     """
 
     def rms_about_mean(vectors: Array) -> float:
@@ -260,15 +269,6 @@ def _not_flown(run: FilterRun) -> dict[str, str]:
     if rate_rad_s < _LEAST_TURN_RATE_RAD_S:
         reasons["heading_delay"] = f"it turned at {math.degrees(rate_rad_s):.1f} deg/s rms only"
     return reasons
-
-
-LEVEL = ("level_roll", "level_pitch")
-LEVEL_LIMIT_RAD = math.radians(0.3)
-LEVEL_ADVICE = (
-    "three minutes with orientation in imu/data, legs in several directions and rests between"
-)
-_LEAST_PART = 20  # attitudes
-_NEAR_NS = 30_000_000
 
 
 class MountingLevel(NamedTuple):

@@ -1,8 +1,8 @@
 """Define the parameters that a flight observes, and apply their values to the filter and samples.
 
-A set of values is a vector (7,) in the order of PARAMETERS: m, rad and s. The antenna is counted
-from the IMU in the axes of ``base_link``; the baseline points ``azimuth`` clockwise from the nose,
-at the elevation of the configured antennas; the delays are counted from the IMU's own.
+A set of values is a vector (7,) in the order of PARAMETERS: m, rad and s. The antenna's place is
+relative to the IMU, in the axes of ``base_link``; the baseline points ``azimuth`` clockwise from
+the nose, at the elevation of the configured antennas; delays are relative to the IMU's own.
 """
 
 from __future__ import annotations
@@ -21,23 +21,28 @@ from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
-
-class Parameter(NamedTuple):
-    """Describe a parameter that a flight may determine."""
-
-    unit: str  # in which it is shown
-    key: str  # node and name of the parameter that holds it
-    limit: float  # largest standard deviation at which a flight has determined it; m, rad, s
-    prior_sigma: float  # just tight enough to keep it where it is if it is not observed
-    advice: str  # what to fly for it
-
-
+# The texts of TABLE: where a value is set, and what to fly for it.
 _ANTENNA, _RTK = "aircraft.rtk_antenna_m", "ekf_node rtk."
 _TURNS = "turns of the nose through 180 deg or more, right and left"
 _SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"
 _LEANS = "starts and stops that tilt the aircraft by 10 deg or more, in several directions"
 _SWINGS = "turns at 20 deg/s or more, right and left, with rests between"
 _QUARTER_RAD = math.radians(90)
+# Indices of the antenna, of the baseline's azimuth, and of each source's delay.
+ANTENNA, AZIMUTH = slice(0, 3), 3
+DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
+
+
+class Parameter(NamedTuple):
+    """Describe a parameter that a flight may determine."""
+
+    unit: str  # in which the value is shown
+    key: str  # node and name of the parameter that holds it
+    limit: float  # largest standard deviation at which a flight has determined it; m, rad, s
+    prior_sigma: float  # just tight enough to keep the value if it is not observed
+    advice: str  # what to fly for it
+
+
 TABLE = {
     "antenna_forward": Parameter("m", _ANTENNA, 0.05, 2.0, _TURNS),
     "antenna_left": Parameter("m", _ANTENNA, 0.05, 2.0, _TURNS),
@@ -50,9 +55,6 @@ TABLE = {
     "heading_delay": Parameter("ms", "ekf_node heading.delay_s", 0.01, 0.5, _SWINGS),
 }
 PARAMETERS = tuple(TABLE)
-ANTENNA, AZIMUTH = slice(0, 3), 3
-#: Index of the delay of each source.
-DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
 LIMITS, PRIOR_SIGMA = np.array([(row.limit, row.prior_sigma) for row in TABLE.values()]).T
 
 
@@ -65,7 +67,7 @@ class Floors(NamedTuple):
 
 
 def values_of_config(config: EkfConfig) -> Array:
-    """Return the values (7,) of the configured parameters; delays less the IMU's own."""
+    """Return the values (7,) of the configured parameters; the IMU's delay is subtracted."""
     x, y, _ = Baseline.from_config(config.aircraft).direction_b
     lever_m = flu_from_frd(config.aircraft.rtk_lever_b)
     position_s, heading_s = config.rtk.delay_s, config.heading.delay_s
@@ -116,10 +118,10 @@ def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
 
 
 def restamped(aids: Sequence[Aiding], values: Array, reported_rad: float) -> list[Aiding]:
-    """Return the measurements with the stamps at which they were made.
+    """Return the measurements with their stamps corrected to the times of measurement.
 
-    Headings become those that the receiver would have given with the baseline azimuth of
-    ``values`` subtracted in place of ``reported_rad``.
+    Headings become those that the receiver would have sent if the baseline azimuth of ``values``
+    had been subtracted instead of ``reported_rad``.
     """
     delays_ns = {source: round(float(values[k]) * 1e9) for source, k in DELAYS.items()}
     turn_rad = reported_rad - float(values[AZIMUTH])

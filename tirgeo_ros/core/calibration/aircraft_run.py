@@ -64,153 +64,6 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _NO_GATE = 1e6
 
-
-class WhiteningReading(NamedTuple):
-    """Hold the index and weight of a measurement, and the IMU's mean readings at its time."""
-
-    number: int
-    weight: float  # the measurement's noise is divided by it
-    force_b: Array  # (3,) m/s2, mean over some readings
-    rate_b: Array  # (3,) rad/s
-    turning_b: Array  # (3,) rad/s2, derivative of the rate
-
-
-class White(NamedTuple):
-    """Hold one measurement's innovation, m = 1 or 3 entries."""
-
-    number: int
-    source: Source
-    stamp_ns: int
-    error: Array  # (m,) whitened: unit variance if the filter is right
-    slope: Array  # (m, 7) partials of ``error`` by PARAMETERS
-
-
-class FollowedMechanisation(Propagation):
-    """Propagate as the base class does, and accumulate the transition of the error states."""
-
-    def __init__(self, config: EkfConfig) -> None:
-        super().__init__(config)
-        self._motion = np.eye(states_of(config))
-
-    def followed(self, now: Propagated) -> Propagated:
-        """Return ``now`` with its covariance propagated, as the base class does."""
-        propagated = super().followed(now)
-        if propagated is not now:
-            self._motion = self._propagation.transition @ self._motion
-        return propagated
-
-    def taken(self) -> Array:
-        """Return the transition matrix (n, n) since the last call."""
-        motion, self._motion = self._motion, np.eye(len(self._motion))
-        return motion
-
-
-class WhiteningFusion(Fusion):
-    """Fuse every measurement and store its whitened innovation in ``white``."""
-
-    def __init__(
-        self,
-        config: EkfConfig,
-        values: Array,
-        mechanisation: FollowedMechanisation,
-        readings: Mapping[tuple[Source, int], WhiteningReading],
-    ) -> None:
-        super().__init__(config)
-        self._values = values
-        self._baseline_b = np.array(Baseline.from_config(config.aircraft).direction_b)
-        self._mechanisation = mechanisation
-        self._readings = readings
-        self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
-        self.white: list[White] = []
-
-    def _judged(
-        self,
-        aid: AidMeasurement,
-        estimate: StateEstimate,
-        autopilot_q_nb: Array | None,  # noqa: ARG002  as the base has it
-    ) -> Fused:
-        """Return the estimate with a measurement in it, whatever its innovation."""
-        state, covariance, aids = estimate.state, estimate.covariance, estimate.aids
-        reading = self._readings[aid.source, aid.stamp_ns]
-        plain = aid.measurement
-        measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
-        ratio, error, updated, predicted, _ = update(covariance, measurement)
-        if error is None or updated is None:
-            verdict = Verdict(aid.source, Outcome.INVALID, "impossible covariance")
-            return Fused(verdict, estimate)
-        spread = predicted + measurement.noise
-        design, innovation = measurement.design, measurement.innovation
-        moved = self._mechanisation.taken() @ self._state_slope
-        slope = self._direct_partials(aid.source, state, reading) - design @ moved
-        gain = np.linalg.solve(spread, design @ covariance).T
-        self._state_slope = moved + gain @ slope
-        root = np.linalg.cholesky(spread)
-        whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
-        self.white.append(
-            White(
-                number=reading.number,
-                source=aid.source,
-                stamp_ns=aid.stamp_ns,
-                error=whitened[:, 0],
-                slope=whitened[:, 1:],
-            )
-        )
-        track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
-        aids = aids.with_track(aid.source, track)
-        verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
-        return Fused(verdict, StateEstimate(feedback(state, error), updated, aids))
-
-    def _direct_partials(
-        self, source: Source, state: NavState, reading: WhiteningReading
-    ) -> Array:
-        """Return the direct partials (m, 7) of an innovation by each parameter.
-
-        The antenna's acceleration is without terms of the earth's rotation.
-        """
-        rotation = matrix_from_quat(np.array(state.q_nb))
-        rate_b = reading.rate_b - np.array(state.gyro_bias_b)
-        if source is Source.RTK_HEADING:
-            return self._heading_partials(rotation, rate_b)
-        lever_b = FLU_FRD @ self._values[ANTENNA]
-        swing_b = np.cross(rate_b, lever_b)
-        partials = np.zeros((3, len(PARAMETERS)))
-        if source is Source.RTK_POSITION:
-            partials[:, ANTENNA] = -rotation @ FLU_FRD
-            partials[:, DELAYS[source]] = np.array(state.velocity_n) + rotation @ swing_b
-        else:
-            partials[:, ANTENNA] = -rotation @ skew(rate_b) @ FLU_FRD
-            force_b = reading.force_b - np.array(state.accel_bias_b)
-            force_b += np.cross(rate_b, swing_b) + np.cross(reading.turning_b, lever_b)
-            gravity = gravity_down(state.latitude_rad, state.height_m)
-            partials[:, DELAYS[source]] = rotation @ force_b + [0.0, 0.0, gravity]
-        return partials
-
-    def _heading_partials(self, rotation: Array, rate_b: Array) -> Array:
-        """Return the partials (1, 7) of the azimuth of the baseline in ``n``."""
-        north, east, _ = rotation @ self._baseline_b
-
-        def azimuth_of(move_b: Array) -> float:
-            """Return the change of the azimuth by a small move of the baseline's end."""
-            by_north, by_east, _ = rotation @ move_b
-            return float((north * by_east - east * by_north) / (north**2 + east**2))
-
-        partials = np.zeros((1, len(PARAMETERS)))
-        partials[0, AZIMUTH] = -azimuth_of(np.cross([0.0, 0.0, 1.0], self._baseline_b))
-        partials[0, DELAYS[Source.RTK_HEADING]] = azimuth_of(np.cross(rate_b, self._baseline_b))
-        return partials
-
-
-def squared(white: White) -> float:
-    """Return the normalised innovation squared over its degrees of freedom; 1 is expected."""
-    return float(white.error @ white.error) / len(white.error)
-
-
-def huber_weight(off: float, scale: float, limit: float = 2.5) -> float:
-    """Return Huber's weight of an innovation of ``off`` sigmas, if ``scale`` sigmas are usual."""
-    off /= scale
-    return 1.0 if off <= limit else limit / off
-
-
 #: Averaging time of the IMU readings about a measurement, for its slope by a delay.
 _AVERAGED_S = 0.1
 #: Measurements nearer to the end of the IMU's record or to the alignment are left out.
@@ -225,10 +78,10 @@ _ALIGNMENT_FLOORS = Floors(0.1, 0.1, np.radians(2.0))
 
 @dataclass(frozen=True)
 class Recorded:
-    """Hold a flight in memory: valid samples only, by stamp, without a gap in the IMU's."""
+    """Hold a flight in memory: valid samples in order of stamps, without a gap of the IMU."""
 
     imu: Sequence[ImuSample]
-    aids: Sequence[Aiding]  # of RTK, no two of one source and stamp
+    aids: Sequence[Aiding]  # of RTK; no two have the same source and stamp
 
     def has(self, source: Source) -> bool:
         """Return whether there is any measurement of a source."""
@@ -236,7 +89,7 @@ class Recorded:
 
     @property
     def has_attitude(self) -> bool:
-        """Return whether the autopilot's attitude is there."""
+        """Return whether any sample has a usable attitude of the autopilot."""
         return any(usable_attitude(sample.autopilot_q_nb) for sample in self.imu)
 
 
@@ -248,7 +101,7 @@ class FilterRun:
     white: list[White]
     error: Array  # (M,) whitened innovations of all measurements, one after another
     slope: Array  # (M, 7) partials of ``error`` by PARAMETERS
-    row_ns: Array  # (M,) stamp of each entry, from the first
+    row_ns: Array  # (M,) stamp of each entry, relative to the first
     attitude_ns: list[int]
     attitude_q_nb: Array  # (K, 4) wxyz at ``attitude_ns``
     velocity_n: Array  # (K, 3) m/s at ``attitude_ns``
@@ -278,7 +131,7 @@ class FlightRuns:
         for sample in _merged(self.recorded.imu, self._aids(values)):
             alignment = aligner.add(sample)
             if alignment is not None:
-                # Wrong values make it worse than its covariance says.
+                # With wrong values the alignment is worse than its covariance says.
                 covariance = alignment.covariance + np.diag(_START_SIGMA**2)
                 return replace(alignment, covariance=covariance, later=())
         raise CalibrationError(f"the filter does not start: {aligner.reason}")
@@ -293,7 +146,7 @@ class FlightRuns:
     ) -> FilterRun:
         """Run the filter from an alignment.
 
-        ``weights`` (N,) are those of the flight's measurements, 1 if not given; ``without`` is a
+        ``weights`` (N,) are of the flight's measurements, 1 by default; ``without`` is a
         source to leave out. Raises CalibrationError where no measurement can be used.
         """
         config = replace(configured(self.config, values, floors), method="ekf_heading")
@@ -319,7 +172,7 @@ class FlightRuns:
                 estimates.append((sample.stamp_ns, ekf.estimate()))
         white = fusion.white
         if not white or not np.all(np.isfinite(white[-1].error)):
-            reason = "the filter finds no measurement to use; 'tirgeo check' says why"
+            reason = "the filter can use no measurement; run 'tirgeo check' to see why"
             raise CalibrationError(reason)
         stamps = np.repeat([w.stamp_ns for w in white], [len(w.error) for w in white])
         states = [estimate.state for _, estimate in estimates]
@@ -376,3 +229,149 @@ def longest_piece(imu: Sequence[ImuSample], max_gap_s: float) -> tuple[int, int]
     ]
     pieces = list(pairwise([0, *cuts, len(imu)]))
     return max(pieces, key=lambda piece: imu[piece[1] - 1].stamp_ns - imu[piece[0]].stamp_ns)
+
+
+def squared(white: White) -> float:
+    """Return the normalised innovation squared over its degrees of freedom; 1 is expected."""
+    return float(white.error @ white.error) / len(white.error)
+
+
+def huber_weight(off: float, scale: float, limit: float = 2.5) -> float:
+    """Return Huber's weight of an innovation of ``off`` sigmas, if ``scale`` sigmas are usual."""
+    off /= scale
+    return 1.0 if off <= limit else limit / off
+
+
+class White(NamedTuple):
+    """Hold one measurement's innovation, m = 1 or 3 entries."""
+
+    number: int
+    source: Source
+    stamp_ns: int
+    error: Array  # (m,) whitened: unit variance if the filter is right
+    slope: Array  # (m, 7) partials of ``error`` by PARAMETERS
+
+
+class WhiteningReading(NamedTuple):
+    """Hold the index and weight of a measurement, and the IMU's mean readings at its time."""
+
+    number: int
+    weight: float  # the measurement's noise is divided by this
+    force_b: Array  # (3,) m/s2, mean over some readings
+    rate_b: Array  # (3,) rad/s
+    turning_b: Array  # (3,) rad/s2, derivative of the rate
+
+
+class WhiteningFusion(Fusion):
+    """Fuse every measurement and store its whitened innovation in ``white``."""
+
+    def __init__(
+        self,
+        config: EkfConfig,
+        values: Array,
+        mechanisation: FollowedMechanisation,
+        readings: Mapping[tuple[Source, int], WhiteningReading],
+    ) -> None:
+        super().__init__(config)
+        self._values = values
+        self._baseline_b = np.array(Baseline.from_config(config.aircraft).direction_b)
+        self._mechanisation = mechanisation
+        self._readings = readings
+        self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
+        self.white: list[White] = []
+
+    def _judged(
+        self,
+        aid: AidMeasurement,
+        estimate: StateEstimate,
+        autopilot_q_nb: Array | None,  # noqa: ARG002  as the base has it
+    ) -> Fused:
+        """Return the estimate with a measurement in it, whatever its innovation."""
+        state, covariance, aids = estimate.state, estimate.covariance, estimate.aids
+        reading = self._readings[aid.source, aid.stamp_ns]
+        plain = aid.measurement
+        measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
+        ratio, error, updated, predicted, _ = update(covariance, measurement)
+        if error is None or updated is None:
+            verdict = Verdict(aid.source, Outcome.INVALID, "impossible covariance")
+            return Fused(verdict, estimate)
+        spread = predicted + measurement.noise
+        design, innovation = measurement.design, measurement.innovation
+        moved = self._mechanisation.pop_transition() @ self._state_slope
+        slope = self._direct_partials(aid.source, state, reading) - design @ moved
+        gain = np.linalg.solve(spread, design @ covariance).T
+        self._state_slope = moved + gain @ slope
+        root = np.linalg.cholesky(spread)
+        whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
+        self.white.append(
+            White(
+                number=reading.number,
+                source=aid.source,
+                stamp_ns=aid.stamp_ns,
+                error=whitened[:, 0],
+                slope=whitened[:, 1:],
+            )
+        )
+        track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
+        aids = aids.with_track(aid.source, track)
+        verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
+        return Fused(verdict, StateEstimate(feedback(state, error), updated, aids))
+
+    def _direct_partials(
+        self, source: Source, state: NavState, reading: WhiteningReading
+    ) -> Array:
+        """Return the direct partials (m, 7) of an innovation by each parameter.
+
+        Terms of the earth's rotation are left out of the antenna's acceleration.
+        """
+        rotation = matrix_from_quat(np.array(state.q_nb))
+        rate_b = reading.rate_b - np.array(state.gyro_bias_b)
+        if source is Source.RTK_HEADING:
+            return self._heading_partials(rotation, rate_b)
+        lever_b = FLU_FRD @ self._values[ANTENNA]
+        swing_b = np.cross(rate_b, lever_b)
+        partials = np.zeros((3, len(PARAMETERS)))
+        if source is Source.RTK_POSITION:
+            partials[:, ANTENNA] = -rotation @ FLU_FRD
+            partials[:, DELAYS[source]] = np.array(state.velocity_n) + rotation @ swing_b
+        else:
+            partials[:, ANTENNA] = -rotation @ skew(rate_b) @ FLU_FRD
+            force_b = reading.force_b - np.array(state.accel_bias_b)
+            force_b += np.cross(rate_b, swing_b) + np.cross(reading.turning_b, lever_b)
+            gravity = gravity_down(state.latitude_rad, state.height_m)
+            partials[:, DELAYS[source]] = rotation @ force_b + [0.0, 0.0, gravity]
+        return partials
+
+    def _heading_partials(self, rotation: Array, rate_b: Array) -> Array:
+        """Return the partials (1, 7) of the azimuth of the baseline in ``n``."""
+        north, east, _ = rotation @ self._baseline_b
+
+        def azimuth_of(move_b: Array) -> float:
+            """Return the change of the azimuth by a small move of the baseline's end."""
+            by_north, by_east, _ = rotation @ move_b
+            return float((north * by_east - east * by_north) / (north**2 + east**2))
+
+        partials = np.zeros((1, len(PARAMETERS)))
+        partials[0, AZIMUTH] = -azimuth_of(np.cross([0.0, 0.0, 1.0], self._baseline_b))
+        partials[0, DELAYS[Source.RTK_HEADING]] = azimuth_of(np.cross(rate_b, self._baseline_b))
+        return partials
+
+
+class FollowedMechanisation(Propagation):
+    """Propagate as the base class does, and accumulate the transition of the error states."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
+        self._accumulated = np.eye(states_of(config))
+
+    def followed(self, now: Propagated) -> Propagated:
+        """Return ``now`` with its covariance propagated, as the base class does."""
+        propagated = super().followed(now)
+        if propagated is not now:
+            self._accumulated = self._propagation.transition @ self._accumulated
+        return propagated
+
+    def pop_transition(self) -> Array:
+        """Return the transition matrix (n, n) since the last call, and start another."""
+        transition, self._accumulated = self._accumulated, np.eye(len(self._accumulated))
+        return transition

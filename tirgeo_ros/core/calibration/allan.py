@@ -16,8 +16,8 @@ misfit beyond the expected scatter enlarges the standard deviations.
 
 The filter models a bias as a first-order Gauss-Markov process of standard deviation ``s`` and
 correlation time ``T``, driven by ``s sqrt(2 / T)``. No such process reproduces flicker noise and a
-random walk; the one nearest to the curve is taken, with about equal weight at all averaging times.
-If a process whose ``s`` is B is about as near, it is taken instead, because B is the number in
+random walk; the nearest to the curve is used, with about equal weight at all averaging times.
+If a process whose ``s`` is B is about as near, it is used instead, because B is the number in
 data sheets and in other tools. For a bias that walks, or that is truly such a process, B alone
 would be too small.
 """
@@ -36,6 +36,24 @@ from tirgeo_ros.core.types.arrays import Array
 _PRESENT = 0.75
 #: Longer averages, relative to the record, have too few neighbours to be useful.
 _LONGEST = 0.25
+
+# Fits to the curve.
+#: The floor of flicker noise of bias instability 1: sqrt(2 ln 2 / pi).
+FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
+_MODEL = 0.02  # relative error of the terms as a model of variances
+_SHARED = 2.0  # by simulation: variances of the terms over those of independent octaves
+_SIGMAS = 2.0  # from which a term or a bias is significant
+_BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
+_REACH = 2  # octaves left out beyond the first that fits: an unexplained effect decays slowly
+_STEPS = 12
+_FEWEST = 5  # points that a fit must keep
+_LEAST_DEGREES = 10.0  # degrees of freedom that the curve's minimum must have
+_BIAS_MODEL = 0.2  # relative error of a Gauss-Markov process as a model of variances
+#: A sum of squared misfits within this factor of the least is about as near. For pure flicker
+#: noise s = 1.25 B fits best, and B gives 1.3 to 2.5 times the sum; for a process or a walk, B
+#: gives 6 to 200 times the sum.
+_AS_NEAR = 3.0
+_TIMES = 200  # correlation times that are tried
 
 
 class AllanCurve(NamedTuple):
@@ -68,12 +86,12 @@ def allan_curve(runs: Sequence[Array], step_s: float, ramps: Array | None = None
             values -= slope * np.arange(len(run))
             total = _total(np.nan_to_num(values, copy=False))
             sums[:, channel] += [_compared(total, count, size) for size in sizes]
-    there = sums[:, 0, 0] > 0
-    m, pairs = np.array(sizes, float)[there], sums[there, 0, 0]
+    has_pairs = sums[:, 0, 0] > 0
+    m, pairs = np.array(sizes, float)[has_pairs], sums[has_pairs, 0, 0]
     spans = (pairs - 1) * np.maximum(m // 4, 1) + 2 * m
     used = m <= _LONGEST * spans
     degrees = np.maximum(1.25 * spans**2 / (m * (spans + 3 * m)), 1.0)
-    means = sums[there] / pairs[:, None, None]
+    means = sums[has_pairs] / pairs[:, None, None]
     return AllanCurve(
         tau_s=(m * step_s)[used],
         degrees=degrees[used],
@@ -100,26 +118,8 @@ def _compared(sums: Array, counts: Array, m: int) -> tuple[int, float, float]:
     return len(steps), float(0.5 * (1 / first + 1 / second).sum()), float(steps @ steps)
 
 
-#: The floor of flicker noise of bias instability 1: sqrt(2 ln 2 / pi).
-FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
-_MODEL = 0.02  # relative error of the terms as a model of variances
-_SHARED = 2.0  # by simulation: variances of the terms over those of independent octaves
-_SIGMAS = 2.0  # at which a term or a bias is significant
-_BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
-_REACH = 2  # octaves left out beyond the first that fits: an unexplained effect decays slowly
-_STEPS = 12
-_FEWEST = 5  # points that a fit must keep
-_LEAST_DEGREES = 10.0  # degrees of freedom that the curve's minimum must have
-_BIAS_MODEL = 0.2  # relative error of a Gauss-Markov process as a model of variances
-#: A sum of squared misfits within this factor of the least is about as near. For pure flicker
-#: noise s = 1.25 B fits best, and B gives 1.3 to 2.5 times the sum; for a process or a walk, B
-#: gives 6 to 200 times the sum.
-_AS_NEAR = 3.0
-_TIMES = 200  # correlation times that are tried
-
-
 class Term(NamedTuple):
-    """Hold a noise term: ``value`` is None if it is not significant, and then below ``upper``."""
+    """Hold a noise term: ``value`` is None if not significant: then it is below ``upper``."""
 
     value: float | None
     sigma: float
@@ -229,7 +229,7 @@ def _weights(model: Array, degrees: Array) -> Array:
 def _terms(
     columns: Array, variances: Array, degrees: Array, powers: Array
 ) -> tuple[list[Term], float]:
-    """Return the terms of squares (3,), and the misfit.
+    """Return the terms whose squares are ``powers`` (3,), and the misfit.
 
     A term is significant if the deviance of chi-square variables grows enough without it.
     """

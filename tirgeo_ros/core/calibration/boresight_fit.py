@@ -56,6 +56,32 @@ _MOST_LATENCY_S = 0.8
 _LEAST_SHARE = 2 / 3  # of the observations that must agree
 _LATENCY = PARAMETERS.index("latency")
 
+# The least that a fit needs, and advice if a parameter cannot be found.
+#: With fewer, a wrong point or a wrong pose cannot be distinguished from a boresight.
+LEAST_POINTS, LEAST_PICTURES = 3, 3
+#: A parameter that was not asked for is estimated only if all sigmas are then within this share of
+#: LIMITS: it must add little to the others' uncertainty, compared with their 0.3 deg.
+UNASKED_SHARE = 1 / 3
+#: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
+#: this share of the largest part.
+_PART = 0.2
+#: Parameter -> why it cannot be found, and what to do; the first that applies is given.
+_ADVICE = {
+    "gimbal_north": (
+        "the camera's tilt hardly varied",
+        "fly with at least two tilts 20 deg apart, or --hold it",
+    ),
+    "ground_height": (
+        "the points are seen from about the same height and angle",
+        "fly at two heights or two tilts, or --hold ground_height",
+    ),
+    "latency": (
+        "the camera moved in the same way in all pictures, or hardly at all",
+        "fly legs in several directions and click during turns too, or --hold latency",
+    ),
+}
+_FEW = "too few observations", "click more points, in more pictures and all over the picture"
+
 
 @dataclass(frozen=True)
 class BoresightFit:
@@ -127,9 +153,9 @@ def fit(
 def foreseen(
     flight: SightedFlight, sightings: Sequence[PointSighting], estimated: Sequence[str]
 ) -> Array:
-    """Return the covariance (p, p) that a fit will have if all residuals are as expected.
+    """Predict the covariance (p, p) of a fit whose residuals are all as expected.
 
-    In the order of PARAMETERS; rad, s, m.
+    Its rows are in the order of PARAMETERS; rad, s, m.
     """
     chosen = sorted(map(PARAMETERS.index, estimated))
     sight = sights(flight, sightings, np.zeros(len(PARAMETERS)))
@@ -162,8 +188,8 @@ def _scale(sigmas: Array) -> float:
     """
     if np.isnan(sigmas).all():
         raise CalibrationError(
-            "no observed point is in view at the pose of its picture: are the stamps those of "
-            "this bag's pictures, and boresight_rpy_deg within some degrees?"
+            "no observed point is in view at the pose of its picture: check that the stamps are "
+            "those of this bag's pictures, and boresight_rpy_deg to within some degrees"
         )
     return max(1.0, float(np.nanmedian(sigmas)) / _MEDIAN_SIGMAS)
 
@@ -173,8 +199,8 @@ def _solved(
 ) -> tuple[Array, Sight, BoolArray]:
     """Return the correction (6,), the sightings under it, and which of them it is fitted to (N,).
 
-    With Cauchy weights first, then by least squares to the sightings that agree, chosen anew in
-    every step.
+    Iterate with Cauchy weights first, then with least squares over the sightings that agree, which
+    are selected again in every step.
     """
     correction, used = np.zeros(len(PARAMETERS)), np.zeros(len(sightings), bool)
     sight = sights(flight, sightings, correction)
@@ -185,9 +211,9 @@ def _solved(
             ratio = np.nan_to_num(sigmas, nan=np.inf) / (_CAUCHY_SIGMAS * _scale(sigmas))
             if not robust and used.sum() < _LEAST_SHARE * len(used):
                 raise CalibrationError(
-                    f"only {used.sum()} of {len(used)} observations agree with each other: are "
-                    "ids, stamps, the survey's heights (ellipsoidal) and the camera's calibration "
-                    "right?"
+                    f"only {used.sum()} of {len(used)} observations agree with each other: check "
+                    "their ids and stamps, the survey's heights (ellipsoidal) and the camera's "
+                    "calibration"
                 )
             weights = 1 / (1 + ratio**2) if robust else used.astype(float)
             step = _normal(sight, chosen, weights).solved() * (1.0 if k < _DAMPED_FROM else 0.5)
@@ -195,8 +221,8 @@ def _solved(
             change_s = correction[_LATENCY]
             if not abs(change_s) <= _MOST_LATENCY_S:
                 raise CalibrationError(
-                    f"latency: leads to {flight.latency_s + change_s:.2f} s, which is impossible; "
-                    "are the observations' stamps those of the pictures' headers?"
+                    f"latency: the fit leads to {flight.latency_s + change_s:.2f} s, which is "
+                    "impossible; check that observations have the stamps of the pictures' headers"
                 )
             sight = sights(flight, sightings, correction)
             if np.abs(step).max() < _SETTLED and (robust or (used == before).all()):
@@ -204,8 +230,8 @@ def _solved(
         else:
             if robust:
                 raise CalibrationError(
-                    "the fit does not converge: do most observations have the right id, stamp and "
-                    "pixel?"
+                    "the fit does not converge: check that most observations have the right id, "
+                    "stamp and pixel"
                 )
     return correction, sight, used & np.isfinite(sight.residual[:, 0])
 
@@ -222,7 +248,7 @@ def _covariance(
     lasting = weighted @ sight.systematic[used]  # (n, p, 6)
     spread = np.einsum("npi,nqi->pq", lasting, np.tensordot(alike, lasting, 1))
     spread += (weighted @ sight.noise[used] @ np.swapaxes(weighted, 1, 2)).sum(0)
-    # Directions that the observations leave open have the prior's own variance.
+    # Directions that are not observed have the prior's own variance.
     covariance = inverse @ (spread + _PRIOR * np.eye(len(inverse))) @ inverse
     return np.asarray(covariance * np.outer(LIMITS[chosen], LIMITS[chosen]))
 
@@ -255,32 +281,6 @@ def rmse_m(errors: Array) -> float:
     return math.sqrt(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.nan
 
 
-#: With fewer, a wrong point or a wrong pose cannot be distinguished from a boresight.
-LEAST_POINTS, LEAST_PICTURES = 3, 3
-#: A parameter that was not asked for is estimated only if all sigmas are then within this share of
-#: LIMITS: it must add little to the others' uncertainty, compared with their 0.3 deg.
-UNASKED_SHARE = 1 / 3
-#: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
-#: this share of the largest part.
-_PART = 0.2
-#: Parameter -> why it cannot be found, and what to do; the first that applies is given.
-_ADVICE = {
-    "gimbal_north": (
-        "the camera's tilt hardly varied",
-        "fly with at least two tilts 20 deg apart, or --hold it",
-    ),
-    "ground_height": (
-        "the points are seen from about the same height and angle",
-        "fly at two heights or two tilts, or --hold ground_height",
-    ),
-    "latency": (
-        "the camera moved in the same way in all pictures, or hardly at all",
-        "fly legs in several directions and click during turns too, or --hold latency",
-    ),
-}
-_FEW = "too few observations", "click more points, in more pictures and all over the picture"
-
-
 @dataclass(frozen=True)
 class Ambiguity:
     """Hold parameters that have the same effect on the picture in this flight."""
@@ -291,9 +291,9 @@ class Ambiguity:
 
     def __str__(self) -> str:
         """Return one line for the operator."""
-        what = " and ".join([", ".join(self.names[:-1]), self.names[-1]]).removeprefix(" and ")
-        apart = "cannot be told apart" if len(self.names) > 1 else "cannot be found"
-        return f"{what} {apart}: {self.reason}; {self.advice}"
+        names = " and ".join([", ".join(self.names[:-1]), self.names[-1]]).removeprefix(" and ")
+        apart = "cannot be separated" if len(self.names) > 1 else "cannot be found"
+        return f"{names} {apart}: {self.reason}; {self.advice}"
 
 
 def check_numbers(sightings: Sequence[PointSighting]) -> None:
@@ -309,7 +309,7 @@ def check_numbers(sightings: Sequence[PointSighting]) -> None:
 
 
 def doubt(estimated: Sequence[str], covariance: Array, share: float = 1.0) -> Ambiguity | None:
-    """Return what a covariance (p, p) of estimated parameters leaves open; None if nothing.
+    """Return the parameters that a covariance (p, p) leaves undetermined; None if there are none.
 
     A parameter is found if its standard deviation is within ``share`` of LIMITS.
     """

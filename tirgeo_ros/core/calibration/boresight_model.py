@@ -7,12 +7,12 @@ pixel, each counted from its present value in the aircraft's parameters:
 ``roll``, ``pitch``, ``yaw``
     the mounting error ``boresight_rpy_deg``, about the gimbal's camera axes.
 ``latency``
-    the video's latency: the pose is taken at another instant.
+    the video's latency: the pose is that of another instant.
 ``gimbal_north``
-    turns the camera about the vertical (the encoder's zero about the body's). Its effect on a pose
-    is not modelled but computed: from the poses of the same flight with a changed parameter.
+    turns the camera about the vertical (the encoder's zero turns it about the body's). Its effect
+    on a pose is computed from the poses of the same flight with that parameter changed.
 ``ground_height``
-    of all points together, relative to the heights of the aircraft's positioning.
+    the height of all points together, relative to the heights of the aircraft's positioning.
 
 The derivative of the projection by the pose is that of ``core.camera.projection_covariance``; this
 module applies the chain rule before it. An observation's expected covariance is that of the click,
@@ -106,7 +106,7 @@ class Sight(NamedTuple):
         return self.noise + self.systematic @ np.swapaxes(self.systematic, -1, -2)
 
 
-_NOTHING = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 6), (2, 2), (2, 6))))
+_NO_SIGHT = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 6), (2, 2), (2, 6))))
 
 
 def sights(flight: SightedFlight, sightings: Sequence[PointSighting], correction: Array) -> Sight:
@@ -147,7 +147,7 @@ def corrected_pose(
 def _turned(
     flight: SightedFlight, pose: CameraPose, move: Array, turn_rpy: Array, slopes: Array
 ) -> tuple[CameraPose, Array]:
-    """Return the pose moved by (6,) and mounted anew; fill the boresight columns of the slopes."""
+    """Return the pose moved by (6,), with the boresight turned; fill its columns of ``slopes``."""
     mounted = quat_conjugate(_mounting(tuple(flight.boresight_rpy_rad.tolist()))[0])
     q_ng = quat_multiply(quat_from_rotvec(move[3:]), quat_multiply(pose.q_nc, mounted))
     q_gc, axes_g = _mounting(tuple((flight.boresight_rpy_rad + turn_rpy).tolist()))
@@ -182,7 +182,7 @@ def _mounting(rpy_rad: tuple[float, ...]) -> tuple[Array, Array]:
 def _sight(flight: SightedFlight, sighting: PointSighting, correction: Array) -> Sight:
     posed = corrected_pose(flight, sighting.stamp_ns, correction)
     if posed is None:
-        return _NOTHING
+        return _NO_SIGHT
     pose, slopes = posed
     point_n = sighting.point_n - [0.0, 0.0, correction[_GROUND]]
     by_pose, by_point = (part[0] for part in pixel_jacobian(flight.camera, pose, point_n[None]))

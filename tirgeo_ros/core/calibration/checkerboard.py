@@ -5,8 +5,8 @@ frame of a camera that looks straight at it. Its origin is the first inner corne
 
 A plane has two poses that explain a weak picture of it about equally well (Collins and Bartoli,
 Infinitesimal plane-based pose estimation, IJCV 2014). Where the picture does not decide, the pose
-nearer to that of the picture before is taken. A board looks the same after half a turn, too: the
-end from which its corners are counted is that of the picture before.
+nearer to the previous picture's is used. A board also looks the same after half a turn: its
+corners are counted from the same end as in the previous picture.
 """
 
 from __future__ import annotations
@@ -28,6 +28,11 @@ from tirgeo_ros.core.types.errors import CalibrationError
 
 _FEWEST = 3  # corners per side, the least that one of the detectors needs
 _MOST = 100
+
+#: The worse of two poses is rejected if its squared errors, divided by their variance, are larger
+#: by this: three standard deviations.
+_CLEAR = 9.0
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ def board_of(text: str, square_m: float) -> Checkerboard:
     """Return a board from a text such as ``9x6``. Raises CalibrationError."""
     match = re.fullmatch(r"\s*(\d{1,4})\s*[xX]\s*(\d{1,4})\s*", text)
     if match is None:
-        raise CalibrationError(f"board {text!r}: give inner corners as COLUMNSxROWS, as 9x6")
+        raise CalibrationError(f"board {text!r}: give inner corners as COLUMNSxROWS, such as 9x6")
     return Checkerboard(int(match[1]), int(match[2]), square_m)
 
 
@@ -133,12 +138,6 @@ def steps_of(corners: Array, board: Checkerboard) -> Array:
     grid = corners.reshape(board.rows, board.columns, 2)
     steps = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], 2)
     return np.asarray(steps.reshape(-1, 2, 2))
-
-
-#: The worse of two poses is rejected if its squared errors, divided by their variance, are larger
-#: by this: three standard deviations.
-_CLEAR = 9.0
-_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 class BoardPose(NamedTuple):

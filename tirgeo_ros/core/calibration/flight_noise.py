@@ -2,7 +2,7 @@
 
 Motion of the aircraft is below 8 Hz, vibration above. The power there, by Welch's method (1967:
 Hann windows, overlapping by half), consists of lines on a floor. The median over frequency gives
-the floor and is not changed by lines, also not by those of a walker's steps. A one-sided power
+the floor; lines do not change it, not even those of a walker's steps. A one-sided power
 ``S`` belongs to white noise of the density ``sqrt(S / 2)``.
 """
 
@@ -23,7 +23,7 @@ _PRESENT = 0.98  # share of a piece's samples that must be present
 _WINDOWS = 2 * PIECE_S - 1  # of a second each, overlapping by half
 #: Degrees of freedom of the power at one frequency (Welch, for Hann windows).
 DEGREES = 36 * _WINDOWS**2 / (19 * _WINDOWS - 1)
-#: Median over mean of a chi-square variable of so many (Wilson and Hilferty 1931).
+#: Median over mean of a chi-square variable with DEGREES (Wilson and Hilferty 1931).
 _MEDIAN_OF_MEAN = (1 - 2 / (9 * DEGREES)) ** 3
 _STANDS_OUT = 4.0  # times the median power: does not happen by chance in 20 s of pieces
 # Limits at rest with motors off, for any sensor on sale: change of the means of seconds, scatter
@@ -34,7 +34,7 @@ _STILL_RATE = 0.1
 
 
 class SpectralLine(NamedTuple):
-    """Hold a vibration of one channel: the sine with the power of all the excess in one place."""
+    """Hold a vibration of one channel: a sine with the power of one peak above the floor."""
 
     frequency_hz: float
     amplitude: float  # in the unit of the channel
@@ -55,12 +55,12 @@ class Pieces(NamedTuple):
         return Pieces._make([*chosen, self.frequencies_hz])
 
     def above_motion(self) -> BoolArray:
-        """Return (f,) which frequencies are used; the last one's band is only half as wide."""
+        """Return (f,) which frequencies are used: without the last, whose band is half as wide."""
         hz = self.frequencies_hz
         return np.asarray((hz > MOTION_HZ) & (hz < hz[-1]))
 
     def lines(self, channel: int) -> list[SpectralLine]:
-        """Return what exceeds the mean spectrum's floor above motion, strongest first."""
+        """Return the lines of the mean spectrum above motion, strongest first."""
         inside = self.above_motion()
         hz, power = self.frequencies_hz[inside], (self.spectra[:, inside, channel] ** 2).mean(0)
         floor = np.median(power)
@@ -73,7 +73,7 @@ class Pieces(NamedTuple):
                 float(np.sqrt(2 * excess[begin:end].sum())),
             )
             for begin, end in edges
-            if begin or excess[0] < excess[:end].max()  # else it is a remainder of motion
+            if begin or excess[0] < excess[:end].max()  # else it is the upper end of motion
         ]
         return sorted(lines, key=lambda line: -line.amplitude)
 
@@ -106,8 +106,8 @@ def pieces_of(record: ImuRecord) -> Pieces:
 
 def _filled(block: Array) -> Array:
     """Return samples (n, 6) with missing ones interpolated linearly."""
-    there = np.isfinite(block[:, 0])
-    if there.all():
+    present = np.isfinite(block[:, 0])
+    if present.all():
         return block
     places = np.arange(len(block))
-    return np.stack([np.interp(places, places[there], c[there]) for c in block.T], axis=1)
+    return np.stack([np.interp(places, places[present], c[present]) for c in block.T], axis=1)

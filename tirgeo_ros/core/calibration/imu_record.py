@@ -22,11 +22,23 @@ from tirgeo_ros.core.types.errors import CalibrationError
 _SPLIT_NS = 10_000_000_000
 _BACK_NS = 1_000_000_000
 _FEWEST = 100  # samples needed for a rate
-_NEAR = 0.75  # of the median step: other steps have a sample missing, or one that is late
+_NEAR = 0.75  # of the median step: at other steps a sample is missing or late
 _BURSTS = 0.3  # a median step below this share of the mean: samples come in bursts
 _AROUND = 101  # steps whose mean is the local one
 _LONG_GAP = 30.0  # times the mean step: longer than the pause between bursts
 _MOST_MISSING = 0.2  # share of the samples, or the record is refused
+
+# Movement and drift.
+#: A second counts as moved if it changes by more than this many usual changes, and by _LEAST.
+_SCATTERS = 8.0
+_LEAST = np.array([0.005] * 3 + [0.05] * 3)  # by hands or wind: 0.3 deg/s; 0.3 deg of tilt
+_SHAKEN = 3.0  # times the usual scatter within a second
+_FEWEST_SECONDS = 20  # needed for the usual scatter
+_FEWEST_OF_DRIFT = 120
+_ALL_ALONG_RAD_S = 0.01  # usual change of rate over two seconds: larger than of any sensor at rest
+_JOIN_S = 5.0  # moved seconds no further apart are one interval
+_SURE = 5.0  # standard deviations of a slope of white noise
+_STEADY = 0.9  # share of a series' variance that its slope must explain
 
 
 @dataclass(frozen=True)
@@ -41,7 +53,7 @@ class ImuRecord:
     irregular: dict[str, int]  # faults of stamps and values: name -> number
 
     def blocks(self, size: int, least: float) -> Iterator[tuple[float, Array]]:
-        """Yield start (s) and values (size, 6) of blocks with this share of samples or more."""
+        """Yield start (s) and values (size, 6) of blocks with a share of ``least`` or more."""
         for start_s, run in zip(self.starts_s, self.runs, strict=True):
             for begin in range(0, len(run) - size + 1, size):
                 block = run[begin : begin + size]
@@ -135,18 +147,6 @@ def _slots(places: Array) -> tuple[IntArray, Array]:
     own = np.arange(len(places))
     slots = np.maximum.accumulate(np.rint(places - phase).astype(np.int64) - own) + own
     return slots - slots[0], np.diff(places) - np.diff(slots)
-
-
-#: A second counts as moved beyond this many usual scatters, and at least the least change.
-_SCATTERS = 8.0
-_LEAST = np.array([0.005] * 3 + [0.05] * 3)  # by hands or wind: 0.3 deg/s; 0.3 deg of tilt
-_SHAKEN = 3.0  # times the usual scatter within a second
-_FEWEST_SECONDS = 20  # needed for the usual scatter
-_FEWEST_OF_DRIFT = 120
-_ALL_ALONG_RAD_S = 0.01  # usual change of rate over two seconds: larger than of any sensor at rest
-_JOIN_S = 5.0  # moved seconds no further apart are one interval
-_SURE = 5.0  # standard deviations of a slope of white noise
-_STEADY = 0.9  # share of a series' variance that its slope must explain
 
 
 class Interval(NamedTuple):

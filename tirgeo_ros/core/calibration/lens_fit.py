@@ -82,29 +82,29 @@ def fit_lens(
 
     Raises CalibrationError if there are too few views, or if they do not determine the parameters.
     """
-    left = dict(views)
+    remaining = dict(views)
     refused: dict[str, Refused] = {}
     while True:
-        if len(left) < FEWEST_VIEWS:
+        if len(remaining) < FEWEST_VIEWS:
             gone = f" after {len(refused)} that do not fit" if refused else ""
             raise CalibrationError(
-                f"lens: {len(left)} usable views are left{gone}; at least {FEWEST_VIEWS} "
+                f"lens: {len(remaining)} usable views are left{gone}; at least {FEWEST_VIEWS} "
                 "are needed, 20 are good. Take more, all over the picture, with the board tilted"
             )
-        fit = _fitted(left, board, size, with_k3=with_k3)
+        fit = _fitted(remaining, board, size, with_k3=with_k3)
         rms_px = fit.view_rms_px
         worst = max(rms_px, key=rms_px.__getitem__)
         usual = float(np.median(list(rms_px.values())))
         if rms_px[worst] <= min(max(_OUTLYING * usual, _OUTLYING_PX), _MOST_RMS_PX):
             break
-        what = f"error {rms_px[worst]:.2f} px, usually {usual:.2f}"
-        refused[worst] = Refused(RefusalReason.OUTLIER, what)
-        del left[worst]
+        detail = f"error {rms_px[worst]:.2f} px, usually {usual:.2f}"
+        refused[worst] = Refused(RefusalReason.OUTLIER, detail)
+        del remaining[worst]
     sigma = (fit.sigma[:2] / fit.values[:2]).max()
     if fit.tilt_rad < _LEAST_TILT_RAD:
         raise CalibrationError(
-            f"lens: all views are from one side, within {np.degrees(fit.tilt_rad):.0f} deg; focal "
-            "length and distance cannot be separated: tilt the board by 20 to 45 deg"
+            f"lens: all views are from one side, within {np.degrees(fit.tilt_rad):.0f} deg: focal "
+            "length and distance cannot be separated; tilt the board by 20 to 45 deg"
         )
     if not sigma < _MOST_FOCAL_SIGMA:
         raise CalibrationError(
@@ -207,7 +207,7 @@ def _by_sharpness(views: Mapping[str, BoardSighting]) -> list[str]:
 
 
 def _distance_px(first: BoardSighting, second: BoardSighting) -> float:
-    """Return the rms distance of corners, px, with either end of the board counted first."""
+    """Return the rms distance of corners, px, counted from the ends that make it smaller."""
     a, b = first.corners_px, second.corners_px
     return min(_rms(a - b), _rms(a - b[::-1]))
 

@@ -120,7 +120,7 @@ def fit_polynomial(
     u, singular, vt = np.linalg.svd(terms, full_matrices=False)
     if singular[-1] < _DEGENERATE * singular[0]:
         raise CalibrationError(
-            f"the control points lie on {_CURVES[order]}, or twice at one place: order {order} is "
+            f"the control points lie on {_CURVES[order]}, or some coincide: order {order} is "
             "not determined; spread them over the picture or lower --order"
         )
     coefficients = vt.T @ ((u.T @ to_scale.of(plane)) / singular[:, None])

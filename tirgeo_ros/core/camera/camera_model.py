@@ -34,7 +34,7 @@ _MOST_PIXELS = 1 << 28  # 268 million; the largest airborne camera has 150 milli
 # Far beyond any real lens or sensor. Larger values would overflow in later computations.
 _LARGEST_PX = 1e6
 _LARGEST_COEFFICIENT = 1e9
-#: A model valid beyond this many times the farthest corner's radius must have an inverse there.
+#: A model valid beyond this many times the farthest corner's radius needs a ray at every corner.
 _TOO_FAR = 2.0
 _TABLE_SIZE = 512
 _NEWTON_STEPS = 5
@@ -43,6 +43,9 @@ _CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 p
 #: Lines are clipped this far outside the image, so that their cut ends are not visible.
 _BORDER_PX = 8.0
 _EDGE_SAMPLES = 33
+# Rectification.
+_BORDER_BGR = (40, 40, 110)
+_MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ class Camera:
                 "camera: the calibration has impossible values; calibrate the lens again"
             )
         if self.width * self.height > _MOST_PIXELS:
-            raise CameraError(f"camera: no camera has {size} pixels")
+            raise CameraError(f"camera: size {size} is too large; check width and height")
         if min(self.width, self.height) < 1 or min(self.fx, self.fy) <= 0:
             raise CameraError(
                 f"camera: size {size} and focal lengths {self.fx:g}, {self.fy:g} must be "
@@ -136,7 +139,7 @@ class Camera:
     def pixels(self, x: Array, y: Array) -> Array:
         """Project points on the plane z = 1 to pixels (2, ...), columns and rows.
 
-        ``x`` and ``y`` have any one shape (...); the points must lie within ``max_radius``.
+        ``x`` and ``y`` have the same shape (...); the points must lie within ``max_radius``.
         """
         x, y = _distort(self._k, x, y)
         uv = np.empty((2, *np.shape(x)))
@@ -166,7 +169,7 @@ class Camera:
         return uv, valid
 
     def rays(self, uv: Array) -> Array:
-        """Convert pixels (N, 2) to rays (N, 3) in the optical frame, z = 1; nan if there is none.
+        """Convert pixels (N, 2) to rays (N, 3) in the optical frame, z = 1; nan without a ray.
 
         The distortion is inverted by Newton's method. The first guess is from the table of the
         radial distortion.
@@ -184,8 +187,8 @@ class Camera:
                 x, y = x - dx, y - dy
                 if np.abs(dx).max(initial=0.0) + np.abs(dy).max(initial=0.0) < _SETTLED:
                     break
-            got = _distort(self._k, x, y)
-            converged = np.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+            reached = _distort(self._k, x, y)
+            converged = np.hypot(reached[0] - xd, reached[1] - yd) <= _CONVERGED
             converged &= x * x + y * y <= self.max_radius**2
         return np.where(converged[:, None], np.stack([x, y, np.ones_like(x)], axis=1), np.nan)
 
@@ -201,10 +204,10 @@ class Camera:
                 x, y = x - dx, y - dy
                 if abs(dx) + abs(dy) < _SETTLED:
                     break
-            got = _distort(self._k, x, y)
+            reached = _distort(self._k, x, y)
         except ZeroDivisionError:
             return np.full((1, 3), np.nan)
-        converged = math.hypot(got[0] - xd, got[1] - yd) <= _CONVERGED
+        converged = math.hypot(reached[0] - xd, reached[1] - yd) <= _CONVERGED
         converged &= x * x + y * y <= self.max_radius**2
         return np.array([[x, y, 1.0]]) if converged else np.full((1, 3), np.nan)
 
@@ -270,8 +273,8 @@ def _distort(k: tuple[float, ...], x: T, y: T) -> tuple[T, T]:
 
 def _newton_step(k: tuple[float, ...], x: T, y: T, xd: T, yd: T) -> tuple[T, T]:
     """Return the step to subtract from (x, y) so that it distorts to (xd, yd), to first order."""
-    got = _distort(k, x, y)
-    ex, ey = got[0] - xd, got[1] - yd
+    reached = _distort(k, x, y)
+    ex, ey = reached[0] - xd, reached[1] - yd
     xx, xy, yy = _slopes(k, x, y)
     determinant = xx * yy - xy * xy
     return (yy * ex - xy * ey) / determinant, (xx * ey - xy * ex) / determinant
@@ -293,10 +296,10 @@ XT2 = Camera(640, 512, 803.5593, 797.6270, 349.3325, 251.8215, (0.0540, 0.3462, 
 
 
 def field_of_view(camera: Camera) -> tuple[float, float, float, float]:
-    """Return left, right, top, bottom of a rectangle on the plane z = 1 that holds the image.
+    """Return left, right, top, bottom of a rectangle on the plane z = 1 that contains the image.
 
-    The image is taken with a border of 8 px. If the lens model does not reach all of the border,
-    the rectangle is the square around the model's ``max_radius``.
+    A border of 8 px around the image is included. If the lens model does not reach all of the
+    border, the rectangle is the square around the model's ``max_radius``.
     """
     share = np.linspace(0, 1, _EDGE_SAMPLES)
     low, high = np.zeros_like(share), np.ones_like(share)
@@ -342,12 +345,8 @@ def largest_scale(camera: Camera, radius: float) -> float:
     return float(scale.max())
 
 
-_BORDER_BGR = (40, 40, 110)
-_MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
-
-
 class Rectifier:
-    """Rectify the pictures of a camera: show them as a camera without distortion would.
+    """Rectify the pictures of a camera: remove the distortion of its lens.
 
     ``camera`` is the camera without distortion. The remap tables and the border are computed once.
     """
@@ -365,9 +364,9 @@ class Rectifier:
         shape = camera.height, camera.width
         v, u = np.indices(shape, dtype=float)
         x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-        held = x * x + y * y <= camera.max_radius**2
+        valid = x * x + y * y <= camera.max_radius**2
         column, row = np.full(shape, -1e3), np.full(shape, -1e3)
-        column[held], row[held] = camera.pixels(x[held], y[held])
+        column[valid], row[valid] = camera.pixels(x[valid], y[valid])
         places = column.astype(np.float32), row.astype(np.float32)
         self._maps = cv2.convertMaps(*places, cv2.CV_16SC2)
         inside = (column >= -0.5) & (column <= camera.width - 0.5)

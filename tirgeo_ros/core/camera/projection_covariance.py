@@ -162,12 +162,12 @@ class FrameConfidence:
         self._level = (rotation_cn[:, :2] @ rotation_cn[:, :2].T)[_ROWS, _COLUMNS]
 
     def spread(
-        self, rays: Array, sigma_m: Array | float | None = None, closely: int = 0
+        self, rays: Array, sigma_m: Array | float | None = None, checked: int = 0
     ) -> tuple[Array, BoolArray]:
         """Return the pixel covariances of rays (3, N), and whether first order is enough.
 
         The covariances are (3, N): variance of the column, covariance, variance of the row, px2.
-        The second result, (closely,), is computed for the first ``closely`` points alone.
+        The second result, (checked,), is computed only for the first ``checked`` points.
         """
         more = np.zeros(rays.shape[1])
         if sigma_m is not None:
@@ -175,12 +175,12 @@ class FrameConfidence:
             more[:] = np.where(np.isnan(variance), 0.0, variance - self._map_variance)
         starts = range(0, max(len(more), 1), _BLOCK)
         blocks = [slice(start, start + _BLOCK) for start in starts]
-        done = [self._spread(rays[:, b], more[b], max(closely - b.start, 0)) for b in blocks]
-        spreads, linear = zip(*done, strict=True)
+        parts = [self._spread(rays[:, b], more[b], max(checked - b.start, 0)) for b in blocks]
+        spreads, linear = zip(*parts, strict=True)
         return np.concatenate(spreads, axis=1), np.concatenate(linear)
 
-    def _spread(self, rays: Array, more: Array, closely: int) -> tuple[Array, BoolArray]:
-        """Return as ``spread``; ``more`` (N,) is the map's variance beyond ``map_sigma_m``, m2."""
+    def _spread(self, rays: Array, more: Array, checked: int) -> tuple[Array, BoolArray]:
+        """Return ``spread`` of one block; ``more`` (N,), m2, adds to ``map_sigma_m`` squared."""
         factors = _factors(rays)
         products = factors.take(_FIRST, axis=0) * factors.take(_SECOND, axis=0)
         moves = self._weights @ products
@@ -195,11 +195,12 @@ class FrameConfidence:
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         spread = np.array([u_x * ux + u_y * uy, u_x * vx + u_y * vy, v_x * vx + v_y * vy])
         spread[::2] += self._lens_variance
-        if not closely:
+        if not checked:
             return spread, np.empty(0, bool)
-        few = rays[:, :closely], depth[:closely]
-        near = (np.array([each[:closely] for each in all_]) for all_ in ((xx, xy, yy), slopes))
-        return spread, self._linear(*few, *near)
+        plane, first_slopes = (
+            np.array([each[:checked] for each in rows]) for rows in ((xx, xy, yy), slopes)
+        )
+        return spread, self._linear(rays[:, :checked], depth[:checked], plane, first_slopes)
 
     def _linear(self, rays: Array, depth: Array, plane: Array, slopes: Array) -> BoolArray:
         """Return (N,) whether first order is enough; ``depth`` is var(depth) / depth^2, (N,).

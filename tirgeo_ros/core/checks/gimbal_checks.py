@@ -1,11 +1,11 @@
 """Check the gimbal's joint angles against the reported camera attitudes.
 
-Both are yaw, roll, pitch of the same chain, so a mistake in axes, signs, unit or order of the
-joints is one of few readings of the numbers. All of them are tried. The mean difference of yaw is
-ignored there, because the gimbal's north may be biased.
+Both are yaw, roll, pitch of the same chain, so there are few ways to mistake axes, signs, unit or
+order of the joints. Each of these readings of the numbers is tried. The mean difference of yaw is
+ignored in this, because the gimbal's north may be biased.
 
-The joints hold the camera level while the body tilts. With joints of another time it seems to
-tilt too; it is stillest at their delay.
+The joints keep the camera level while the body tilts. An attitude computed with joint angles of
+another time tilts too; the delay at which it tilts least is that of the joints.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _HISTORY_S = 2.0
 _STEP_S = 0.05  # between the tried delays of joints, from 0.3 s early to 1 s late
 _DELAYS_NS = [round(_STEP_S * 1e9) * step for step in range(-6, 21)]
 _NO_DELAY = _DELAYS_NS.index(0)
-_STILLER, _LEAST_DELAY_S = 0.35, 0.09  # share of the squares that the right delay leaves
+_STILLER, _LEAST_DELAY_S = 0.35, 0.09  # largest share of squares left by a right delay
 _STEP_NS = 18_000_000  # least interval between attitudes that are kept: about the joints' rate
 _KEPT, _FEWEST = 300, 25  # instants: one minute, five seconds
 _NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
@@ -51,7 +51,7 @@ _NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
 #: body's tilt, and stamps that are 20 ms apart.
 _FLOOR_RAD2 = math.radians(0.8) ** 2
 _LARGEST_RAD2 = 0.25  # limit for one sample, so that a flight's start does not dominate
-#: Another reading of the angles must leave less than this share of the squares.
+#: Another reading of the angles must leave less than this share of the squared differences.
 _SHARE = 0.25
 _LEAST_BETWEEN_RAD = math.radians(0.7)  # rms difference between two orders that can be told apart
 _EXPLAINED = 0.7  # share of the squares that the right order explains
@@ -59,7 +59,7 @@ _ALIKE = 1.5  # readings within this factor of the least are equal: the simplest
 #: Largest constant difference without a finding; yaw includes the gimbal's north bias (3 deg).
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))
 _UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
-#: The same, of a map that is wrong by more than three ellipses.
+#: The same limits for a map that is wrong by more than three ellipses.
 _FAR_OFF_RAD, _FAR_UNLIKE_RAD = np.radians((18.0, 9.0, 9.0)), math.radians(15.0)
 
 
@@ -80,7 +80,7 @@ class GimbalChecks:
         self._waiting: CameraAttitudeSample | None = None  # until later data have come
         # joints, reported q_bg, heading of the body
         self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=_KEPT)
-        # (L, 3) down in the camera's axes, by the body and the joints of each delay
+        # (L, 3) down in the camera's axes, with the joint angles of each of L delays
         self._downs: deque[Array] = deque(maxlen=_KEPT)
         self._spacing = Spacing(_EVERY_NS)
 
@@ -112,7 +112,7 @@ class GimbalChecks:
         self._downs.append(matrix_from_quat(body)[2] @ matrix_from_quat(np.array(turns)))
 
     def _body_at(self, stamp_ns: int) -> Array | None:
-        """Return the body's attitude, by the autopilot where it has one."""
+        """Return the body's attitude (4,): the autopilot's, or else the filter's."""
         body = self._autopilot.around(stamp_ns)
         if isinstance(body, Miss):
             body = self._bodies.around(stamp_ns)
@@ -155,7 +155,7 @@ class GimbalChecks:
         return findings
 
     def _late(self) -> list[Finding]:
-        """Return the delay of the joints with which the camera is stillest."""
+        """Return a finding if the camera tilts much less with another delay of the joints."""
         if len(self._downs) < _FEWEST:
             return []
         squares = (np.diff(self._downs, axis=0) ** 2).sum(axis=2).mean(axis=0)
@@ -205,7 +205,7 @@ class GimbalChecks:
 
 
 def _put(attitudes: StampedBuffer[Array], stamp_ns: int, q_nb: Array) -> None:
-    """Keep a usable attitude (4,) if the one before is a step older."""
+    """Put a usable attitude (4,) into a buffer whose newest one is a step older."""
     newest_ns = attitudes.newest_ns
     is_due = newest_ns is None or not 0 <= stamp_ns - newest_ns < _STEP_NS
     if is_due and usable_attitude(q_nb):
@@ -252,19 +252,19 @@ _READINGS = sorted(
 
 
 def _other_order(joints: Array, reported: Array, rotations_bg: Array) -> str | None:
-    """Return the other order that explains angles (N, 3) by reported R_bg (N, 3, 3), or None.
+    """Return another order that fits angles (N, 3) to reported R_bg (N, 3, 3), or None.
 
     The angles of one attitude in two orders differ by amounts that change with the attitude. If
     the joints differ from the ``reported`` angles by these amounts, they are in the other order.
     """
     off = _about_mean_yaw(joints - reported)
-    lefts: dict[str, float] = {}
+    residuals: dict[str, float] = {}
     for order in JOINT_ORDERS:
         between = _about_mean_yaw(joint_angles(rotations_bg, order) - reported)
         if (between**2).sum(axis=1).mean() > _LEAST_BETWEEN_RAD**2:
-            lefts[order] = float((_about_mean_yaw(off - between) ** 2).sum())
-    best = min(lefts, key=lambda order: lefts[order], default=None)
-    is_explained = best and lefts[best] < (1 - _EXPLAINED) * (off**2).sum()
+            residuals[order] = float((_about_mean_yaw(off - between) ** 2).sum())
+    best = min(residuals, key=lambda order: residuals[order], default=None)
+    is_explained = best and residuals[best] < (1 - _EXPLAINED) * (off**2).sum()
     return best if is_explained else None
 
 

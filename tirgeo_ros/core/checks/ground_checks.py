@@ -28,13 +28,13 @@ from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.poses import CameraPose
 
 _EVERY_NS = 250_000_000
-_MANY = 240  # poses that are looked at together: a minute
-_REST, _LONGEST_S = 13, 6.0  # poses of a rest, 3 s or more; with gaps it may last no longer
+_MANY = 240  # poses that are examined together: a minute
+_REST, _LONGEST_S = 13, 6.0  # poses of a rest (3 s or more), and its longest time
 _STILL_M_S = 0.05  # filtered RTK noise is slower; a hover of half a minute is faster
 _STILL_M = 0.05  # range of the places of a rest
 _CLIMBS_M = 5.0  # height range of the flight that proves that the rest was not a hover
 _LOWER_M = 0.5  # the rest is no more than this above the flight's lowest point
-#: Plausible heights of the camera above ground at rest, by legs, roofs and errors of the ground.
+#: Plausible heights of the camera above ground at rest, given legs, roofs and a wrong ground.
 _RESTS_M = (-2.0, 3.0)
 _RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # for elevation models from satellites
 _BELOW_M = 2.0
@@ -60,7 +60,7 @@ class HeightChecks:
         self._spacing = Spacing(_EVERY_NS)
         # time s, position NED m, height above ground m, its sigma m
         self._rows: list[tuple[float, ...]] = []
-        self._below_m = math.nan  # the first time
+        self._below_m = math.nan  # depth below the ground when first below it
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
         self._rest = math.inf, math.nan  # height in the plane, and above ground
 
@@ -130,7 +130,7 @@ class HeightChecks:
 
 
 class MapChecks:
-    """Check the map and the elevation model of a flight whenever map or plane are new."""
+    """Check the map and the elevation model of a flight whenever the map or the plane changes."""
 
     def __init__(self, ground: Ground | None) -> None:
         self._ground = math.nan if ground is None else ground

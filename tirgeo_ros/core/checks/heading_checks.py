@@ -23,7 +23,7 @@ from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
 _LATEST_S = 3.0  # a heading may be this late
 _STEP_NS, _LONGEST_S = 1_000_000_000, 3.0  # between the headings that are compared
-_KEPT = 1800  # headings: half an hour, for the turns may be long ago
+_KEPT = 1800  # headings: half an hour, because the turns may be long ago
 _LEAST_HEADINGS, _LEAST_COURSES = 5, 20
 #: A smaller change is ignored: headings in whole degrees change by one degree by rounding.
 _TURNED_RAD = math.radians(5)
@@ -32,9 +32,9 @@ _LEAST_TURNED_RAD = math.radians(40)  # sum of the turns that is needed for a fi
 _EXPLAINED = 0.3
 #: Rms difference between changes of heading and of the gyroscopes at which the heading jumps.
 _JUMPING_RAD, _LEAST_JUMPS = math.radians(15), 8
-#: Fewer headings that jump off and back at once are outliers, which the filter refuses.
+#: Up to this share, headings that jump alone are outliers, which the filter rejects itself.
 _MOST_OUTLIERS = 0.1
-_LEAST_CONSTANT = 0.9  # length of the mean unit vector of an offset: 26 deg rms
+_LEAST_CONSTANT = 0.9  # least length of the mean unit vector of a constant offset: 26 deg rms
 #: A compass errs by 10 deg near steel or without its declination.
 _OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
 _SIGMAS = 5.0
@@ -94,7 +94,7 @@ class HeadingChecks:
             self._rows.append((*own, turned_rad, autopilot_rad, self._course_rad))
 
     def findings(self) -> list[Finding]:
-        """Return a fault of the heading's changes, or if they are right, of its mean."""
+        """Return a fault of the heading's changes, or if there is none, of its mean offset."""
         if not self._rows:
             return []
         rows = _without_outliers(np.array(self._rows))
@@ -133,23 +133,23 @@ class HeadingChecks:
 
 def _without_outliers(rows: Array) -> Array:
     """Leave out single headings that are far from both of their neighbours, if they are few."""
-    left = wrap_pi(rows[:, 1] - rows[:, 2])  # the heading without the gyroscopes' turns
-    jumps = np.abs(wrap_pi(np.diff(left))) > _JUMPING_RAD  # false for nan
-    across = np.abs(wrap_pi(left[2:] - left[:-2])) < _JUMPING_RAD
+    residual = wrap_pi(rows[:, 1] - rows[:, 2])  # the heading without the gyroscopes' turns
+    jumps = np.abs(wrap_pi(np.diff(residual))) > _JUMPING_RAD  # false for nan
+    across = np.abs(wrap_pi(residual[2:] - residual[:-2])) < _JUMPING_RAD
     single = np.zeros(len(rows), bool)
     single[1:-1] = jumps[:-1] & jumps[1:] & across
     return rows[~single] if single.sum() <= _MOST_OUTLIERS * len(rows) else rows
 
 
 def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
-    """Check changes of the heading against the gyroscopes' turns (N,), rad; in all ``pairs``."""
+    """Compare the heading's changes with the gyroscopes' turns (N,), rad, out of ``pairs``."""
     unlike, squares = float(((changes - turns) ** 2).sum()), float((turns**2).sum())
     if unlike <= _EXPLAINED**2 * squares:
         return None
     turned_rad = float(np.abs(turns).sum())
     slope = float(changes @ turns) / max(squares, 1e-12)
-    left = max(float((changes**2).sum()) - slope**2 * squares, 0.0)
-    is_explained = left < _EXPLAINED**2 * squares
+    residual = max(float((changes**2).sum()) - slope**2 * squares, 0.0)
+    is_explained = residual < _EXPLAINED**2 * squares
     is_jumping = pairs >= _LEAST_JUMPS and math.sqrt(unlike / pairs) > _JUMPING_RAD
     if not is_jumping and (turned_rad < _LEAST_TURNED_RAD or not is_explained):
         return None
@@ -158,5 +158,5 @@ def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
         "sign" if is_explained and slope < -0.7 else "",
         turned_deg=math.degrees(turned_rad),
         slope=slope,
-        jumps_deg=math.degrees(math.sqrt(left / len(turns))),
+        jumps_deg=math.degrees(math.sqrt(residual / len(turns))),
     )

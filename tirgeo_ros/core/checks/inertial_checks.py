@@ -38,6 +38,37 @@ _BLOCK_NS = 50_000_000
 _LONGEST_STEP_NS = 40_000_000
 _NO_NUMBER = 1e7  # no force or rate is as large, whatever its unit
 
+# Force and rates.
+_KEPT = 1200  # blocks: a minute
+_SECOND, _QUARTER = 20, 5  # blocks in a second, and in a quarter of one
+_LEAST_SECONDS = 4
+_GRAVITY = 9.81
+#: The mean force in flight is between half of gravity and twice gravity; in g it is about 1.
+_LEAST, _LARGEST, _LEAST_G, _LARGEST_G = 4.9, 19.6, 0.7, 1.6
+#: A mean acceleration of 0.5 g turns the mean force by 27 deg; wrong axes turn it by 90 deg.
+_LARGEST_ANGLE_RAD = math.radians(45)
+#: Limits of a quiet second, without turns or shocks, where the force's size is gravity's.
+_QUIET_RAD_S, _QUIET_M_S2 = 0.05, 0.5
+#: A larger relative error is a fault: 3 % is 0.3 m/s2, 15 times ``imu.accel_turn_on_bias``.
+_LARGEST_SHARE = 0.03
+_LEAST_PAIRS = 24
+#: Least rms rate at which an axis is judged. Noise does not correlate.
+_LEAST_RAD_S = math.radians(1.0)
+_SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with probability 1e-5
+_IN_DEGREES = (40.0, 80.0)
+_AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
+_LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
+_SQUARE = 0.2  # a turn whose entries are this near to quarter turns is rounded to them
+
+# Vibration and clipping.
+#: The vibration of one second in five is measured.
+_LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000
+_LEAST_NUMBER = 3
+#: Ratio of measured to configured noise density; the filter itself adds noise for vibration.
+_STRONG = 10.0
+#: More clipped samples than one knock gives, and the share of samples that harms the filter.
+_LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
+
 
 class ImuMean(NamedTuple):
     """Hold means over an interval that ends at ``stamp_ns``, in body axes, FRD."""
@@ -87,28 +118,6 @@ class ImuBlocks:
         self._begin_ns, self._samples, self._joined = stamp_ns, [], joined
 
 
-_KEPT = 1200  # blocks: a minute
-_SECOND, _QUARTER = 20, 5  # blocks in a second, and in a quarter of one
-_LEAST_SECONDS = 4
-_GRAVITY = 9.81
-#: The mean force in flight is between half of gravity and twice gravity; in g it is about 1.
-_LEAST, _LARGEST, _LEAST_G, _LARGEST_G = 4.9, 19.6, 0.7, 1.6
-#: A mean acceleration of 0.5 g turns the mean force by 27 deg; wrong axes turn it by 90 deg.
-_LARGEST_ANGLE_RAD = math.radians(45)
-#: Limits of a quiet second, without turns or shocks, where the force's size is gravity's.
-_QUIET_RAD_S, _QUIET_M_S2 = 0.05, 0.5
-#: A larger relative error is a fault: 3 % is 0.3 m/s2, 15 times ``imu.accel_turn_on_bias``.
-_LARGEST_SHARE = 0.03
-_LEAST_PAIRS = 24
-#: Least rms rate at which an axis is judged. Noise does not correlate.
-_LEAST_RAD_S = math.radians(1.0)
-_SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with probability 1e-5
-_IN_DEGREES = (40.0, 80.0)
-_AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
-_LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
-_SQUARE = 0.2  # entries of a rotation this near to those by quarter turns: an IMU has square sides
-
-
 class ImuChecks:
     """Check the IMU's blocks of the last minute; ``rotation_bi`` (3, 3) is as configured."""
 
@@ -153,14 +162,14 @@ def imu_findings(samples: Iterable[object], rotation_bi: Array | None) -> list[F
 
 
 def rpy_text(turn: Array, rotation_bi: Array | None) -> str:
-    """Return the text of ``aircraft.imu_rpy_deg`` with a turn (3, 3), FRD, on top of it."""
+    """Return the text of ``aircraft.imu_rpy_deg`` after a further turn (3, 3), FRD."""
     whole = turn if rotation_bi is None else turn @ rotation_bi
     angles = np.degrees(flu_from_frd(euler_from_matrix(whole)))
     return str((angles.round(1) + 0.0).tolist())  # no -0
 
 
 def _turn(force_b: Array, up_b: Array, own: Array, turned: Array) -> Array:
-    """Return the turn (3, 3) from the IMU's axes to the body's; yaw is by the rates (N, 3)."""
+    """Return the turn (3, 3) from the IMU's axes to the body's; yaw is from the rates (N, 3)."""
     axis = np.cross(force_b, up_b)
     size = float(np.linalg.norm(axis))
     level = matrix_from_rotvec(axis / max(size, 1e-9) * math.atan2(size, float(force_b @ up_b)))
@@ -168,14 +177,14 @@ def _turn(force_b: Array, up_b: Array, own: Array, turned: Array) -> Array:
     same = complex(np.vdot(own, turned))
     sizes = float(np.linalg.norm(own) * np.linalg.norm(turned))
     turn = rotation_z(np.angle(same)) @ level if abs(same) > _SURE * sizes > 0 else level
-    square = turn.round() + 0.0  # no -0, which euler angles of 180 deg come from
+    square = turn.round() + 0.0  # without -0, which gives Euler angles of 180 deg
     return square if np.abs(turn - square).max() < _SQUARE else turn
 
 
 def _force_findings(
     force_b: Array, rate_b: Array, up_b: Array, case: str, angles: str
 ) -> list[Finding]:
-    """Check blocks (N, 3), (N, 3) of whole seconds; ``angles`` turn their axes to ``up_b``."""
+    """Check forces and rates (N, 3) of whole seconds; ``angles`` turn the force to ``up_b``."""
     forces = force_b.reshape(-1, _SECOND, 3)
     mean_b = force_b.mean(axis=0)
     size = float(np.linalg.norm(forces.mean(axis=1), axis=1).mean())
@@ -201,7 +210,7 @@ def _force_findings(
 
 
 def _turns(rate_b: Array, q_nb: Array, steps_s: Array) -> tuple[Array, Array]:
-    """Return mean rates (M, 3) by gyroscopes (N, 3) and by attitudes (N, 4), where both are known.
+    """Return mean rates (M, 3) from gyroscopes (N, 3) and attitudes (N, 4), where both are known.
 
     ``steps_s`` (N,) are nan after a gap.
     """
@@ -216,7 +225,7 @@ def _turns(rate_b: Array, q_nb: Array, steps_s: Array) -> tuple[Array, Array]:
 def _gyro_findings(own: Array, turned: Array, case: str = "", angles: str = "") -> list[Finding]:
     """Check rates (M, 3) of the gyroscopes against those of the attitude.
 
-    ``angles`` turn the IMU's axes right, where ``case`` says so.
+    ``angles`` is the text of mounting angles that correct the axes, if ``case`` has "turned".
     """
     if len(own) < _LEAST_PAIRS:
         return []
@@ -238,15 +247,6 @@ def _gyro_findings(own: Array, turned: Array, case: str = "", angles: str = "") 
     return []
 
 
-#: The vibration of one second in five is measured.
-_LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000
-_LEAST_NUMBER = 3
-#: Ratio of measured to configured noise density; they are in its model with larger covariances.
-_STRONG = 10.0
-#: More clipped samples than one knock gives, and the share of samples that harms the filter.
-_LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
-
-
 class VibrationChecks:
     """Check every IMU sample for clipping, and one second in five for vibration."""
 
@@ -256,7 +256,7 @@ class VibrationChecks:
         self._count = 0
         self._samples: list[ImuSample] = []
         self._begin_ns = 0
-        # of the measured seconds, six each, for an hour
+        # six noise powers of each measured second, for an hour
         self._powers: deque[tuple[float, ...]] = deque(maxlen=720)
 
     def add(self, sample: ImuSample) -> None:

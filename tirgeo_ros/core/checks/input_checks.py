@@ -1,6 +1,6 @@
-"""Check what a flight is given before its samples are read: topics, parameters, calibration.
+"""Check a flight's topics, parameters and lens calibration before its samples are read.
 
-The topics are those of a recording or of a running graph: absent, of another type or name.
+Topics of a recording or of a running graph may be absent, or have another type or name.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class RecordedTopics:
         return f"/{space}/{topic}" if space else f"/{topic}"
 
     @property
-    def there(self) -> set[str]:
+    def present(self) -> set[str]:
         """Return the input topics that are present with the right type."""
         names = self.contract.items()
         return {topic for topic, kind in names if self.topics.get(self.name(topic)) == kind}
@@ -68,17 +68,17 @@ def recording_findings(recording: RecordedTopics) -> list[Finding]:
         texts = {"name": recording.name(""), "space": space, "option": space or "/"}
         return [finding("namespace", **texts, others=len(others))]  # all others follow from it
     needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
-    if recording.there.intersection(_PICTURES):
+    if recording.present.intersection(_PICTURES):
         needed += [GIMBAL] if recording.has_camera else [GIMBAL, (_CAMERA_INFO,)]
     findings = needed_findings(recording, needed)
-    if not recording.wants_pictures:  # poses of the body are made without gimbal and lens
+    if not recording.wants_pictures:  # poses of the body need neither gimbal nor lens
         return [
             each
             if {*GIMBAL, _CAMERA_INFO}.isdisjoint(each.parameter.split(" or "))
             else replace(each, severity=min(each.severity, Severity.CAUTION))
             for each in findings
         ]
-    if {*recording.there, *(each.parameter for each in findings)}.isdisjoint(_PICTURES):
+    if {*recording.present, *(each.parameter for each in findings)}.isdisjoint(_PICTURES):
         # Recorded without pictures, or with pictures under another name.
         kinds = {recording.contract[topic] for topic in _PICTURES}
         near = [name for name, kind in recording.topics.items() if kind in kinds]
@@ -93,8 +93,8 @@ def _hint(near: Sequence[str]) -> str:
 
 
 def needed_findings(recording: RecordedTopics, needed: Sequence[Sequence[str]]) -> list[Finding]:
-    """Return topics of wrong type, and groups of ``needed`` topics of which none is there."""
-    missed = [topics for topics in needed if not recording.there.intersection(topics)]
+    """Return findings on topics of wrong type, and on ``needed`` groups without any topic."""
+    missed = [topics for topics in needed if not recording.present.intersection(topics)]
     findings = []
     for topic, wanted in recording.contract.items():
         name = recording.name(topic)
@@ -131,7 +131,7 @@ def unreadable_findings(
 ) -> list[Finding]:
     """Return the topics with many unusable messages, with the newest reason.
 
-    ``read`` and ``refused`` are numbers of messages by topic. A few may be lost on a link.
+    ``read`` and ``refused`` are numbers of messages by topic. A few may be damaged on a link.
     """
     findings = []
     for topic, number in refused.items():
@@ -164,7 +164,7 @@ def parameter_findings(
         findings.append(finding("parameters_elsewhere", **texts))
     if pictures and set(explicit) <= {"camera", "method", *_GROUND}:
         has_ground = any(name in explicit for name in _GROUND)
-        ground = "" if has_ground else ", no height of the ground"
+        ground = "" if has_ground else "; the ground's height is not set"
         findings.append(finding("no_parameters", ground=ground, option=option))
     return findings
 
@@ -178,7 +178,7 @@ def size_fault(camera: Camera, width: int, height: int) -> str:
 
 
 def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None) -> list[Finding]:
-    """Return what is wrong with a calibration for pictures of a ``size`` (width, height) if known.
+    """Return what is wrong with a calibration for pictures of ``size`` (width, height), if known.
 
     ``lens`` names its source.
     """

@@ -9,7 +9,7 @@ The noise of a pair's two poses moves all its points together. So the mean of a 
 deviations of its points from that mean, are weighted separately, each by its own spread. The
 covariance is computed over pairs (the sandwich estimator; White, Econometrica 48, 1980).
 
-Pictures that are mirrored or upside down are fitted turned back.
+Pictures that are mirrored or upside down are turned back before the fit.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ LATENCY, FOCAL, HEIGHT = 0, 1, 2
 BORESIGHT = slice(3, 6)
 #: Prior sigmas of the errors: s, log, log, rad for the three angles.
 _LOOSE = np.array([0.3, 0.3, 1.5, 0.15, 0.15, 0.15])
-#: Prior sigmas of errors that a first fit does not observe, so that the others take the motion.
+#: Prior sigmas of errors that a first fit does not observe; the others then explain the motion.
 _TIGHT = np.array([0.02, 0.05, 1.5, 0.03, 0.03, 0.03])
-#: An error is not observed if its sigma is larger than this many times _TIGHT, unless it is more
-#: than so many sigmas itself.
+#: An error is not observed if its sigma is larger than _OBSERVED times _TIGHT, unless the error
+#: is larger than _CLEAR sigmas.
 _OBSERVED, _CLEAR = 0.6, 6.0
 _STEPS = np.array([0.005, 0.005, 0.01, 0.002, 0.002, 0.002])
 _LARGEST_STEP = np.array([0.05, 0.3, 0.5, 0.1, 0.1, 0.1])
@@ -78,7 +78,7 @@ class MotionFit:
 
     values: Array  # (6,) latency s, log of focal length, log of height, boresight rad (FRD)
     sigmas: Array  # (6,)
-    assumed: tuple[bool, ...]  # (6,) whether it is not observed and was held near zero
+    assumed: tuple[bool, ...]  # (6,) whether an error is not observed and was kept near zero
     pairs: int
     before: float  # rms over pairs of measured minus predicted motion, px
     after: float  # the same with the errors corrected
@@ -88,7 +88,7 @@ class MotionFit:
     height_sigma_m: float  # median over the pairs' poses
     angle_sigma_rad: float  # median over the pairs
     step_s: float  # median over the pairs
-    turned: str = ""  # how the pictures are turned, in words; the fit is then of the right ones
+    turned: str = ""  # how the pictures are turned, in words; the fit has them turned back
 
 
 class _Scene:
@@ -137,7 +137,7 @@ class _Scene:
 
 
 def fit_motion(pairs: Sequence[PicturePair], focal_px: float) -> MotionFit:
-    """Fit the errors to ten or more pairs, of pictures that are turned back if need be."""
+    """Fit the errors to ten or more pairs; turn their pictures back where that fits better."""
     scene = _Scene(pairs, focal_px)
     start = _nearest(scene, np.zeros(6), LATENCY)  # a straight flight fits many latencies a little
     if _cost(scene, start, _LOOSE) > _FITS_PX:
@@ -163,9 +163,9 @@ def _fit_of(scene: _Scene, start: Array) -> MotionFit:
         values, sigmas = _fitted(scene, start, np.where(assumed, _TIGHT, _LOOSE))
 
     def without(part: int | slice) -> float:
-        left = values.copy()
-        left[part] = 0.0
-        return scene.pair_rms(scene.residuals(left))
+        others = values.copy()
+        others[part] = 0.0
+        return scene.pair_rms(scene.residuals(others))
 
     height_sigma_m, angle_sigma_rad, step_s = scene.medians
     return MotionFit(
@@ -185,7 +185,7 @@ def _fit_of(scene: _Scene, start: Array) -> MotionFit:
 
 
 def _nearest(scene: _Scene, x: Array, error: int) -> Array:
-    """Return the best of ``x`` (6,) and of the places where an error is on its grid."""
+    """Return the best of ``x`` (6,) and its copies with ``error`` at each value of its grid."""
     places = [np.where(np.arange(6) == error, value, x) for value in _GRIDS[error]]
     return min([x, *places], key=lambda place: _cost(scene, place, _LOOSE))
 
@@ -213,9 +213,9 @@ def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
 
 
 def _latency_variance(scene: _Scene, x: Array) -> float:
-    """Return the latency's variance by the rise of the rest over a tenth of a second.
+    """Return the latency's variance, from the rise of the residuals over a tenth of a second.
 
-    The slope at one instant is larger: the noise of the poses has slopes too.
+    The slope at one instant would be too large: the noise of the poses has slopes too.
     """
     before, rest, after = (
         scene.pair_rms(scene.residuals(x + step_s * np.eye(6)[LATENCY])) ** 2

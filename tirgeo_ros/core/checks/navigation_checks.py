@@ -50,62 +50,7 @@ LARGEST_UNDULATION_M = 110.0
 _ELSEWHERE_M = 1e4
 _SWAPPED_RAD = 0.01
 
-
-class PositionChecks:
-    """Compare the positions of both receivers."""
-
-    def __init__(self, config: EkfConfig) -> None:
-        self._sigma_m = np.array(config.gps.position_sigma_m)
-        self._newest: dict[Source, PositionSample] = {}
-        # GPS minus RTK, NED, m, and its sigma, m: (6,)
-        self._apart: deque[Array] = deque(maxlen=_KEPT)
-        self._spacing = Spacing(_NEAR_NS)
-
-    def position(self, sample: PositionSample) -> None:
-        """Take a position as it arrived, also one with latitude and longitude swapped."""
-        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
-        if sample.status is FixStatus.NONE or not all(map(math.isfinite, place)):
-            return
-        self._newest[sample.source] = sample
-        rtk = self._newest.get(Source.RTK_POSITION)
-        gps = self._newest.get(Source.GPS_POSITION)
-        if rtk is None or gps is None or abs(rtk.stamp_ns - gps.stamp_ns) > _NEAR_NS:
-            return
-        if not self._spacing.take(sample.stamp_ns):
-            return
-        plane = TangentPlane(rtk.latitude_rad, rtk.longitude_rad, rtk.height_m)
-        apart_n = plane.ned_from_geodetic(gps.latitude_rad, gps.longitude_rad, gps.height_m)
-        variances = gps.covariance_n.diagonal()
-        sigma = self._sigma_m
-        if variances.min() > 0:
-            sigma = np.sqrt(variances + np.maximum(rtk.covariance_n.diagonal(), 0.0))
-        if np.isfinite(sigma).all():
-            self._apart.append(np.append(apart_n, sigma))
-
-    def findings(self) -> list[Finding]:
-        """Return where they differ, during all the time, by more than the GPS errors."""
-        if len(self._apart) < _LEAST_PAIRS:
-            return []
-        apart, sigma = np.hsplit(np.array(self._apart), 2)
-        limit = np.maximum(_SIGMAS * sigma.mean(axis=0), _LEAST_M)
-        north, east, down = np.median(apart, axis=0).tolist()
-        if math.hypot(north, east) > _ELSEWHERE_M:
-            rtk, gps = self._newest[Source.RTK_POSITION], self._newest[Source.GPS_POSITION]
-            crossed = rtk.latitude_rad - gps.longitude_rad, rtk.longitude_rad - gps.latitude_rad
-            case = "swapped" if max(map(abs, crossed)) < _SWAPPED_RAD else ""
-            apart_km = math.hypot(north, east) / 1e3
-            return [finding("position_elsewhere", case, apart_km=apart_km)]
-        findings = []
-        if np.percentile(np.abs(apart[:, 2]), 10) > limit[2]:
-            off, sigma_m = f"{-down:+.1f} m above rtk/fix", sigma[:, 2].mean()
-            case = "geoid" if abs(down) < LARGEST_UNDULATION_M else ""
-            findings.append(finding("height_datum", case, off=off, sigma_m=sigma_m))
-        if np.percentile(np.linalg.norm(apart[:, :2], axis=1), 10) > math.hypot(*limit[:2]):
-            off = f"{north:+.0f} m north and {east:+.0f} m east of rtk/fix"
-            findings.append(finding("position_datum", off=off, sigma_m=sigma[:, :2].mean()))
-        return findings
-
-
+# Velocities and positions of one receiver.
 _STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
 _LEAST_STEPS = 4  # intervals
 #: Least rms speed, well above that of position errors of some decimetres.
@@ -113,8 +58,8 @@ _LEAST_M_S, _LEAST_CLIMB_M_S = 1.0, 0.4
 _SURE = 0.92  # correlation of climbs with a wrong sign
 #: Share of the squares that remains under a wrong and under a right explanation.
 _WRONG, _RIGHT = 0.5, 0.15
-#: What speeds in another unit than m/s are multiplied by; beside it, so much (8 %) as noise that
-#: leaves the share _RIGHT can make of it.
+#: Factors of speeds in units other than m/s. A ratio of speeds within 8 % of a factor (_BESIDE, as
+#: a logarithm) is that unit: noise that leaves the share _RIGHT changes the ratio by as much.
 _UNITS = {"km/h": 3.6, "knots": 1.944, "mph": 2.237, "ft/s": 3.281, "cm/s": 100.0, "mm/s": 1000.0}
 _BESIDE = -0.5 * math.log(1 - _RIGHT)
 #: Matrices from the message's north and east to the true ones; the first one is the identity.
@@ -124,114 +69,21 @@ _EXCHANGES = [
     for first, second in itertools.product(((1, 0), (-1, 0)), ((0, 1), (0, -1)))
 ]
 
-
-class VelocityChecks:
-    """Compare one receiver's velocities with its positions (NED m of any plane)."""
-
-    def __init__(self, topic: str, positions: str) -> None:
-        self._topics = {"topic": topic, "positions": positions}
-        self._begin: tuple[int, Array] | None = None  # stamp and position of the interval's start
-        self._velocities: deque[tuple[int, Array]] = deque(maxlen=400)
-        # of each interval: its mean velocity by the positions and by the velocities
-        self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
-
-    def velocity(self, sample: VelocitySample) -> None:
-        """Take a velocity as it arrived."""
-        self._velocities.append((sample.stamp_ns, sample.velocity_n))
-
-    def position(self, stamp_ns: int, position_n: Array) -> None:
-        """Take a position (3,), NED, m."""
-        begin_ns, begin_n = self._begin or (stamp_ns, position_n)
-        if 0 <= stamp_ns - begin_ns < _STEP_NS and self._begin:
-            return
-        self._begin = stamp_ns, position_n
-        inside = [v for t, v in self._velocities if begin_ns <= t <= stamp_ns]
-        if len(inside) >= 2 and 0 < stamp_ns - begin_ns < _LONGEST_NS:
-            way_n = (position_n - begin_n) / ((stamp_ns - begin_ns) * 1e-9)
-            self._pairs.append((way_n, np.mean(inside, axis=0)))
-
-    def findings(self) -> list[Finding]:
-        """Return the fault of the horizontal axes, of the unit, or of the sign of climbs."""
-        if len(self._pairs) < _LEAST_STEPS:
-            return []
-        ways, own = map(np.array, zip(*self._pairs, strict=True))
-        fault = self._horizontal(ways[:, :2], own[:, :2]) or self._vertical(ways[:, 2], own[:, 2])
-        return [fault] if fault else []
-
-    def _vertical(self, ways: Array, own: Array) -> Finding | None:
-        """Check mean velocities (N,), m/s, down, by positions and by velocities."""
-        moves, says = (math.sqrt((down**2).mean()) for down in (ways, own))
-        slow = min(moves, says) < _LEAST_CLIMB_M_S
-        if slow or float((ways * own).mean()) > -_SURE * moves * says:
-            return None
-        return finding("{topic}_up", **self._topics)
-
-    def _horizontal(self, ways: Array, own: Array) -> Finding | None:
-        """Check mean velocities (N, 2), m/s, north and east, by positions and by velocities."""
-        moves, says = (math.sqrt((speed**2).sum(axis=1).mean()) for speed in (ways, own))
-        if max(moves, says) < _LEAST_M_S or moves <= 0:
-            return None
-        if says <= 0:
-            return finding("{topic}_zero", **self._topics, speed=moves)
-        across = ways.T @ own / (len(ways) * moves * says)
-        likeness = np.array([np.sum(across * matrix) for matrix in _EXCHANGES])
-        left = 1 - np.maximum(likeness, 0) ** 2  # share of the squares, with the best scale
-        best = int(np.argmin(left))
-        if left[0] > _WRONG and left[best] < _RIGHT:
-            north, east = (
-                f"{'-' if min(row) < 0 else ''}{('north', 'east')[int(np.argmax(np.abs(row)))]}"
-                for row in _EXCHANGES[best]
-            )
-            axes = {"north": north, "east": east, "best": likeness[best], "present": likeness[0]}
-            return finding("{topic}_axes:exchanged", **self._topics, **axes)
-        # Noise changes speeds as it changes directions; other axes do not.
-        apart = np.linalg.norm(ways, axis=1) - np.linalg.norm(own, axis=1)
-        if left[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * moves * says:
-            return finding("{topic}_axes:body", **self._topics)
-        return self._of_unit(moves, says) if left[best] < _RIGHT else None
-
-    def _of_unit(self, moves: float, says: float) -> Finding | None:
-        """Check speeds (m/s) of one motion by positions and by velocities."""
-        off = abs(math.log(says / moves))
-        unit, factor = min(_UNITS.items(), key=lambda item: abs(off - math.log(item[1])))
-        if not abs(off - math.log(factor)) < _BESIDE:
-            return None
-        numbers = {"own": says, "speed": moves, "factor": factor}
-        return finding("{topic}_unit", **self._topics, **numbers, unit=unit)
-
-
+# All checks together.
 #: A clock that goes back by more starts another recording: all checks are reset.
 _BACK_NS = 10_000_000_000
-#: Checks that blame what makes the body's attitude, and those that then blame the camera for it.
+#: Checks of the body's attitude; those that then wrongly blame the camera; those of the ground.
 _ATTITUDE = ("imu_tilt", "force_", "gyro_", "heading_")
 _OF_CAMERA = ("boresight_by_motion", "picture_motion")
 _OF_GROUND = ("below_ground", "height_at_rest", "ground_by_motion")
-
-
-def nearest_causes(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings without those that are consequences of others.
-
-    While the body's attitude is wrong, the camera's direction is not blamed. Heights above sea
-    level in rtk/fix make the ground seem wrong: the datum is as severe as that.
-    """
-    stops = [each.check for each in findings if each.severity is Severity.STOP]
-    is_attitude_wrong = any(check.startswith(_ATTITUDE) for check in stops)
-    ground = max((f.severity for f in findings if f.check in _OF_GROUND), default=Severity.NOTE)
-    return [
-        replace(each, severity=max(each.severity, ground))
-        if each.check == "height_datum"
-        else each
-        for each in findings
-        if not (is_attitude_wrong and each.check in _OF_CAMERA)
-    ]
 
 
 class NavigationChecks:
     """Take the filter's inputs in their order of arrival.
 
     ``explicit`` are the parameters that were set (``aircraft.rtk_antenna_m``), None if not known.
-    ``gap_counts_s`` after the last gap of the IMU its gaps are a note: in flight they
-    are over, in a log they count for good.
+    Gaps of the IMU become a note ``gap_counts_s`` after the last: in flight they are over then, in
+    a log they always count.
     """
 
     def __init__(
@@ -260,7 +112,7 @@ class NavigationChecks:
         self._plane: TangentPlane | None = None
 
     def take(self, topic: str, sample: NavigationInput, arrival_ns: int) -> None:
-        """Take a sample of a topic (``rtk/fix``), as it arrived; a set heading is no stream."""
+        """Take a sample of a topic (``rtk/fix``), as it arrived; ignore a heading set by hand."""
         if isinstance(sample, SetHeading):
             return
         if arrival_ns < self._arrived_ns - _BACK_NS:
@@ -300,7 +152,7 @@ class NavigationChecks:
         turned = any("gyro" in each.check or "axes" in each.check for each in imu)
         findings = [
             *imu,
-            # Headings are compared with the gyroscopes.
+            # Wrong gyroscopes would make headings seem wrong.
             *([] if turned else self._heading.findings()),
             *self._positions.findings(),
             *(each for checks in self._velocities.values() for each in checks.findings()),
@@ -329,3 +181,151 @@ class NavigationChecks:
         self._velocities[velocity].position(sample.stamp_ns, position_n)
         if is_rtk and sample.status is FixStatus.FIXED:
             self._levers.fit.position(sample.stamp_ns, position_n)
+
+
+def nearest_causes(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings without those that are consequences of others.
+
+    While the body's attitude is wrong, findings on the camera's direction are left out. Heights
+    above sea level in rtk/fix make the ground seem wrong: height_datum becomes as severe as that.
+    """
+    stops = [each.check for each in findings if each.severity is Severity.STOP]
+    is_attitude_wrong = any(check.startswith(_ATTITUDE) for check in stops)
+    ground = max((f.severity for f in findings if f.check in _OF_GROUND), default=Severity.NOTE)
+    return [
+        replace(each, severity=max(each.severity, ground))
+        if each.check == "height_datum"
+        else each
+        for each in findings
+        if not (is_attitude_wrong and each.check in _OF_CAMERA)
+    ]
+
+
+class PositionChecks:
+    """Compare the positions of both receivers."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._sigma_m = np.array(config.gps.position_sigma_m)
+        self._newest: dict[Source, PositionSample] = {}
+        # GPS minus RTK, NED, m, and its sigma, m: (6,)
+        self._apart: deque[Array] = deque(maxlen=_KEPT)
+        self._spacing = Spacing(_NEAR_NS)
+
+    def position(self, sample: PositionSample) -> None:
+        """Take a position as it arrived, also one with latitude and longitude swapped."""
+        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
+        if sample.status is FixStatus.NONE or not all(map(math.isfinite, place)):
+            return
+        self._newest[sample.source] = sample
+        rtk = self._newest.get(Source.RTK_POSITION)
+        gps = self._newest.get(Source.GPS_POSITION)
+        if rtk is None or gps is None or abs(rtk.stamp_ns - gps.stamp_ns) > _NEAR_NS:
+            return
+        if not self._spacing.take(sample.stamp_ns):
+            return
+        plane = TangentPlane(rtk.latitude_rad, rtk.longitude_rad, rtk.height_m)
+        apart_n = plane.ned_from_geodetic(gps.latitude_rad, gps.longitude_rad, gps.height_m)
+        variances = gps.covariance_n.diagonal()
+        sigma = self._sigma_m
+        if variances.min() > 0:
+            sigma = np.sqrt(variances + np.maximum(rtk.covariance_n.diagonal(), 0.0))
+        if np.isfinite(sigma).all():
+            self._apart.append(np.append(apart_n, sigma))
+
+    def findings(self) -> list[Finding]:
+        """Return findings where they differ during the whole time by more than GPS errors."""
+        if len(self._apart) < _LEAST_PAIRS:
+            return []
+        apart, sigma = np.hsplit(np.array(self._apart), 2)
+        limit = np.maximum(_SIGMAS * sigma.mean(axis=0), _LEAST_M)
+        north, east, down = np.median(apart, axis=0).tolist()
+        if math.hypot(north, east) > _ELSEWHERE_M:
+            rtk, gps = self._newest[Source.RTK_POSITION], self._newest[Source.GPS_POSITION]
+            crossed = rtk.latitude_rad - gps.longitude_rad, rtk.longitude_rad - gps.latitude_rad
+            case = "swapped" if max(map(abs, crossed)) < _SWAPPED_RAD else ""
+            apart_km = math.hypot(north, east) / 1e3
+            return [finding("position_elsewhere", case, apart_km=apart_km)]
+        findings = []
+        if np.percentile(np.abs(apart[:, 2]), 10) > limit[2]:
+            off, sigma_m = f"{-down:+.1f} m above rtk/fix", sigma[:, 2].mean()
+            case = "geoid" if abs(down) < LARGEST_UNDULATION_M else ""
+            findings.append(finding("height_datum", case, off=off, sigma_m=sigma_m))
+        if np.percentile(np.linalg.norm(apart[:, :2], axis=1), 10) > math.hypot(*limit[:2]):
+            off = f"{north:+.0f} m north and {east:+.0f} m east of rtk/fix"
+            findings.append(finding("position_datum", off=off, sigma_m=sigma[:, :2].mean()))
+        return findings
+
+
+class VelocityChecks:
+    """Compare one receiver's velocities with its positions (NED m of any plane)."""
+
+    def __init__(self, topic: str, positions: str) -> None:
+        self._topics = {"topic": topic, "positions": positions}
+        self._begin: tuple[int, Array] | None = None  # stamp and position of the interval's start
+        self._velocities: deque[tuple[int, Array]] = deque(maxlen=400)
+        # of each interval: its mean velocity from the positions, and as sent
+        self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
+
+    def velocity(self, sample: VelocitySample) -> None:
+        """Take a velocity as it arrived."""
+        self._velocities.append((sample.stamp_ns, sample.velocity_n))
+
+    def position(self, stamp_ns: int, position_n: Array) -> None:
+        """Take a position (3,), NED, m."""
+        begin_ns, begin_n = self._begin or (stamp_ns, position_n)
+        if 0 <= stamp_ns - begin_ns < _STEP_NS and self._begin:
+            return
+        self._begin = stamp_ns, position_n
+        inside = [v for t, v in self._velocities if begin_ns <= t <= stamp_ns]
+        if len(inside) >= 2 and 0 < stamp_ns - begin_ns < _LONGEST_NS:
+            way_n = (position_n - begin_n) / ((stamp_ns - begin_ns) * 1e-9)
+            self._pairs.append((way_n, np.mean(inside, axis=0)))
+
+    def findings(self) -> list[Finding]:
+        """Return the fault of the horizontal axes, of the unit, or of the sign of climbs."""
+        if len(self._pairs) < _LEAST_STEPS:
+            return []
+        ways, own = map(np.array, zip(*self._pairs, strict=True))
+        fault = self._horizontal(ways[:, :2], own[:, :2]) or self._vertical(ways[:, 2], own[:, 2])
+        return [fault] if fault else []
+
+    def _vertical(self, ways: Array, own: Array) -> Finding | None:
+        """Compare mean velocities (N,), m/s, down, from positions and as sent."""
+        true_m_s, own_m_s = (math.sqrt((down**2).mean()) for down in (ways, own))
+        slow = min(true_m_s, own_m_s) < _LEAST_CLIMB_M_S
+        if slow or float((ways * own).mean()) > -_SURE * true_m_s * own_m_s:
+            return None
+        return finding("{topic}_up", **self._topics)
+
+    def _horizontal(self, ways: Array, own: Array) -> Finding | None:
+        """Compare mean velocities (N, 2), m/s, north and east, from positions and as sent."""
+        true_m_s, own_m_s = (math.sqrt((speed**2).sum(axis=1).mean()) for speed in (ways, own))
+        if max(true_m_s, own_m_s) < _LEAST_M_S or true_m_s <= 0:
+            return None
+        if own_m_s <= 0:
+            return finding("{topic}_zero", **self._topics, speed=true_m_s)
+        across = ways.T @ own / (len(ways) * true_m_s * own_m_s)
+        likeness = np.array([np.sum(across * matrix) for matrix in _EXCHANGES])
+        unexplained = 1 - np.maximum(likeness, 0) ** 2  # share of the squares, with the best scale
+        best = int(np.argmin(unexplained))
+        if unexplained[0] > _WRONG and unexplained[best] < _RIGHT:
+            north, east = (
+                f"{'-' if min(row) < 0 else ''}{('north', 'east')[int(np.argmax(np.abs(row)))]}"
+                for row in _EXCHANGES[best]
+            )
+            axes = {"north": north, "east": east, "best": likeness[best], "present": likeness[0]}
+            return finding("{topic}_axes:exchanged", **self._topics, **axes)
+        # Noise changes speeds and directions alike; wrong axes change directions only.
+        apart = np.linalg.norm(ways, axis=1) - np.linalg.norm(own, axis=1)
+        if unexplained[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * true_m_s * own_m_s:
+            return finding("{topic}_axes:body", **self._topics)
+        return self._of_unit(true_m_s, own_m_s) if unexplained[best] < _RIGHT else None
+
+    def _of_unit(self, true_m_s: float, own_m_s: float) -> Finding | None:
+        """Return a finding if the ratio of two rms speeds of one motion is that of a unit."""
+        off = abs(math.log(own_m_s / true_m_s))
+        unit, factor = min(_UNITS.items(), key=lambda item: abs(off - math.log(item[1])))
+        if not abs(off - math.log(factor)) < _BESIDE:
+            return None
+        numbers = {"own": own_m_s, "speed": true_m_s, "factor": factor}
+        return finding("{topic}_unit", **self._topics, **numbers, unit=unit)

@@ -33,158 +33,48 @@ from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: The places of latency, focal length, height and boresight in a fit.
+#: Slices of latency, focal length, height and boresight in the vectors of a fit.
 _PARTS = slice(0, 1), slice(1, 2), slice(2, 3), BORESIGHT
-_BORESIGHT = 3  # its place among the parts
+_BORESIGHT = 3  # its index in _PARTS
 #: An error is significant beyond this many of its standard deviations. Errors of picture pairs are
 #: correlated where a flight turns all the time: 3.8 sigmas were seen without an error.
 _SIGNIFICANT = 6.0
-#: Leaving the error must also make the rest larger by this factor: without an error 1.19 was seen,
-#: and 1.26 of the latency in a straight flight.
+#: The residual without this correction must also be larger by this factor: flights without an
+#: error reached 1.19, and 1.26 for the latency in a straight flight.
 _IMPROVEMENT = (1.5, 1.1, 1.1, 1.1)  # latency, focal length, height, boresight
-#: The rest with good poses is at most this. With more, as where a filter starts without headings,
-#: an error must explain more: a factor of 1.29 was seen without an error.
+#: The largest residual with good poses. Above it, as where a filter starts without headings, an
+#: error must explain more: flights without an error reached a factor of 1.29.
 _GOOD_PX = 1.0
 #: Least errors: s, two logarithms, three angles (rad).
 _LEAST = np.array((0.03, 0.05, 0.12, *np.radians((2.5, 2.5, 2.5))))
 _LEAST_HEIGHT_M = 2.0
 _WRONG = 0.15  # as a logarithm: a larger error makes the map wrong, not only displaced
-#: Share of the pairs' motion, and least size, of a rest that no fitted error explains.
+#: A residual that no fitted error explains: share of the pairs' motion, and least size.
 _UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
-#: With a larger rest, or so near to the end of its range, a latency stands for another fault.
+#: With a larger residual, or this near to the end of its range, a latency means another fault.
 _DOUBTFUL_PX, _END_S = 1.5, 0.06
-_TELLING = 40  # pairs in which a flight that tells the latency has told it
-#: The least latency error by fewer pairs, s: a young filter's heading turns; 0.051 s at 7 sigma
-#: was seen without an error.
-_LEAST_YOUNG_S = 0.1
+_LATENCY_PAIRS = 40  # pairs after which the latency is observed, if the flight shows it at all
+#: Least latency error with fewer pairs, s: the heading of a filter that just started still turns;
+#: flights without an error reached 0.051 s at 7 sigma.
+_LEAST_EARLY_S = 0.1
 _MOST_ELLIPSES = 3.0  # 95 % ellipses, of an error that makes the map wrong
 
-
-def motion_findings(
-    fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
-) -> list[Finding]:
-    """Return the findings of a fit; ``lens`` and ``ground`` name the parameters it corrects.
-
-    ``ground`` is empty if no parameter sets the ground's height.
-    """
-    if fit.turned:
-        return [finding("picture_turned", turned=fit.turned)]
-    rest_px = max(_LEAST_UNEXPLAINED_PX, _UNEXPLAINED * max(fit.moved, fit.before))
-    doubtful = fit.after > _DOUBTFUL_PX or not FROM_S + _END_S < fit.values[0] < TO_S - _END_S
-    if fit.after > rest_px or (doubtful and _is_significant(fit, LATENCY, math.inf)):
-        return [finding("picture_motion", moved_px=fit.moved, off_px=fit.before)]
-    off_rad = _MOST_ELLIPSES * math.sqrt(CHI2_95) * fit.angle_sigma_rad
-    off_s = off_rad * focal_px * fit.step_s / max(fit.moved, 1e-3)
-    limits = (off_s, _WRONG, _WRONG, off_rad)
-    far = [
-        np.abs(fit.values[part]).max() > most for part, most in zip(_PARTS, limits, strict=True)
-    ]
-    cases = ["far" if is_far else "" for is_far in far]
-    significant = [_is_significant(fit, part) for part in range(len(_PARTS))]
-    findings = []
-    pairs = {"pairs": fit.pairs}
-    if significant[LATENCY]:
-        true_s = latency_s + fit.values[LATENCY]
-        numbers = {"true_s": true_s, "sigma_s": fit.sigmas[LATENCY], "latency_s": latency_s}
-        findings.append(finding("video_latency", cases[0], **numbers, **pairs))
-    if significant[FOCAL]:
-        true_px = focal_px * math.exp(fit.values[FOCAL])
-        numbers = {"true_px": true_px, "sigma_px": true_px * fit.sigmas[FOCAL]}
-        numbers |= {"focal_px": focal_px}
-        findings.append(finding("focal_length", cases[1], **numbers, lens=lens, **pairs))
-    true_m = fit.above_m * math.exp(fit.values[HEIGHT])
-    off_m = fit.above_m - true_m
-    off_enough = abs(off_m) > max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m)
-    if significant[HEIGHT] and ground and off_enough:
-        numbers = {"true_m": true_m, "sigma_m": true_m * fit.sigmas[HEIGHT], "off_m": abs(off_m)}
-        numbers |= {"above_m": fit.above_m}
-        texts = {"ground": ground, "move": "raise" if off_m > 0 else "lower"}
-        findings.append(finding("ground_by_motion", cases[2], **numbers, **texts, **pairs))
-    if significant[_BORESIGHT]:
-        off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
-        numbers = {"off_deg": math.hypot(*off_deg)}
-        numbers |= {"sigma_deg": math.degrees(fit.sigmas[BORESIGHT].max())}
-        angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
-        findings.append(
-            finding("boresight_by_motion", cases[3], **numbers, angles=angles, **pairs)
-        )
-    unclear = fit.assumed[LATENCY] or abs(fit.values[LATENCY]) > _LEAST[LATENCY]
-    if unclear and not significant[LATENCY] and fit.pairs >= _TELLING:
-        findings.append(finding("video_latency_untold"))
-    return findings
-
-
-def _is_significant(fit: MotionFit, number: int, good_px: float = _GOOD_PX) -> bool:
-    """Return whether the latency, focal length, height or boresight (0 to 3) is wrong."""
-    part = _PARTS[number]
-    least = np.maximum(_LEAST[part], _SIGNIFICANT * fit.sigmas[part])
-    if number == LATENCY and fit.pairs < _TELLING:
-        least = np.maximum(least, _LEAST_YOUNG_S)
-    sure = (np.abs(fit.values[part]) > least) & ~np.array(fit.assumed[part])
-    enough = _IMPROVEMENT[number] * fit.after + max(fit.after - good_px, 0.0)
-    return bool(sure.any() and fit.without[number] > enough)
-
-
+# Stamps of frames.
 _KEPT = 3000  # the newest frames
 _FEWEST = 20  # frames before anything is reported
-#: Share of the frames from which a fault is reported; a busy computer too gets some late.
+#: Share of the frames from which a fault is reported; a busy computer gets some late anyway.
 _SHARE, _LATE_SHARE = 0.1, 0.5
 #: Limits of a stamp's differences: from its arrival, and from the newest pose's stamp.
 _AHEAD_S, _LATE_S, _APART_S = 0.1, 1.0, 2.0
 
 
-class FrameStamps:
-    """Check the stamps of frames."""
-
-    def __init__(self) -> None:
-        self._pose_ns = 0  # stamp of the newest pose since the last frame, or 0
-        # of each frame: its stamp, its arrival and that pose, ns; 0 where unknown
-        self._frames: deque[tuple[int, int, int]] = deque(maxlen=_KEPT)
-
-    def pose(self, stamp_ns: int) -> None:
-        """Take the stamp of a camera pose."""
-        self._pose_ns = stamp_ns
-
-    def frame(self, stamp_ns: int, arrival_ns: int) -> None:
-        """Take a frame's stamp and its arrival time.
-
-        An arrival time of 0 means unknown, because a clock that is played with a bag is 0 until
-        its first message.
-        """
-        self._frames.append((stamp_ns, arrival_ns, self._pose_ns))
-        self._pose_ns = 0  # compare only with a pose that came since the last frame
-
-    def findings(self) -> list[Finding]:
-        """Return the findings so far."""
-        if len(self._frames) < _FEWEST:
-            return []
-        stamps, arrivals, poses = np.array(self._frames, np.int64).T
-        stamped = stamps != 0
-        early = (stamps - arrivals) * 1e-9 * (stamped & (arrivals != 0))
-        apart = (stamps - poses) * 1e-9 * (stamped & (poses != 0))
-        steps = np.diff(stamps[stamped]) * 1e-9
-        findings = []
-        for check, off_s, wrong in (
-            ("picture_stamps_zero", stamps * 1e-9, ~stamped),
-            ("picture_stamps_ahead", early, early > _AHEAD_S),
-            ("picture_stamps_late", -early, -early > _LATE_S),
-            ("picture_clock", apart, np.abs(apart) > _APART_S),
-            ("picture_stamps_back", steps, steps <= 0),
-        ):
-            share = _LATE_SHARE if check == "picture_stamps_late" else _SHARE
-            if wrong.any() and wrong.mean() > share:
-                numbers = {"count": wrong.sum(), "frames": len(stamps)}
-                findings.append(finding(check, **numbers, mean_s=off_s[wrong].mean()))
-        return findings
-
-
 class PictureChecks:
     """Take frames and poses as the overlay gets them; return findings at any time.
 
-    ``ground`` is what lies under the map, None if nothing gives it. ``explicit`` are the
-    parameters of overlay_node that were set, None if not known. A frame costs 3 ms two or three
-    times a second, and almost nothing otherwise; a fit, every eight seconds, 20 to 60 ms, and
-    0.2 s of pictures that fit nothing.
+    ``ground`` is the ground under the map, None if not known. ``explicit`` are the parameters of
+    overlay_node that were set, None if not known. Two or three frames a second cost 3 ms each, the
+    others almost nothing. A fit, every eight seconds, costs 20 to 60 ms, or 0.2 s if no error
+    explains the pictures.
     """
 
     def __init__(
@@ -205,7 +95,7 @@ class PictureChecks:
         self._size: tuple[int, int] | None = None  # of a picture that does not fit the lens
 
     def configure(self, config: OverlayConfig) -> None:
-        """Take other parameters; the evidence against a former latency is forgotten."""
+        """Take other parameters; another latency removes the fit and its data."""
         if config.video_latency_s != self._latency_s:
             self._latency_s, self._default = config.video_latency_s, False
             self._motion.set_latency(self._latency_s)
@@ -262,3 +152,113 @@ class PictureChecks:
         if self._default and self._tracker.pairs:
             findings.append(finding("latency_default", latency_s=self._latency_s))
         return findings
+
+
+class FrameStamps:
+    """Check the stamps of frames."""
+
+    def __init__(self) -> None:
+        self._pose_ns = 0  # stamp of the newest pose since the last frame, or 0
+        # of each frame: its stamp, its arrival and that pose, ns; 0 where unknown
+        self._frames: deque[tuple[int, int, int]] = deque(maxlen=_KEPT)
+
+    def pose(self, stamp_ns: int) -> None:
+        """Take the stamp of a camera pose."""
+        self._pose_ns = stamp_ns
+
+    def frame(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Take a frame's stamp and its arrival time.
+
+        An arrival time of 0 means unknown, because a clock that is played with a bag is 0 until
+        its first message.
+        """
+        self._frames.append((stamp_ns, arrival_ns, self._pose_ns))
+        self._pose_ns = 0  # compare only with a pose that came since the last frame
+
+    def findings(self) -> list[Finding]:
+        """Return the findings so far."""
+        if len(self._frames) < _FEWEST:
+            return []
+        stamps, arrivals, poses = np.array(self._frames, np.int64).T
+        stamped = stamps != 0
+        early = (stamps - arrivals) * 1e-9 * (stamped & (arrivals != 0))
+        apart = (stamps - poses) * 1e-9 * (stamped & (poses != 0))
+        steps = np.diff(stamps[stamped]) * 1e-9
+        findings = []
+        for check, off_s, wrong in (
+            ("picture_stamps_zero", stamps * 1e-9, ~stamped),
+            ("picture_stamps_ahead", early, early > _AHEAD_S),
+            ("picture_stamps_late", -early, -early > _LATE_S),
+            ("picture_clock", apart, np.abs(apart) > _APART_S),
+            ("picture_stamps_back", steps, steps <= 0),
+        ):
+            share = _LATE_SHARE if check == "picture_stamps_late" else _SHARE
+            if wrong.any() and wrong.mean() > share:
+                numbers = {"count": wrong.sum(), "frames": len(stamps)}
+                findings.append(finding(check, **numbers, mean_s=off_s[wrong].mean()))
+        return findings
+
+
+def motion_findings(
+    fit: MotionFit, latency_s: float, focal_px: float, lens: str, ground: str
+) -> list[Finding]:
+    """Return the findings of a fit; ``lens`` and ``ground`` name the parameters it corrects.
+
+    ``ground`` is empty if no parameter sets the ground's height.
+    """
+    if fit.turned:
+        return [finding("picture_turned", turned=fit.turned)]
+    limit_px = max(_LEAST_UNEXPLAINED_PX, _UNEXPLAINED * max(fit.moved, fit.before))
+    doubtful = fit.after > _DOUBTFUL_PX or not FROM_S + _END_S < fit.values[0] < TO_S - _END_S
+    if fit.after > limit_px or (doubtful and _is_significant(fit, LATENCY, math.inf)):
+        return [finding("picture_motion", moved_px=fit.moved, off_px=fit.before)]
+    off_rad = _MOST_ELLIPSES * math.sqrt(CHI2_95) * fit.angle_sigma_rad
+    off_s = off_rad * focal_px * fit.step_s / max(fit.moved, 1e-3)
+    limits = (off_s, _WRONG, _WRONG, off_rad)
+    far = [
+        np.abs(fit.values[part]).max() > most for part, most in zip(_PARTS, limits, strict=True)
+    ]
+    cases = ["far" if is_far else "" for is_far in far]
+    significant = [_is_significant(fit, part) for part in range(len(_PARTS))]
+    findings = []
+    pairs = {"pairs": fit.pairs}
+    if significant[LATENCY]:
+        true_s = latency_s + fit.values[LATENCY]
+        numbers = {"true_s": true_s, "sigma_s": fit.sigmas[LATENCY], "latency_s": latency_s}
+        findings.append(finding("video_latency", cases[0], **numbers, **pairs))
+    if significant[FOCAL]:
+        true_px = focal_px * math.exp(fit.values[FOCAL])
+        numbers = {"true_px": true_px, "sigma_px": true_px * fit.sigmas[FOCAL]}
+        numbers |= {"focal_px": focal_px}
+        findings.append(finding("focal_length", cases[1], **numbers, lens=lens, **pairs))
+    true_m = fit.above_m * math.exp(fit.values[HEIGHT])
+    off_m = fit.above_m - true_m
+    off_enough = abs(off_m) > max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m)
+    if significant[HEIGHT] and ground and off_enough:
+        numbers = {"true_m": true_m, "sigma_m": true_m * fit.sigmas[HEIGHT], "off_m": abs(off_m)}
+        numbers |= {"above_m": fit.above_m}
+        texts = {"ground": ground, "move": "raise" if off_m > 0 else "lower"}
+        findings.append(finding("ground_by_motion", cases[2], **numbers, **texts, **pairs))
+    if significant[_BORESIGHT]:
+        off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
+        numbers = {"off_deg": math.hypot(*off_deg)}
+        numbers |= {"sigma_deg": math.degrees(fit.sigmas[BORESIGHT].max())}
+        angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
+        findings.append(
+            finding("boresight_by_motion", cases[3], **numbers, angles=angles, **pairs)
+        )
+    unclear = fit.assumed[LATENCY] or abs(fit.values[LATENCY]) > _LEAST[LATENCY]
+    if unclear and not significant[LATENCY] and fit.pairs >= _LATENCY_PAIRS:
+        findings.append(finding("video_latency_untold"))
+    return findings
+
+
+def _is_significant(fit: MotionFit, number: int, good_px: float = _GOOD_PX) -> bool:
+    """Return whether the latency, focal length, height or boresight (0 to 3) is wrong."""
+    part = _PARTS[number]
+    least = np.maximum(_LEAST[part], _SIGNIFICANT * fit.sigmas[part])
+    if number == LATENCY and fit.pairs < _LATENCY_PAIRS:
+        least = np.maximum(least, _LEAST_EARLY_S)
+    sure = (np.abs(fit.values[part]) > least) & ~np.array(fit.assumed[part])
+    enough = _IMPROVEMENT[number] * fit.after + max(fit.after - good_px, 0.0)
+    return bool(sure.any() and fit.without[number] > enough)

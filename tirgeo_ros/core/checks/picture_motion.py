@@ -36,10 +36,31 @@ _POINTS, _FEWEST_POINTS = 14, 6
 _QUALITY = 0.05
 _WINDOW = (15, 15)
 _LEVELS = 3
-_COMES_BACK = 0.3  # largest error, reduced px, of a point tracked forth and back
+_COMES_BACK = 0.3  # largest error, reduced px, of a point tracked forward and back
 _STANDS, _MOVES = 0.25, 1.5  # motion of a fixed point, and of a moving scene, reduced px
 _LEAST_SPAN = 16.0  # of values in a 16-bit picture, as in tone mapping
 _LEAST_CONTRAST = 2.0  # grey levels
+
+# Pairs of pictures, and poses around them.
+#: Number of pairs kept with turns, which show lens and latency, and of pairs without turns.
+_KEPT = 48
+_TURNS_PX = 8.0
+_FEWEST, _NEW = 14, 20  # pairs for the first fit, and new pairs for the next one
+_LONGEST_GAP_S = 0.1  # between poses
+#: Poses are averaged over this time, so that their noise is the same at all instants. An instant
+#: with less noise would look like the right exposure.
+_MEAN_S = 0.08
+_WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
+_POSES_S = 3.0  # time for which poses are kept, beyond the latency
+#: Largest attitude variance of a usable pose: the heading of a filter that has had no headings or
+#: accelerations yet may be far off, and may turn when they come.
+_LARGEST_RAD2 = math.radians(3.0) ** 2
+_WAITING = 8  # pairs, at most
+_LEAST_ABOVE_M = 1.0
+_FLATTEST = 0.2  # least downward component of a ray: terrain is not looked up further away
+_STEPS = 4  # iterations of a ray's intersection with terrain
+_HERE = int(np.argmin(np.abs(OFFSETS_S)))  # index of the exposure itself
+_UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
 
 
 class Tracks(NamedTuple):
@@ -102,7 +123,7 @@ class PictureTracker:
 
 
 def _grey(first: RawPixels, second: RawPixels) -> tuple[Pixels, Pixels]:
-    """Return a pair of pictures in 8 bits; the range of the first, of 16, serves both."""
+    """Return a pair of pictures in 8 bits; the first one's range scales both 16-bit pictures."""
     if first.dtype != np.uint16:
         return first, second
     low, high = np.percentile(first, (1.0, 99.0))
@@ -116,45 +137,24 @@ def _followed(first: Pixels, second: Pixels) -> tuple[Array, Array] | None:
     """Return points (N, 2) in both reduced pictures; None if too few can be tracked."""
 
     def moved(start: Pixels, end: Pixels, points: Any) -> tuple[Any, Any]:
-        there, tracked, _ = cv2.calcOpticalFlowPyrLK(
+        ends, tracked, _ = cv2.calcOpticalFlowPyrLK(
             start, end, points, np.empty(0), winSize=_WINDOW, maxLevel=_LEVELS
         )
-        return there, tracked
+        return ends, tracked
 
     points = cv2.goodFeaturesToTrack(first, _POINTS, _QUALITY, max(first.shape) / 9)
     if points is None or len(points) < _FEWEST_POINTS:
         return None
-    there, forth = moved(first, second, points)
-    back, again = moved(second, first, there)
-    good = (forth & again)[:, 0] > 0
+    ends, forward = moved(first, second, points)
+    back, backward = moved(second, first, ends)
+    good = (forward & backward)[:, 0] > 0
     good &= np.abs(back - points).max(axis=(1, 2)) < _COMES_BACK
-    way = np.linalg.norm(there - points, axis=(1, 2))
+    way = np.linalg.norm(ends - points, axis=(1, 2))
     if good.any() and np.median(way[good]) > _MOVES:
         good &= way > _STANDS
     if good.sum() < _FEWEST_POINTS:
         return None
-    return points[good, 0].astype(float), there[good, 0].astype(float)
-
-
-#: Number of pairs kept with turns, which show lens and latency, and without.
-_KEPT = 48
-_TURNS_PX = 8.0
-_FEWEST, _NEW = 14, 20  # pairs for the first fit, and new pairs for the next one
-_LONGEST_GAP_S = 0.1  # between poses
-#: Poses are averaged over this time, so that their noise is the same at all instants. An instant
-#: with less noise would look like the right exposure.
-_MEAN_S = 0.08
-_WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
-_POSES_S = 3.0  # time for which poses are kept, beyond the latency
-#: Largest attitude variance of a usable pose: the heading of a filter that has had no headings or
-#: accelerations yet may be far off, and may turn when they come.
-_LARGEST_RAD2 = math.radians(3.0) ** 2
-_WAITING = 8  # pairs, at most
-_LEAST_ABOVE_M = 1.0
-_FLATTEST = 0.2  # least downward component of a ray: terrain is not looked up further away
-_STEPS = 4  # iterations of a ray's intersection with terrain
-_HERE = int(np.argmin(np.abs(OFFSETS_S)))  # the offset of the exposure itself
-_UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
+    return points[good, 0].astype(float), ends[good, 0].astype(float)
 
 
 class PictureMotion:

@@ -44,6 +44,15 @@ _FLOORS = {
     "gps/vel": "gps.velocity_sigma_floor_m_s",
 }
 
+# Comparison of ages with the IMU's.
+#: Number of one-second medians that must agree.
+_WINDOWS = 3
+#: Transport times differ by some hundredths of a second; at 3 m/s a tenth is 30 cm.
+_AHEAD_S, _STEP_S = -0.1, 0.15
+_SECOND_NS = 1_000_000_000
+#: After a longer silence the IMU's age is not used.
+_OLD_NS = 500_000_000
+
 
 class Stream:
     """Track one topic; steps longer than ``longest_step_s`` are gaps."""
@@ -55,8 +64,8 @@ class Stream:
         self.gaps = self.longest_ns = self.gap_ended_ns = 0
         self.newest_ns = self.arrived_ns = 0
         self.age_ns = 0  # arrival minus stamp of the newest sample
-        self.alone = self.alone_ns = 0  # stamps that jumped alone, the newest's successor
-        # newest stamp and gaps before a step that may be one
+        self.alone = self.alone_ns = 0  # single stamps that jumped; the stamp after the newest one
+        # newest stamp and gaps before a step that may be a single jump
         self._before: tuple[int, int, int, int] | None = None
         self._flowing_ns = self._steps = 0  # over the steps that are not gaps
 
@@ -111,7 +120,7 @@ def stream_findings(
 ) -> list[Finding]:
     """Return what is wrong with the streams ``waited_ns`` after the first sample of any.
 
-    ``gap_counts_s`` after the last gap of a topic its gaps are a note.
+    A topic's gaps become a note ``gap_counts_s`` after the last one.
     """
     findings = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
     findings += lone_findings(streams, gap_counts_s)
@@ -131,7 +140,7 @@ def stream_findings(
 
 
 def lone_findings(streams: Mapping[str, Stream], counts_s: float = math.inf) -> list[Finding]:
-    """Return the topics of which single stamps jumped, as a note ``counts_s`` after the last."""
+    """Return a finding on single stamps that jumped: a note ``counts_s`` after the last one."""
     alone = {topic: stream for topic, stream in streams.items() if stream.alone}
     if not alone:
         return []
@@ -170,7 +179,7 @@ def _gaps(streams: Mapping[str, Stream], counts_s: float) -> list[Finding]:
 
 
 def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
-    """Return the faults that a share of a topic's samples has."""
+    """Return the faults that occur in more than a few of a topic's samples."""
     findings = []
     back: dict[str, str] = {}
     unstamped: dict[str, str] = {}
@@ -203,15 +212,6 @@ def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
         case = "gps" if all(topic.startswith("gps/") for topic in unknown) else ""
         findings.append(finding("covariance_zero", case, **texts))
     return findings
-
-
-#: Number of one-second medians that must agree.
-_WINDOWS = 3
-#: Transport times differ by some hundredths of a second; at 3 m/s a tenth is 30 cm.
-_AHEAD_S, _STEP_S = -0.1, 0.15
-_SECOND_NS = 1_000_000_000
-#: After a longer silence the IMU's age is not used.
-_OLD_NS = 500_000_000
 
 
 class StampChecks:

@@ -22,6 +22,13 @@ from tirgeo_ros.core.config.overlay_parameters import OverlayConfig
 from tirgeo_ros.core.config.schema import RENAMED
 from tirgeo_ros.core.config.viewer_parameters import VideoWriterConfig, ViewerConfig
 
+__all__ = [
+    "METHODS", "NODE_CONFIGS", "RENAMED", "AircraftConfig", "AutopilotConfig", "BagPlayerConfig",
+    "DjiConfig", "EkfConfig", "FrameIds", "FramesConfig", "GimbalConfig", "ImuConfig",
+    "ImuNoiseConfig", "NorthConfig", "OverlayConfig", "RecorderConfig", "RtkConfig",
+    "SimulatedAircraftConfig", "VideoWriterConfig", "ViewerConfig",
+]  # fmt: skip
+
 #: Every node's parameter tree, by the node's name.
 NODE_CONFIGS: dict[str, type] = {
     "dji_node": DjiConfig,
@@ -33,10 +40,3 @@ NODE_CONFIGS: dict[str, type] = {
     "recorder": RecorderConfig,
     "video_writer": VideoWriterConfig,
 }
-
-__all__ = [
-    "METHODS", "NODE_CONFIGS", "RENAMED", "AircraftConfig", "AutopilotConfig", "BagPlayerConfig",
-    "DjiConfig", "EkfConfig", "FrameIds", "FramesConfig", "GimbalConfig", "ImuConfig",
-    "ImuNoiseConfig", "NorthConfig", "OverlayConfig", "RecorderConfig", "RtkConfig",
-    "SimulatedAircraftConfig", "VideoWriterConfig", "ViewerConfig",
-]  # fmt: skip

@@ -1,6 +1,6 @@
-"""Define the places of antennas, gimbal and camera on the aircraft, the same for every node.
+"""Define the positions of antennas, gimbal and camera on the aircraft, the same for every node.
 
-The user measures them with a tape from any one point of the aircraft, in ROS's axes
+The user measures all of them with a tape from one point of the aircraft, in ROS's axes
 (``base_link``: forward, left, up). The properties are relative to the IMU, the origin of
 ``base_link``, in the core's axes.
 """
@@ -18,6 +18,18 @@ from tirgeo_ros.core.frames.rotations import azimuth, flu_from_frd, matrix_from_
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import Source
+
+_NOWHERE = (0.0, 0.0, 0.0)
+_PLACE = ("m", -1e3, 1e3)
+#: Least horizontal distance between the two antennas: an error of 1 cm of the tape turns a
+#: baseline of 5 cm by 11 deg.
+_LEAST_APART_M = 0.05
+#: Least horizontal share of a baseline's length (75 deg of tilt).
+_LEAST_HORIZONTAL = 0.25
+#: Sigma (forward, left, up) of an antenna's position that was not measured. Every tilt shows the
+#: height above the IMU; on the other axes, a few turns cannot tell a lever arm from a clock error.
+_UNMEASURED_M = (0.0, 0.0, 0.3)
+_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 
 
 class FrameIds(NamedTuple):
@@ -39,7 +51,7 @@ _FIXED = FrameIds._fields[3:]
 def _prefix_fault(text: str) -> str:
     if text.startswith("/"):
         return f"begins with a slash, which tf2 refuses: write {text.lstrip('/')!r}"
-    return "has a space" if any(letter.isspace() for letter in text) else ""
+    return "has a space: remove it" if any(letter.isspace() for letter in text) else ""
 
 
 def _name_fault(text: str) -> str:
@@ -48,7 +60,7 @@ def _name_fault(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FramesConfig:
-    """Names of the frames in messages, given once for all nodes."""
+    """Names of the frames in messages, set once for all nodes."""
 
     map_frame: str = param(
         "map",
@@ -65,13 +77,13 @@ class FramesConfig:
     )
     frame_prefix: str = param(
         "",
-        "text put before every frame's name, to keep aircraft apart on the one /tf: uav1/",
+        "prefix of every frame's name, such as uav1/, so that several aircraft can share /tf",
         fault=_prefix_fault,
     )
 
     @property
     def frame_ids(self) -> FrameIds:
-        """Return the ids with their prefix. Raises ConfigError if two frames have one name."""
+        """Return the ids with their prefix. Raise ConfigError if two have the same name."""
         names = FrameIds(self.map_frame, self.base_link_frame, self.camera_frame, *_FIXED)
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -89,26 +101,13 @@ class TransformsConfig(FramesConfig):
     publish_tf: bool = param(
         True,
         "publish the transforms between the frames on /tf and /tf_static, where tf2_msgs is "
-        "installed; false = another node does",
+        "installed; false = another node publishes them",
     )
-
-
-_NOWHERE = (0.0, 0.0, 0.0)
-_PLACE = ("m", -1e3, 1e3)
-#: Least horizontal distance of two antennas that make a baseline: a tape's error of 1 cm turns one
-#: of 5 cm by 11 deg.
-_LEAST_APART_M = 0.05
-#: Least horizontal share of a baseline's length (75 deg of tilt).
-_LEAST_HORIZONTAL = 0.25
-#: Sigma of an antenna's place that nobody has measured: above the IMU. Every tilt shows that; on
-#: the other axes a few turns cannot tell a lever arm from an error of the clock.
-_UNMEASURED_M = (0.0, 0.0, 0.3)
-_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 
 
 @dataclass(frozen=True, slots=True)
 class AircraftConfig:
-    """Places of IMU, antennas, gimbal and camera on the aircraft, given once for all nodes."""
+    """Positions of IMU, antennas, gimbal and camera on the aircraft, set once for all nodes."""
 
     imu_m: tuple[float, ...] = param(
         _NOWHERE,
@@ -149,40 +148,40 @@ class AircraftConfig:
     )
     camera_from_pivot_m: tuple[float, ...] = param(
         _NOWHERE,
-        "position of the camera from that point, along the camera's axes (forward, left, up)",
+        "position of the camera from gimbal_pivot_m, in the camera's axes (forward, left, up)",
         _PLACE,
     )
 
     @property
     def rtk_lever_b(self) -> Array:
-        """(3,) first RTK antenna from the IMU, FRD, m."""
+        """Return the lever arm (3,) from the IMU to the first RTK antenna, FRD, m."""
         return self._from_imu_b(self.rtk_antenna_m)
 
     @property
     def rtk_lever_sigma_b(self) -> Array:
-        """(3,) standard deviation of ``rtk_lever_b``, m; 0 where it is taken as it is."""
+        """Return the sigmas (3,) of ``rtk_lever_b``, m; 0 for a component taken as exact."""
         if self.rtk_antenna_sigma_m:
             return np.array(self.rtk_antenna_sigma_m)
         return np.zeros(3) if self.rtk_lever_b.any() else np.array(_UNMEASURED_M)
 
     @property
     def gps_lever_b(self) -> Array:
-        """(3,) antenna of the ordinary GPS from the IMU, FRD, m."""
+        """Return the lever arm (3,) from the IMU to the ordinary GPS antenna, FRD, m."""
         return self._from_imu_b(self.gps_antenna_m)
 
     @property
     def pivot_lever_b(self) -> Array:
-        """(3,) gimbal's pivot from the IMU, FRD, m."""
+        """Return the lever arm (3,) from the IMU to the gimbal's pivot, FRD, m."""
         return self._from_imu_b(self.gimbal_pivot_m)
 
     @property
     def camera_from_pivot_g(self) -> Array:
-        """(3,) camera from the pivot, camera body FRD, m."""
+        """Return the offset (3,) from the pivot to the camera, in the camera's FRD axes, m."""
         return flu_from_frd(np.array(self.camera_from_pivot_m))
 
     @property
     def rotation_bi(self) -> Array | None:
-        """(3, 3) body from the IMU's axes, both FRD; None where they are the same."""
+        """Return ``R_bi`` (3, 3), from the IMU's axes to the body's, both FRD; None if equal."""
         if not any(self.imu_rpy_deg):
             return None
         roll, pitch, yaw = np.radians(flu_from_frd(np.array(self.imu_rpy_deg)))
@@ -190,9 +189,9 @@ class AircraftConfig:
 
     @property
     def baseline_b(self) -> Array | None:
-        """(3,) second RTK antenna from the first, FRD, m; None with one antenna.
+        """Return the vector (3,) from the first RTK antenna to the second, FRD, m.
 
-        Raises ConfigError where the two give no heading.
+        None with one antenna. Raises ConfigError if the two are too close to give a heading.
         """
         if not self.second_antenna_m:
             return None
@@ -203,14 +202,14 @@ class AircraftConfig:
             raise ConfigError(
                 f"parameters aircraft.rtk_antenna_m {first} and aircraft.second_antenna_m "
                 f"{second}: only {apart_m:.2f} m apart seen from above, too little for a heading: "
-                "measure both from the same point (forward, left, up); one antenna is "
-                "second_antenna_m: []"
+                "measure both from the same point (forward, left, up); if there is one antenna, "
+                "set second_antenna_m: []"
             )
         return baseline_b
 
     @property
     def baseline_deg(self) -> float | None:
-        """The second antenna's direction from the first: from the nose, clockwise from above.
+        """Return the azimuth, deg, of ``baseline_b`` from the nose, clockwise seen from above.
 
         None with one antenna. Raises ConfigError as ``baseline_b``.
         """
@@ -220,7 +219,7 @@ class AircraftConfig:
         return math.degrees(azimuth(baseline_b))
 
     def antenna_b(self, source: Source) -> Array:
-        """(3,) from the IMU, FRD, m: the antenna whose position or velocity a source gives."""
+        """Return the lever arm (3,) from the IMU to a source's antenna, FRD, m."""
         return self.gps_lever_b if source in _GPS else self.rtk_lever_b
 
     def _from_imu_b(self, place_m: tuple[float, ...]) -> Array:

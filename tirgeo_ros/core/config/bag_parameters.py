@@ -1,4 +1,4 @@
-"""Define the parameters of what plays and records bags."""
+"""Define the parameters of bag_player and recorder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class SimulatedAircraftConfig:
 
     geoid_undulation_m: float = param(
         0.0,
-        "height of the geoid above the ellipsoid, subtracted from the heights that are sent",
+        "height of the geoid above the ellipsoid, subtracted from the recorded heights",
         ("m", -120, 100),
     )
     gimbal: str = param(
@@ -24,7 +24,7 @@ class SimulatedAircraftConfig:
         choices=("joints", "reported"),
     )
     joint_order: str = param(
-        USUAL_ORDER, "order of those joints, from the aircraft to the camera", choices=JOINT_ORDERS
+        USUAL_ORDER, "order of the joints, from the aircraft to the camera", choices=JOINT_ORDERS
     )
     clock_start_ms: int = param(
         60_000, "reading of the aircraft's clock at the start", ("ms", 0, 2**32 - 1)
@@ -51,7 +51,7 @@ class BagPlayerConfig:
         "", "topics, separated by commas, that must have a subscriber; empty = any"
     )
     topics: str = param(
-        "", "topics to play, separated by commas; empty = all not made by the graph"
+        "", "topics to play, separated by commas; empty = all that no node of tirgeo computes"
     )
     live: bool = param(False, "shift all stamps so that the bag begins now, and publish no /clock")
     serial_port: str = param(

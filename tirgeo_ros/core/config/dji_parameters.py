@@ -13,29 +13,29 @@ _DELAY = ("s", -2, 2)
 
 @dataclass(frozen=True, slots=True)
 class DjiHeadingConfig:
-    """The accuracy given to the heading of the two RTK antennas."""
+    """The accuracy that is assumed for the heading of the two RTK antennas."""
 
     sigma_deg: float = param(
-        0.6, "sigma given to a heading, which comes in whole degrees", ("deg", 1e-3, 180)
+        0.6, "sigma of a heading, which DJI sends in whole degrees", ("deg", 1e-3, 180)
     )
 
 
 @dataclass(frozen=True, slots=True)
 class DjiRtkConfig:
-    """The accuracy given to an RTK fix, which DJI sends without one, and its age."""
+    """The accuracy that is assumed for an RTK fix, because DJI sends none, and the fix's age."""
 
     fixed_sigma_m: tuple[float, ...] = param(
-        (0.01, 0.02), "sigma given to a fixed position: horizontal, vertical", ("m", 1e-4, 100)
+        (0.01, 0.02), "sigma of a fixed position: horizontal, vertical", ("m", 1e-4, 100)
     )
     velocity_sigma_m_s: float = param(
-        0.03, "standard deviation given to a velocity, per axis", ("m/s", 1e-4, 100)
+        0.03, "standard deviation of a velocity, per axis", ("m/s", 1e-4, 100)
     )
-    delay_s: float = param(0.0, "age of an RTK value when it is sent, taken off its stamp", _DELAY)
+    delay_s: float = param(0.0, "age of an RTK value when sent, subtracted from its stamp", _DELAY)
 
 
 @dataclass(frozen=True, slots=True)
 class DjiDelayConfig:
-    """The age of other values when they are sent, as ``rtk.delay_s``."""
+    """The age of other values when they are sent, used as ``rtk.delay_s``."""
 
     imu_s: float = param(0.0, "age of acceleration, angular rate and attitude", _DELAY)
     gps_s: float = param(0.0, "age of a position or velocity of the ordinary GPS", _DELAY)
@@ -83,7 +83,7 @@ class DjiConfig(FramesConfig):
     )
     acceleration_unit: str = param(
         "auto",
-        "unit of the broadcast's acceleration: g, m/s2, or auto (by its size)",
+        "unit of the broadcast acceleration: g, m/s2, or auto (judged by its magnitude)",
         choices=("auto", "g", "m/s2"),
     )
     gimbal_reference: str = param(

@@ -12,6 +12,7 @@ from typing import Any
 from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
 
+METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 _DELAY, _PATIENCE = ("s", -2, 2), ("s", 0.1, 3600)
 
 
@@ -51,7 +52,8 @@ class RtkConfig:
     )
     reset_after_s: float = param(
         2.0,
-        "reset the state to positions or velocities that agree and were rejected for this long",
+        "reset the state to the positions or velocities if they were rejected for this long and "
+        "agree with each other",
         _PATIENCE,
     )
 
@@ -75,7 +77,8 @@ class HeadingConfig:
     )
     reset_after_s: float = param(
         5.0,
-        "reset the heading to headings that agree and were rejected for at least this long",
+        "reset the heading to the measured one if headings were rejected for this long and agree "
+        "with each other",
         _PATIENCE,
     )
     set_sigma_deg: float = param(
@@ -96,7 +99,7 @@ class GpsConfig:
     )
     position_time_s: float = param(45.0, "correlation time of the position error", ("s", 0.1, 1e6))
     position_noise_m: float = param(
-        0.05, "sigma of the position error that is new in each fix", ("m", 1e-3, 100)
+        0.05, "sigma of the position's white noise, independent in each fix", ("m", 1e-3, 100)
     )
     velocity_sigma_floor_m_s: float = _floor(0.1, "a velocity, per axis", ("m/s", 1e-3, 100))
     delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
@@ -114,26 +117,24 @@ class BarometerConfig:
         ("m", 1e-3, 100),
     )
     sigma_m: float = param(
-        0.5, "sigma of the slow error by airspeed, rotor wash and gusts", ("m", 1e-2, 100)
+        0.5, "sigma of the slow error from airspeed, rotor wash and gusts", ("m", 1e-2, 100)
     )
     time_s: float = param(20.0, "correlation time of the slow error", ("s", 0.1, 1e5))
     drift: float = param(
-        0.05, "random walk of the pressure of the day, as a height", ("m/sqrt(s)", 0, 10)
+        0.05, "random walk of the air pressure, as a height", ("m/sqrt(s)", 0, 10)
     )
     scale_sigma: float = param(
         0.05,
-        "sigma of the relative error of a change of height; 0.035 for each 10 K off the standard",
+        "sigma of the relative error of a change of height; 0.035 per 10 K from the standard "
+        "atmosphere",
         ("", 0, 1),
     )
     gate_sigma: float = _gate(5.0, "heights")
     reset_after_s: float = param(
         2.0,
-        "take a new reference after heights that agree and were rejected for this long",
+        "take a new reference if heights were rejected for this long and agree with each other",
         _PATIENCE,
     )
-
-
-METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,10 +160,10 @@ class ImuNoiseConfig:
         (20.0, 600.0, 10000.0), "correlation time of that bias", ("s", 1e-3, 1e9)
     )
     gyro_turn_on_bias: float = param(
-        7e-3, "sigma of the gyroscope bias at start, every axis", ("rad/s", 0, 1)
+        7e-3, "sigma of the gyroscope bias at start, per axis", ("rad/s", 0, 1)
     )
     accel_turn_on_bias: float = param(
-        2e-2, "sigma of the accelerometer bias at start, every axis", ("m/s2", 0, 10)
+        2e-2, "sigma of the accelerometer bias at start, per axis", ("m/s2", 0, 10)
     )
 
 
@@ -200,7 +201,7 @@ class AutopilotConfig:
 
 @dataclass(frozen=True, slots=True)
 class AlignmentConfig:
-    """Finding the first attitude."""
+    """The initial attitude of the filter."""
 
     duration_s: float = param(
         1.0, "time over which accelerometer and velocity are compared", ("s", 0.2, 30)

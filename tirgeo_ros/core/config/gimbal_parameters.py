@@ -38,7 +38,7 @@ class NorthConfig:
     )
     centred: bool = param(
         False,
-        "true = the gimbal follows the nose and nobody turns it aside, so that the bias can be "
+        "true = the gimbal follows the nose and is never turned aside, so that the bias can be "
         "measured whenever the nose keeps still",
     )
     settle_s: float = param(
@@ -59,7 +59,8 @@ class NorthConfig:
     )
     reset_after_s: float = param(
         5.0,
-        "reset the bias to readings that agree and were rejected for at least this long",
+        "reset the bias to the readings if they were rejected for this long and agree with each "
+        "other",
         ("s", 0.1, 3600),
     )
 
@@ -123,10 +124,10 @@ class GimbalConfig(TransformsConfig):
 
     @property
     def yaw_zero_rad(self) -> float:
-        """The error of the yaw encoder's zero about body down, rad."""
+        """Return the error of the yaw encoder's zero, about the body's down axis, rad."""
         return -math.radians(self.yaw_zero_deg)
 
     @property
     def boresight_rpy_rad(self) -> Array:
-        """(3,) roll, pitch, yaw of the mounting error about camera body FRD axes, rad."""
+        """Return the boresight (3,): roll, pitch, yaw about the camera's FRD axes, rad."""
         return np.radians(flu_from_frd(np.array(self.boresight_rpy_deg)))

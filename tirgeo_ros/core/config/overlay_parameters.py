@@ -9,6 +9,8 @@ from tirgeo_ros.core.config.aircraft_parameters import FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
+#: The parameters of ConfidenceConfig that enter the covariance of a located point.
+POINT_SIGMAS = ("latency_sigma_s", "lens_sigma_px", "ground_sigma_m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +24,13 @@ class PictureConfig:
         1.0, "time in which the stretch follows 95 % of a change of the scene", ("s", 0, 60)
     )
     local_contrast: float = param(
-        0.0, "limit of the local contrast's gain; 0 = off, 2 plain, 8 strong", ("", 0, 40)
+        0.0, "limit of the local contrast's gain; 0 = off, 2 = plain, 8 = strong", ("", 0, 40)
     )
 
 
 @dataclass(frozen=True, slots=True)
 class ConfidenceConfig:
-    """How the overlay's uncertainty is drawn, and what enters it besides the pose's."""
+    """How the overlay's uncertainty is drawn, and which errors it includes besides the pose's."""
 
     ellipses: bool = param(True, "draw the 95 % ellipse at points and labels")
     lines: str = param(
@@ -42,15 +44,11 @@ class ConfidenceConfig:
     latency_sigma_s: float = param(0.005, "standard deviation of video_latency_s", ("s", 0, 1))
     lens_sigma_px: float = param(0.5, "standard deviation of the lens model", ("px", 0, 100))
     map_sigma_m: float = param(
-        0.1, "sigma of horizontal map positions, unless the style says it", ("m", 0, 1e3)
+        0.1, "sigma of horizontal map positions, unless the style sets it", ("m", 0, 1e3)
     )
     ground_sigma_m: float = param(0.1, "standard deviation of the ground's height", ("m", 0, 1e3))
     scale_bar: bool = param(True, "draw a bar of known length on the ground")
     heading_rose: bool = param(True, "draw where north is, and the camera's heading")
-
-
-#: What of it enters the covariance of a located point.
-POINT_SIGMAS = ("latency_sigma_s", "lens_sigma_px", "ground_sigma_m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ class OverlayConfig(FramesConfig):
     )
     style: str = param("", "style sheet (YAML) of the map's layers; empty = one style for all")
     network: bool = param(
-        False, "allow map and dem to read from the network (a VRT or WFS may name places)"
+        False, "let map and dem read from the network (a VRT or WFS file may contain addresses)"
     )
     label_field: str = param("name", "property of a map feature that is drawn as its label")
     reload_s: float = param(
@@ -70,7 +68,7 @@ class OverlayConfig(FramesConfig):
     )
     ground_height_m: float = param(
         math.nan,
-        "ellipsoidal height of level ground; unset = DEM, else the map's",
+        "ellipsoidal height of level ground; unset = the DEM's heights, else the map's own",
         ("m", -500, 9000),
     )
     dem: str = param(
@@ -78,7 +76,8 @@ class OverlayConfig(FramesConfig):
     )
     dem_undulation_m: float = param(
         0.0,
-        "height of the DEM's zero above the ellipsoid: the geoid's for heights above sea level",
+        "height of the DEM's zero above the ellipsoid; that of the geoid if the DEM's heights are "
+        "above sea level",
         ("m", -120, 100),
     )
     camera: str = param(
@@ -99,7 +98,7 @@ class OverlayConfig(FramesConfig):
     )
     max_prediction_s: float = param(
         0.1,
-        "longest prediction of a pose for a frame that has waited in vain; 0 = never",
+        "longest prediction of a pose for a frame whose pose did not come in time; 0 = never",
         ("s", 0, 1),
         live=True,
     )
@@ -110,7 +109,7 @@ class OverlayConfig(FramesConfig):
     footprint_rate_hz: float = param(5.0, "highest rate of tirgeo/footprint", ("Hz", 0.1, 100))
     compressed_rate_hz: float = param(
         100.0,
-        "highest rate of tirgeo/overlay/image/compressed, for a thin link",
+        "highest rate of tirgeo/overlay/image/compressed; lower it for a slow link",
         ("Hz", 0.1, 1000),
         live=True,
     )

@@ -1,7 +1,7 @@
-"""Parameters as frozen dataclasses: each default, unit and range stands once, in the field.
+"""Define parameters as frozen dataclasses; each default, unit and range is written in its field.
 
-A tree of dataclasses is the parameter tree of a node: field ``imu`` of one that holds the field
-``accel_bias_time_s`` of another is the parameter ``imu.accel_bias_time_s``.
+A tree of dataclasses is the parameter tree of a node: if its field ``imu`` is a dataclass with
+the field ``accel_bias_time_s``, the parameter is named ``imu.accel_bias_time_s``.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from tirgeo_ros.core.types.errors import ConfigError, nearest
 T = TypeVar("T")
 Value = bool | int | float | str | tuple[float, ...]
 
-HIDDEN = "***"  # what a secret is read back as
+HIDDEN = "***"  # shown in place of a secret
 _KIND_NAMES = {bool: "bool", int: "int", float: "double", str: "string"}
-_ONCE = ", said once for all nodes under /**"
+_ONCE = ", set once for all nodes under /**"
 _DIRECTION = (
     f"is now the direction from aircraft.rtk_antenna_m to aircraft.second_antenna_m{_ONCE}"
 )
 _PLAYED = ("geoid_undulation_m", "gimbal", "clock_start_ms", "clock_drift_ppm", "pushes")
-#: Old name of any node's parameter -> the end of the sentence that names the new one.
+#: Old name of a parameter -> what the error message says after it.
 RENAMED: Mapping[str, str] = {
     "rtk.lever_arm_m": f"is now aircraft.rtk_antenna_m{_ONCE}",
     "gps.lever_arm_m": f"is now aircraft.gps_antenna_m{_ONCE}",
@@ -37,17 +37,17 @@ RENAMED: Mapping[str, str] = {
     "aircraft.baseline_offset_deg": _DIRECTION,
     **{f"aircraft.{name}": f"is now simulated_aircraft.{name}" for name in _PLAYED},
 }
-#: Why a parameter cannot be set in flight; True: one of the aircraft's.
+#: Why a parameter cannot be set in flight; True: for the parameters ``aircraft.*``.
 _WHY_NOT = {
-    False: "is read at start alone: set it in the parameter file and restart the node",
-    True: "is measured before flight, and all nodes need the same: set it in the parameter file "
-    "and restart them all",
+    False: "is read only at start: set it in the parameter file and restart the node",
+    True: "is measured before flight, and must be the same in all nodes: set it in the parameter "
+    "file and restart all nodes",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter: its full dotted name and what a value must be."""
+    """Hold one parameter: its full dotted name, its default and the values that it may have."""
 
     name: str
     default: Value
@@ -57,9 +57,9 @@ class Parameter:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     sizes: tuple[int, ...] = ()  # lengths that a list may have
-    fault: Callable[[str], str] | None = None  # what is wrong with a text; empty if nothing
+    fault: Callable[[str], str] | None = None  # returns what is wrong with a text, or ""
     live: bool | None = None  # whether it can be set in flight; None: as its group
-    secret: bool = False  # read back as HIDDEN, unless it is the default
+    secret: bool = False  # shown as HIDDEN, unless it is the default
 
     def checked(self, value: object) -> Value:
         """Return the value in this parameter's type; raise ConfigError naming the parameter."""
@@ -80,10 +80,10 @@ class Parameter:
         if self.choices and value not in self.choices:
             raise self._error(f"{value!r} is not one of {', '.join(self.choices)}")
         if kind is str and "\0" in cast("str", value):
-            raise self._error(f"{value!r} has a NUL character, which no name of a file can have")
+            raise self._error(f"{value!r} has a NUL character: remove it")
         if self.secret and value == HIDDEN:
             raise self._error(
-                f"{HIDDEN} stands for a secret: write that, or give {self.name}_file"
+                f"{HIDDEN} only hides a secret: write the secret itself, or set {self.name}_file"
             )
         fault = self.fault(cast("str", value)) if self.fault else ""
         if fault:
@@ -115,14 +115,14 @@ def param(
 ) -> Any:
     """Return a dataclass field that is a parameter.
 
-    ``within`` is its unit, least and largest value; ``sizes`` are the lengths that a list may
-    have, by default that of ``default``; ``fault`` says what is wrong with a text; ``live``
-    whether it can be set in flight, by default as its group; ``secret`` that nobody may read it.
+    ``within`` is its unit, least and largest value. ``sizes`` are the lengths that a list may
+    have, by default that of ``default``. ``fault`` returns what is wrong with a text, or "".
+    ``live`` is whether it can be set in flight, by default as its group. A ``secret`` is hidden.
     """
     if isinstance(default, tuple) and not sizes:
         sizes = (len(default),)
-    made = Parameter("", default, description, *within, choices, sizes, fault, live, secret)
-    return dataclasses.field(default=default, metadata={"parameter": made})
+    parameter = Parameter("", default, description, *within, choices, sizes, fault, live, secret)
+    return dataclasses.field(default=default, metadata={"parameter": parameter})
 
 
 def group(kind: type[T], *, live: bool = False) -> T:
@@ -132,7 +132,7 @@ def group(kind: type[T], *, live: bool = False) -> T:
 
 @cache
 def _hints(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)  # looks up the annotations, which are texts: slow
+    return get_type_hints(kind)  # slow: it evaluates the annotations, which are texts
 
 
 @cache
@@ -157,8 +157,8 @@ def config_from(kind: type[T], values: Mapping[str, object], where: str = "") ->
     """Return the dataclass tree ``kind`` with the dotted ``values``, the rest at their defaults.
 
     Raise ConfigError for an unknown name, a wrong type or a value out of range; ``where`` (a file,
-    a node) begins the message. For an old name it says what to write instead: ``kind.renamed``, or
-    RENAMED.
+    a node) begins the message. For an old name the message gives the new one, from
+    ``kind.renamed`` or else RENAMED.
     """
     by_name = {parameter.name: parameter for parameter in parameters_of(cast("type", kind))}
     renamed: Mapping[str, str] = getattr(kind, "renamed", RENAMED)
@@ -192,7 +192,7 @@ def _build(kind: type[T], values: Mapping[str, Value], prefix: str) -> T:
 
 
 def values_of(config: object, prefix: str = "") -> dict[str, Value]:
-    """Return the dotted values of a tree of dataclasses: what ``config_from`` takes."""
+    """Return the dotted values of a tree of dataclasses, as ``config_from`` takes them."""
     values: dict[str, Value] = {}
     for item in dataclasses.fields(config):  # type: ignore[arg-type]
         value = getattr(config, item.name)
@@ -206,8 +206,8 @@ def values_of(config: object, prefix: str = "") -> dict[str, Value]:
 def changed_in_flight(config: T, values: Mapping[str, object]) -> T:
     """Return ``config`` with the dotted ``values`` changed, checked as at start.
 
-    Raise ConfigError as ``config_from``, and for a parameter that is read at start alone. Its
-    present value may be set again: that changes nothing.
+    Raise ConfigError as ``config_from`` does, and if the value of a parameter changes that is read
+    only at start.
     """
     kind = type(config)
     new = config_from(kind, values_of(config) | dict(values))
@@ -218,6 +218,6 @@ def changed_in_flight(config: T, values: Mapping[str, object]) -> T:
 
 
 def changes(config: object, new: object) -> dict[str, tuple[Value, Value]]:
-    """Return the parameters in which two trees of one kind differ: name -> old and new value."""
+    """Return the parameters that differ between two trees of one kind: name -> old, new value."""
     both = zip(values_of(config).items(), values_of(new).values(), strict=True)
     return {name: (old, now) for (name, old), now in both if repr(old) != repr(now)}  # nan is nan

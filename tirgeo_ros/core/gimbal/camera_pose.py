@@ -59,18 +59,22 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
+#: For each order, its joints (0 yaw, 1 roll, 2 pitch) from the aircraft to the camera.
+_CHAINS = {order: tuple(JOINTS.index(name) for name in order.split("-")) for order in JOINT_ORDERS}
+#: Smallest horizontal component of the nose's unit vector at which the heading is defined.
+_LEAST_HORIZONTAL = 1e-3
+_IDENTITY = np.eye(6)
+_DOWN_N = np.array([[0.0], [0.0], [1.0]])
+_AXES_N = np.eye(3)
+
 
 def _axis(joint: int) -> int:
     """Return the axis (0 x, 1 y, 2 z) of a joint (0 yaw, 1 roll, 2 pitch)."""
     return (joint + 2) % 3
 
 
-#: For each order, its joints (0 yaw, 1 roll, 2 pitch) from the aircraft to the camera.
-_CHAINS = {order: tuple(JOINTS.index(name) for name in order.split("-")) for order in JOINT_ORDERS}
-
-
 def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Array]:
-    """Return ``q_bg`` of the three turns in their order, and the joints' axes in ``b``.
+    """Return ``q_bg``, the joints' three turns in their order, and the joints' axes in ``b``.
 
     The axes (3, 3) are columns in the order yaw, roll, pitch.
     """
@@ -84,7 +88,7 @@ def chain(joints: JointSample, order: str = USUAL_ORDER) -> tuple[Quaternion, Ar
 
 
 def camera_turn(joints: JointSample, order: str = USUAL_ORDER) -> Array:
-    """Return ``q_bg`` (4,) of the three turns in their order."""
+    """Return ``q_bg`` (4,), the joints' three turns in their order."""
     return np.array(_turns(joints, order)[2])
 
 
@@ -123,13 +127,6 @@ def joint_angles(rotation_bg: Array, order: str = USUAL_ORDER) -> Array:
     return angles
 
 
-#: Smallest horizontal component of the nose's unit vector at which the heading is defined.
-_LEAST_HORIZONTAL = 1e-3
-_IDENTITY = np.eye(6)
-_DOWN_N = np.array([[0.0], [0.0], [1.0]])
-_AXES_N = np.eye(3)
-
-
 @dataclass(frozen=True)
 class Mount:
     """Hold how the camera is mounted on the aircraft, and the variances of the gimbal's angles."""
@@ -139,7 +136,7 @@ class Mount:
     q_gc: Array  # (4,) from the optical frame to the gimbal's camera axes, with the boresight
     joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
     reported_variance: Array  # (2,) reported roll, pitch, rad2
-    tilt_variance: float  # the autopilot's attitude about north and about east, each, rad2
+    tilt_variance: float  # the autopilot's attitude, about north and about east each, rad2
     joint_order: str = USUAL_ORDER
 
     @classmethod
@@ -235,7 +232,7 @@ def _roll_and_pitch_axes(rotation_ng: Array) -> Array:
     if _has_heading(forward):
         across = np.array([-forward[1], forward[0], 0.0]) / np.hypot(forward[0], forward[1])
     else:
-        across = rotation_ng[:, 1]  # the camera's right side, level to the same small angle
+        across = rotation_ng[:, 1]  # the camera's right axis, level within the same small angle
     return np.stack([forward, across], 1)
 
 

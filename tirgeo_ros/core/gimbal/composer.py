@@ -9,8 +9,8 @@ The reported attitudes also measure the bias of the gimbal's north relative to t
 
 Joints may be computed from the reported attitudes (``JointSample.computed``). They give camera
 poses as encoder angles do, but they are not an independent measurement: compared with the reported
-attitudes they would always show a bias of zero. So they are never compared with them. A centred
-gimbal, however, shows its bias in computed joints as well as in reported attitudes, and that
+attitudes they would always show a bias of zero, so this comparison is never made. If the gimbal is
+centred, however, computed joints measure the bias as well as reported attitudes do, and that
 measurement is used.
 """
 
@@ -55,7 +55,7 @@ class GimbalComposer:
     def __init__(self, config: GimbalConfig) -> None:
         self._choice = config.composition
         self._by_joints = config.composition == "encoders"
-        self._computed = False  # of the newest joints
+        self._computed = False  # whether the newest joints are computed
         self._bodies: PoseBuffer[BodyPose] = PoseBuffer()
         self._autopilot: StampedBuffer[Array] = StampedBuffer()
         self._joints: StampedBuffer[Array] = StampedBuffer()  # q_bg
@@ -68,9 +68,9 @@ class GimbalComposer:
         self.configure(config)
 
     def configure(self, config: GimbalConfig) -> None:
-        """Take the parameters, also others in flight: all but ``composition``.
+        """Set all parameters but ``composition``, at start or in flight.
 
-        The bias of the gimbal's north is estimated again from its start if that is another one.
+        The estimate of the bias of the gimbal's north restarts if its initial values change.
         """
         self._mount = Mount.from_config(config)
         self._yaw_zero_rad = config.yaw_zero_rad
@@ -126,15 +126,15 @@ class GimbalComposer:
         return YawBias(self._north.bias_rad, self._north.variance)
 
     def body_at(self, stamp_ns: int) -> BodyPose | Miss:
-        """Return the body's pose that a camera pose of this stamp, just composed, is made of."""
+        """Return the body pose from which the newest camera pose, of this stamp, was composed."""
         return self._bodies.at(stamp_ns)
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return the diagnostics: the counts, and the north bias where it may be used.
+        """Return the diagnostics: the counts, and the north bias if it may be used.
 
-        ``joints`` is present if the joints are computed; ``body_invalid_because`` is the fault of
-        the newest refused body pose.
+        ``joints`` is present if the joints are computed; ``body_invalid_because`` is the reason
+        why the newest refused body pose is not valid.
         """
         values = {name: str(number) for name, number in self.counts.items()}
         if self._bodies.fault:
@@ -178,8 +178,8 @@ class GimbalComposer:
             if not sample.computed:
                 self._joints.put(sample.stamp_ns, camera_turn(sample, self._mount.joint_order))
             if self._presence.heard(sample.stamp_ns):
-                self._drive_by(joints=True)
-        return self._take(sample, drives=self._by_joints)
+                self._switch(to_joints=True)
+        return self._take(sample, in_use=self._by_joints)
 
     def add_attitude(self, sample: CameraAttitudeSample) -> list[CameraPose]:
         """Add the camera attitude that the flight controller reports."""
@@ -187,27 +187,27 @@ class GimbalComposer:
             self._counts["invalid"] += 1
             return []
         self._check_joint_silence(sample.stamp_ns)
-        return self._take(sample, drives=not self._by_joints)
+        return self._take(sample, in_use=not self._by_joints)
 
     def _check_joint_silence(self, stamp_ns: int) -> None:
         if self._choice == "auto" and self._presence.gone(stamp_ns):
-            self._drive_by(joints=False)
+            self._switch(to_joints=False)
 
-    def _drive_by(self, *, joints: bool) -> None:
+    def _switch(self, *, to_joints: bool) -> None:
         """Switch to the other stream, from the newest stamp of the present stream onwards."""
-        self._by_joints = joints
-        self._counts["joints_steady" if joints else "joints_silent"] += 1
+        self._by_joints = to_joints
+        self._counts["joints_steady" if to_joints else "joints_silent"] += 1
         self._handover_ns = self._newest_ns
 
     def _take(
-        self, sample: JointSample | CameraAttitudeSample, *, drives: bool
+        self, sample: JointSample | CameraAttitudeSample, *, in_use: bool
     ) -> list[CameraPose]:
         stamp_ns = sample.stamp_ns
-        if self._handover_ns is not None and drives:
+        if self._handover_ns is not None and in_use:
             # The previous stream has given, or will give, the poses up to the handover.
-            drives = not 0 <= self._handover_ns - stamp_ns <= self._max_wait_ns
-            self._handover_ns = None if drives else self._handover_ns
-        if not drives:
+            in_use = not 0 <= self._handover_ns - stamp_ns <= self._max_wait_ns
+            self._handover_ns = None if in_use else self._handover_ns
+        if not in_use:
             self._counts["unused"] += 1
             return []
         if stamp_ns == self._newest_ns:
@@ -239,7 +239,7 @@ class GimbalComposer:
 
     def _read_north(self, sample: JointSample | CameraAttitudeSample) -> None:
         if isinstance(sample, JointSample):
-            # Computed joints show a centred gimbal's north; the body's heading cancels.
+            # If the gimbal is centred, computed joints measure the bias: the heading cancels.
             use = sample.computed and self._centred
             body = self._bodies.at(sample.stamp_ns) if use else Miss.EMPTY
             if not isinstance(body, Miss):
@@ -258,7 +258,7 @@ class GimbalComposer:
     def _compose(
         self, sample: JointSample | CameraAttitudeSample
     ) -> CameraPose | tuple[str, Miss | None]:
-        """Return the camera's pose, or the name in ``counts`` of why there is none."""
+        """Return the camera's pose, or the reason as named in ``counts``, with its Miss if any."""
         body = self._bodies.at(sample.stamp_ns)
         if isinstance(body, Miss):
             return f"body_{body.value}", body

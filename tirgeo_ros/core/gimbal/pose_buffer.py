@@ -21,7 +21,7 @@ P = TypeVar("P", BodyPose, CameraPose)
 
 
 class Miss(Enum):
-    """Name why there is nothing at an instant; the value is its name in diagnostics."""
+    """Name why a buffer has no entry at a stamp; the value is the name in diagnostics."""
 
     EMPTY = "empty"  # nothing has come yet
     TOO_OLD = "too_old"  # before the oldest entry that is kept
@@ -30,10 +30,10 @@ class Miss(Enum):
 
 
 class StampedBuffer(Generic[T]):
-    """Hold entries in order of their stamps, those of the newest ``span_s`` seconds.
+    """Hold the entries of the last ``span_s`` seconds, in order of their stamps.
 
     A stamp that goes back (a new bag, a clock that was set) clears the history and is counted in
-    ``went_back``. An entry with the stamp of the newest one replaces it.
+    ``went_back``. An entry with the same stamp as the newest one replaces it.
     """
 
     def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
@@ -43,7 +43,7 @@ class StampedBuffer(Generic[T]):
         self._entries: list[T] = []
 
     def keep(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
-        """Set for how long entries are kept, and the longest gap that is interpolated."""
+        """Set how long entries are kept, and the longest gap that is interpolated."""
         self._span_ns = round(span_s * 1e9)
         self._max_gap_ns = round(max_gap_s * 1e9)
 
@@ -82,9 +82,9 @@ class StampedBuffer(Generic[T]):
         return self._entries[bisect_left(self._stamps, self._stamps[-1] - round(span_s * 1e9)) :]
 
     def around(self, stamp_ns: int) -> tuple[T, T, float] | Miss:
-        """Return the entries before and after an instant, and the fraction between them, 0 to 1.
+        """Return the entries before and after a stamp, and the fraction between them, 0 to 1.
 
-        At an entry's own stamp both are that entry. Return a Miss where there are none.
+        At the stamp of an entry both are that entry. Without two such entries, return a Miss.
         """
         if not self._stamps:
             return Miss.EMPTY
@@ -123,7 +123,7 @@ class PoseBuffer(StampedBuffer[P]):
         return True
 
     def at(self, stamp_ns: int) -> P | Miss:
-        """Return the pose at an instant, or the reason why there is none."""
+        """Return the pose at a stamp, or the reason why there is none."""
         around = self.around(stamp_ns)
         if isinstance(around, Miss):
             return around

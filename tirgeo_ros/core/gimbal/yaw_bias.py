@@ -37,12 +37,22 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.verdicts import Outcome
 
+# The filter.
 #: Variance of an unknown heading: uniform over the circle.
 _UNKNOWN_RAD2 = math.pi**2 / 3
-#: A longer step means that a clock was set, not that a flight went on.
+#: A longer step between two stamps means that a clock was set: this much is propagated at most.
 _LONGEST_STEP_S = 3600.0
 #: Consecutive refused measurements needed before the filter is reset to them.
 _LEAST_REFUSED = 3
+# The measurements.
+#: The nose is still while its heading stays within this range. A steady turn by this angle during
+#: the settling time, which is six time constants, makes the camera lag by a sixth of it.
+_STILL_RAD = math.radians(2.0)
+#: A measurement is the mean over this time. The noise of two means is taken as independent.
+_MEAN_S = 1.0
+_LONGEST_GAP_S = 1.5
+#: An axis with a smaller horizontal component is too steep for a useful azimuth.
+_LEAST_HORIZONTAL = 0.5
 
 
 class YawBiasFilter:
@@ -53,21 +63,21 @@ class YawBiasFilter:
         self.refused = 0
         self.resets = 0
         self._stamp_ns: int | None = None
-        self._begun: tuple[float, ...] = ()
+        self._initial: tuple[float, ...] = ()
         self.configure(config)
 
     def configure(self, config: NorthConfig) -> None:
-        """Take the parameters, also others in flight; begin again where those of the start change.
+        """Set the parameters, at start or in flight.
 
-        These are the bias and the two standard deviations.
+        If the initial bias or one of the two standard deviations changes, the filter restarts.
         """
         self._walk_rad2_s = math.radians(config.walk_deg) ** 2
         self._gate_sigma = config.gate_sigma
         self._reset_after_ns = round(config.reset_after_s * 1e9)
-        begun = config.bias_deg, config.sigma_deg, config.centred_sigma_deg
-        if begun != self._begun:
-            self._begun = begun
-            bias, *sigmas = np.radians(begun)
+        initial = config.bias_deg, config.sigma_deg, config.centred_sigma_deg
+        if initial != self._initial:
+            self._initial = initial
+            bias, *sigmas = np.radians(initial)
             self._state, self._covariance = np.array([bias, 0.0]), np.diag(np.square(sigmas))
             self._refusals: list[tuple[int, float]] = []  # (stamp, reading), all consistent
             self._suspect_rad2 = 0.0
@@ -79,7 +89,7 @@ class YawBiasFilter:
 
     @property
     def variance(self) -> float:
-        """Return the variance of b, rad2, at the newest instant.
+        """Return the variance of b, rad2, at the newest stamp.
 
         While the newest measurement is refused, the bias may have stepped to it, so the square of
         its innovation is added to the variance.
@@ -87,7 +97,7 @@ class YawBiasFilter:
         return min(float(self._covariance[0, 0]) + self._suspect_rad2, _UNKNOWN_RAD2)
 
     def advance(self, stamp_ns: int) -> None:
-        """Propagate the bias to an instant; a stamp that goes back only sets the filter's time."""
+        """Propagate the bias to a stamp; an earlier stamp only sets the filter's time back."""
         if self._stamp_ns is not None:
             elapsed_s = min(max(1e-9 * (stamp_ns - self._stamp_ns), 0.0), _LONGEST_STEP_S)
             walked = float(self._covariance[0, 0]) + self._walk_rad2_s * elapsed_s
@@ -118,11 +128,11 @@ class YawBiasFilter:
             lasted_ns = stamp_ns - self._refusals[0][0]
             if len(self._refusals) < _LEAST_REFUSED or lasted_ns < self._reset_after_ns:
                 return Outcome.GATED
-            # Reset b to the measurement, as if nothing had been known of it; keep c.
-            offset, known = (self._state[1], self._covariance[1, 1]) if centred else (0.0, 0.0)
-            self._state[0] = reading_rad - offset
-            self._covariance[0] = variance + known, -known
-            self._covariance[1, 0] = -known
+            # Reset b to the measurement, as if b had been unknown; keep c.
+            c, c_variance = (self._state[1], self._covariance[1, 1]) if centred else (0.0, 0.0)
+            self._state[0] = reading_rad - c
+            self._covariance[0] = variance + c_variance, -c_variance
+            self._covariance[1, 0] = -c_variance
             self.resets += 1
             self._accept()
             return Outcome.RESET
@@ -146,16 +156,6 @@ class YawBiasFilter:
         return wrapped(reading - before) ** 2 <= self._gate_sigma**2 * spread
 
 
-#: The nose is still while its heading stays within this range. A steady turn by this angle during
-#: the settling time, which is six time constants, leaves the camera a sixth of it behind.
-_STILL_RAD = math.radians(2.0)
-#: A measurement is the mean over this time. The noise of two means is taken as independent.
-_MEAN_S = 1.0
-_LONGEST_GAP_S = 1.5
-#: An axis with a smaller horizontal component is too steep for a useful azimuth.
-_LEAST_HORIZONTAL = 0.5
-
-
 class YawBiasMeasurements:
     """Convert pairs of reported camera attitude and autopilot attitude into measurements."""
 
@@ -168,7 +168,7 @@ class YawBiasMeasurements:
     def read(
         self, north: YawBiasFilter, stamp_ns: int, q_ng: Array, q_nb: Array, q_bg: Array | None
     ) -> None:
-        """Update ``north`` with what the attitudes (4,) of one instant show.
+        """Update ``north`` with the measurements that the attitudes (4,) at one stamp give.
 
         ``q_ng`` is the reported camera attitude, ``q_nb`` the autopilot's attitude, ``q_bg`` the
         rotation measured by the encoders, or None.
@@ -185,11 +185,11 @@ class YawBiasMeasurements:
             if math.hypot(w, z) > _LEAST_HORIZONTAL:  # else the tilt between them is too large
                 mean = self._joints.add(stamp_ns, nose, 2 * math.atan2(z, w))
             if mean is not None:
-                # The reported roll's error is about the optical axis, so partly the vertical.
+                # The reported roll's error is about the optical axis: in part about the vertical.
                 down = float(matrix_from_quat(q_ng)[2, 0])
                 variance = self._noise_rad2 + self._roll_rad2 * down * down
                 north.take(stamp_ns, mean, variance, centred=False)
-        # The heading of the camera's level right side, which is defined looking down too.
+        # The heading comes from the camera's right axis: it is defined looking straight down too.
         right_n = matrix_from_quat(q_ng)[:, 1]
         if self._centred is not None and math.hypot(right_n[0], right_n[1]) >= _LEAST_HORIZONTAL:
             heading = azimuth(right_n) - math.pi / 2
@@ -229,7 +229,7 @@ class SteadyMean:
         if self._begun_ns is None:
             self._begun_ns, self._first = stamp_ns, angle_rad
             self._offsets = []
-        # Differences from the first, so that angles on both sides of a half turn average right.
+        # Differences from the first, so that angles on both sides of 180 deg average correctly.
         self._offsets.append(wrapped(angle_rad - self._first))
         if stamp_ns - self._begun_ns < _MEAN_S * 1e9:
             return None

@@ -33,18 +33,38 @@ from tirgeo_ros.core.types.poses import CameraPose
 #: Convert latitude and longitude (rad, any shape) to the grid's column and row, in nodes from 0.
 GridOf = Callable[[Array, Array], tuple[Array, Array]]
 
-#: Above any mountain and below any trench: a value beyond is an undeclared no-data mark.
+# The terrain, and its slope.
+#: Above any mountain and below any trench: a height beyond is a no-data value, not declared.
 _HIGHEST_M, _LOWEST_M = 9500.0, -12000.0
 _PROBE_M = 1.0
+# A ray over an elevation model, cut into pieces.
+_PIECE_M, _LEAST_PIECE_M = 2000.0, 1.0
+_PIECE_CELLS = 2048.0
+_LEVEL = 1e-6  # a ray that falls less steeply than this counts as level
+_KNOTS = np.array([0.0, 0.5, 1.0])
+#: Converts a parabola's values at the knots to its constant, linear and square coefficients.
+_PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
+#: Number of steps of a line of sight in which it is compared with the terrain.
+_PLACES = 48
+#: The terrain hides a point if it is this much higher than the line of sight: few elevation models
+#: are more accurate, and the point itself lies on the surface.
+_CLEAR_M = 0.1
+# A ray over ground of one height.
+_MOST_STEPS = 6
+#: Height errors at which the iteration ends and at which its result is accepted. Earth-fixed
+#: coordinates have a rounding error of 1e-9 m, which accumulates.
+_SETTLED_M, _CLOSE_M = 1e-8, 1e-6
+#: Rays closer to the surface's tangent than this (rad) give no point: no attitude is so accurate.
+_LEVEL_RAD = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
     """Hold ellipsoidal heights (rows, cols), m, at the nodes of a grid; nan where unknown.
 
-    The surface extends to the outermost nodes. ``notes`` are remarks for the user on the source
-    file. Raise ElevationError if the grid has no cell, no height or impossible heights. Infinite
-    heights become nan.
+    The surface extends to the outermost nodes. ``notes`` are remarks for the user about the
+    source file. Raise ElevationError if the grid has no cell, no height or impossible heights.
+    Infinite heights become nan.
     """
 
     heights_m: npt.NDArray[np.floating]
@@ -58,7 +78,7 @@ class Terrain:
         heights = np.asarray(self.heights_m)
         if heights.ndim != 2 or min(heights.shape) < 2:
             raise ElevationError(
-                f"elevation model of shape {heights.shape}: at least 2 x 2 are needed"
+                f"elevation model of shape {heights.shape}: at least 2 x 2 heights are needed"
             )
         heights = np.ascontiguousarray(heights)  # no copy if it already is
         lowest, highest = _range(heights)
@@ -66,7 +86,7 @@ class Terrain:
             heights = np.where(np.isinf(heights), np.nan, heights)
             lowest, highest = _range(heights)
         if math.isnan(lowest):
-            raise ElevationError("elevation model without a single height: all of it is no-data")
+            raise ElevationError("elevation model without heights: all its values are no-data")
         if lowest < _LOWEST_M or highest > _HIGHEST_M:
             raise ElevationError(
                 f"elevation model with heights from {lowest:g} to {highest:g} m: is "
@@ -77,7 +97,7 @@ class Terrain:
         object.__setattr__(self, "highest_m", highest)
 
     def height_m(self, latitude_rad: npt.ArrayLike, longitude_rad: npt.ArrayLike) -> Array:
-        """Return heights (m) at places of any shape; nan off the grid and beside a nan node."""
+        """Return heights (m) at points of any shape; nan off the grid and beside a nan node."""
         return self.at(*self.grid_of(np.asarray(latitude_rad), np.asarray(longitude_rad)))
 
     def at(self, column: Array, row: Array) -> Array:
@@ -89,9 +109,9 @@ class Terrain:
     def cells(
         self, column: Array, row: Array
     ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-        """Return the cell (its first column and row) of each place, and whether it is on the grid.
+        """Return the cell (first column and row) of each point, and whether it is on the grid.
 
-        For a place off the grid the cell is a valid but arbitrary one.
+        For a point off the grid the cell is valid but arbitrary.
         """
         rows, columns = self.heights_m.shape
         inside = (column >= 0) & (column <= columns - 1) & (row >= 0) & (row <= rows - 1)
@@ -104,7 +124,7 @@ class Terrain:
     ) -> Array:
         """Return the bilinear heights (m) in the cells of columns i and rows j.
 
-        ``x`` and ``y`` are the places' columns and rows from the cell's first node.
+        ``x`` and ``y`` are the points' columns and rows from the cell's first node.
         """
         flat = self.heights_m.reshape(-1)
         columns = self.heights_m.shape[1]
@@ -114,15 +134,19 @@ class Terrain:
         return height
 
 
+#: The ground under the map: one ellipsoidal height (m) everywhere, or an elevation model.
+Ground: TypeAlias = float | Terrain
+
+
 def _range(heights: npt.NDArray[np.floating]) -> tuple[float, float]:
     """Return the lowest and the highest height, without nan; nan if all are nan."""
     return float(np.fmin.reduce(heights, None)), float(np.fmax.reduce(heights, None))
 
 
 class Slopes:
-    """Measure the terrain's slope around one place, given by latitude and longitude (rad).
+    """Measure the terrain's slope around one point, given by latitude and longitude (rad).
 
-    ``axes_n`` (3, 3) has north, east and down at that place as columns. ``cell_m`` is about the
+    ``axes_n`` (3, 3) has north, east and down at that point as columns. ``cell_m`` is about the
     longer side of a cell there.
     """
 
@@ -145,8 +169,8 @@ class Slopes:
     def normal_n(self, step_m: float) -> Array:
         """Return the surface's normal (3,), with 1 along up, from differences over a step (m).
 
-        The differences are to both sides. Where one side has no height (edge or gap), the other
-        side is used alone. Where neither has one, the surface counts as level in that direction.
+        The differences are to both sides. If one side has no height (edge or gap), only the other
+        side is used. If both have none, the surface counts as level in that direction.
         """
         steps = step_m * np.array([0.0, -1.0, 1.0])
         column, row = self._place[:, None, None] + self._by_m[:, :, None] * steps
@@ -156,19 +180,6 @@ class Slopes:
             slopes.append(sum(rises) / max(len(rises), 1) / step_m)
         normal: Array = -self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes
         return normal
-
-
-_PIECE_M, _LEAST_PIECE_M = 2000.0, 1.0
-_PIECE_CELLS = 2048.0
-_LEVEL = 1e-6  # a ray that falls less steeply than this counts as level
-_KNOTS = np.array([0.0, 0.5, 1.0])
-#: Converts the values at the knots to the constant, linear and square coefficients.
-_PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
-#: Places along a line of sight at which the terrain is compared with it.
-_PLACES = 48
-#: The terrain hides what is behind it if it is this much higher than the line of sight: elevation
-#: models are hardly ever better, and the point itself lies on the surface.
-_CLEAR_M = 0.1
 
 
 class Reason(Enum):
@@ -208,7 +219,7 @@ class _Piece:
         return column, row, height
 
     def is_over(self, s: float, highest_m: float) -> bool:
-        """Return whether the ray at s is above ``highest_m`` and does not descend there."""
+        """Return whether the ray, at s, is above ``highest_m`` and does not descend."""
         height, linear, square = self.height.tolist()
         return bool(
             height + s * (linear + s * square) > highest_m and linear + 2 * s * square >= 0
@@ -218,7 +229,7 @@ class _Piece:
 def first_hit(
     terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array
 ) -> float | Reason:
-    """Return the distance (m) along a unit ray (3,) to the surface, or why it meets none.
+    """Return the distance (m) along a unit ray (3,) to the surface, or why it does not meet it.
 
     The ray starts at ``position_n`` (3,), m; both are NED in the map's plane. A ray with nan gives
     Reason.ABOVE_HORIZON.
@@ -243,8 +254,8 @@ def _piece(
 ) -> _Piece:
     """Return the ray's next piece.
 
-    It reaches about to the model's lowest height, but not beyond ``_PIECE_M`` and about
-    ``_PIECE_CELLS`` cells.
+    It ends about where the ray reaches the model's lowest height, and is at most ``_PIECE_M`` and
+    about ``_PIECE_CELLS`` cells long.
     """
     # A first guess of the length: 1 % and 1 m more than to the lowest height on a flat earth.
     drop = plane.height_m - float(position_n[2]) - terrain.lowest_m
@@ -255,7 +266,7 @@ def _piece(
         places = plane.geodetic_from_ned(position_n + ways[:, None] * ray_n)
         column, row = terrain.grid_of(places[0], places[1])
         piece = _Piece(start_m, length_m, *(_PARABOLA @ x for x in (column, row, places[2])))
-        # To where the piece's tangent reaches the lowest height, plus 1 m.
+        # The distance at which the piece's tangent reaches the lowest height, plus 1 m.
         drop, down = float(piece.height[0]) - terrain.lowest_m, -float(piece.height[1]) / length_m
         to_lowest_m = max(drop, 0.0) / down + 1.0 if down > _LEVEL else math.inf
         cells = abs(column[2] - column[0]) + abs(row[2] - row[0])
@@ -267,7 +278,7 @@ def _piece(
 
 
 def _within(terrain: Terrain, piece: _Piece) -> float | Reason | None:
-    """Return s, 0 to 1, of a piece's first intersection, or a Reason to stop; None to go on."""
+    """Return s, 0 to 1, of a piece's first intersection; a Reason to stop, or None to go on."""
     cuts = np.sort(np.concatenate([[0.0], _crossings(piece.column), _crossings(piece.row), [1.0]]))
     begin, end = cuts[:-1], cuts[1:]
     middle = 0.5 * (begin + end)
@@ -319,11 +330,11 @@ def _crossings(parabola: Array) -> Array:
 
 
 def hidden(terrain: Terrain, plane: TangentPlane, eye_n: Array, points_n: Array) -> BoolArray:
-    """Return for points (N, 3) of the terrain whether it hides them from a place ``eye_n`` (3,).
+    """Return (N,) whether the terrain hides its points (N, 3) from a viewpoint ``eye_n`` (3,).
 
-    Both are NED in the map's plane, m. Between the ends column, row and height are taken as
-    linear: the height is then off by 2 cm in the middle of a line of 1 km. An obstacle shorter
-    than a 48th of the line may be missed. A place without a height hides nothing.
+    Both are NED in the map's plane, m. Column, row and height are interpolated linearly along the
+    line of sight: the height is then off by 2 cm in the middle of 1 km. An obstacle shorter than
+    1/48 of the line may be missed. Ground without a height hides nothing.
     """
     ends = np.concatenate([np.asarray(points_n), np.asarray(eye_n)[None]])
     latitude, longitude, height = plane.geodetic_from_ned(ends)
@@ -337,18 +348,8 @@ def hidden(terrain: Terrain, plane: TangentPlane, eye_n: Array, points_n: Array)
     return np.asarray(above.any(axis=1))
 
 
-#: The ground under the map: one ellipsoidal height (m) everywhere, or an elevation model.
-Ground: TypeAlias = float | Terrain
-_MOST_STEPS = 6
-#: Height errors at which the iteration ends and at which its result is accepted. Earth-fixed
-#: coordinates have a rounding error of 1e-9 m, which accumulates.
-_SETTLED_M, _CLOSE_M = 1e-8, 1e-6
-#: Rays closer to the surface's tangent than this (rad) give no point: no attitude is so accurate.
-_LEVEL_RAD = 1e-4
-
-
 def is_given(ground: Ground | None) -> bool:
-    """Return whether there is a ground: an elevation model, or a height that is not nan."""
+    """Return whether the ground is known: an elevation model, or a height that is not nan."""
     return ground is not None and (isinstance(ground, Terrain) or math.isfinite(ground))
 
 
@@ -357,8 +358,8 @@ def locate(
 ) -> tuple[Array, list[Reason | None]]:
     """Back-project pixels (N, 2) to ground points (N, 3), NED in the map's plane, m.
 
-    The list has N entries: None for a pixel with a point, else the reason why it has none; that
-    point is nan. The point is the first one along the ray, so ground behind a ridge is not found.
+    The list has N entries: None for a pixel with a point; for one without, the reason, and its
+    point is nan. The point is the first along the ray, so ground behind a ridge is not returned.
     """
     rays_n = camera.rays(uv) @ matrix_from_quat(pose.q_nc).T
     rays_n /= np.linalg.norm(rays_n, axis=1, keepdims=True)
@@ -378,9 +379,9 @@ def locate(
 def level_hits(
     height_m: float, plane: TangentPlane, position_n: Array, rays_n: Array
 ) -> tuple[Array, list[Reason | None]]:
-    """Return the distances (N,), m, along unit rays (N, 3) at which the height is reached.
+    """Return the distances (N,), m, at which unit rays (N, 3) reach an ellipsoidal height.
 
-    Where it is not reached, the distance is nan and the list has a Reason, else None. The first
+    If a ray does not reach it, its distance is nan and the list has a Reason, else None. The first
     guess is on a sphere; Newton's method on the ellipsoidal height then refines it.
     """
     latitude, longitude, camera_m = plane.geodetic_from_ned(position_n)
@@ -397,7 +398,7 @@ def level_hits(
             points_n = position_n + ways[:, None] * rays_n
             latitude, longitude, off_m = plane.geodetic_from_ned(points_n)
             off_m -= height_m
-            # The height's gradient is the ellipsoid's normal at the place.
+            # The height's gradient is the ellipsoid's normal at the point.
             slopes = (plane.up_n(latitude, longitude) * rays_n).sum(axis=1)
             if not (np.abs(off_m) > _SETTLED_M).any():
                 break

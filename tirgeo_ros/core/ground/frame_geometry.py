@@ -3,16 +3,16 @@
 Two conventions of angles are in use, both applied yaw, pitch, roll (z-y-x, intrinsic):
 
 ``rpy``
-    Those of the camera's body (forward, right, down), as of an aircraft, and as DJI gives its
-    gimbals': a level camera that looks north has 0, 0, 0; one that looks straight down has the
-    pitch -90 deg, where yaw and roll are not defined apart.
+    The angles of the camera's body axes (forward, right, down), as for an aircraft, and as DJI
+    reports a gimbal's: a level camera that looks north has 0, 0, 0. A camera that looks straight
+    down has the pitch -90 deg; only the sum of yaw and roll is then defined.
 ``mapping_rpy``
-    Those of a level aircraft in which the camera looks straight down with the picture's top to
-    the nose, as Pix4D defines them: straight down with the top to the north is 0, 0, 0; a level
-    camera has the pitch 90 deg, where yaw and roll are not defined apart.
+    The angles of an aircraft to which the camera is fixed, looking straight down with the
+    picture's top towards the nose, as Pix4D defines them: straight down with the top to the north
+    is 0, 0, 0. A level camera has the pitch 90 deg; only yaw minus roll is then defined.
 
-A video system's line of sight is the ray of the picture's middle, not the optical axis: a viewer
-takes field of view and angles as symmetrical about the middle, and the two can be degrees apart.
+A video system's line of sight is the ray of the picture's middle, not the optical axis, which can
+be degrees away: viewers assume that field of view and angles are symmetrical about the middle.
 """
 
 from __future__ import annotations
@@ -36,14 +36,21 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 #: ``R_mc``: optical frame (right, down, forward) to the aircraft of ``mapping_rpy``.
 _MAPPING_OPTICAL = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-#: Nearer to the pitch at which yaw and roll fall together (cosine), their sigmas mean nothing.
+#: With a smaller cosine of the pitch, yaw and roll turn about almost the same axis: no sigmas.
 _LEAST_COSINE = 0.05
 _STEEP = math.cos(math.radians(10))  # steeper than this, the optical axis' heading is ill-defined
+# A picture's place on the ground.
+_UNKNOWN: Vector = (math.nan, math.nan, math.nan)
+_NO_CORNERS = np.full((4, 2), np.nan)
+#: Pixels along each edge: enough for the bend of a lens and the shape of the ground.
+_PER_EDGE = 8
+#: Bisections of the step between two of them, to find where an edge leaves the ground in view.
+_HALVINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class CameraPlace:
-    """Hold a camera's place and attitude in the axes ``l``: north, east, down at the camera."""
+    """Hold a camera's position and attitude in the axes ``l``: north, east, down at the camera."""
 
     latitude_rad: float
     longitude_rad: float
@@ -58,7 +65,7 @@ class CameraPlace:
 
     @property
     def mapping_rpy(self) -> Vector:
-        """Return roll, pitch and yaw as photogrammetry has them, rad: 0 is straight down."""
+        """Return roll, pitch and yaw as used in photogrammetry, rad: 0 is straight down."""
         return rpy_of(self.rotation_lc @ _MAPPING_OPTICAL.T)
 
     def altitude_m(self, undulation_m: float) -> float:
@@ -78,9 +85,9 @@ class CameraPlace:
     def mapping_sigmas_rad(self) -> Vector:
         """Return the standard deviations of ``mapping_rpy``.
 
-        They are nan where they are not known, and near the pitch 90 deg. An error phi of the
-        attitude is the sum of turns about the axes of yaw (down), pitch (the nose's right, level)
-        and roll (the nose).
+        They are nan if unknown, and near the pitch 90 deg. An error phi of the attitude is the
+        sum of turns about the axes of yaw (down), pitch (level, to the right of the nose) and
+        roll (the nose).
         """
         _, pitch, yaw = self.mapping_rpy
         if abs(math.cos(pitch)) < _LEAST_COSINE:
@@ -94,7 +101,7 @@ class CameraPlace:
 
 
 def camera_place(pose: CameraPose, plane: TangentPlane) -> CameraPlace:
-    """Return the place and the attitude of a camera whose pose is in ``plane``."""
+    """Return the position and the attitude of a camera whose pose is in ``plane``."""
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
     to_local = plane.rotation_from_local(latitude, longitude).T
     both = np.kron(np.eye(2), to_local)
@@ -104,7 +111,7 @@ def camera_place(pose: CameraPose, plane: TangentPlane) -> CameraPlace:
 
 
 def body_rpy(body: BodyPose, plane: TangentPlane) -> Vector:
-    """Return the aircraft's roll, pitch and heading, rad, against north, east, down at it."""
+    """Return the aircraft's roll, pitch and heading, rad, to north, east, down at the aircraft."""
     latitude, longitude, _ = (float(x) for x in plane.geodetic_from_ned(body.position_n))
     to_local = plane.rotation_from_local(latitude, longitude).T
     return rpy_of(to_local @ matrix_from_quat(body.q_nb))
@@ -113,7 +120,7 @@ def body_rpy(body: BodyPose, plane: TangentPlane) -> Vector:
 def height_above_m(pose: CameraPose, plane: TangentPlane, ground: Ground | None) -> float:
     """Return the camera's height, m, over the ground below.
 
-    It is nan without a ground, and where the elevation model has no height.
+    It is nan if the ground is None, or if the elevation model has no height there.
     """
     if ground is None:
         return math.nan
@@ -136,8 +143,8 @@ def rpy_of(rotation: Array) -> Vector:
 def camera_heading_rad(pose: CameraPose) -> float:
     """Return the camera's heading: 0 is north, clockwise, 0 to 2 pi.
 
-    It is the azimuth of the optical axis. As the axis comes within 10 degrees of straight down,
-    the azimuth of the picture's upper edge gains weight.
+    It is the azimuth of the optical axis. Within 10 degrees of straight down it changes gradually
+    to the azimuth of the picture's upward direction.
     """
     rotation_nc = matrix_from_quat(pose.q_nc)
     ahead, up = rotation_nc[:, 2], -rotation_nc[:, 1]
@@ -146,16 +153,8 @@ def camera_heading_rad(pose: CameraPose) -> float:
     return math.atan2(east, north) % (2 * math.pi) % (2 * math.pi)  # -1e-20 becomes 2 pi, then 0
 
 
-_UNKNOWN: Vector = (math.nan, math.nan, math.nan)
-_NO_CORNERS = np.full((4, 2), np.nan)
-#: Pixels along each edge: enough for the bend of a lens and the shape of the ground.
-_PER_EDGE = 8
-#: Where an edge leaves the ground in view is found to a 256th of the step between two of them.
-_HALVINGS = 8
-
-
 class Sight(NamedTuple):
-    """Hold what is known of a picture at its exposure; both poses are in ``plane``."""
+    """Hold a picture's camera, poses and ground at its exposure; both poses are in ``plane``."""
 
     camera: Camera  # of the picture as shown
     pose: CameraPose
@@ -167,41 +166,41 @@ class Sight(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FrameGeometry:
-    """Hold a picture's geometry; nan stands for what is not known. Places are (3,), see below.
+    """Hold a picture's geometry; unknown values are nan.
 
-    A place is latitude, longitude (rad) and ellipsoidal height (m).
+    A "place" is latitude, longitude (rad) and ellipsoidal height (m).
     """
 
     sensor: Vector  # place
-    #: Roll, pitch and heading of the aircraft against north, east and down at the sensor, rad.
+    #: Roll, pitch and heading of the aircraft relative to north, east and down at the sensor, rad.
     platform_rpy: Vector
     #: Roll, elevation and azimuth of the line of sight in the aircraft's axes, rad: azimuth
     #: first, then elevation (up positive), then roll about the line of sight.
     sensor_rpy: Vector
-    #: The same angles of the line of sight against north, east and down at the sensor.
+    #: The same angles of the line of sight relative to north, east and down at the sensor.
     sight_rpy: Vector
     fields_of_view: tuple[float, float]  # horizontal, vertical, from edge to edge, rad
     centre: Vector  # place: the ground point in the picture's middle
     slant_range_m: float  # from the camera to the centre
     width_m: float  # between the ground points in the middle of the left and the right edge
-    ce90_m: float  # the centre's true place is within this distance with 90 %
-    le90_m: float  # the centre's true height is within plus or minus this with 90 %
-    #: (4, 2) latitude, longitude (rad): upper left, upper right, lower right, lower left corner
-    #: of the picture. All nan if one has no ground point.
+    ce90_m: float  # with 90 %, the centre's true place is within this horizontal distance
+    le90_m: float  # with 90 %, the centre's true height is within plus or minus this
+    #: (4, 2) latitude, longitude (rad) of the picture's upper left, upper right, lower right and
+    #: lower left corner; all nan if one of them has no ground point.
     corners: Array
 
 
 def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
     """Return the geometry of a picture.
 
-    The centre is unknown, and with it all that follows from it, where a click there would be
-    refused. ``config`` gives the sigmas besides the pose's, as for clicks.
+    The centre, and all that is computed from it, is nan if a click on the picture's middle would
+    be refused. ``config`` gives the sigmas besides the pose's, as for clicks.
     """
     camera, pose, plane = sight.camera, sight.pose, sight.plane
     middle, left, right, top, bottom = camera.rays(_crosshair(camera))
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
     to_local = plane.rotation_from_local(latitude, longitude).T
-    # Forward is the middle's ray; right is to the right edge. nan where the lens has no ray.
+    # Forward is the middle's ray, right is towards the right edge; nan if the lens has no ray.
     forward = middle / np.linalg.norm(middle)
     across = right - left
     across -= (across @ forward) * forward
@@ -241,7 +240,10 @@ def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
 
 
 def _crosshair(camera: Camera) -> Array:
-    """Return pixels (5, 2): the middle, and those of the left, right, top and bottom edge."""
+    """Return pixels (5, 2): the picture's middle, and the middles of its four edges.
+
+    The edges are in the order left, right, top, bottom.
+    """
     right, bottom = camera.width - 0.5, camera.height - 0.5
     u, v = (right - 0.5) / 2, (bottom - 0.5) / 2
     return np.array([[u, v], [-0.5, v], [right, v], [u, -0.5], [u, bottom]])
@@ -257,8 +259,8 @@ def footprint(
 ) -> Array:
     """Return the outline (N, 3) of a picture on the ground, NED in the map's plane, m.
 
-    It is cut where the ground is farther ahead than ``far_m``, or is not known: the cut's two ends
-    are joined by a straight line. Empty, (0, 3), if no edge of the picture sees ground.
+    It is cut where the ground is unknown or farther ahead than ``far_m``; the cut's two ends are
+    joined by a straight line. It is empty, (0, 3), if no edge of the picture sees ground.
     """
 
     def on_ground(uv: Array) -> tuple[Array, BoolArray]:

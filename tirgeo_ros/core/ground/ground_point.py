@@ -34,10 +34,9 @@ from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: A point is refused if the major semi-axis of its 95 % ellipse exceeds this share of its
-#: distance: then the first-order ellipse is too small, as the true errors have a long tail away
-#: from the camera.
+#: distance: the first-order ellipse is then too small, because the true errors have a long tail
+#: away from the camera.
 MOST_SHARE = 0.5
-
 _NO_COVARIANCE = np.full((3, 3), np.nan)
 #: 90 % of a normal distribution lie within this many standard deviations.
 _LINEAR_90 = 1.6448536269514722
@@ -45,9 +44,9 @@ _LINEAR_90 = 1.6448536269514722
 _CIRCULAR_90 = math.sqrt(-2 * math.log(0.1))
 _CE_ANGLES = (np.arange(32) + 0.5) * (math.pi / 64)
 _CE_STEPS = 6
-#: Corners of an ellipse as a polygon: it lies within 0.15 % of the curve.
+#: Corners of the polygon of an ellipse: it is within 0.15 % of the curve.
 CORNERS = 60
-#: Height, variance: beyond, it is no click on the ground.
+#: Largest height and variance of a point on the ground, and the end of the range of stamps, ns.
 _MOST_M, MOST_M2 = 1e5, 1e8
 _NS = 1 << 63
 
@@ -62,20 +61,20 @@ class Ellipse(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """Hold a ground point that was located at a pixel of a picture, or the average of some.
+    """Hold a ground point located at a pixel of a picture, or the average of several points.
 
-    Points are equal if stamp, place and covariance are.
+    Points are equal if their stamps, coordinates and covariances are.
     """
 
-    stamp_ns: int  # of the picture; of an average that of the newest
+    stamp_ns: int  # of the picture; for an average, of the newest picture
     latitude_deg: float
     longitude_deg: float
     height_m: float  # ellipsoidal
     covariance_enu: tuple[float, ...]  # 9 numbers, m2, row by row: east, north, up
     uv: tuple[float, float] = field(default=(math.nan, math.nan), compare=False)  # column, row
-    #: (3,) NED in the plane of the map that it was located in, m; nan of any other point. The
-    #: covariance is in the axes of that plane: those at the point differ by 1e-3 rad at 6 km from
-    #: the plane's origin, which is negligible in a covariance.
+    #: (3,) NED in the map's plane in which it was located, m; nan for any other point. The
+    #: covariance is in the axes of that plane: the axes at the point differ by 1e-3 rad at 6 km
+    #: from the plane's origin, which is negligible in a covariance.
     point_n: Array = field(default_factory=lambda: np.full(3, math.nan), compare=False)
 
     @property
@@ -105,7 +104,7 @@ class Located:
 
     @property
     def label(self) -> str:
-        """Return the label for the picture: latitude, longitude (deg, 0.1 m), major semi-axis."""
+        """Return the label: latitude, longitude (deg, to 0.1 m) and the major semi-axis."""
         major_m = self.ellipse.major_m
         return (
             f"{self.latitude_deg:.6f} {self.longitude_deg:.6f} \N{PLUS-MINUS SIGN}{major_m:.1f} m"
@@ -113,7 +112,7 @@ class Located:
 
     @property
     def fault(self) -> str:
-        """Return what is wrong with the numbers of a point that was read; "" if nothing is."""
+        """Return which numbers cannot be those of a ground point, or "" if all can."""
         covariance = self.covariance_enu
         right = (
             abs(self.stamp_ns) < _NS
@@ -152,7 +151,7 @@ class Refusal:
     reason: Reason
 
 
-#: What a click or a pixel of a list becomes.
+#: The result for a click, or for one pixel of a list.
 Answer: TypeAlias = Located | Refusal
 
 
@@ -243,8 +242,8 @@ def _off_ray(
     """Return the covariance (3, 3) of the ray's end, without the error of the ground.
 
     The end is at ``offset_n`` (3,) from the camera. The lens error, in pixels, is converted to the
-    plane through the point and perpendicular to the optical axis. Its part along the ray does not
-    matter.
+    plane through the point, perpendicular to the optical axis. Its component along the ray has no
+    effect.
     """
     rotation_nc = matrix_from_quat(pose.q_nc)
     x, y, depth_m = (offset_n @ rotation_nc).tolist()
@@ -273,7 +272,7 @@ def _on_ground(
 
 
 def linear_error_90(covariance_n: Array) -> float:
-    """Return LE90, m: a height is within plus or minus this of the true one with 90 %.
+    """Return LE90, m: with 90 %, a height is within plus or minus this of the true height.
 
     ``covariance_n`` (3, 3) is that of a point, NED, m2.
     """
@@ -281,7 +280,7 @@ def linear_error_90(covariance_n: Array) -> float:
 
 
 def circular_error_90(covariance_n: Array) -> float:
-    """Return CE90, m: the radius about a point that holds the true place with 90 %.
+    """Return CE90, m: the radius about a point that contains the true position with 90 %.
 
     ``covariance_n`` (3, 3) is that of the point, NED, m2. For semi-axes 1 and c of the ellipse of
     one sigma, the radius k solves 1 - mean(exp(-k^2 / 2 s^2)) = 0.9, with the mean over all

@@ -9,9 +9,9 @@ that are kept at one tolerance. The ends of a piece are kept at every level, so 
 meet at any levels. The distance between a line and its simplified line is within the tolerance,
 for the vertices of both.
 
-Seen from a drone, most of a large map is far away and flat in the picture: outlines and roads
-lower than half a row, with up to thousands of them in a row. Those that overlap in a row of the
-picture are merged into spans.
+Seen from a drone, most of a large map is far away and flat in the picture: an outline or a road is
+lower than half a pixel row, and one row has up to thousands of them. Lines that overlap in a row
+are merged into spans.
 """
 
 from __future__ import annotations
@@ -27,7 +27,19 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 T = TypeVar("T", bound=np.generic)
 
-_OFTEN = 64  # from this many lines of one length on, one NumPy call takes them all
+_OFTEN = 64  # at least this many lines of one length are taken with one NumPy call
+# Levels of detail.
+#: In metres on the map. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
+TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))
+#: Most vertices of a piece: enough to simplify, few enough to cull pieces well.
+PIECE_VERTICES = 64
+_BLOCK_PIECES = 64
+#: A level that drops less than this share of the vertices is not worth its memory.
+_LEAST_DROP = 0.25
+_MORTON_BITS = 15
+# Spans of a pixel row.
+_ENDS_PER_UNIT = 2.0**31  # steps per unit on the plane z = 1: each a ten-thousandth of a pixel
+_FAR_APART_PX = 1e6  # wider than any picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +64,7 @@ class Polylines:
         return [rows[a:b] for a, b in pairwise(ends)]
 
     def runs_of(self, rows: npt.NDArray[T], which: IntArray) -> list[npt.NDArray[T]]:
-        """Return as ``split_rows`` the lines with these rising indices, in arbitrary order.
+        """Split as ``split_rows`` the lines with these ascending indices, in arbitrary order.
 
         Lines of one length are taken together, in a third of the time that slicing takes.
         """
@@ -85,9 +97,9 @@ class Polylines:
     def cut(self, enter: Array, leave: Array) -> Polylines:
         """Return the lines with segment ``i`` cut to its part from ``enter[i]`` to ``leave[i]``.
 
-        Both are (V - 1,) fractions from 0, the segment's first point, to 1, its second. Nothing is
-        kept where ``enter >= leave``; this must hold between the end of one line and the next.
-        Segments that still meet stay in one line.
+        Both are (V - 1,) fractions from 0, the segment's first point, to 1, its second. A segment
+        with ``enter >= leave`` is removed; between the end of one line and the start of the next,
+        this must hold. Segments that still meet stay in one line.
         """
         kept = np.flatnonzero(enter < leave)
         opens, ends = enter[kept], leave[kept]
@@ -110,7 +122,7 @@ class Polylines:
         return np.asarray(start + fraction * (end - start))
 
     def subdivided(self, pieces: IntArray) -> Polylines:
-        """Divide segment ``i`` into ``pieces[i]`` equal pieces; (V - 1,), 1 between two lines."""
+        """Divide segment ``i`` into ``pieces[i]`` equal pieces; (V - 1,), 1 from line to line."""
         if not (pieces > 1).any():
             return self
         pieces = np.append(pieces, 1)
@@ -128,9 +140,9 @@ class Polylines:
 
 
 def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
-    """Return runs of ``count[i]`` integers from ``first[i]`` on, joined, and where each begins.
+    """Join runs of ``count[i]`` integers from ``first[i]`` on; return them and where each begins.
 
-    The second array has one entry more: the end of the last run.
+    The second array has one more entry: the end of the last run.
     """
     starts = np.zeros(len(count) + 1, np.int64)
     np.cumsum(count, out=starts[1:])
@@ -152,19 +164,6 @@ def joined(first: Polylines, second: Polylines) -> Polylines:
     )
 
 
-#: In metres on the map. Half a pixel of the XT2's camera is 6 cm at 100 m and 6 m at 10 km.
-TOLERANCES_M = np.append(0.0, 0.01 * 2.0 ** np.arange(13))
-#: Largest number in a piece: enough to simplify, few enough to cull pieces well.
-PIECE_VERTICES = 64
-_BLOCK_PIECES = 64
-#: A level that drops less than this share of the vertices is not worth its memory.
-_LEAST_DROP = 0.25
-_MORTON_BITS = 15
-
-_ENDS_PER_UNIT = 2.0**31  # fineness of a place on the plane z = 1: a ten-thousandth of a pixel
-_FAR_APART_PX = 1e6  # wider than any picture
-
-
 @dataclass(frozen=True, slots=True)
 class Boxes:
     """Hold axis-aligned boxes: ``bounds`` (6, N), m, has centres, then half sizes, in rows."""
@@ -175,7 +174,7 @@ class Boxes:
     def around(cls, low: Array, high: Array, starts: IntArray) -> Boxes:
         """Return N boxes, each around a run of boxes from ``low`` to ``high`` (3, V).
 
-        ``starts`` (N + 1,) has the beginning of each run and the end of the last.
+        ``starts`` (N + 1,) has the beginning of each run and the end of the last run.
         """
         if len(starts) < 2:
             return cls(np.empty((6, 0)))
@@ -190,7 +189,7 @@ class Boxes:
 
     @property
     def halves(self) -> Array:
-        """Return half the sizes (3, N), m."""
+        """Return half of the sizes (3, N), m."""
         return self.bounds[3:]
 
     def take(self, which: IntArray) -> Boxes:
@@ -198,15 +197,15 @@ class Boxes:
         return Boxes(self.bounds.take(which, axis=1))
 
     def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
-        """Return the boxes that are not wholly outside a plane, and whether each is wholly inside.
+        """Return the boxes not wholly outside any plane, and whether each is inside all planes.
 
-        Inside a plane is ``normals @ point >= offsets``; (m, 3), (m,).
+        A point is inside where ``normals @ point >= offsets``; (m, 3), (m,).
         """
         reach = np.abs(normals)
         sides = np.hstack([np.vstack([normals, normals]), np.vstack([reach, -reach])])
         inside = (sides @ self.bounds).reshape(2, len(offsets), -1) >= offsets[:, None]
-        some: BoolArray = np.all(inside[0], axis=0)
-        number = np.flatnonzero(some)
+        partly: BoolArray = np.all(inside[0], axis=0)
+        number = np.flatnonzero(partly)
         return number, np.all(inside[1], axis=0)[number]
 
     def distance(self, point: Array) -> Array:
@@ -223,7 +222,7 @@ class Details:
 
     ``points`` (3, M) holds all levels; piece ``i`` at level ``k`` is the run of ``count[k, i]``
     points from ``first[k, i]`` on. ``owner`` has the feature of each piece. ``boxes`` enclose the
-    pieces, ``blocks`` each run of 64 pieces.
+    pieces; ``blocks`` are boxes that each enclose 64 of them.
     """
 
     points: Array
@@ -235,7 +234,7 @@ class Details:
 
     @classmethod
     def of(cls, lines: Polylines, layer: IntArray) -> Details:
-        """Cut and simplify lines (3, V) of two points or more; ``layer`` (lines,) is of each."""
+        """Cut and simplify lines (3, V) of two points or more, with their ``layer`` (lines,)."""
         # The pieces of a line share their ends.
         segments = np.diff(lines.starts) - 1
         per_line = -(-segments // (PIECE_VERTICES - 1))
@@ -255,8 +254,11 @@ class Details:
         return cls(points, first, count, pieces.owner, boxes, blocks)
 
     def in_view(self, normals: Array, offsets: Array) -> tuple[IntArray, BoolArray]:
-        """Return rising indices of the pieces that may be inside planes, and which wholly are."""
-        # Half of what ``Boxes.in_view`` computes: which blocks are not wholly outside.
+        """Return ascending indices of the pieces not wholly outside planes, and which are inside.
+
+        The arguments and the second result are as in ``Boxes.in_view``.
+        """
+        # Only the first half of ``Boxes.in_view``: which blocks are not wholly outside.
         nearest = np.concatenate([normals, np.abs(normals)], axis=1) @ self.blocks.bounds
         block = np.flatnonzero((nearest >= offsets[:, None]).all(axis=0))
         near = (block[:, None] * _BLOCK_PIECES + np.arange(_BLOCK_PIECES)).ravel()
@@ -310,7 +312,7 @@ def worths(lines: Polylines) -> Array:
 
 
 def _farthest(points: Array, first: IntArray, last: IntArray) -> tuple[IntArray, Array]:
-    """Return the vertex between each two that is farthest from their chord, and its distance."""
+    """Return the vertex farthest from each chord, ``first`` to ``last``, and its distance."""
     inner, starts = runs(first + 1, last - first - 1)
     of = np.repeat(np.arange(len(first)), last - first - 1)
     begin = points[:, first]
@@ -324,14 +326,14 @@ def _farthest(points: Array, first: IntArray, last: IntArray) -> tuple[IntArray,
     largest = np.maximum.reduceat(distance, starts[:-1])
     hits = np.flatnonzero(distance == largest[of])[::-1]
     at = np.empty_like(first)
-    at[of[hits]] = inner[hits]  # reversed order: of equals the first is written last, and stays
+    at[of[hits]] = inner[hits]  # in reversed order, so that the first of equal ones remains
     return at, np.sqrt(largest)
 
 
 def _levels(pieces: Polylines) -> tuple[Array, IntArray, IntArray]:
     """Return the points of all levels, and the first index and count (levels, N) of each piece.
 
-    Where a level would drop too few vertices, the piece uses the level before.
+    If a level would drop too few vertices of a piece, the piece uses the previous level again.
     """
     worth = worths(pieces)
     lengths = np.diff(pieces.starts)
@@ -350,7 +352,7 @@ def _levels(pieces: Polylines) -> tuple[Array, IntArray, IntArray]:
 
 
 def _morton(centres: Array) -> IntArray:
-    """Return Morton codes (N,) of centres (3, N): sorted by them, neighbours stay mostly close."""
+    """Return Morton codes (N,) of centres (3, N): sorting by them keeps most neighbours close."""
     if not centres.size:
         return np.empty(0, np.int64)
     plane = centres[:2] - centres[:2].min(axis=1)[:, None]
@@ -365,7 +367,7 @@ def _morton(centres: Array) -> IntArray:
 
 def ends(lines: Polylines, across: Array) -> Polylines:
     """Reduce each line to the two points where ``across`` (V,) is smallest and largest."""
-    # The index of a point is put behind its place, so that the least of both names the point.
+    # A point's index is in the low bits of its key, so that the smallest key identifies the point.
     index_bits = len(across).bit_length()
     key = (across * _ENDS_PER_UNIT).astype(np.int64)
     key <<= index_bits

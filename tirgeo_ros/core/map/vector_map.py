@@ -20,6 +20,12 @@ from tirgeo_ros.core.types.errors import ConfigError
 
 Colour = tuple[int, int, int]  # blue, green, red, 0 to 255
 
+#: Up to this many vertices, lines get one in each cell of the elevation model. A map of a whole
+#: county on a 1 m model would need more memory than a computer has.
+MOST_VERTICES = 5_000_000
+#: Segments are first cut into pieces of this many cells, to leave out pieces outside the model.
+_FIRST_CELLS = 256.0
+
 
 @dataclass(frozen=True, slots=True)
 class GeoFeature:
@@ -47,20 +53,13 @@ class LayerStyle:
 
 @dataclass(frozen=True, slots=True)
 class MapLayer:
-    """Hold features of one style; they are drawn over those of the layers before."""
+    """Hold features of one style; they are drawn over the features of earlier layers."""
 
     name: str
     features: Sequence[GeoFeature]
     style: LayerStyle = LayerStyle()
     sigma_m: float | None = None  # standard deviation of its horizontal positions; None: unknown
     left_out: tuple[str, ...] = ()  # what is left out or changed from the file, one line each
-
-
-#: A 1 m model under the map of a whole county would need more memory than there is. Above this
-#: number, lines get fewer vertices than cells.
-MOST_VERTICES = 5_000_000
-#: Segments are first cut into pieces of this many cells, to leave out pieces outside the model.
-_FIRST_CELLS = 256.0
 
 
 def check_heights(layers: Sequence[MapLayer], ground: Ground) -> None:
@@ -82,8 +81,8 @@ def drape(lines: Polylines, plane: TangentPlane, ground: Ground) -> tuple[Polyli
     """Drape lines (3, V) of latitude, longitude (rad), height (m) on the ground.
 
     Return them as north, east, down in the plane, m. On an elevation model the lines get a vertex
-    for each cell, so that they follow it, or ``MOST_VERTICES`` in all; vertices are nan where it
-    has no height. The second result is the number of cells from vertex to vertex, 1 or more.
+    for each cell, so that they follow it, but at most ``MOST_VERTICES``; a vertex is nan where the
+    model has no height. The second result is the number of cells between two vertices, 1 or more.
     """
     if not isinstance(ground, Terrain):
         height = lines.points[2]
@@ -129,9 +128,9 @@ class VectorMap:
     for each feature; ``labelled`` (features,) is False where it is empty. Outlines are lines that
     end where they begin. ``layers`` are in the order of drawing, without their features; ``layer``
     (features,) is the index of each feature's layer, in ascending order.
-    ``details`` are the lines at their levels of detail, ``rings`` the outlines of layers with a
-    fill, which ``ring_boxes`` enclose. ``without_ground`` is the number of features with parts
-    where the ground's height is unknown; these parts are left out. ``notes`` are for the user.
+    ``details`` are the lines at their levels of detail. ``rings`` are the outlines of layers with
+    a fill, and ``ring_boxes`` enclose them. ``without_ground`` is the number of features with
+    parts on unknown ground; these parts are left out. ``notes`` are messages for the user.
     """
 
     labels: tuple[str, ...]
@@ -178,8 +177,8 @@ class VectorMap:
             )
         if cells > 1:
             notes.append(
-                f"map: its lines follow the elevation model in steps of {cells:.1f} cells, since "
-                "they are too long for a vertex in each; cut the map to where you fly"
+                "map: the lines are too long for a vertex in each cell of the elevation model: "
+                f"they have one every {cells:.1f} cells; cut the map to the area of the flight"
             )
         filled_rings = lines.select(np.flatnonzero(rings))
         places = filled_rings.points
@@ -227,7 +226,7 @@ def _joined(parts: Sequence[Array], owner: IntArray, which: IntArray) -> Polylin
 
 
 def _on_ground(lines: Polylines, rings: BoolArray) -> tuple[Polylines, BoolArray, IntArray]:
-    """Return the finite parts of lines, which of them are whole rings, and the features cut."""
+    """Return the finite parts of lines, whether each is a whole ring, and the features cut."""
     finite: BoolArray = np.isfinite(lines.points.sum(axis=0))
     if finite.all():
         return lines, rings, np.empty(0, np.int64)

@@ -2,9 +2,9 @@
 
 Pieces of lines are drawn at the coarsest level of detail within half a pixel of the line. If few
 vertices are in view, all are drawn; if very many, the tolerance grows to 1 or 2 px. Pieces lower
-than the tolerance become spans of a row.
+than the tolerance become spans of a pixel row.
 
-Where nothing of a map is in view, say how far away and in which direction it lies, and guess why.
+If no part of a map is in view, a text says how far away it is, in which direction, and likely why.
 """
 
 from __future__ import annotations
@@ -41,6 +41,29 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.poses import CameraPose
 
 _BITS = (1 << np.arange(8, dtype=np.uint8))[:, None]
+# What is drawn.
+#: Largest distance between a drawn chord and the curve into which the lens bends a line.
+CHORD_PX = 0.1
+#: Lines and marks farther ahead than this are never drawn.
+FAR_M = 20_000.0
+#: Lines and marks less than this many rows below the horizon are not drawn either. Seen from
+#: 100 m up, the ground beyond 5 km fills 16 rows, about a degree: its lines merge into a solid
+#: bar, and half a degree of tilt error moves the bar by kilometres.
+HORIZON_ROWS = 16.0
+#: With up to this many vertices in view, lines are drawn with all their vertices.
+_FEW_VERTICES = 4096
+#: Tolerances of the coarser levels of detail. The first that leaves at most _MANY_VERTICES is
+#: used, else the last. If half a pixel leaves more, the lines cover the whole picture anyway.
+_DETAILS_PX = (0.5, 1.0, 2.0)
+_MANY_VERTICES = 40_000
+# Why no map is in view.
+#: A map farther away than this is not a map of the flight's area.
+ELSEWHERE_M = 20_000.0
+_CANDIDATES = 16  # pieces of lines to search: the nearest box may not have the nearest line
+_HINT_M = 50_000.0  # a mistake is likely if correcting it brings the map this near
+_ZONE_DEG = 6.0  # width of a UTM zone
+_GRID = 5  # pixels along each side of the picture, to look for the horizon
+_WORDS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"]
 
 
 def clip_to_planes(lines: Polylines, normals: Array, offsets: Array) -> Polylines:
@@ -129,22 +152,6 @@ def _cut_rings(rings: Polylines, distance: Array) -> Polylines:
     return Polylines(points, np.append(starts[:-1][left], starts[-1]), rings.owner[left])
 
 
-#: Largest distance between a drawn chord and the curve into which the lens bends a line.
-CHORD_PX = 0.1
-#: Lines and marks farther ahead than this are never drawn.
-FAR_M = 20_000.0
-#: Lines and marks less than this many rows below the horizon are not drawn either. Seen from
-#: 100 m up, the ground beyond 5 km fills 16 rows, about a degree: its lines merge into a solid
-#: bar, and half a degree of tilt error moves it by kilometres.
-HORIZON_ROWS = 16.0
-#: With up to this many vertices in view, lines are drawn with all their vertices.
-_FEW_VERTICES = 4096
-#: Tolerances of the coarser levels of detail. The first one that leaves at most _MANY_VERTICES is
-#: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
-_DETAILS_PX = (0.5, 1.0, 2.0)
-_MANY_VERTICES = 40_000
-
-
 @dataclass(frozen=True, slots=True)
 class VisibleLines(Polylines):
     """Hold lines as they are drawn: ``points`` (2, V) in pixels, owned by features of the map.
@@ -168,9 +175,9 @@ _NOTHING = VisibleLines(
 
 
 def farthest_m(camera: Camera, height_m: float) -> float:
-    """Return up to what distance (m) ground is drawn, from the camera's height (m) above it.
+    """Return the distance (m) up to which lines are drawn, for a camera's height (m) above ground.
 
-    It is ``FAR_M`` where the height is unknown, nan, or not positive.
+    It is ``FAR_M`` if the height is unknown (nan) or not positive.
     """
     rows_m = height_m * camera.fy / HORIZON_ROWS
     return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
@@ -208,26 +215,26 @@ class View:
         level, detail_px = self._levels(details, piece, boxes.distance(pose.position_n))
         row = self._in_a_row(boxes, whole, rotation_cn, offset_c, detail_px)
 
-        def seen(which: BoolArray) -> Polylines:
+        def in_camera(which: BoolArray) -> Polylines:
             return _in_camera(details.lines(piece[which], level[which]), rotation_cn, offset_c)
 
         # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
         # long as all other steps together.
-        cut = clip_to_planes(seen(~whole), self._normals_c, offsets_c)
-        flat = _flat(joined(seen(whole & ~row), cut))
+        cut = clip_to_planes(in_camera(~whole), self._normals_c, offsets_c)
+        flat = _flat(joined(in_camera(whole & ~row), cut))
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         if row.any():
-            # Pieces that each lie in one row become merged spans. One may replace another of its
-            # layer, if the features of both have a label or both have none.
-            in_row = _flat(seen(row))
+            # Pieces that each lie in one row become merged spans. Only spans of one layer are
+            # merged, and only if the features of both have a label or both have none.
+            in_row = _flat(in_camera(row))
             spans = ends(in_row, in_row.points[0])
             uv = self.camera.pixels(*spans.points[:2])
             sheet = 2 * vector_map.layer[spans.owner] + vector_map.labelled[spans.owner]
             flat = joined(flat, merged(spans, uv, sheet))
-        return self._seen(flat)
+        return self._in_pixels(flat)
 
-    def _seen(self, flat: Polylines) -> VisibleLines:
+    def _in_pixels(self, flat: Polylines) -> VisibleLines:
         flat = self._bent(flat)
         uv = self.camera.pixels(*flat.points[:2])
         return VisibleLines(uv, flat.starts, flat.owner, flat.points)
@@ -254,8 +261,8 @@ class View:
         """Return the filled areas of layers with a fill, as closed rings (2, V) in pixels.
 
         The caller fills all rings of one owner together by the even-odd rule. The rings reach a
-        little beyond the image. They are not cut at the distance at which lines end. There are
-        none where the field of view reaches beyond the lens model.
+        little beyond the image, and beyond the distance up to which lines are drawn. There are
+        none if the field of view reaches beyond the lens model.
         """
         rings, rotation_cn = vector_map.rings, matrix_from_quat(pose.q_nc).T
         if not len(rings) or self._reaches_past_lens:
@@ -271,7 +278,7 @@ class View:
             for part in (ring[whole], ring[~whole])
         )
         outer = cut_rings_to_planes(outer, self._normals_c[:-1], offsets_c[:-1])
-        return self._seen(joined(_flat(inner), closed(_flat(outer))))
+        return self._in_pixels(joined(_flat(inner), closed(_flat(outer))))
 
     def _levels(
         self, details: Details, piece: IntArray, distance_m: Array
@@ -320,7 +327,7 @@ class View:
 
 
 def _in_camera(lines: Polylines, rotation_cn: Array, offset_c: Array) -> Polylines:
-    """Return lines in the optical frame; ``offset_c`` (3,) is the camera's position, turned."""
+    """Return lines in the optical frame; ``offset_c`` (3,) is the camera's position there."""
     points_c = rotation_cn @ lines.points
     points_c -= offset_c[:, None]
     return Polylines(points_c, lines.starts, lines.owner)
@@ -332,16 +339,6 @@ def _flat(lines: Polylines) -> Polylines:
     inverse_depth = np.divide(1.0, lines.points[2], out=points[2])
     np.multiply(lines.points[:2], inverse_depth, out=points[:2])
     return Polylines(points, lines.starts, lines.owner)
-
-
-#: A map farther away than this does not belong to the flight.
-ELSEWHERE_M = 20_000.0
-
-_CANDIDATES = 16  # pieces of lines to search: the nearest box may not have the nearest line
-_HINT_M = 50_000.0  # a guessed mistake is likely if undoing it brings the map this near
-_ZONE_DEG = 6.0  # width of a UTM zone
-_GRID = 5  # pixels along each side of the picture, to look for the horizon
-_WORDS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"]
 
 
 class Nearest(NamedTuple):
@@ -357,7 +354,7 @@ def nearest_feature(
 ) -> Nearest | None:
     """Return the map's point nearest to a position (3,), NED, m.
 
-    ``first_n`` (3,) is used if no part of the map has a place; None without it.
+    If no part of the map is on the ground, ``first_n`` (3,) is used; None if that is None too.
     """
     details, points = vector_map.details, [vector_map.marks.points]
     for piece in np.argsort(details.boxes.distance(position_n))[:_CANDIDATES].tolist():
@@ -394,15 +391,15 @@ def distance_words(distance_m: float) -> str:
 
 
 def way_words(distance_m: float, azimuth_rad: float) -> str:
-    """Return distance and direction as text: ``300 m away to the north-east``."""
+    """Return a distance and a direction as text: ``300 m away to the north-east``."""
     return f"{distance_words(distance_m)} away to the {compass_word(azimuth_rad)}"
 
 
 def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
-    """Return a question about why a map's point (3,) is far from the plane's origin, or "".
+    """Return a question that names why a map's point (3,) may be far from the plane's origin.
 
-    It names the first of the usual mistakes whose correction brings the point within 50 km. A
-    point within 50 km of latitude and longitude 0 suggests local metres.
+    It is the first of the usual mistakes whose correction brings the point within 50 km, or local
+    metres if the point is within 50 km of latitude and longitude 0. Without either it is empty.
     """
     latitude, longitude, _ = (float(each) for each in plane.geodetic_from_ned(place_n))
     origin = plane.latitude_rad, plane.longitude_rad
@@ -427,7 +424,7 @@ def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
 
 
 def _apart_m(first: tuple[float, float], second: tuple[float, float]) -> float:
-    """Return the chord (m) between two places (rad); infinite for an impossible latitude."""
+    """Return the chord (m) between two points (rad); infinite for an impossible latitude."""
     if abs(second[0]) > math.pi / 2:
         return math.inf
     apart = ecef_from_geodetic(*first, 0.0) - ecef_from_geodetic(*second, 0.0)
@@ -442,13 +439,13 @@ def why_absent(
     pose: CameraPose,
     far_m: float,
 ) -> str:
-    """Return why no part of a map is in view at a pose in its plane; drawn up to ``far_m``.
+    """Return why no part of a map is in view at a pose in its plane.
 
-    ``first_n`` is as in ``nearest_feature``.
+    The map is drawn up to ``far_m``. ``first_n`` is as in ``nearest_feature``.
     """
     nearest = nearest_feature(vector_map, pose.position_n, first_n)
     if nearest is None:
-        return "it has no place"
+        return "the map has no coordinates"
     lead = f"map {way_words(nearest.distance_m, nearest.azimuth_rad)}"
     if nearest.distance_m > ELSEWHERE_M:
         question = likely_mistake(plane, nearest.point_n)

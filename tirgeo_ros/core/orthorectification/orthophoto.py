@@ -1,24 +1,24 @@
 """Resample a picture to the tiles of the ground that it shows, and blend the views of a tile.
 
 All rasters of one run share a lattice: pixel (0, 0) has its upper left corner at x = y = 0 of a
-projected plane, columns count to the east and rows to the south. Places are computed at nodes,
-one for each block of ``STEP_PX`` x ``STEP_PX`` pixels, in its middle, and one more block around
-the tile. Values at pixels are interpolated between nodes.
+projected plane, columns count to the east and rows to the south. Ground points are computed at
+nodes: one in the middle of each block of ``STEP_PX`` x ``STEP_PX`` pixels of the tile, and of the
+blocks around the tile. Values at pixels are interpolated between nodes.
 
 Each pixel of a tile is projected into the picture, through the lens model, and takes the value
 there. Its score says how good the view is: the ground sample distance, m, times 1 + rho^2, where
-rho is 0 in the picture's middle and 1 in its corners. In a rim of the picture it grows evenly, to
-three times as much at the edge, so that a mosaic fades from one picture to the next before the
-edge. The lowest score is the best view.
+rho is 0 in the picture's middle and 1 in its corners. In a rim of the picture the score grows
+evenly, to three times as much at the edge, so that a mosaic fades from one picture to the next
+before the edge. The lowest score is the best view.
 
 The ground sample distance is the root of the area that a pixel covers: z^3 / (fx fy h), where z
 is the depth along the optical axis and h the camera's height above the surface's tangent plane.
 
 In a mosaic the value of a pixel is the mean of all views with the weights (best score / score)^32.
-A view with a score 10 % worse than the best has a weight of 5 %, one 15 % worse 1 %: only near a
-seam, where two views are equally good, do both count. In the rim of a picture the seam is an
-eighth of the rim wide. The sums are kept relative to the best score so far, so that the order of
-the pictures does not matter.
+A view whose score is 10 % higher than the best has a weight of 5 %, at 15 % it is 1 %: two views
+count only near a seam, where they are equally good. In the rim of a picture the seam is an eighth
+of the rim wide. The sums are kept relative to the best score so far, so that the order of the
+pictures does not matter.
 """
 
 from __future__ import annotations
@@ -43,10 +43,24 @@ from tirgeo_ros.core.types.poses import CameraPose
 TILE_PX, STEP_PX = 512, 4
 NODES = TILE_PX // STEP_PX + 2
 
-#: Column and row of a tile: it begins at TILE_PX times that in pixels.
+#: Column and row of a tile: its first pixel is at TILE_PX times these.
 TileKey: TypeAlias = tuple[int, int]
 Floats: TypeAlias = npt.NDArray[np.float32]
 _KEPT = 48  # tiles whose nodes are kept: 0.8 MB each
+# The view of one picture.
+#: Nodes up to this many pixels outside the picture are used too: pixels of the picture may lie
+#: between them.
+_MARGIN_PX = 32.0
+_RIM, _AT_EDGE = 1 / 8, 3.0  # rim over shorter side; factor of the score at the edge
+_LEAST_PX = 16  # shorter side of a reduced picture
+_SEEDS = 5  # pixels along each side of the picture from which its tiles are searched
+#: On an elevation model, tiles are searched up to where level ground is seen at this share of the
+#: least angle: behind a slope seen at too small an angle, another one may face the camera.
+_FLATTER = 0.5
+#: Step, in nodes, between the lines of sight that are checked for obstacles.
+_SIGHT_STEP = 4
+# The mosaic.
+_SQUARINGS = 5  # (best / score) to the power of 2^5
 
 
 class ProjectedPlane(Protocol):
@@ -62,14 +76,13 @@ class ProjectedPlane(Protocol):
 class GroundNodes(NamedTuple):
     """Hold the ground at the nodes of a tile, NED in the map's plane."""
 
-    points_n: (
-        Array  # (NODES, NODES, 3) m; as low as all known ground where its height is not known
-    )
-    normals_n: Array  # (NODES, NODES, 3) unit vectors, upwards; nan where it is not known
+    #: (NODES, NODES, 3) m; where the ground's height is unknown, at its lowest known height.
+    points_n: Array
+    normals_n: Array  # (NODES, NODES, 3) unit vectors, upwards; nan where the height is unknown
 
 
 class GroundTiles:
-    """Compute the ground's places for a lattice of ``pixel_m``; the newest tiles are kept."""
+    """Compute the ground at the nodes of a lattice of ``pixel_m``; the newest tiles are kept."""
 
     def __init__(
         self, projected: ProjectedPlane, pixel_m: float, plane: TangentPlane, ground: Ground
@@ -115,19 +128,6 @@ def at_pixels(nodes: Array) -> Floats:
     return np.asarray(cv2.resize(nodes.astype(np.float32), size, interpolation=cv2.INTER_LINEAR))
 
 
-#: Nodes this many pixels beyond the picture's edge are taken along: between them may lie pixels
-#: of the picture.
-_MARGIN_PX = 32.0
-_RIM, _AT_EDGE = 1 / 8, 3.0  # of the picture's shorter side; times the score there
-_LEAST_PX = 16  # shorter side of a reduced picture
-_SEEDS = 5  # pixels along each side of the picture from which its tiles are searched
-#: Tiles are searched on an elevation model as far as level ground is seen under this share of the
-#: least angle: behind a slope that is seen too flatly there may be one that faces the camera.
-_FLATTER = 0.5
-#: Every how many nodes the line of sight is followed to the camera.
-_SIGHT_STEP = 4
-
-
 class Patch(NamedTuple):
     """Hold the part of a tile that a picture shows, as rows and columns of the tile."""
 
@@ -143,15 +143,15 @@ class _NodeView(NamedTuple):
 
     uv: Array  # (NODES, NODES, 2) pixels
     score: Array  # (NODES, NODES), without the rim
-    near: BoolArray  # (NODES, NODES) in the picture or hardly outside, even if it is not seen
+    near: BoolArray  # (NODES, NODES) in the picture or near its edge, even if it is not seen
 
 
 class FrameView:
     """Resample one picture, (h, w) or (h, w, 3).
 
-    Ground that is seen under less than ``grazing_rad`` is left out. ``nearest``: each pixel takes
-    the value of one pixel of the picture, not a mean. Else a picture that is much finer than the
-    lattice is reduced before, by means of 2, 4, ... pixels.
+    Ground that is seen at an angle below ``grazing_rad`` is left out. With ``nearest`` each pixel
+    takes the value of one pixel of the picture. Otherwise values are interpolated, and a picture
+    that is much finer than the lattice is first reduced by averaging 2, 4, ... pixels.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class FrameView:
         self._pixels = pixels
 
     def patches(self) -> Iterator[tuple[TileKey, Patch]]:
-        """Yield what the picture shows, tile by tile: from the middle to the neighbours."""
+        """Yield the picture's part of each tile: first the tiles of its seeds, then neighbours."""
         on_ground = np.isfinite(self._seeds_n[:, 0])
         waiting = sorted(self._tiles.keys(self._seeds_n[on_ground]))
         begun = set(waiting)
@@ -223,11 +223,11 @@ class FrameView:
             near &= offset_n[..., 2] > least_m * (_FLATTER if self._terrain else 1.0)
             seen = near & (above_m > least_m)
             if self._terrain and seen.any():
-                some = nodes.points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
-                places = self._tiles.plane, self._pose.position_n, some.reshape(-1, 3)
-                hides = hidden(self._terrain, *places).reshape(some.shape[:2])
-                whole = hides.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
-                seen &= ~whole[:NODES, :NODES]
+                few_n = nodes.points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
+                places = self._tiles.plane, self._pose.position_n, few_n.reshape(-1, 3)
+                is_hidden = hidden(self._terrain, *places).reshape(few_n.shape[:2])
+                is_hidden = is_hidden.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
+                seen &= ~is_hidden[:NODES, :NODES]
             gsd_m = _gsd_m(camera, offset_n @ self._rotation_nc[:, 2], above_m)
             aside = uv / (0.5 * np.array([camera.width - 1, camera.height - 1])) - 1
             score = gsd_m * (1 + 0.5 * np.square(aside).sum(axis=2))
@@ -235,7 +235,7 @@ class FrameView:
         return _NodeView(uv, score, near)
 
     def _patch(self, view: _NodeView) -> Patch | None:
-        """Return the picture's part in a tile, in the box of the nodes near it; None without."""
+        """Return the picture's part of a tile, in the box of its near nodes; None without one."""
         box = _span(view.near, 1), _span(view.near, 0)
         u, v, score = (
             _cropped(at_pixels(values[box]), box)
@@ -243,7 +243,7 @@ class FrameView:
         )
         right, bottom = self._camera.width - 0.5, self._camera.height - 0.5
         inside_px = np.minimum(np.minimum(u + 0.5, right - u), np.minimum(v + 0.5, bottom - v))
-        seen = inside_px >= 0  # nan is not
+        seen = inside_px >= 0  # False for nan
         if not seen.any():
             return None
         rim_px = _RIM * min(self._camera.width, self._camera.height)
@@ -259,7 +259,7 @@ class FrameView:
 
 
 def seeds(camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground) -> Array:
-    """Return ground points (N, 3) at pixels all over a picture, NED; nan where it shows none."""
+    """Return ground points (N, 3), NED, at pixels all over a picture; nan without ground there."""
     u, v = (np.linspace(0.0, size - 1.0, _SEEDS) for size in (camera.width, camera.height))
     uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     return locate(camera, pose, uv, plane, ground)[0]
@@ -270,7 +270,7 @@ def level_gsd_m(
 ) -> Array:
     """Return ground sample distances (N,), m, as if the ground were level at points (N, 3).
 
-    nan where the line of sight meets level ground under less than ``grazing_rad``.
+    They are nan where the line of sight meets level ground at less than ``grazing_rad``.
     """
     latitude, longitude, _ = plane.geodetic_from_ned(points_n)
     offset_n = points_n - pose.position_n
@@ -282,7 +282,7 @@ def level_gsd_m(
 
 
 def _gsd_m(camera: Camera, depth_m: Array, above_m: Array) -> Array:
-    """Return ground sample distances by depths and heights over the surface, of any shape."""
+    """Return ground sample distances from depths and heights over the surface, of any shape."""
     return np.sqrt(depth_m**3 / (camera.fx * camera.fy * above_m))
 
 
@@ -293,7 +293,7 @@ def _span(near: BoolArray, across: int) -> slice:
 
 
 def _pixels_of(span: slice) -> slice:
-    """Return a tile's pixels in the blocks of some nodes; the outermost nodes are outside it."""
+    """Return a tile's pixels in the blocks of a span of nodes; the outermost are outside it."""
     first, last = (span.start - 1) * STEP_PX, (span.stop - 1) * STEP_PX
     return slice(max(first, 0), min(last, TILE_PX))
 
@@ -305,9 +305,6 @@ def _cropped(pixels: Floats, box: tuple[slice, slice]) -> Floats:
         for span, first in ((span, (span.start - 1) * STEP_PX) for span in box)
     )
     return pixels[rows, columns]
-
-
-_SQUARINGS = 5  # (best / score) to the power of 2^5
 
 
 @dataclass(frozen=True)
@@ -326,7 +323,7 @@ class MosaicTile:
         return cls(total, weight, np.full(size, np.inf, np.float32))
 
     def add(self, patch: Patch, *, hard: bool = False) -> None:
-        """Blend a view in; ``hard``: the best view alone counts, and values stay as they are."""
+        """Blend a view in; with ``hard`` only the best view counts, and its values are kept."""
         box = patch.rows, patch.columns
         values = patch.values.reshape(*patch.seen.shape, -1)
         if hard:
@@ -344,7 +341,7 @@ class MosaicTile:
 
     def values(self) -> tuple[Floats, BoolArray]:
         """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""
-        # The best view alone has the weight 1.
+        # The best view has the weight 1, so the divisor 1 only replaces 0.
         values = self.total / np.maximum(self.weight, np.float32(1))[..., None]
         return np.asarray(values, np.float32), self.weight > 0
 

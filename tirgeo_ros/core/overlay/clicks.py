@@ -1,4 +1,4 @@
-"""Locate clicks on the picture with the camera, pose and image that the person saw; mark places.
+"""Locate clicks with the camera and pose of the picture that the person saw, and mark points.
 
 ``camera`` is the camera of the picture as shown: the rectified camera if the picture is rectified.
 ``pose`` is None if the picture was shown without a trusted pose.
@@ -43,7 +43,7 @@ _LARGEST_PX = 2000.0  # semi-axis of an ellipse larger than any picture
 
 
 class Marker(NamedTuple):
-    """Hold a located point that is to be drawn."""
+    """Hold a located point to draw."""
 
     point_n: Array  # (3,) NED in the map's plane, m
     label: str
@@ -59,9 +59,9 @@ class ShownFrame(NamedTuple):
 
 
 class Clicks:
-    """Hold the newest pictures' cameras and poses, and the places that are marked in all.
+    """Hold the cameras and poses of the newest pictures, and the points to mark in every picture.
 
-    These are the points that were located by clicks, or the targets once there are some.
+    These points are the clicked ones, or the targets once ``set_targets`` was called.
     ``counts`` holds the number of clicks by result: ``located`` or ``refused_`` and the reason.
     """
 
@@ -76,7 +76,7 @@ class Clicks:
         self._target_markers: list[Marker] = []
 
     def set_plane(self, plane: TangentPlane) -> None:
-        """Set the map's plane; forget pictures in another plane, keep markers at their place."""
+        """Set the map's plane; forget pictures in another plane, keep markers where they are."""
         if plane == self._plane:
             return
         self._shown.clear()
@@ -88,7 +88,7 @@ class Clicks:
         self._place_targets()
 
     def set_targets(self, targets: Sequence[Target]) -> None:
-        """Mark these places from now on, and no click that is not among them."""
+        """Mark these targets from now on, instead of the clicked points."""
         self._targets = targets
         self._place_targets()
 
@@ -97,12 +97,12 @@ class Clicks:
         if plane is None:
             return
         for target in self._targets or ():
-            at = target.place
-            point_n = plane.ned_from_geodetic(at.latitude_rad, at.longitude_rad, at.height_m)
-            self._target_markers.append(Marker(point_n, target.label, at.covariance_n))
+            mean = target.place
+            point_n = plane.ned_from_geodetic(mean.latitude_rad, mean.longitude_rad, mean.height_m)
+            self._target_markers.append(Marker(point_n, target.label, mean.covariance_n))
 
     def set_ground(self, ground: Ground | None) -> None:
-        """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
+        """Set the ground: an ellipsoidal height (m) or an elevation model; None, nan: unknown."""
         self._ground = ground if is_given(ground) else None
 
     def show(
@@ -116,7 +116,7 @@ class Clicks:
         self._shown.put(stamp_ns, ShownFrame(camera, pose, rates))
 
     def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Answer:
-        """Return the ground point at a pixel (column, row) of a shown picture; 0 is the newest."""
+        """Return the ground point at a pixel (column, row) of a picture; stamp 0: the newest."""
         answer = self._answer(uv, stamp_ns)
         if isinstance(answer, Refusal):
             self.counts[f"refused_{answer.reason.name.lower()}"] += 1
@@ -155,9 +155,9 @@ class Clicks:
 
 
 class PlacedMarkers:
-    """Hold the markers that are in a picture (h, w, 3), with the boxes of their labels, ``boxes``.
+    """Hold the markers in a picture (h, w, 3); ``boxes`` are the boxes of their labels.
 
-    Each marker has the 95 % confidence ellipse of the located ground point, drawn where it is
+    Each marker has the 95 % confidence ellipse of the located ground point, drawn if it is
     clearly larger than the mark. Labels do not overlap the boxes in ``taken`` or each other. The
     newest marker's label is placed first; a label without room is left out.
     """
@@ -197,7 +197,7 @@ class PlacedMarkers:
         count = len(self._uv)
         marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
         diamonds = marks_as_lines(marks, mark_radius_px(image))
-        # The ellipses that are clearly larger than the mark.
+        # Only the ellipses that are clearly larger than the mark.
         semi_px, angle = ellipse_95(self._covariance)
         drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_radius_px(image))  # not nan
         semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
@@ -206,4 +206,4 @@ class PlacedMarkers:
         painter.thin_strokes(image, dashes, ELLIPSE_BGR)
         painter.strokes(image, diamonds, np.zeros(count, np.int64), [_STYLE])
         for text, box in self._labels:
-            text.lay(image, box.left, box.top)
+            text.draw(image, box.left, box.top)

@@ -17,6 +17,22 @@ _PLAIN_PX = 640, 512  # picture size at which the drawing scale is 1
 _SMALLEST, _LARGEST = 0.75, 4.0  # limits of the drawing scale
 _MARK_PX = 7
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
+#: The largest number of labels that are drawn: more could not be read.
+MOST = 40
+UNCERTAIN_BGR: Colour = (165, 165, 165)
+_CONSIDERED = 3 * MOST
+#: A label inside its outline stays there until the outline is smaller than this times the label.
+_STAYS_WITHIN = 0.8
+#: Free space around a new place, so that the label does not have to move again soon.
+_ROOM_PX = 4
+_Places = tuple[tuple[int, int], ...]
+#: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
+#: and down, in units of ``PlacementRequest.half_u`` and ``half_v``.
+_BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
+_ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
+_UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
+_WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside it would seem a neighbour's label
+_NO_ANCHORS = Anchors(np.empty((2, 0)), np.empty((3, 0)), np.empty(0, np.int64), np.empty(0, bool))
 
 
 def drawing_scale(image: Pixels) -> float:
@@ -27,16 +43,16 @@ def drawing_scale(image: Pixels) -> float:
 
 
 def mark_radius_px(image: Pixels) -> int:
-    """Return half the width of a mark on this picture, px; the mark's inside stays open."""
+    """Return half the width of a mark on this picture, px; the mark's inside is not filled."""
     return round(_MARK_PX * drawing_scale(image))
 
 
 class Features(NamedTuple):
-    """Hold visible features with labels, the most important first; one row or column each."""
+    """Hold visible features with labels, the most important first; one element or column each."""
 
-    feature: IntArray  # (F,) index of the map's labels
+    feature: IntArray  # (F,) index into the map's labels
     mark: BoolArray  # (F,) whether it is a point mark, which its label must not hide
-    inside: BoolArray  # (F,) whether it is a closed outline, whose label belongs inside it
+    inside: BoolArray  # (F,) whether it is a closed outline, which has its label inside
     uv: Array  # (2, F) pixels
     rays: Array  # (3, F) the anchor's place on the map, as in VisibleLines.rays
     half: Array  # (2, F) half of the feature's width and height in the picture, px
@@ -75,7 +91,7 @@ class AnchorFinder:
         ordered = owner[np.lexsort((-near, ~was_shown[owner], is_line, -self._layer[owner]))]
         place = np.arange(len(owner))
         first = np.empty(len(self._layer), np.int64)
-        first[ordered[::-1]] = place[::-1]  # where an owner repeats, its first place is kept
+        first[ordered[::-1]] = place[::-1]  # reversed, so that an owner's first place remains
         chosen = ordered[first[ordered] == place][:most]
 
         row = np.full(len(self._layer), -1)
@@ -102,9 +118,9 @@ class AnchorFinder:
 def _anchors(parts: VisibleLines, number: IntArray, outline: BoolArray) -> tuple[Array, Array]:
     """Return the label anchors (5, F) of F features, and half their extents (2, F).
 
-    ``number`` (lines,) is each part's feature, in rising order; ``outline`` (F,) are closed ones.
-    An anchor is the mean of the visible part, weighted by length, so that it moves smoothly as
-    parts come into view. That of a line is moved to the line, that of an outline into it.
+    ``number`` (lines,) is each part's feature, in ascending order; ``outline`` (F,) is True for
+    closed ones. An anchor is the mean of the visible part, weighted by length, so that it moves
+    smoothly as parts come into view. It is then moved onto its line, or into its outline.
     """
     fresh = np.append(True, number[1:] != number[:-1])
     begins = parts.starts[:-1][fresh]
@@ -112,7 +128,7 @@ def _anchors(parts: VisibleLines, number: IntArray, outline: BoolArray) -> tuple
     points, links = np.concatenate([parts.points, parts.rays]), parts.links()
     low = np.minimum.reduceat(points[:2], begins, axis=1)
     high = np.maximum.reduceat(points[:2], begins, axis=1)
-    # A vertex weighs as much as half the segments on both sides.
+    # A vertex has the weight of the lengths of its two segments.
     length = np.hypot(*(points[:2, 1:] - points[:2, :-1])) * links
     weight = np.full(points.shape[1], _LEAST_WEIGHT_PX)
     weight[1:] += length
@@ -137,7 +153,7 @@ def _move_to_lines(places: Array, points: Array, row: IntArray, first: IntArray)
     share = np.clip((along[:2] * to_place).sum(axis=0) / squared, 0.0, 1.0)
     point = start + share * along
     away = ((point[:2] - places[:2, of]) ** 2).sum(axis=0)
-    farthest_first = np.argsort(-away, kind="stable")  # the nearest is written last and stays
+    farthest_first = np.argsort(-away, kind="stable")  # the nearest is written last and remains
     places[:, of[farthest_first]] = point[:, farthest_first]
 
 
@@ -159,40 +175,20 @@ def _move_inside(places: Array, points: Array, row: IntArray, first: IntArray) -
     left = np.flatnonzero(off[of])
     order = left[np.lexsort((point[0, left], of[left]))]
     begin, end = point[:, order[::2]], point[:, order[1::2]]
-    # To the middle of the widest span, which is written last and stays.
+    # To the middle of the widest span, which is written last and remains.
     widest = np.argsort(end[0] - begin[0], kind="stable")
     places[:, of[order[::2]][widest]] = ((begin + end) / 2)[:, widest]
-
-
-#: The largest number of labels that are drawn: more could not be read.
-MOST = 40
-
-UNCERTAIN_BGR: Colour = (165, 165, 165)
-
-_CONSIDERED = 3 * MOST
-#: A label inside its outline stays inside until the outline is smaller than this times the label.
-_STAYS_WITHIN = 0.8
-#: Free space that a new place needs around it, so that the label is not displaced again soon.
-_ROOM_PX = 4
-
-_Places = tuple[tuple[int, int], ...]
-#: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
-#: and down, in units of ``PlacementRequest.half_u`` and ``half_v``.
-_BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
-_ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
-_UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
-_WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside, it would seem to name another
 
 
 class Label(NamedTuple):
     """Hold a label and its box."""
 
-    feature: int  # index of the map's labels
+    feature: int  # index into the map's labels
     box: Box
 
 
 class LabelPlace(NamedTuple):
-    """Hold which of a tuple of candidate places a label had."""
+    """Hold a label's candidate places, and the number of the place that it had."""
 
     places: _Places
     number: int
@@ -211,16 +207,13 @@ class PlacementRequest(NamedTuple):
     places: _Places
 
 
-_NO_ANCHORS = Anchors(np.empty((2, 0)), np.empty((3, 0)), np.empty(0, np.int64), np.empty(0, bool))
-
-
 class Labels:
     """Place the labels of one map, frame after frame."""
 
     def __init__(self, vector_map: VectorMap) -> None:
         self._texts = vector_map.labels
         self._anchors = AnchorFinder(vector_map)
-        #: By feature, of the labels shown in the last frame.
+        #: The places, by feature, of the labels shown in the last frame.
         self._places: dict[int, LabelPlace] = {}
 
     def place(
@@ -266,13 +259,13 @@ class Labels:
 
 
 def request_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:
-    """Return the request of a label of this size for a place beside a mark."""
+    """Return a label's request for a place beside a mark; ``size`` is its width and height."""
     half_u, half_v = size[0] / 2 + mark_px, size[1] / 2 + mark_px
     return PlacementRequest(u, v, *size, half_u, half_v, True, _BESIDE)
 
 
 class FreeSpace:
-    """Track the free room of a picture: ``marks`` (2, V) to avoid if possible, and taken boxes."""
+    """Track a picture's free space: ``taken`` boxes, and ``marks`` (2, V) to avoid if possible."""
 
     def __init__(self, image: Pixels, marks: Array, taken: Sequence[Box]) -> None:
         self._height, self._width = image.shape[:2]
@@ -284,7 +277,7 @@ class FreeSpace:
     def find(
         self, request: PlacementRequest, last: LabelPlace | None = None
     ) -> tuple[int, Box] | None:
-        """Return a place (``last`` if free) and its box, and take the box; None without room."""
+        """Take and return a place (``last`` if free) and its box; None without room."""
         if request.width > self._width or request.height > self._height:
             return None
         placed = None

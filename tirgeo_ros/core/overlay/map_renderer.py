@@ -1,4 +1,4 @@
-"""Drape the layers of a map in a plane, and draw them as a camera sees them."""
+"""Drape the layers of a map on the ground, and draw them as a camera sees them."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ _Part = tuple[slice, slice]
 _SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
 _DIAMOND = np.array([[0.0, 1.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 1.0, 0.0, -1.0]])
 _HALO_PX = 1.0  # on each side of a line
-_BLUR_PX = 0.7  # an anti-aliased line is wider than its nominal width by this
+_BLUR_PX = 0.7  # an anti-aliased line is this much wider than its nominal width
 _BLUR_REACH_PX = 2.0  # distance from its middle at which a line of one pixel still has ink
 _FULL = 255
-_WIDE_PART = 0.6  # ink over more of the width than this is laid on whole rows
+_WIDE_PART = 0.6  # ink over more than this share of the width is drawn on whole rows
 #: OpenCV's anti-aliased line of one pixel is too weak against its halo when a phone shrinks the
-#: picture. This factor makes all of it full, except the faintest edge.
+#: picture. This factor makes it opaque, except at its faintest edge.
 _STRONGER = 1.6
 
 
@@ -70,7 +70,7 @@ def marks_as_lines(marks: Polylines, radius_px: float) -> Polylines:
 
 
 class LineRenderer:
-    """Draw on one picture after another, reusing the masks: new memory costs as much as drawing.
+    """Draw on one picture after another with the same masks: new ones cost as much as drawing.
 
     Not thread-safe.
     """
@@ -91,7 +91,7 @@ class LineRenderer:
 
         ``areas`` (2, V) are rings in pixels. Rings of one owner form one area, where a ring inside
         another is a hole (even-odd rule). ``layer`` (rings,) is the index of each ring's style.
-        Overlapping areas of the same layer are drawn as one; areas of different layers blend.
+        Areas of one layer that overlap are drawn as one; areas of different layers blend.
         """
         if not len(areas):
             return
@@ -139,7 +139,7 @@ class LineRenderer:
                 self._ink(image, inked, colour, width, halo)
 
     def thin_strokes(self, image: Pixels, lines: Polylines, colour: Colour) -> None:
-        """Draw thin lines (2, V), px, in one colour with a halo: a third of ``strokes``' time."""
+        """Draw thin lines (2, V), px, in one colour with a halo, 3 times as fast as strokes."""
         scale = drawing_scale(image)
         width, halo = _pen_px(1, scale), max(round(_HALO_PX * scale), 1)
         inked = _inked(image, lines.points, _BLUR_REACH_PX + width + halo)
@@ -165,7 +165,7 @@ class LineRenderer:
     def _ink(self, image: Pixels, inked: _Part, colour: Colour, width: int, halo_px: int) -> None:
         """Draw the mask's lines on the picture: subtract the halo, then add the colour.
 
-        Both are in proportion to the mask's value, so that a faint line is translucent.
+        Both are proportional to the mask's value, so that a faint line is translucent.
         """
         image, mask, grown, coat = (
             each[inked] for each in (image, self._mask, self._grown, self._layer)
@@ -200,7 +200,7 @@ def _inked(image: Pixels, points: Array, reach_px: float) -> _Part | None:
     columns, rows = part
     if rows.start == rows.stop or columns.start == columns.stop:
         return None
-    # Whole rows lie in one piece of memory: OpenCV takes half the time for them.
+    # Whole rows are contiguous in memory: OpenCV takes half the time for them.
     wide = columns.stop - columns.start > _WIDE_PART * image.shape[1]
     return rows, slice(0, image.shape[1]) if wide else columns
 
@@ -257,28 +257,28 @@ def _disc(width: int) -> Pixels:
 
 @dataclass(frozen=True, slots=True)
 class DrapedMap:
-    """Hold a map draped in a plane, without the layers that it was made from."""
+    """Hold a map draped on the ground, without the layers that it was made from."""
 
     plane: TangentPlane
     map: VectorMap
     features: int  # number of features in the layers
-    level_m: float  # median of the map's own heights; nan where a ground is given
-    first_n: Array | None = None  # (3,) the first of the layers' points, on the ellipsoid
+    level_m: float  # median of the map's own heights; nan if a ground is given
+    first_n: Array | None = None  # (3,) the layers' first point, on the ellipsoid; NED, m
 
 
 def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> DrapedMap:
-    """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
+    """Drape layers on the ground, which is slow. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
     vector_map = VectorMap.from_layers(layers, plane, ground)
-    # Labels that cannot be written here are left out, with a note of them.
+    # Labels that no typeface here can write are left out, and a note says so.
     labels, labelled = vector_map.labels, vector_map.labelled.copy()
     lost = [i for i in np.flatnonzero(labelled).tolist() if not writable(labels[i])]
     if lost:
         labelled[lost] = False
         needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
         example = cut(labels[lost[0]], LONGEST)
-        note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
+        note = f"map: labels not drawn: {len(lost)}, such as {example!r}; install {needed}"
         notes = (*vector_map.notes, note)
         vector_map = replace(vector_map, labelled=labelled, notes=notes)
     places = [feature.points for layer in layers for feature in layer.features]
@@ -298,7 +298,7 @@ class VisibleMap(NamedTuple):
     areas: VisibleLines
     lines: VisibleLines
     marks: VisibleLines
-    hidden: bool  # whether features in view were left out because of their layers' scale range
+    hidden: bool  # whether features in view are left out because of their layers' scale range
 
     @property
     def empty(self) -> bool:
@@ -322,13 +322,13 @@ class MapRenderer:
         self.confidence = config
         self._labels = Labels(vector_map)
         self._draped = draped
-        #: Whether some layers have a limited scale range.
-        self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
+        #: Whether a layer has a limited scale range.
+        self.depends_on_scale = any(limits != LayerStyle().scale_m_px for limits in ranges)
 
     def visible(self, view: View, pose: CameraPose, scale_m_px: float, far_m: float) -> VisibleMap:
         """Return what is in view: areas, and lines and marks up to ``far_m`` ahead.
 
-        ``scale_m_px`` is the ground length that a pixel in the middle spans, nan without ground.
+        ``scale_m_px`` is the ground length that the middle pixel spans, nan without ground.
         """
         in_view = (
             view.areas(self._map, pose),
@@ -370,7 +370,7 @@ class MapRenderer:
         size_px, uncertain = text_px(image), set(anchors.owner[unknown].tolist())
         for feature, box in labels:
             colour = UNCERTAIN_BGR if feature in uncertain else TEXT_BGR
-            stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)
+            stamp(self._map.labels[feature], size_px, colour).draw(image, box.left, box.top)
         return [label.box for label in labels]
 
     def why_absent(
@@ -381,7 +381,7 @@ class MapRenderer:
         scale_m_px: float,
         far_m: float,
     ) -> str:
-        """Return why none of the map is in view; empty if some is, or there is none to draw."""
+        """Return why no part of the map is in view; empty if a part is, or if the map is empty."""
         draped = self._draped
         if not visible.empty or not draped.features:
             return ""
@@ -396,7 +396,7 @@ class MapRenderer:
 
     def _at_scale(self, lines: VisibleLines, scale_m_px: float) -> VisibleLines:
         """Return the features whose layers are shown at this scale."""
-        if not self.minds_scale or not len(lines):
+        if not self.depends_on_scale or not len(lines):
             return lines
         if math.isnan(scale_m_px):  # no ground in the middle: treat as the coarsest scale
             scale_m_px = math.inf

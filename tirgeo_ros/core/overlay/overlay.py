@@ -1,11 +1,10 @@
 """Draw the map on the video: each frame waits for the camera's pose at its exposure.
 
-No line is drawn that cannot be trusted. Without a camera, without an origin, or without a pose at
-the exposure, neither interpolated nor predicted, the picture carries a notice instead of the
-lines. A map that is missing takes nothing else away: with a trusted pose, clicks are answered and
-targets are drawn.
+Only lines that can be trusted are drawn. Without a camera, an origin, or a pose at the exposure
+(interpolated or predicted), the picture has a notice instead of the lines. If only the map is
+missing, clicks are still answered and targets are still drawn.
 
-A pose beyond the newest one continues at constant linear and angular rates, which are the slopes
+A pose after the newest one is predicted at constant linear and angular rates, which are the slopes
 of a straight line fitted to the last tenth of a second. The extrapolation error is measured, not
 assumed: the poses of the last second are predicted in the same way from the poses before them.
 """
@@ -44,35 +43,45 @@ from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
-#: Less than a turn takes, enough for the noise.
+#: Time over which the camera's rates are averaged: shorter than a turn, long enough for the noise.
 RATES_S = 0.1
-
-
-def rates_up_to(pose: CameraPose, poses: PoseBuffer[CameraPose]) -> CameraRates | None:
-    """Return the camera's rates up to a pose; None if they are not known."""
-    before = poses.at(pose.stamp_ns - round(RATES_S * 1e9))
-    return None if isinstance(before, Miss) else CameraRates.between(before, pose)
-
-
+# The prediction of a pose.
 #: The length of the fitted line, and the least span that a fit needs. On simulated flights a
-#: shorter line passes on the poses' noise (with 20 ms a predicted attitude is twice as wrong as
-#: with 100 ms); a longer line lags behind turns.
+#: shorter line follows the poses' noise (with 20 ms the error of a predicted attitude is twice
+#: that with 100 ms); a longer line lags behind turns.
 FIT_S, _LEAST_FIT_S = 0.1, 0.05
 #: The poses of this time span are predicted to measure the extrapolation error.
 TRIAL_S = 1.0
 _FEWEST_TRIALS = 5
-#: The least manoeuvre that is assumed to begin after the newest pose, where no past pose shows it:
-#: standard deviations of the camera's acceleration (m/s2) and angular acceleration (rad/s2), those
+#: The least manoeuvre that is assumed after the newest pose, because past poses cannot show it:
+#: standard deviations of the camera's acceleration (m/s2) and angular acceleration (rad/s2), as
 #: of an aircraft that corrects its course in light wind.
 _ACCELERATION, _ANGULAR_ACCELERATION = 0.5, 0.2
 _ROUNDING_S = 1e-9
+# The queue of frames.
+#: A stamp that goes back by more than this means that a clock was set, not a late frame.
+_JUMP_NS = 1_000_000_000
+_RATE_FRAMES = 10
+#: One second of video: longer than any sensible wait for a pose.
+_MOST_WAITING = 30
+_LARGEST_PX = 65_500  # libjpeg's JPEG_MAX_DIMENSION
+_SHAPES = {np.dtype(np.uint8): (2, 3), np.dtype(np.uint16): (2,)}  # dimensions by pixel type
+# The overlay.
+_MARGIN_S = 1.0  # poses are kept this much longer than the oldest waiting frame needs
+_READING = "reading"
+
+
+def rates_up_to(pose: CameraPose, poses: PoseBuffer[CameraPose]) -> CameraRates | None:
+    """Return the camera's mean rates before a pose; None without a pose RATES_S earlier."""
+    before = poses.at(pose.stamp_ns - round(RATES_S * 1e9))
+    return None if isinstance(before, Miss) else CameraRates.between(before, pose)
 
 
 def predicted(poses: Sequence[CameraPose], stamp_ns: int, max_gap_s: float) -> CameraPose | None:
     """Return the pose at a stamp after the last of ``poses``, which are in order of their stamps.
 
     Its covariance is the last pose's plus that of the extrapolation. None if the poses after the
-    last gap longer than ``max_gap_s`` span less than 0.05 s.
+    last gap (longer than ``max_gap_s``) span less than 0.05 s.
     """
     stamps = np.array([pose.stamp_ns for pose in poses], np.int64)
     gaps = np.flatnonzero(np.diff(stamps) > max_gap_s * 1e9)
@@ -112,7 +121,10 @@ def _places(poses: Sequence[CameraPose]) -> Array:
 
 
 def _slopes(times_s: Array, places: Array, first: IntArray) -> Array:
-    """Return slopes (N, 6) of lines fitted to ``places[first[k]]`` to ``places[k]``; 0 for one."""
+    """Return slopes (N, 6) of lines fitted from ``places[first[k]]`` to ``places[k]``.
+
+    The slope is 0 if these are one and the same.
+    """
 
     def total(values: Array) -> Array:
         sums = np.concatenate([np.zeros((1, values.shape[1])), values.cumsum(axis=0)])
@@ -129,24 +141,15 @@ def _slopes(times_s: Array, places: Array, first: IntArray) -> Array:
 def _spread(missed: Array, ahead_s: float, covariance: Array) -> Array:
     """Return the (6, 6) mean square error of a prediction over ``ahead_s``, plus a floor.
 
-    ``missed`` (N, 6) are the errors of predictions from past poses over the same time. With too
-    few of them, both ends of the fitted line are assumed to have independent errors with the last
-    pose's covariance.
+    ``missed`` (N, 6) are the errors of predictions from past poses over the same time. If there
+    are too few, the errors of both ends of the fitted line are assumed to be independent, each
+    with the last pose's covariance.
     """
     floor = np.repeat([_ACCELERATION, _ANGULAR_ACCELERATION], 3) * ahead_s**2 / 2
     spread = np.diag(floor**2)
     if len(missed) < _FEWEST_TRIALS:
         return spread + 2 * (ahead_s / _LEAST_FIT_S) ** 2 * covariance
     return np.asarray(spread + missed.T @ missed / len(missed))
-
-
-#: A stamp that goes back by more than this means that a clock was set, not a late frame.
-_JUMP_NS = 1_000_000_000
-_RATE_FRAMES = 10
-#: One second of video: longer than any sensible wait for a pose.
-_MOST_WAITING = 30
-_LARGEST_PX = 65_500  # libjpeg's JPEG_MAX_DIMENSION
-_SHAPES = {np.dtype(np.uint8): (2, 3), np.dtype(np.uint16): (2,)}  # dimensions by pixel type
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +162,7 @@ class Frame:
 
 
 class FrameQueue:
-    """Hold the newest frames, each until it or a newer one is taken.
+    """Hold the newest frames, each until it or a newer frame is taken.
 
     ``counts``: ``replaced`` frames were dropped for a newer one; ``out_of_order`` frames were not
     newer than the previous one; ``time_jumps`` are stamps that went back by more than a second
@@ -221,18 +224,14 @@ class FrameQueue:
         return (len(self._stamps) - 1) * 1e9 / (self._stamps[-1] - self._stamps[0])
 
 
-_MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
-_READING = "reading"
-
-
 class Overlay:
     """Take frames and poses, return pictures. Raises ConfigError if map heights are unknown.
 
     ``layers`` are draped here as soon as the plane is known, which takes a second or two for a
-    large map. With None the map is draped elsewhere, again for each plane, and given to
-    ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` wait for
-    a pose or to be taken; ``poses`` are the camera's; ``plane`` is the map's, once it is known.
-    ``painter`` has the camera and the map.
+    large map. If they are None, the caller drapes the map, again for each plane, and passes it to
+    ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` are the
+    frames that wait, ``poses`` the camera's poses; ``plane`` is the map's plane, None until it is
+    known. ``painter`` has the camera and the map.
     """
 
     def __init__(
@@ -245,7 +244,7 @@ class Overlay:
         self._draped_elsewhere = layers is None
         #: Whether there is, or will be, a map to draw.
         self.map_given = layers is None or len(layers) > 0
-        #: Why the map that is draped elsewhere is not here yet.
+        #: Why the map that is draped elsewhere was not set yet; else empty.
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self.painter.ground)
@@ -254,15 +253,15 @@ class Overlay:
         self.plane: TangentPlane | None = None
         self._camera: Camera | None = None
         self._rectify = config.rectify
-        #: The estimator's, for the status line and the notices.
+        #: The estimator's status, for the status line and the notices.
         self.status: NavigationStatus | None = None
-        #: The checks' on the set-up, for the notice at the top and the status line.
+        #: The verdict of the checks on the set-up, for the notice at the top and the status line.
         self.verdict = DrawingVerdict()
         self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
         self.configure(config)
 
     def configure(self, config: OverlayConfig) -> None:
-        """Take the parameters that are live, also others in flight; CameraError as set_camera."""
+        """Set the live parameters, at start or in flight. Raises CameraError as ``set_camera``."""
         if self._camera is not None and config.rectify is not self._rectify:
             self.painter.set_lens(self._camera, rectify=config.rectify)
         self._rectify = config.rectify
@@ -277,10 +276,9 @@ class Overlay:
     def counts(self) -> dict[str, int]:
         """Return the counts of frames and poses, for diagnostics.
 
-        Frames: those of FrameQueue; ``drawn`` have a trusted pose, of which ``predicted`` with a
-        predicted one; ``notices`` have none; ``late`` counts frames of both kinds that were
-        finished after the longest wait for a pose or later. Poses: ``poses_invalid`` and
-        ``poses_went_back``.
+        Frames: the counts of FrameQueue; ``drawn``, with a trusted pose; ``predicted``, those of
+        them with a predicted pose; ``notices``, without a trusted pose; ``late``, finished only
+        after the longest wait for a pose. Poses: ``poses_invalid`` and ``poses_went_back``.
         """
         poses = {"poses_invalid": self.poses.invalid, "poses_went_back": self.poses.went_back}
         return self._results | self.frames.counts | poses
@@ -297,7 +295,7 @@ class Overlay:
 
     @property
     def no_map_yet(self) -> str:
-        """Return why a map draped elsewhere is not drawn; empty if it is, or without a plane."""
+        """Return why a map draped elsewhere is not set yet; empty if it is, or without a plane."""
         return self._map_not_ready if self.plane else ""
 
     def set_plane(self, plane: TangentPlane) -> None:
@@ -316,13 +314,13 @@ class Overlay:
             self._camera = camera
 
     def set_map(self, new: DrapedMap) -> None:
-        """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
+        """Draw this map, draped elsewhere, from now on; ignore a map in another plane."""
         if new.plane == self.plane:
             self._draped_elsewhere, self.map_given, self._map_not_ready = True, True, ""
             self.painter.set_map(new)
 
     def map_failed(self, why: str) -> None:
-        """Record why the map from elsewhere does not come; a map that is drawn stays."""
+        """Record why the map that is draped elsewhere failed; keep a map that is drawn."""
         self._map_not_ready = self._map_not_ready and why
 
     def add_pose(self, pose: CameraPose) -> None:
@@ -343,11 +341,11 @@ class Overlay:
         return None if picture is None else self.painter.paint(picture)
 
     def take_unpainted(self, now_ns: int) -> Unpainted | None:
-        """Return the picture of ``take`` as it is before a PicturePainter painted it."""
+        """Return the picture that ``take`` returns, before a PicturePainter paints it."""
         for frame in self.frames:
             exposed_ns = exposure_ns(frame.stamp_ns, self._latency_s)
             pose, obstacle = self.poses.at(exposed_ns), self._no_view(frame.pixels)
-            # Negative if the clock went back: without the lower limit it would wait for ever.
+            # If the clock went back, the wait is negative: without the lower limit it never ends.
             has_time = 0 <= now_ns - frame.arrival_ns < self._wait_ns
             if obstacle or not (has_time and pose in (Miss.EMPTY, Miss.TOO_NEW)):
                 self.frames.take(frame)
@@ -356,7 +354,7 @@ class Overlay:
         return None
 
     def _no_view(self, pixels: RawPixels) -> str:
-        """Return why nothing can be placed in the picture, whatever the pose; else empty."""
+        """Return why no point of the ground can be drawn, whatever the pose; else empty."""
         camera = self._camera
         if camera is None:
             return "no camera info"
@@ -368,7 +366,7 @@ class Overlay:
         return ""
 
     def _not_navigating(self) -> str:
-        """Return why the estimator does not navigate, else an empty text."""
+        """Return why the estimator does not navigate; empty if it does or is unknown."""
         if self.status is None or self.status.state.navigating:
             return ""
         why = self.status.for_operator
@@ -411,7 +409,7 @@ class Overlay:
         )
 
     def _notice(self, no_pose: str) -> str:
-        """Return why there is no map, or no trusted pose for the reason given; else empty."""
+        """Return the notice that there is no map or, for the reason given, no pose; else empty."""
         no_map = self._map_not_ready
         if not no_map and self.map_given and not self.painter.has_features:
             no_map = "the map has no features"
@@ -421,7 +419,7 @@ class Overlay:
         return f"NO {'MAP' if self.map_given else 'POSE'}: {'; '.join(why)}" if why else ""
 
     def _predicted(self, exposed_ns: int) -> tuple[CameraPose | Miss, float]:
-        """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.
+        """Return a pose predicted from the last ones, and how far, s; a Miss if it is too far.
 
         Nothing is predicted while the estimator reports that it does not navigate.
         """

@@ -1,11 +1,11 @@
 """Paint one picture: tones, the map, and the words on it.
 
-Everything that depends on other pictures but their tones and labels is decided before
-(``Overlay``), so that this, which takes nearly all of the time, can also be done elsewhere.
-The painter owns what is drawn with: the camera, the rectifier, the map in its plane.
+Of all that depends on earlier pictures, only tones and labels are computed here; ``Overlay``
+decides the rest before. So painting, which takes nearly all of the time, can also run in another
+process. The painter owns what it draws with: the camera, the rectifier, the draped map.
 
 A stretch of 16 bits computed anew for each frame flickers: a warm roof that comes into view
-darkens all else at once. Here it stays constant while it fits, and otherwise moves slowly.
+darkens everything else at once. Here it stays constant while it fits, and otherwise moves slowly.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class ToneMapper:
         self.configure(config, palette)
 
     def configure(self, config: PictureConfig, palette: str) -> None:
-        """Take the parameters, also others in flight; raises ConfigError as above."""
+        """Set the parameters, at start or in flight; raises ConfigError as above."""
         if palette not in PALETTES:
             raise ConfigError(f"palette: {palette!r} is not one of {', '.join(PALETTES)}")
         self._map = _MAPS.get(palette)
@@ -131,7 +131,7 @@ class Stretch:
         self.configure(percent, time_s)
 
     def configure(self, percent: tuple[float, ...], time_s: float) -> None:
-        """Take the parameters, also others in flight; the range goes on from where it is."""
+        """Set the parameters, at start or in flight; the range continues from its present ends."""
         self._shares = np.array([min(percent), 50.0, max(percent)]) / 100
         self._time_s = time_s
 
@@ -169,7 +169,7 @@ class Stretch:
         self._moves = off > (_ARRIVES if self._moves else _LEAVES)
         if not self._moves:
             return self._ends
-        # Of the way to the wanted ends; growth is the logarithm of new over old span.
+        # Move by ``share`` of the way to the wanted ends; ``growth`` is log(new span / old span).
         growth, most = math.log((high - low) / span), _CONSTANTS * elapsed_s / self._time_s
         share = -math.expm1(-most)
         if abs(growth) >= _PLAIN_GROWTH:
@@ -178,7 +178,7 @@ class Stretch:
 
 
 class DrawingVerdict(NamedTuple):
-    """Hold the checks' verdict; ``GO`` has no words in the picture."""
+    """Hold the checks' verdict and its words for the picture; none are drawn for a NOTE."""
 
     severity: Severity = Severity.NOTE
     words: str = ""
@@ -188,7 +188,7 @@ _GO = DrawingVerdict()
 
 
 class Scene(NamedTuple):
-    """Hold what many pictures have in common."""
+    """Hold what many pictures share."""
 
     camera: Camera | None = None  # of the picture as shown
     rectifier: Rectifier | None = None  # None if the picture is shown as it is
@@ -230,7 +230,7 @@ class Drawn(NamedTuple):
     """Hold what a picture shows."""
 
     notice: str  # why none of the map is drawn, else empty
-    above_m: float  # the camera's height over the given ground; nan without one below
+    above_m: float  # the camera's height over the given ground; nan if it is unknown below
     boxes: tuple[Box, ...]  # of everything that is written; they do not overlap
 
 
@@ -257,12 +257,12 @@ class PicturePainter:
 
     @property
     def scene(self) -> Scene:
-        """Return what the next picture has in common with others."""
+        """Return what the next picture shares with others."""
         return Scene(self._view.camera if self._view else None, self._rectifier, self.draped)
 
     @property
     def has_features(self) -> bool:
-        """Return whether there is anything of a map that could be drawn."""
+        """Return whether the map has any feature."""
         if self.draped:
             return self.draped.features > 0
         return any(layer.features for layer in self._layers)
@@ -270,7 +270,7 @@ class PicturePainter:
     def footprint(self, pose: CameraPose | None) -> Array:
         """Return the picture's outline on the ground (N, 3), NED in the plane, m.
 
-        It is cut where lines end, and empty without pose, camera, plane or ground.
+        It is cut where the map's lines end. It is empty without pose, camera, plane or ground.
         """
         if pose is None or self._view is None or self.draped is None:
             return np.empty((0, 3))
@@ -282,7 +282,7 @@ class PicturePainter:
         return footprint(camera, pose, plane, level, far_m)
 
     def configure(self, config: OverlayConfig) -> None:
-        """Take the parameters that are live, also others in flight."""
+        """Set the live parameters, at start or in flight."""
         self._toner.configure(config.picture, config.palette)
         self._confidence = config.confidence
         if self._renderer is not None:
@@ -302,7 +302,7 @@ class PicturePainter:
         self.set_scene(Scene(rectifier.camera if rectifier else camera, rectifier))
 
     def set_scene(self, scene: Scene) -> None:
-        """Paint with this camera and map from now on; without a map the present one stays."""
+        """Paint with this scene from now on; keep the present camera or map if it has none."""
         self._rectifier = scene.rectifier
         if scene.camera is not None and (not self._view or scene.camera != self._view.camera):
             self._view = View(scene.camera)
@@ -349,8 +349,8 @@ class PicturePainter:
     ) -> Drawn:
         """Draw map and markers into (h, w, 3) BGR; a camera and a plane must be set.
 
-        ``rates`` are the camera's at the pose, or None. The ``verdict`` of the checks, and the
-        ``notice``, else the reason why none of the map is in view, are written at the top.
+        ``rates`` are the camera's at the pose, or None. At the top are written the checks'
+        ``verdict`` and the ``notice`` or, if it is empty, why no part of the map is in view.
         """
         assert self._view is not None
         assert self.draped is not None
@@ -360,7 +360,7 @@ class PicturePainter:
         if self._renderer is None:
             self._renderer = MapRenderer(self._confidence, self.draped)
         renderer = self._renderer
-        scale_m_px = ground_sample_m(sight) if renderer.minds_scale else math.nan
+        scale_m_px = ground_sample_m(sight) if renderer.depends_on_scale else math.nan
         above_m = height_above_m(pose, sight.plane, level)
         far_m = farthest_m(camera, above_m)
         in_view = renderer.visible(self._view, pose, scale_m_px, far_m)

@@ -27,13 +27,13 @@ from tirgeo_ros.core.overlay.written_text import (
 from tirgeo_ros.core.types.arrays import Array, Pixels
 
 _LONGEST_PART, _SHORTEST_PART = 0.25, 0.06  # of the picture's width, limits of the bar
-_SAMPLES = 33
+_SAMPLES = 33  # along the longest bar
 _NEEDLE = np.array([[0.0, 1.0], [0.32, -0.8], [0.0, -0.45], [-0.32, -0.8]])  # (right, north)
 _NEEDLE_TIMES = 1.1  # half the needle's length, in text sizes
 _LETTER_TIMES = 1.75  # the letter's distance from the needle's middle, in text sizes
 _REACH_TIMES = 2.4  # radius of needle and letter, in text sizes
-_TICK_TIMES = 0.3
-_SHIFT = 4
+_TICK_TIMES = 0.3  # height of a tick, in text sizes
+_SHIFT = 4  # cv2 takes coordinates in sixteenths of a pixel
 _FULL = 255
 
 
@@ -87,10 +87,10 @@ def _row(camera: Camera, left: float, right: float, row: float, count: int) -> t
 def _away_m(sight: Sight, part: tuple[float, float, float, int]) -> tuple[Array, Array]:
     """Return the columns (N,) of a part of a row, and distances (N,) from its first ground point.
 
-    ``part`` is its first and last column, its row and N. All distances are nan if not all of it
-    sees ground. The ground is flat here, on an elevation model at the height of the middle pixel:
-    neglecting the curvature of the earth and the map's plane changes a length by less than 0.1 %,
-    seen from 100 m up, 1 km from the map's origin.
+    ``part`` is its first and last column, its row and N. All distances are nan if a pixel of the
+    part sees no ground. The ground is taken as flat, on an elevation model at the height of the
+    middle pixel. Neglecting the curvature of earth and map plane changes a length by less than
+    0.1 %, seen from 100 m up, 1 km from the map's origin.
     """
     camera, pose, plane, ground, *_ = sight
     uv, rays = _row(camera, *part)
@@ -116,7 +116,7 @@ class PlacedBar:
     box: Box
 
     def paint(self, image: Pixels) -> None:
-        """Draw it, in whole pixels, on the picture (h, w, 3) for which it was placed."""
+        """Draw the bar, in whole pixels, on the picture (h, w, 3) for which it was placed."""
         bar, size_px = self.bar, text_px(image)
         wide = 1 + round(size_px / 8)
         left, right = round(bar.left), round(bar.right) + 1
@@ -132,11 +132,11 @@ class PlacedBar:
         for x0, y0, x1, y1 in parts:
             image[y0:y1, x0:x1] = TEXT_BGR
         text = stamp(bar.text, size_px, TEXT_BGR)
-        text.lay(image, round((bar.left + bar.right - text.size[0]) / 2), self.box.top)
+        text.draw(image, round((bar.left + bar.right - text.size[0]) / 2), self.box.top)
 
 
 def place_scale_bar(image: Pixels, sight: Sight) -> PlacedBar | None:
-    """Return the scale bar of a picture (h, w, ...); None without ground in view, or room."""
+    """Return the scale bar of a picture (h, w, ...); None without room, or ground in view."""
     size_px, bottom = text_px(image), status_box(image).top
     row = bottom - 0.6 * size_px
     bar = scale_bar(sight, 0.8 * size_px, row)
@@ -149,9 +149,9 @@ def place_scale_bar(image: Pixels, sight: Sight) -> PlacedBar | None:
 
 
 def place_rose(image: Pixels, heading_rad: float) -> PlacedText | None:
-    """Return the rose of a picture (h, w, ...), up being the camera's heading; None without room.
+    """Return the compass rose of a picture (h, w, ...); None without room.
 
-    It is drawn to the degree, as the heading is written.
+    Up is the camera's heading, rounded to whole degrees as in the number below the rose.
     """
     rose = _rose(round(math.degrees(heading_rad)) % 360, text_px(image))
     height, width = image.shape[:2]

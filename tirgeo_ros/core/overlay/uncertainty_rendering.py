@@ -3,9 +3,9 @@
 A faded line shows that a feature exists, but no longer where. The uncertainty changes slowly along
 a line, so one value every few pixels is enough: a short line has one opacity, a longer one is cut
 where its opacity changes. Ellipses are drawn only at points, dashed, in a colour of their own, and
-left out where the mark is about as large. Where an ellipse would be wrong (the projection is too
-nonlinear), or is as large as the picture, it is dotted and its feature is ``uncertain``: its label
-is grey.
+left out if the mark is about as large. If an ellipse would be wrong (the projection is too
+nonlinear), or is over half the picture long, it is dotted and its feature is ``uncertain``: the
+feature's label is grey.
 """
 
 from __future__ import annotations
@@ -28,6 +28,22 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 #: The uncertainty changes little over this length of a line.
 STEP_PX = 48.0
+#: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
+FADE_STEPS = 3
+FAINTEST = 0.25
+#: An ellipse is drawn if its major semi-axis is at least this many times the mark's radius: with
+#: about the same size the two could not be distinguished.
+MARK_TIMES = 1.5
+#: The largest number of ellipses, the same as that of labels.
+MOST_ELLIPSES = 40
+#: Not the default colour of any layer or click: an ellipse is an uncertainty, not a place.
+ELLIPSE_BGR = (255, 175, 215)
+# The polygon of an ellipse.
+_CORNERS = 48
+_TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
+_CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
+_PERIOD, _DASH, _DOT = 6, 3, 1  # lengths in corners: from dash to dash, of a dash, of a dot
+NO_DASHES = Polylines(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64))
 
 
 class Samples(NamedTuple):
@@ -50,7 +66,7 @@ def short(lines: VisibleLines) -> BoolArray:
 
 
 def sampled(lines: VisibleLines, step_px: float) -> tuple[VisibleLines, Samples]:
-    """Return the lines and the vertices at which each further step along a line begins.
+    """Return the lines, and the vertices at which a new step of ``step_px`` begins.
 
     Lengths are measured along the larger axis. Segments much longer than STEP_PX get more
     vertices, because the uncertainty may change along them. The points already contain the
@@ -79,12 +95,12 @@ def _lengths(lines: VisibleLines) -> Array:
     return np.asarray(np.maximum(step[0], step[1], out=step[0]))
 
 
-def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntArray]:
+def cut(lines: Polylines, samples: Samples, value: Array) -> tuple[Polylines, IntArray]:
     """Cut the lines where the value of the interval between two samples changes.
 
     ``value`` is (S - 1,). Return the parts and the first sample of each.
     """
-    links = some.links()
+    links = samples.links()
     changes = value[1:] != value[:-1]
     opens, closes = links.copy(), links.copy()
     opens[1:] &= changes | ~links[:-1]
@@ -92,9 +108,9 @@ def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntAr
     if len(first) == len(lines) and not (changes & links[1:] & links[:-1]).any():
         return lines, first
     closes[:-1] &= changes | ~links[1:]
-    begin, end = some.vertex[first], some.vertex[np.flatnonzero(closes) + 1]
+    begin, end = samples.vertex[first], samples.vertex[np.flatnonzero(closes) + 1]
     index, starts = runs(begin, end - begin + 1)
-    owner = lines.owner[some.line[first]]
+    owner = lines.owner[samples.line[first]]
     return Polylines(lines.points[:2].take(index, axis=1), starts, owner), first
 
 
@@ -104,8 +120,8 @@ def fading(
     """Choose the points of lines at which their opacity is needed: rays (3, N), features (N,).
 
     They are a middle vertex of each short line, then the middles of the longer lines' intervals.
-    The third result returns, for the opacity (N,) of the points, the lines cut where it changes,
-    and their opacities.
+    The third result is a function: from the opacities (N,) of the points it returns the lines, cut
+    where their opacity changes, and the opacities of the parts.
     """
     whole = short(lines)
     few = lines if whole.all() else lines.select(np.flatnonzero(whole))
@@ -129,40 +145,22 @@ def fading(
     return rays, owner, cut_by
 
 
-#: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
-FADE_STEPS = 3
-FAINTEST = 0.25
-#: An ellipse is drawn if its major semi-axis is at least this many times the mark's radius: of
-#: about the same size the two could not be told apart.
-MARK_TIMES = 1.5
-#: The largest number of ellipses, the same as of labels.
-MOST_ELLIPSES = 40
-
-#: Not the default colour of any layer or click: an ellipse is an uncertainty, not a place.
-ELLIPSE_BGR = (255, 175, 215)
-_CORNERS = 48  # of an ellipse
-_TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
-_CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
-_PERIOD, _DASH, _DOT = 6, 3, 1  # in corners: from dash to dash, of a dash, of a dot
-NO_DASHES = Polylines(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64))
-
-
 class Anchors(NamedTuple):
-    """Hold points of features whose uncertainty is needed."""
+    """Hold the points of features at which the uncertainty is needed."""
 
     uv: Array  # (2, N) pixels
-    rays: Array  # (3, N) as in Seen
+    rays: Array  # (3, N) as in VisibleLines
     owner: IntArray  # (N,) their features
     mark: BoolArray  # (N,) whether each is a point feature, which may have an ellipse
 
 
 class Marked(NamedTuple):
-    """Hold what is drawn of some lines and points."""
+    """Hold lines with their opacity, and ellipses of points, ready to be drawn."""
 
     lines: Polylines  # cut where their opacity changes
     opacity: Array  # (lines,) 1/4 to 1
     outlines: Polylines  # (2, V) pixels, owned by features: dashes, or dots if uncertain
-    uncertain: BoolArray  # (anchors,) the ellipse is over half the picture long, or not known
+    uncertain: BoolArray  # (anchors,) the ellipse is over half the picture long, or unknown
 
 
 def marked(
@@ -175,9 +173,9 @@ def marked(
 ) -> Marked:
     """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
 
-    ``sigma_m`` (features,) is the standard deviation of the map's layers, nan if not given.
-    With ``lines: none`` they are returned unchanged. Without ``ellipses`` there are no outlines,
-    but ``uncertain`` is still computed.
+    ``sigma_m`` (features,) is the standard deviation of each feature's layer, nan if it has none.
+    With ``lines: none`` the lines are returned unchanged. Without ``ellipses`` there are no
+    outlines, but ``uncertain`` is still computed.
     """
     fades = config.lines != "none" and len(lines)
     rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
@@ -208,7 +206,7 @@ def marked(
 
 
 def with_marks(labelled: Anchors, marks: VisibleLines) -> Anchors:
-    """Return the anchors of labels and those of the nearest other marks, ``MOST_ELLIPSES``."""
+    """Return the anchors of labels and of the nearest other marks, at most ``MOST_ELLIPSES``."""
     if not len(marks):
         return labelled
     others = np.flatnonzero(~np.isin(marks.owner, labelled.owner))
@@ -228,8 +226,8 @@ def ellipse_dashes(
 ) -> Polylines:
     """Return the dashes (2, V) of ellipses around uv (2, N).
 
-    ``semi_px`` (N, 2) are the semi-axes and ``angle`` (N,) those of the larger ones, as returned
-    by ``ellipse_95``. ``owner`` (N,) are the features; ``dotted`` (N,) ones have shorter dashes.
+    ``semi_px`` (N, 2) are the semi-axes and ``angle`` (N,) the angles of the larger ones, from
+    ``ellipse_95``. ``owner`` (N,) are the features. ``dotted`` (N,) ellipses have shorter dashes.
     """
     if not len(owner):
         return NO_DASHES

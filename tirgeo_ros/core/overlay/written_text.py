@@ -1,10 +1,10 @@
 """Render text in any script as small bitmaps, each rendered once and then copied to pictures.
 
-OpenCV 5 writes UTF-8 with its own typeface, each letter by itself and from left to right. Other
-letters, and all of them where there is OpenCV 4, are written by Pillow with a typeface of the
-system. What nobody can write is left out: never a question mark or a reversed word.
+OpenCV 5 writes UTF-8 with its own typeface, each letter by itself and from left to right. Pillow
+writes all other text, and all text with OpenCV 4, with a typeface of the system. Text that neither
+can write is left out; question marks or reversed words are never drawn.
 
-The status line at the bottom has the checks' verdict, the filter, the height and the video. The
+The status line at the bottom shows the checks' verdict, the filter, the height and the video. The
 filter's state is shown, with its duration and reason, unless it is ``running``. Notices are at the
 top.
 """
@@ -42,11 +42,35 @@ _OPENCV = "sans"
 _SYSTEM = "DejaVuSans NotoSans-Regular LiberationSans-Regular FreeSans NotoSansDevanagari-Regular"
 #: In order of preference; DejaVu Sans has Hebrew and Arabic, FreeSans Indic scripts and Thai.
 _TYPEFACES = ([_OPENCV] if hasattr(cv2, "FontFace") else []) + _SYSTEM.split()
-_LETTERS = 4096  # that are remembered
-_JOINERS = "\u200c\u200d\u200e\u200f"  # without ink of their own; they decide how others join
+_LETTERS = 4096  # number of letters for which it is cached whether a typeface has them
+_JOINERS = "\u200c\u200d\u200e\u200f"  # invisible; they control how their neighbours join
 _VARIATIONS = re.compile("[\ufe00-\ufe0f]")  # a choice between an emoji and a plain symbol
 _NOT_ASCII = re.compile("[^ -~]+")
 _NO_LETTER = "\U0010ffff"  # never assigned
+# Notices, and the layout of the status line.
+NOTICE_BGR: Colour = (80, 200, 255)
+LONGEST_NOTICE = 300  # characters; more would cover a small picture with text
+_NOTICE_TIMES = 1.25  # size of a large notice, relative to plain text
+#: Brightness that remains under the status line: low enough that every colour of its text has a
+#: contrast of 4.5 to 1 even on a white picture (WCAG 2, relative luminance).
+_STRIP_LIGHT = 0.14
+_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # in sizes of the status line's text
+_LEAST_DETAIL = 6  # characters; a detail cut shorter than this is useless
+# The contents of the status line.
+_METHODS = {
+    "raw": "autopilot alone",
+    "rtk": "RTK, autopilot's attitude",
+    "ekf": "filter without heading",
+    "ekf_heading": "filter",
+}
+_ORANGE_BGR: Colour = (60, 140, 255)
+_RED_BGR: Colour = (100, 100, 255)
+_COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
+#: Colour by the checks' verdict, in the status line and in the notice.
+VERDICT_BGR = {Severity.NOTE: TEXT_BGR, Severity.CAUTION: NOTICE_BGR, Severity.STOP: _ORANGE_BGR}
+_VERDICTS = {Severity.CAUTION: "CAUTION", Severity.STOP: "NO GO"}
+_CLOCK_STEP_S = 0.02
+_BELOW_M = 2.0  # tolerance: the camera is on the landing gear, the ground known to a metre
 
 
 def text_px(image: Pixels) -> int:
@@ -72,7 +96,7 @@ def _disc(radius_px: int) -> Pixels:
 
 
 class Box(NamedTuple):
-    """Hold a rectangle of pixels; right and bottom are the first ones outside."""
+    """Hold a rectangle of pixels; ``right`` and ``bottom`` are the first pixels outside."""
 
     left: int
     top: int
@@ -98,7 +122,7 @@ class TextBitmap:
 
     @classmethod
     def of(cls, alpha: cv2.typing.MatLike, halo: cv2.typing.MatLike, colour: Colour) -> TextBitmap:
-        """Return the stamp of the coverage by ink and by halo, both (h, w), 0 to 255."""
+        """Return the bitmap of a coverage by ink and by halo, both (h, w), 0 to 255."""
         ink = np.rint(alpha[:, :, None] * (np.array(colour) / 255)).astype(np.uint8)
         keep = np.asarray(cv2.cvtColor(cv2.bitwise_not(halo), cv2.COLOR_GRAY2BGR), np.uint8)
         return cls(keep, ink)
@@ -108,8 +132,8 @@ class TextBitmap:
         """Return width and height in pixels."""
         return self.ink.shape[1], self.ink.shape[0]
 
-    def lay(self, image: Pixels, left: int, top: int) -> None:
-        """Draw on a (h, w, 3) picture with the upper left corner here; clip at the edges."""
+    def draw(self, image: Pixels, left: int, top: int) -> None:
+        """Draw on a picture (h, w, 3) with the upper left corner at (left, top); clip at edges."""
         keep, ink = self.keep, self.ink
         if left < 0 or top < 0:
             part = slice(max(-top, 0), None), slice(max(-left, 0), None)
@@ -127,7 +151,7 @@ class TextBitmap:
 
 @lru_cache(maxsize=_CACHED)
 def stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    """Return what is ``writable`` of a text in a BGR colour with a dark halo."""
+    """Render the ``writable`` part of a text in a BGR colour with a dark halo."""
     return _rendered(writable(text), size_px, colour)
 
 
@@ -135,9 +159,9 @@ def stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
 # the large one with 70 MB.
 @lru_cache(maxsize=_PASSING)
 def passing_stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    """Return the stamp of a text that will not come again, from a small cache of its own.
+    """Render a text that is not needed for long, with a small cache of its own.
 
-    It is a message of ours: letters that cannot be written, as of a file's name, leave a gap.
+    Letters that cannot be written, such as those of a file's name in a message, leave a gap.
     """
     return _rendered(writable(text) or _NOT_ASCII.sub(" ", cut(text, LONGEST)), size_px, colour)
 
@@ -148,12 +172,12 @@ def _rendered(text: str, size_px: int, colour: Colour) -> TextBitmap:
 
 
 def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int]]) -> TextBitmap:
-    """Combine stamps into one; each has its upper left corner at (left, top) in the whole."""
+    """Combine bitmaps into one; each has its upper left corner at its (left, top)."""
     keep = np.full((height, width, 3), 255, np.uint8)
     ink = np.zeros_like(keep)
     for part, left, top in parts:
-        part.lay(ink, left, top)
-        TextBitmap(part.keep, np.zeros_like(part.ink)).lay(keep, left, top)
+        part.draw(ink, left, top)
+        TextBitmap(part.keep, np.zeros_like(part.ink)).draw(keep, left, top)
     return TextBitmap(keep, ink)
 
 
@@ -163,9 +187,10 @@ def coverage(text: str, size_px: int) -> Pixels:
 
 
 def writable(text: str) -> str:
-    """Return what can be written of a text, cut at ``LONGEST``; controls become spaces.
+    """Return the part of a text that can be written, cut at ``LONGEST``.
 
-    Symbols that no typeface has are left out. It is empty if letters cannot be written.
+    Control characters become spaces. Symbols that no typeface has are left out. The result is
+    empty if a letter cannot be written.
     """
     text = cut(text, LONGEST)
     if text.isascii() and text.isprintable():
@@ -177,7 +202,7 @@ def writable(text: str) -> str:
 
 
 def typeface(text: str) -> str:
-    """Return the first typeface that has, and can lay out, all of a text; empty if none can."""
+    """Return the first typeface that can write a whole text; empty if none can."""
     return next((name for name in _TYPEFACES if all(_has(name, c) for c in text)), "")
 
 
@@ -190,8 +215,8 @@ def can_shape() -> bool:
 def _has(name: str, letter: str) -> bool:
     """Return whether a typeface has a letter and can lay it out.
 
-    What runs from right to left or is set above another letter needs Pillow's Raqm layout, which
-    takes FriBiDi from the system; OpenCV writes it in the wrong order or place.
+    Letters that run from right to left or are set above others need Pillow's Raqm layout, which
+    takes FriBiDi from the system; OpenCV writes them in the wrong order or place.
     """
     if letter.isascii() or letter.isspace() or letter in _JOINERS:
         return True
@@ -204,7 +229,7 @@ def _has(name: str, letter: str) -> bool:
 
 
 def _drawn(text: str, size_px: int, name: str) -> Pixels:
-    """Return the coverage by a typeface; texts of one size have one line height."""
+    """Return the coverage of a text in a typeface; texts of one size have the same line height."""
     cv: Any = cv2  # of version 5
     pad = _halo_px(size_px)
     font = _font(name, size_px)
@@ -227,7 +252,7 @@ def _drawn(text: str, size_px: int, name: str) -> Pixels:
 
 @lru_cache(maxsize=64)
 def _font(name: str, size_px: int) -> Any:
-    """Return a typeface; of an absent one Pillow's own, which has few letters beyond ASCII."""
+    """Return a typeface; if it is absent, Pillow's own, which has few letters beyond ASCII."""
     if name == _OPENCV:
         face: Any = cv2
         return face.FontFace(name)
@@ -237,17 +262,6 @@ def _font(name: str, size_px: int) -> Any:
         return ImageFont.load_default(size_px)
 
 
-NOTICE_BGR: Colour = (80, 200, 255)
-LONGEST_NOTICE = 300  # characters; more would cover a small picture with text
-
-_NOTICE_TIMES = 1.25  # size of a large notice, relative to plain text
-#: Brightness that remains under the status line: low enough that every colour of its text has a
-#: contrast of 4.5 to 1 even on a white picture (WCAG 2, relative luminance).
-_STRIP_LIGHT = 0.14
-_GAP_PARTS, _EDGE_PARTS = 0.7, 0.4  # in sizes of the status line's text
-_LEAST_DETAIL = 6  # characters; a shorter rest of a detail is useless
-
-
 @dataclass(frozen=True, slots=True)
 class Field:
     """Hold one text of the status line."""
@@ -255,7 +269,7 @@ class Field:
     text: str
     colour: Colour = TEXT_BGR
     detail: str = ""  # follows the text; cut if the line is too long
-    spare: bool = False  # left out first if the line is too long; they are the last fields
+    spare: bool = False  # left out first if the line is too long; spare fields come last
 
 
 def status_box(image: Pixels) -> Box:
@@ -271,7 +285,7 @@ def paint_status(image: Pixels, fields: Sequence[Field]) -> None:
     left = round(_EDGE_PARTS * size_px)
     for field in fitted(fields, image.shape[1], size_px):
         text = _written(field, size_px)
-        text.lay(image, left, image.shape[0] - line_px(size_px))
+        text.draw(image, left, image.shape[0] - line_px(size_px))
         left += text.size[0] + round(_GAP_PARTS * size_px)
 
 
@@ -312,19 +326,19 @@ def _written(field: Field, size_px: int) -> TextBitmap:
 
 @dataclass(frozen=True, slots=True)
 class PlacedText:
-    """Hold bitmaps, one below the other, and their place."""
+    """Hold bitmaps, one below the other, and their box in the picture."""
 
     lines: tuple[TextBitmap, ...]
     box: Box
     strip: bool = False  # whether the picture is darkened behind them
 
     def paint(self, image: Pixels) -> None:
-        """Draw them on the picture (h, w, 3) for which they were placed, each centred."""
+        """Draw the bitmaps, each centred, on the picture (h, w, 3) for which they were placed."""
         left, top, right, bottom = self.box
         if self.strip:
             _darken(image[top:bottom, left:right])
         for text in self.lines:
-            text.lay(image, (left + right - text.size[0]) // 2, top)
+            text.draw(image, (left + right - text.size[0]) // 2, top)
             top += text.size[1]
 
 
@@ -340,8 +354,8 @@ def place_notice(
 ) -> PlacedText:
     """Place a notice across a picture (h, w, ...), from row ``top`` down, left of ``beside``.
 
-    Text beyond ``most_lines`` is cut. A ``large`` notice is for a place where nothing else is
-    written; behind any other the picture is darkened.
+    Text beyond ``most_lines`` is cut. A ``large`` notice is for a part of the picture where
+    nothing else is written; behind any other notice the picture is darkened.
     """
     width = beside.left if beside else image.shape[1]
     size_px = round(_NOTICE_TIMES * text_px(image)) if large else text_px(image)
@@ -360,7 +374,7 @@ def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:
 def _notice_lines(
     text: str, size_px: int, colour: Colour, width_px: int, most: int
 ) -> tuple[TextBitmap, ...]:
-    """Return the text in lines of whole words, the last of ``most`` cut with an ellipsis."""
+    """Return the text in lines of whole words; line number ``most`` is cut with an ellipsis."""
 
     def width_of(line: str) -> int:
         return passing_stamp(line, size_px, NOTICE_BGR).size[0]
@@ -380,22 +394,6 @@ def _notice_lines(
     return tuple(passing_stamp(line, size_px, colour) for line in lines)
 
 
-_METHODS = {
-    "raw": "autopilot alone",
-    "rtk": "RTK, autopilot's attitude",
-    "ekf": "filter without heading",
-    "ekf_heading": "filter",
-}
-_ORANGE_BGR: Colour = (60, 140, 255)
-_RED_BGR: Colour = (100, 100, 255)
-_COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
-#: Colour by the checks' verdict, in the status line and in the notice.
-VERDICT_BGR = {Severity.NOTE: TEXT_BGR, Severity.CAUTION: NOTICE_BGR, Severity.STOP: _ORANGE_BGR}
-_VERDICTS = {Severity.CAUTION: "CAUTION", Severity.STOP: "NO GO"}
-_CLOCK_STEP_S = 0.02
-_BELOW_M = 2.0  # tolerance: a camera on the landing gear, a ground height known to a metre
-
-
 def status_line(
     status: NavigationStatus | None,
     age_s: float,
@@ -405,11 +403,11 @@ def status_line(
     above_m: float = math.nan,
     verdict: Severity = Severity.NOTE,
 ) -> list[Field]:
-    """Return the fields, left to right, for a frame of ``age_s``; ``rate_hz`` may be nan.
+    """Return the fields, left to right, for a frame of this age; ``rate_hz`` may be nan.
 
     ``predicted_s`` is how far the frame's pose was extrapolated, ``dropped`` the number of lost
-    frames, ``above_m`` the camera's height above the ground, nan if unknown, and ``verdict`` that
-    of the checks.
+    frames, ``above_m`` the camera's height above the ground, nan if unknown, and ``verdict`` the
+    verdict of the checks.
     """
     fields = [Field(_VERDICTS[verdict], VERDICT_BGR[verdict])] if verdict else []
     if predicted_s:
@@ -417,7 +415,7 @@ def status_line(
     if status is None:
         fields.append(Field("no filter status"))
     else:
-        if status.state is not FilterState.RUNNING:  # first: the first stay on a small picture
+        if status.state is not FilterState.RUNNING:  # first: a small picture keeps the first
             state, seconds = status.state.value.replace("_", " "), status.state_s
             span = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
             detail = f": {status.reason}" if status.reason else ""

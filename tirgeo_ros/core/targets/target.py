@@ -14,21 +14,26 @@ from tirgeo_ros.core.ground.ground_point import MOST_M2, Located, enu_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import TargetError, cut
 
-#: Share of a click's variance that is common to all clicks of a flight. From 60 m up, seen 45 deg
-#: down, the default sigmas of ground and lens give 0.11 m along the ray, the filter gives 0.1 m.
+# The average of clicks.
+#: Share of a click's variance that is common to all clicks of a flight. From 60 m up, looking
+#: 45 deg down, the default sigmas of ground and lens give 0.11 m along the ray, the filter 0.1 m.
 COMMON = 0.5
-#: The filter's part: over simulated flights its error on the ground is correlated by 0.7 after
-#: 8 s, 0.4 after 30 s and 0.2 after 60 s (``test/core/targets/test_target.py``).
+#: Correlation time of the rest, the filter's error: over simulated flights, on the ground, it is
+#: correlated by 0.7 after 8 s, 0.4 after 30 s, 0.2 after 60 s (test/core/targets/test_target.py).
 MEMORY_S = 30.0
-#: Clicks disagree where independent errors would differ so much once in a thousand times
-#: (standard deviations of one tail).
+#: Clicks disagree if independent errors would differ that much in one case of a thousand
+#: (standard deviations, one tail).
 _RARE_SIGMA = 3.09
-#: The least standard deviation in Q_i, m, and as a share of the largest one.
+#: Least standard deviation that a weight is computed from, m, and as a share of the largest one.
 _LEAST_M, _LEAST_SHARE = 0.01, 0.05
+# A target.
+KINDS = ("person", "fire", "vehicle", "hydrant", "building", "other")
+MOST_TARGETS = 2000  # in a file, and drawn
+_LONGEST_LABEL = 60  # characters
 
 
 class Combined(NamedTuple):
-    """Hold the average of some positions."""
+    """Hold the average of several positions."""
 
     position: Array  # (3,) m
     covariance: Array  # (3, 3) m2
@@ -51,7 +56,7 @@ def combined(positions: Array, covariances: Array, times_s: Array) -> Combined:
     information = of_values(1 / np.maximum(values, least))
     weighted = information / moment.sum(axis=1)[:, None, None]
     weights = np.linalg.solve(weighted.sum(axis=0), weighted)
-    # From the first one on, so that rounding is that of the differences.
+    # Averaged relative to the first position, so that only the differences are rounded.
     position = positions[0] + np.einsum("nij,nj->i", weights, positions - positions[0])
     parts = weights @ of_values(np.sqrt(values))
     shares = COMMON + (1 - COMMON) * moment
@@ -66,22 +71,17 @@ def combined(positions: Array, covariances: Array, times_s: Array) -> Combined:
 
 
 def _limit(degrees: int) -> float:
-    """Return the chi-square that is exceeded rarely; Wilson and Hilferty, within 1 %."""
+    """Return the chi-square exceeded once in a thousand; Wilson and Hilferty, within 1 %."""
     spread = 2 / (9 * degrees)
     return degrees * (1 - spread + _RARE_SIGMA * math.sqrt(spread)) ** 3
 
 
-KINDS = ("person", "fire", "vehicle", "hydrant", "building", "other")
-MOST_TARGETS = 2000  # that a file keeps, and that are drawn
-_LONGEST_LABEL = 60  # characters
-
-
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Hold a target: its clicks, one at least, and what the operator says of it."""
+    """Hold a target: its clicks, at least one, and the operator's description."""
 
     id: str  # 32 hexadecimal digits; the same through all edits and exports
-    number: int  # 1, 2, ...; never given again
+    number: int  # 1, 2, ...; never used again
     name: str
     kind: str  # one of KINDS
     note: str
@@ -91,7 +91,7 @@ class Target:
     clicks: tuple[Located, ...]
 
     def __post_init__(self) -> None:
-        """Raise TargetError for clicks that are no place on the ground."""
+        """Raise TargetError for a click that cannot be a point on the ground."""
         for click in self.clicks:
             check(click)
 
@@ -102,33 +102,33 @@ class Target:
 
     @property
     def clicks_agree(self) -> bool:
-        """Return whether the clicks can be of one place, by their covariances."""
+        """Return whether the clicks can be of the same place, by their covariances."""
         return disagreement(self.clicks) <= 1
 
     @property
     def title(self) -> str:
-        """Return the name, or number and kind where there is none."""
+        """Return the name, or number and kind if it has no name."""
         return self.name or f"{self.number} {self.kind}"
 
     @property
     def label(self) -> str:
-        """Return the words beside its mark: number, kind and name."""
+        """Return the text beside its mark: number, kind and name."""
         name = f": {self.name}" if self.name else ""
         return cut(f"{self.number} {self.kind}{name}", _LONGEST_LABEL)
 
 
 def averaged(clicks: Sequence[Located]) -> Located:
-    """Return the average of clicks, one at least, with an honest covariance.
+    """Return the average of clicks, at least one, with its covariance, as ``combined`` does.
 
-    See ``combined``. The order of the clicks does not matter; one click is returned as it is.
-    The stamp is the newest one. Where the clicks disagree, the covariance is wider. Raises
-    TargetError for clicks so far apart that there is no place between them.
+    The order of the clicks does not matter; one click is returned as it is. The stamp is the
+    newest one. If the clicks disagree, the covariance is larger. Raises TargetError if the clicks
+    are so far apart that their average is not a point on the ground.
     """
     return _average(tuple(clicks))[0]
 
 
 def disagreement(clicks: Sequence[Located]) -> float:
-    """Return the squared differences of the clicks over their limit: above 1 they disagree."""
+    """Return the clicks' squared differences divided by the limit: above 1 they disagree."""
     return _average(tuple(clicks))[1]
 
 
@@ -159,7 +159,7 @@ def _average(clicks: tuple[Located, ...]) -> tuple[Located, float]:
 
 
 def check(click: Located) -> None:
-    """Raise TargetError for numbers that are no place on the ground."""
+    """Raise TargetError for numbers that cannot be a point on the ground."""
     if click.fault:
         raise TargetError(click.fault)
 

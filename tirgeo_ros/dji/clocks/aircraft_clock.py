@@ -1,16 +1,16 @@
 """Convert the aircraft's clock to this computer's clock.
 
 The aircraft counts milliseconds from power-up. A message arrives later than it was sent: by the
-smallest latency of the link, plus whatever queues, bursts and scheduling add. So ``arrival -
-aircraft time`` lies on or above a line. The highest line below all points
-(``LowerEnvelope``) is the offset of the two clocks, with their drift, plus the
-smallest latency, which cannot be measured from one side: the delay of each source is a parameter.
+smallest latency of the link, plus the delays of queues, bursts and scheduling. So ``arrival -
+aircraft time`` lies on or above a line. The highest line below all points (``LowerEnvelope``) is
+the offset of the two clocks, with their drift, plus the smallest latency. One side alone cannot
+measure that latency: the delay of each source is a parameter.
 
 A counter that truncates to its tick makes stamps early by half a tick in the mean. This does not
 bias the line, because the smallest differences are those of messages sent at a tick.
 
-Firmware before 3.3 may count 2.5 ms in the same field. Taken for milliseconds, these leave the
-line by 0.6 s a second.
+Firmware before 3.3 may count ticks of 2.5 ms in the same field. If they are taken for
+milliseconds, the points leave the line by 0.6 s a second.
 """
 
 from __future__ import annotations
@@ -21,23 +21,61 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
 
-#: Ticks of the aircraft's counters. Hard sync counts long ones, and so may the broadcast of
+Point = tuple[float, float]
+
+# The counter.
+
+_SECOND_NS = 1_000_000_000
+#: Ticks of the aircraft's counters. Hard sync counts long ticks, and so may the broadcast of
 #: firmware before 3.3, in the field that counts milliseconds in newer firmware.
 MILLISECOND_NS, LONG_TICK_NS = 1_000_000, 2_500_000
-#: A fraction of a tick cannot be longer than this.
+#: The time after a tick that a message states cannot be longer than this.
 LONGEST_EXTRA_NS = 10_000_000
+
+# The line below the arrivals.
+
+#: The time from which the drift is learned is divided into this many bins; each keeps its lowest
+#: point.
+_BINS = 64
+#: The drift is learned over three windows, limited to this range.
+_DRIFT_NS = 30e9, 300e9
+#: Prior sigma of a change of the slope, as a share of the largest drift, and sigma of a minimum.
+#: The slope of a stretch longer than their quotient gets more weight than the old slope.
+_USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
+_INFINITY = float("inf")
+
+# Steps of a clock, and the published offset.
+
+#: A message above the line by more than this may show a clock step: no queue stays filled and
+#: delays messages for longer.
+_STEP_NS = 250_000_000
+#: A clock step is accepted after this many messages in a row above the line by more than _STEP_NS,
+#: over this time by the counter and by arrival. If one of them is less late than the first by more
+#: than _DRAINS_NS, the run begins again: in a queue that drains, each message is less late than
+#: the one before.
+_STEP_NUMBER, _STEP_LASTS_NS, _DRAINS_NS = 5, 500_000_000, 20_000_000
+#: A message may be overtaken by messages that were sent up to this much later.
+_LATE_NS = _SECOND_NS
+#: The offset is settled after this many messages and this time, once it is within
+#: _SETTLED_WITHIN_NS of the line. It is unsettled again when it is more than _UNSETTLED_NS off the
+#: line.
+_SETTLED_NUMBER, _SETTLED_AFTER_NS = 20, 3 * _SECOND_NS
+_SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
+#: Rate at which the published offset approaches the line, as a share of elapsed time: _HASTE while
+#: not settled, else _SLEW in addition to the largest drift.
+_HASTE, _SLEW = 0.5, 200e-6
 
 
 def is_long(passed: float, counted: float) -> bool:
-    """Return whether a count taken for milliseconds is in ticks of 2.5 ms, by the time passed.
+    """Return whether a count taken for milliseconds is one of 2.5 ms, by the time passed.
 
-    A tenth is left for delays.
+    Delays may change the time by a tenth.
     """
     return abs(passed - counted * LONG_TICK_NS / MILLISECOND_NS) <= 0.1 * passed
 
 
 class RunningCounter:
-    """Unwrap a counter: choose the value nearest to the newest one taken, within half a turn."""
+    """Unwrap a counter: choose the value nearest to the newest one, within half a turn."""
 
     def __init__(self, tick_ns: int, bits: int) -> None:
         self.tick_ns = tick_ns
@@ -48,54 +86,39 @@ class RunningCounter:
         self.wraps = 0
 
     def begin(self, ticks: int) -> int:
-        """Start at these ticks; return their time in nanoseconds."""
+        """Start at a value of the counter; return its time in nanoseconds."""
         self._newest = ticks & self._mask
         self._newest_ns = self._newest * self.tick_ns
         return self._newest_ns
 
     def time_ns(self, ticks: int) -> int:
-        """Return the time of the ticks in nanoseconds; before the newest where they went back."""
+        """Return the time of a value in nanoseconds: earlier than the newest if it went back."""
         ahead = (ticks - self._newest) & self._mask
         if ahead > self._half:
             ahead -= self._mask + 1
         return self._newest_ns + ahead * self.tick_ns
 
     def go_on(self, ticks: int, time_ns: int) -> None:
-        """Take ticks, with their time from ``time_ns``, as the newest."""
+        """Take a value as the newest, with its time from the method ``time_ns``."""
         ticks &= self._mask
         if ticks < self._newest and time_ns > self._newest_ns:
             self.wraps += 1
         self._newest, self._newest_ns = ticks, time_ns
 
 
-#: The time that the drift is learned from is divided into this many bins; each keeps its lowest
-#: point.
-_BINS = 64
-#: Drift is learned from three windows, limited to this range.
-_DRIFT_NS = 30e9, 300e9
-#: Prior sigma of a change of the slope, as a share of the largest drift, and sigma of a minimum.
-#: Their quotient is the length of a stretch from which its own slope gets more weight than the old
-#: one.
-_USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
-
-_INFINITY = float("inf")
-
-Point = tuple[float, float]
-
-
 class LowerEnvelope:
     """Track the line below the points of the last window; x and y in nanoseconds.
 
     ``x`` is a time of one clock, ``y`` the arrival by another clock minus ``x``. The smallest
-    values of ``y`` lie on a line, whose slope is the drift between the two clocks; all else is
-    delay. The line has the learned slope and is the highest one that no point of the window lies
-    below. The slope is that of the lower convex hull's edge over the middle of a longer time
-    (Moon, Skelley, Towsley 1999, and Zhang, Liu, Xia 2002, take that edge for the skew of two
-    clocks). With the slope, a minimum stays valid for all of the window; without it, a windowed
-    minimum lags by drift times window, and jumps when it leaves the window.
+    values of ``y`` lie on a line, whose slope is the drift between the two clocks; larger values
+    have delays. The tracked line has the learned slope and is the highest with no point of the
+    window below it. The slope is that of the lower convex hull's edge over the middle of a longer
+    time (Moon, Skelley, Towsley 1999, and Zhang, Liu, Xia 2002, use it as the skew of two clocks).
+    With the slope, a minimum stays valid for the whole window. Without it, a windowed minimum lags
+    by drift times window, and jumps when it leaves the window.
 
     ``max_drift`` bounds the slope in both directions. A point costs about a microsecond; once per
-    bin the ``_BINS`` lowest points are looked at again.
+    bin the ``_BINS`` lowest points are used again.
     """
 
     def __init__(self, window_ns: float, max_drift: float) -> None:
@@ -111,7 +134,7 @@ class LowerEnvelope:
         self._lowest_key, self._lowest = _INFINITY, (0.0, 0.0)  # of the open bin
 
     def begin(self, x: float, y: float) -> None:
-        """Forget all points; put the line through this one with the slope learned so far."""
+        """Forget all points; put the line through this point, with the slope learned so far."""
         self._bins.clear()
         self._drift_before = self.drift
         self.base = y - self.drift * x
@@ -172,34 +195,13 @@ def _is_above(first: Point, middle: Point, last: Point) -> bool:
     return (y1 - y0) * (x2 - x0) >= (y2 - y0) * (x1 - x0)
 
 
-_SECOND_NS = 1_000_000_000
-#: A message above the line by more than this is suspected of a clock step: no queue stays filled
-#: and holds messages for longer.
-_STEP_NS = 250_000_000
-#: A clock step is accepted after this many messages in a row above the line by more than _STEP_NS,
-#: over this time by the counter and by arrival. If one of them is less late than the first by more
-#: than _DRAINS_NS, the run begins again: in a queue that drains, each message is less late than
-#: the one before.
-_STEP_NUMBER, _STEP_LASTS_NS, _DRAINS_NS = 5, 500_000_000, 20_000_000
-#: Other messages overtake an aircraft's message by no more than this.
-_LATE_NS = _SECOND_NS
-#: The offset is settled after this many messages and this time, once it is within
-#: _SETTLED_WITHIN_NS of the line. It is unsettled again when it is more than _UNSETTLED_NS off the
-#: line.
-_SETTLED_NUMBER, _SETTLED_AFTER_NS = 20, 3 * _SECOND_NS
-_SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
-#: Rate at which the published offset approaches the line, as a share of elapsed time: _HASTE while
-#: not settled, else _SLEW in addition to the largest drift.
-_HASTE, _SLEW = 0.5, 200e-6
-
-
 class _Above(NamedTuple):
-    """Hold a run of messages far above the line: a queue that drains, or a new offset."""
+    """Hold a run of messages far above the line, due to a draining queue or a new offset."""
 
     number: int = -1  # of the run's newest message
     length: int = 0
-    first: float = 0.0  # height of the first message, nanoseconds
-    least: float = 0.0
+    first: float = 0.0  # height of the first message above the line, nanoseconds
+    least: float = 0.0  # smallest height
     aircraft_ns: int = 0  # of the first message
     arrival_ns: int = 0
     is_counter: bool = False  # True if the counter jumped, False if the host's clock did
@@ -213,11 +215,11 @@ class AircraftClock:
     ppm. Before that, and whenever the line is more than 2 ms off, it may differ by half of the
     step.
 
-    When the counter restarts or the host's clock is set, the stamps follow: at once where this is
-    certain (counts come in frames with check sums), after half a second where a queue could be the
-    cause. Each counter needs its own AircraftClock.
+    When the counter restarts or the host's clock is set, the stamps follow: at once if this is
+    certain (check sums protect the counts), after half a second if a queue could be the cause.
+    Each counter needs its own AircraftClock.
 
-    A counter is taken to have ticks of 2.5 ms, not 1 ms, if it shows that before it has settled:
+    If a counter shows ticks of 2.5 ms instead of 1 ms before it has settled, it is read so:
     stamps fall behind by up to 1 s in the first 1.7 s, then they continue at their right times.
     """
 
@@ -230,15 +232,15 @@ class AircraftClock:
         self._counter = RunningCounter(tick_ns, bits)
         self._may_be_long = tick_ns == MILLISECOND_NS
         self._number = self._began_number = 0
-        self._origin_ns = self._newest_ns = 0  # by the counter
-        self._offset_ns = 0  # of the origin, from counter time to host time
+        self._origin_ns = self._newest_ns = 0  # in counter time
+        self._offset_ns = 0  # from counter time to host time, at the origin
         self._published = 0.0  # offset of the newest message, in addition to _offset_ns
         self._settled = False
         self._counts = {"resets": 0, "host steps": 0}
         self._above = _Above()
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """Return the host time in nanoseconds that a message has if its latency is the smallest.
+        """Return the host time (ns) at which a message arrives if its latency is the smallest.
 
         ``ticks`` is the counter's value, ``extra_ns`` the time after that tick if the aircraft
         sends it, ``arrival_ns`` the host's time of the message's last byte.
@@ -254,15 +256,15 @@ class AircraftClock:
         y = float(arrival_ns - aircraft_ns - self._offset_ns)
         step_ns = aircraft_ns - self._newest_ns
         height = y - self._line.base - self._line.drift * x
-        # Neither delay nor overtaking can explain it. A message far above the line after a pause
-        # of the counter is none of a queue, which would have consecutive counts.
+        # Neither delay nor overtaking explains these. After a pause of the counter, a message far
+        # above the line does not come from a queue, which would contain consecutive counts.
         paused = step_ns > _LATE_NS and height > _SECOND_NS
         below = height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
         if step_ns < -_LATE_NS or paused or below:
             is_counter = abs(step_ns) > _LATE_NS
             self._counts["resets" if is_counter else "host steps"] += 1
             return self._begin(ticks, extra_ns, arrival_ns)
-        if height > _STEP_NS and self._is_set(height, aircraft_ns, arrival_ns):
+        if height > _STEP_NS and self._is_step(height, aircraft_ns, arrival_ns):
             run = self._above
             passed_ns, counted_ns = arrival_ns - run.arrival_ns, aircraft_ns - run.aircraft_ns
             if self._may_be_long and is_long(passed_ns, counted_ns):
@@ -279,7 +281,7 @@ class AircraftClock:
         return aircraft_ns + self._offset_ns + int(self._published)
 
     def lateness_ns(self, ticks: int, arrival_ns: int) -> float:
-        """Return how far above the line a message arrived, in nanoseconds, without taking it."""
+        """Return how far above the line a message arrived (ns), without a change of the clock."""
         if not self._number:
             return 0.0
         aircraft_ns = self._counter.time_ns(ticks)
@@ -288,16 +290,15 @@ class AircraftClock:
 
     @property
     def drift(self) -> float:
-        """Return by what share the host's clock runs faster than the counter."""
+        """Return the rate of the host's clock relative to the counter, minus 1."""
         return self._line.drift
 
     @property
     def state(self) -> str:
         """Return ``waiting`` (no message yet), ``settling`` or ``settled``.
 
-        Settled: 20 messages over at least 3 s have come since the offset was begun, and the stamps
-        are on the line below them. While settling, stamps may be late by as much as the messages
-        were.
+        Settled: since the offset began, at least 20 messages have come over at least 3 s, and the
+        stamps are on the line below them. While settling, stamps may be as late as the messages.
         """
         if not self._number:
             return "waiting"
@@ -305,7 +306,7 @@ class AircraftClock:
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return state, offset, drift and irregularities of both clocks, as texts."""
+        """Return state, offset, drift and steps of the clocks, as texts."""
         tick_ms = self._counter.tick_ns / MILLISECOND_NS
         texts = {"clock state": self.state, "clock tick [ms]": f"{tick_ms:g}"}
         if self._number:
@@ -316,7 +317,7 @@ class AircraftClock:
         return texts | {f"clock {name}": str(count) for name, count in self._counts.items()}
 
     def _begin(self, ticks: int, extra_ns: int, arrival_ns: int) -> int:
-        """Begin the offset with this message; return its stamp, which is the arrival."""
+        """Begin the offset with this message; return its arrival as the stamp."""
         self._newest_ns = self._origin_ns = self._counter.begin(ticks) + extra_ns
         self._offset_ns = arrival_ns - self._origin_ns
         self._began_number = self._number
@@ -340,12 +341,12 @@ class AircraftClock:
             self._settled = number >= _SETTLED_NUMBER and x >= _SETTLED_AFTER_NS
             self._may_be_long = self._may_be_long and not self._settled
 
-    def _is_set(self, height: float, aircraft_ns: int, arrival_ns: int) -> bool:
+    def _is_step(self, height: float, aircraft_ns: int, arrival_ns: int) -> bool:
         """Return whether messages have been far above the line long enough for a new offset."""
         above = self._above
-        goes_on = above.number == self._number - 1
-        if not goes_on or height < above.first - _DRAINS_NS:
-            is_counter = above.is_counter if goes_on else aircraft_ns < self._newest_ns
+        continues = above.number == self._number - 1
+        if not continues or height < above.first - _DRAINS_NS:
+            is_counter = above.is_counter if continues else aircraft_ns < self._newest_ns
             self._above = _Above(
                 self._number, 1, height, height, aircraft_ns, arrival_ns, is_counter
             )

@@ -1,8 +1,8 @@
-"""Convert the aircraft's counters to times where a file does not record when its bytes arrived.
+"""Convert the aircraft's counters to stamps for a file that does not record arrival times.
 
-A capture is placed in civil time by the receivers' date and time of day. These words have whole
-seconds and come five times a second, so each is right at the first message of a new second. DJI's
-headers say that they are in GMT+8.
+The receivers' date and time of day give a capture's place in civil time. These two words have
+whole seconds and come five times a second, so they are exact in the first message of a new second.
+DJI's headers state that they are in GMT+8.
 """
 
 from __future__ import annotations
@@ -20,15 +20,30 @@ from tirgeo_ros.dji.clocks.aircraft_clock import (
 )
 
 _SECOND_NS = 1_000_000_000
+_HOUR_NS = 3600 * _SECOND_NS
+
+# Counters.
+
 #: Two counters that differ by less than this at the same place of a file show the same clock.
 _SAME_NS = _SECOND_NS
-#: A message that is older than the one before by more than this has another count (less is
-#: disorder), and so has one that is ahead by more than a minute.
+#: A message belongs to a new count if it is older than the previous one by more than _LATE_NS (by
+#: less, it is only out of order), or ahead by more than _LONG_NS.
 _LATE_NS, _LONG_NS = _SECOND_NS, 60 * _SECOND_NS
-#: Two messages in a row confirm the same new count if they differ by no more than this.
+#: Two messages in a row confirm a new count if they differ by at most this.
 _AGREE_NS = _SECOND_NS
 #: Assumed time between the last stamp before a counter restarts and the first stamp after it.
 RESTART_NS = _SECOND_NS
+
+# Civil time.
+
+#: Receivers without a fix send 1980 or 2000; ROS times end in 2106.
+_FIRST_YEAR, _LAST_YEAR = 2010, 2099
+#: The time zone that DJI's headers state, hours ahead of UTC.
+DOCUMENTED_OFFSET_H = 8
+#: Tolerance for a file's modification time, which is that of its last byte or a little later.
+_HINT_NS = 2 * _HOUR_NS
+#: A second whose shift differs from the median by more than this has wrong words.
+_ASTRAY_NS = 2 * _SECOND_NS
 
 
 class CaptureTimeline:
@@ -41,8 +56,8 @@ class CaptureTimeline:
     def __init__(self, start_ns: int | None = None, shift_ns: int = 0) -> None:
         self._start_ns = start_ns
         self.shift_ns = shift_ns
-        self.restarts = 0  # the time that passed at a restart is not known
-        self.number = 0  # number of clocks that have begun
+        self.restarts = 0  # restarts of counters, each of unknown duration
+        self.number = 0  # of clocks that have begun
         self.newest_ns: int | None = None  # newest stamp, without the shift
         self.aircraft_ns = 0  # counter time of the newest stamp
 
@@ -52,7 +67,7 @@ class CaptureTimeline:
 
     @property
     def now_ns(self) -> int:
-        """Return the newest stamp. Contents of the file without a time of their own get it."""
+        """Return the newest stamp, which is used for messages without a time."""
         return (self.newest_ns or 0) + self.shift_ns
 
     def take(self, stamp_ns: int, aircraft_ns: int) -> int:
@@ -69,13 +84,13 @@ class CaptureClock:
 
     The counter is trusted, wraps included. If two messages in a row show that it has gone back by
     more than a second, it has restarted: stamps continue ``RESTART_NS`` after the newest stamp,
-    since the file does not tell how long the aircraft was off. A single such message, or a single
-    one that is more than a minute ahead, gets the newest stamp. Stamps of increasing counts do not
+    since the file does not show how long the aircraft was off. A single message that is so far
+    back, or more than a minute ahead, gets the newest stamp. Stamps of increasing counts do not
     decrease.
 
-    Counters of a file that show nearly the same value belong to the same clock. A counter that
-    shows another value is placed by the order of the messages: a message is not older than the
-    messages of other clocks before it. A counter with ``resets_alone`` is placed in the same way
+    Counters of a file that show nearly the same value belong to the same clock. For a counter that
+    shows another value, the order of the messages gives the offset: a message is not older than
+    the messages of other clocks before it. The same applies to a counter with ``resets_alone``
     after its first reset, because a command sets it to zero while the others continue.
     """
 
@@ -83,13 +98,13 @@ class CaptureClock:
         self._timeline, self._resets_alone = timeline, resets_alone
         self._counter = RunningCounter(tick_ns, 32)
         self._is_begun = False
-        self._is_apart = False  # placed by the order of the messages
+        self._is_apart = False  # whether the order of the messages gives the offset
         self._offset_ns = 0  # from counter time to the timeline
         self._newest_ns = 0  # in counter time
-        self._stray_ns: int | None = None  # counter time of the message before, if that was stray
+        self._stray_ns: int | None = None  # counter time of an unconfirmed previous message
 
     def stamp_ns(self, ticks: int, arrival_ns: int = 0, extra_ns: int = 0) -> int:  # noqa: ARG002  as the other clocks
-        """Return the time (ns) of a message with ``extra_ns`` after a tick; no arrival is used."""
+        """Return the stamp of a message sent ``extra_ns`` after a tick; ignore the arrival."""
         if not 0 <= extra_ns <= LONGEST_EXTRA_NS:
             extra_ns = 0
         if not self._is_begun:
@@ -98,9 +113,9 @@ class CaptureClock:
         aircraft_ns = tick_ns + extra_ns
         step_ns = aircraft_ns - self._newest_ns
         if not -_LATE_NS <= step_ns <= _LONG_NS:
-            known_ns, self._stray_ns = self._stray_ns, aircraft_ns
-            if known_ns is None or abs(aircraft_ns - known_ns) > _AGREE_NS:
-                return self._timeline.now_ns  # the message before does not confirm it
+            before_ns, self._stray_ns = self._stray_ns, aircraft_ns
+            if before_ns is None or abs(aircraft_ns - before_ns) > _AGREE_NS:
+                return self._timeline.now_ns  # the previous message does not confirm it
             if step_ns < 0:
                 self._start_again(ticks, extra_ns)
                 tick_ns, aircraft_ns = self._newest_ns - extra_ns, self._newest_ns
@@ -109,7 +124,7 @@ class CaptureClock:
             self._counter.go_on(ticks, tick_ns)
             self._newest_ns = aircraft_ns
             now_ns = self._timeline.newest_ns
-            if self._is_apart and now_ns is not None:  # not before the messages before it
+            if self._is_apart and now_ns is not None:  # not older than earlier messages
                 self._offset_ns = max(self._offset_ns, now_ns - aircraft_ns)
         return self._timeline.take(aircraft_ns + self._offset_ns, aircraft_ns)
 
@@ -126,8 +141,8 @@ class CaptureClock:
     def _start_again(self, ticks: int, extra_ns: int) -> None:
         """Set a new offset after a restart.
 
-        It is that of another clock that has restarted already, or one that continues after the
-        newest stamp.
+        It is that of another clock that has restarted already. Without one, stamps continue after
+        the newest stamp.
         """
         line, newest_ns = self._timeline, self._newest_ns + self._offset_ns
         self._newest_ns = aircraft_ns = self._counter.begin(ticks) + extra_ns
@@ -141,17 +156,6 @@ class CaptureClock:
         else:
             line.restarts += 1
             self._offset_ns = now_ns + RESTART_NS - aircraft_ns
-
-
-_HOUR_NS = 3600 * _SECOND_NS
-#: Receivers without a fix send 1980 or 2000; ROS times end in 2106.
-_FIRST_YEAR, _LAST_YEAR = 2010, 2099
-#: The time zone that DJI's headers state, hours ahead of UTC.
-DOCUMENTED_OFFSET_H = 8
-#: A file's modification time is that of its last byte, or a little after; this is the tolerance.
-_HINT_NS = 2 * _HOUR_NS
-#: Seconds whose shift is further than this from the median are wrong words.
-_ASTRAY_NS = 2 * _SECOND_NS
 
 
 def time_of_words(date_yyyymmdd: int, time_hhmmss: int) -> int | None:
@@ -174,10 +178,10 @@ def _three(word: int) -> tuple[int, int, int]:
 
 
 def guess_utc_offset(newest_words_ns: int, hint_ns: int) -> int | None:
-    """Return how many hours words are ahead of UTC (8 or 0), by the time of the newest.
+    """Return how many hours date and time words are ahead of UTC: 8 or 0.
 
-    ``hint_ns`` is about that time in UTC, such as that of the file's last change. Returns None if
-    neither fits within 2 h.
+    ``hint_ns`` is the approximate UTC of the newest words, such as the time of the file's last
+    change. Returns None if neither offset fits within 2 h.
     """
     for hours in (DOCUMENTED_OFFSET_H, 0):
         if abs(newest_words_ns - hours * _HOUR_NS - hint_ns) <= _HINT_NS:
@@ -188,9 +192,9 @@ def guess_utc_offset(newest_words_ns: int, hint_ns: int) -> int | None:
 class WholeSeconds:
     """Estimate the shift from a capture's stamps to civil time by the whole seconds in messages.
 
-    A message contains the second that has begun, so civil time is at least that: civil time minus
-    stamp is at least the largest difference found. The estimate is early by the delay of the first
-    message of a second (some 10 ms where epochs are at whole seconds).
+    A message contains the second that has begun. So civil time is at least that second, and the
+    shift is at least the largest difference of second minus stamp. The estimate is early by the
+    delay of the first message of a second (some 10 ms if epochs are at whole seconds).
     """
 
     def __init__(self) -> None:
@@ -210,12 +214,12 @@ class WholeSeconds:
 
     @property
     def number(self) -> int:
-        """Return how many seconds began."""
+        """Return the number of seconds that began."""
         return len(self._seconds)
 
     @property
     def shift_ns(self) -> int | None:
-        """Return words (in their own time zone) minus stamps; None until a second began."""
+        """Return the shift: words (in their time zone) minus stamps; None until a second began."""
         shifts_ns = [word_ns - stamp_ns for word_ns, stamp_ns in self._seconds]
         if not shifts_ns:
             return None

@@ -1,8 +1,8 @@
-"""Compute stamps for periodic messages that carry no time of their own.
+"""Compute stamps for periodic messages that contain no time.
 
-They arrive in bursts, with varying delays, but the aircraft sends them at a steady rate. Their
-count is therefore a clock: the number of periods since the first. ``dji.clocks.aircraft_clock``
-puts that clock on the line below the arrivals, as it does with the aircraft's own clock.
+They arrive in bursts, with varying delays, but the aircraft sends them at a steady rate. So their
+number is a clock, which counts periods since the first. ``dji.clocks.aircraft_clock`` puts that
+clock on the line below the arrivals, as it does with the aircraft's own clock.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import math
 from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock, Point, middle_slope
 
-#: The period is learned from at least this many messages and this time. The number doubles each
-#: time that the period proves wrong, up to _LEARN_MOST.
+#: The period is learned from at least this many messages over this time. The number doubles each
+#: time the period proves wrong, up to _LEARN_MOST.
 _LEARN_NUMBER, _LEARN_NS, _LEARN_MOST = 8, 1_000_000_000, 128
-#: From this number of messages on, parts of the sequence are compared. If the messages are
-#: periodic, the slopes of its quarters differ from the whole's by less than _ALIKE. If a half has
-#: a slope that is smaller than the whole's by more than _LOSSLESS, the whole contains lost
-#: messages and that half does not.
+#: From _PARTED_NUMBER messages on, parts of the sequence are compared. If the messages are
+#: periodic, the slopes of its quarters differ from the total slope by less than the share _ALIKE.
+#: If the slope of a half is smaller than the total by more than the share _LOSSLESS, messages were
+#: lost, but not in that half.
 _PARTED_NUMBER, _ALIKE, _LOSSLESS = 64, 0.1, 0.01
 #: Largest remaining error of the period, and the window of the minima.
 _CONFIG = DjiClockConfig(window_s=10.0, max_drift_ppm=10_000.0)
@@ -27,17 +27,16 @@ _LARGEST_DRIFT = 0.9e-6 * _CONFIG.max_drift_ppm
 _PAUSE_NS, _PAUSE_PERIODS = 500_000_000, 2.5
 #: A message that is late by this many periods counts as late by a period.
 _LOST_PERIODS = 0.8
-#: No message is held up for longer than this: then messages were lost.
+#: No message is delayed for longer than this: a longer lateness shows lost messages.
 _HELD_UP_NS = 200_000_000
-#: In a stream whose period is longer than this, one message that is late by a period proves a
-#: loss.
+#: If the period is longer than this, one message that is late by a period proves a loss.
 _SLOW_NS = 150_000_000
-#: Stamps are earlier than the arrival by no more than this.
+#: Stamps are earlier than the arrival by at most this.
 _EARLIEST_NS = 250_000_000
-#: Arrivals that are out of order by less than this were stamped by two threads.
+#: Arrivals may be out of order by less than this, because two threads stamp them.
 _DISORDER_NS = 50_000_000
-#: The period is wrong if the count was wrong more than _WRONG_NUMBER times among this many
-#: messages, or if more than _LOST_NUMBER were lost.
+#: The period is wrong if among _JUDGED_NUMBER messages the count was wrong more than _WRONG_NUMBER
+#: times, or more than _LOST_NUMBER messages were lost.
 _JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER = 128, 12, 64
 
 
@@ -45,18 +44,18 @@ class SteadyStamps:
     """Compute the stamps of one stream from its count and the line below its arrivals.
 
     Stamps increase, unless the host's clock is set back, and are at most 0.25 s early. The stamp
-    is the arrival itself until the period is known (a second, 8 messages at least), after the
-    period has changed, and for a stream without a period. Otherwise, once settled, it is the time
-    when the message would have come with the smallest delay of the last 10 s.
+    is the arrival itself until the period is known (after at least a second and 8 messages), after
+    the period has changed, and for a stream without a period. Otherwise, once settled, it is the
+    time at which the message would have come with the smallest delay of the last 10 s.
 
     When messages are lost, the stamps are early by the lost periods until the loss is certain:
-    after 0.2 s, or at once where a period is longer than 0.15 s. After a pause (over 0.5 s and 2.5
-    periods), and when the host's clock is set back by over 50 ms, the count begins again at the
-    arrival. Intervals that vary at random by less than half may be taken for periods for a while.
+    after 0.2 s, or at once if a period is longer than 0.15 s. The count begins again at the
+    arrival after a pause (over 0.5 s and 2.5 periods), and when the host's clock is set back by
+    over 50 ms. Intervals that vary at random by less than half may be taken for periods at first.
     """
 
     def __init__(self) -> None:
-        self._arrivals_ns: list[int] = []  # to learn the period from
+        self._arrivals_ns: list[int] = []  # from which the period is learned
         self._arrival_ns: int | None = None
         self._newest_ns = 0
         self._learn_number = _LEARN_NUMBER
@@ -81,7 +80,7 @@ class SteadyStamps:
         return self._period_ns * (1 + self._clock.drift)
 
     def _in_order(self, arrival_ns: int) -> int:
-        """Return the arrival, not before the last; begin again after a pause or a step back."""
+        """Return the arrival, at least the last one; begin again after a pause or a step back."""
         last_ns, self._arrival_ns = self._arrival_ns, arrival_ns
         if last_ns is None or last_ns - arrival_ns > _DISORDER_NS:
             self._newest_ns = arrival_ns - 1
@@ -123,7 +122,7 @@ class SteadyStamps:
             self._clock.stamp_ns(round(self._index * self._period_ns), arrival)
 
     def _count_on(self, arrival_ns: int) -> int:
-        """Return the stamp by the count, which is corrected where messages were lost."""
+        """Return the stamp by the count, and correct the count for lost messages."""
         period_ns = self._period_ns
         self._index += 1
         late_ns = self._clock.lateness_ns(round(self._index * period_ns), arrival_ns)
@@ -140,7 +139,7 @@ class SteadyStamps:
         return stamp_ns
 
     def _lost(self, late_ns: float, arrival_ns: int) -> int:
-        """Return how many messages were lost before a late one; 0 while a queue may explain it."""
+        """Return how many messages were lost before a late one; 0 if a queue may be the cause."""
         period_ns, since_ns = self._period_ns, self._late_since_ns
         if period_ns > _SLOW_NS:
             return round(late_ns / period_ns)
@@ -167,7 +166,7 @@ class SteadyStamps:
 
 
 def _period_ns(arrivals_ns: list[int]) -> float:
-    """Return the period of arrivals, some of which may be missing; 0 if they have none."""
+    """Return the period of arrivals, some of which may be missing; 0 if there is no period."""
     points = [(float(n), float(arrival)) for n, arrival in enumerate(arrivals_ns)]
     whole = middle_slope(points)
     if len(points) >= _PARTED_NUMBER:

@@ -1,1 +1,1 @@
-"""Interpret the aircraft's readings: readings in, the core's samples out."""
+"""Convert the aircraft's readings to the core's samples."""

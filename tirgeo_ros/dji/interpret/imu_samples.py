@@ -22,56 +22,93 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
-#: The unit g of DJI's accelerometer is standard gravity by definition, not the local gravity. The
-#: 9.801 and 9.8 of DJI's wrappers are rounded, by 0.06 and 0.07 % too small.
-G_M_S2 = 9.80665
+_Entry = tuple[int, Vector, Vector, "Array | None"]  # stamp, acceleration, rate, attitude
 
-#: The first mean is over this time and this many readings, each later one over _LATER_NS.
+# The unit of acceleration.
+
+#: The unit g of DJI's accelerometer is standard gravity by definition, not the local gravity. The
+#: values of DJI's wrappers, 9.801 and 9.8, are rounded: 0.06 and 0.07 % too small.
+G_M_S2 = 9.80665
+#: The first mean is over this time and this many readings, each later mean over _LATER_NS.
 _FIRST_NS, _FIRST_NUMBER = 400_000_000, 20
 _LATER_NS = 2_000_000_000
 #: Fewer readings than this give no mean.
 _LEAST_NUMBER = 5
-#: Means in a row that overturn a decision. A fused acceleration may look like 1 g in m/s2 for the
-#: seconds in which an aircraft gains speed, but not for this many means.
+#: Number of contradicting means in a row that change the decision. While an aircraft gains speed,
+#: a fused acceleration may look like 1 g in m/s2 for seconds, but not for this many means.
 _OVERTURN = 3
 #: Share of the readings that is trimmed at either end, against outliers. A median would reject
-#: them as well, but fails for a vibration that has two values only.
+#: them as well, but fails for a vibration that has only two values.
 _TRIMMED = 0.1
 #: Full scale of any IMU on an aircraft, in either unit.
 _FULL_SCALE = 400.0
-#: The mean of a flight stays between half and twice gravity for seconds.
+#: Over seconds, the mean acceleration of a flight is between half and twice gravity.
 _LEAST, _MOST = 0.5, 2.0
-
 _NAMES = {None: "not known yet", 0.0: "fused, without gravity", 1.0: "m/s2", G_M_S2: "g"}
 _FACTORS = {"g": G_M_S2, "m/s2": 1.0}
+
+# The autopilot's attitudes.
+
+_SPAN_S = 2.0
+#: No interpolation between two attitudes further apart than this, the limit of gimbal_node too.
+_LONGEST_GAP_S = 0.25
+#: An attitude is propagated by the rate for at most this time: five steps of the broadcast at 100
+#: Hz. At 10 rad/s2, as fast as a large aircraft starts to turn, the change of the rate causes an
+#: error of 0.7 deg.
+_CARRIED_NS = 50_000_000
+#: Largest difference of a quaternion's norm from one, as in the core.
+_NORM_SLACK = 0.01
+
+# The choice among several streams.
+
+#: A stream counts as silent after this time: five samples of the slowest stream (50 Hz), half of
+#: the gap that the filter bridges. Then attitudes of other streams are taken.
+_SILENT_NS = 100_000_000
+#: A stamp that goes back further belongs to another clock: it passes, and the filter judges it.
+_CLOCK_NS = 1_000_000_000
+#: A better stream is selected once it has been present for this time without a silence.
+_STEADY_NS = 100_000_000
+#: Largest difference between the stamps of one instant from two sources, including their clocks'
+#: jitter.
+_SAME_NS = 20_000_000
+_RANK = {origin: rank for rank, origin in enumerate(ImuOrigin)}
+
+# Samples.
+
+#: Larger numbers are invalid in any unit. Smaller impossible values are judged by the filter.
+_LARGEST = 1e6
+#: Largest number of samples that wait for their unit: 5 s at 100 Hz of readings that are too few
+#: or too large to decide.
+_MOST_WAITING = 500
 
 
 class StreamUnit:
     """Find the unit of one stream's accelerations, and whether they are specific force at all.
 
-    The broadcast's acceleration is what DJI Assistant 2 is set to: raw (g) or fused, without
-    gravity. Vibration is as large as gravity, so single readings prove nothing. Over half a second
-    vibration averages out, and about 1 g remains, at rest and in any flight except for moments.
+    The setting in DJI Assistant 2 determines the broadcast's acceleration: raw (g), or fused
+    (without gravity). Vibration is as large as gravity, so single readings prove nothing. The mean
+    over half a second removes the vibration: about 1 g remains, at rest and nearly always in
+    flight.
 
     ``factor`` converts to m/s2; 0: no specific force; None: not known yet.
     """
 
     def __init__(self, configured: str) -> None:
-        """Take ``configured``: auto, g or m/s2, as the parameter ``acceleration_unit``."""
+        """Take ``configured``, the parameter ``acceleration_unit``: auto, g or m/s2."""
         self.factor = _FACTORS.get(configured)
         self._how = "by its size" if self.factor is None else "acceleration_unit"
         self.changes = 0
-        self._mean: Vector | None = None  # the newest, in the stream's unit
-        self._against: list[float] = []  # factors by the newest means that contradict ``factor``
+        self._mean: Vector | None = None  # the newest mean, in the stream's unit
+        self._against: list[float] = []  # factors of the newest means, which contradict ``factor``
         self._span_ns, self._number = _FIRST_NS, _FIRST_NUMBER
         self._begun_ns: int | None = None
         self._newest_ns = 0
         self._readings: list[Vector] = []
 
     def add(self, stamp_ns: int, acceleration: Vector, unit: AccelerationUnit) -> None:
-        """Take a reading (b) of any size, whose source may state the unit."""
+        """Take a reading (b) of any size; ``unit``: as stated by its source, or UNKNOWN."""
         if unit is not AccelerationUnit.UNKNOWN:
-            self.factor, self._how = _FACTORS[unit.value], "told"
+            self.factor, self._how = _FACTORS[unit.value], "stated"
         x, y, z = acceleration
         if not (abs(x) < _FULL_SCALE and abs(y) < _FULL_SCALE and abs(z) < _FULL_SCALE):
             return
@@ -85,7 +122,7 @@ class StreamUnit:
             self.settle()
 
     def settle(self) -> None:
-        """Decide by the readings since the last mean, if they are enough."""
+        """Decide the unit from the readings since the last mean, if there are enough."""
         if len(self._readings) < _LEAST_NUMBER:
             return
         out = int(_TRIMMED * len(self._readings))
@@ -110,42 +147,26 @@ class StreamUnit:
 
     @property
     def warning(self) -> str:
-        """Return what to set right, or an empty text; the graph checks size and sign."""
+        """Return a warning if the acceleration lacks gravity, else an empty text."""
         if self._mean is None or self.factor != 0.0:
             return ""
         return (
             f"acceleration averages {math.hypot(*self._mean):.2f}, which is gravity neither in g "
-            "nor in m/s2: no imu/data of it. Set raw acceleration data in DJI Assistant 2 (SDK), "
-            "not fused"
+            "nor in m/s2: it is not published as imu/data. Set raw acceleration data in DJI "
+            "Assistant 2 (SDK), not fused"
         )
 
     @property
     def text(self) -> str:
-        """Return the unit for people, and how it is known."""
+        """Return the unit for people, and how it was found."""
         how = self._how
         if how == "by its size" and self._mean is not None:
             how = f"{how}, {math.hypot(*self._mean):.3f}"
         return _NAMES[self.factor] if self.factor is None else f"{_NAMES[self.factor]} ({how})"
 
 
-_SPAN_S = 2.0
-#: No interpolation between two attitudes further apart than this, the limit of gimbal_node too.
-_LONGEST_GAP_S = 0.25
-#: An attitude is propagated by the rate for no longer than this: five steps of the broadcast at
-#: 100 Hz. At 10 rad/s2, as fast as a large aircraft starts to turn, the rate's change leaves 0.7
-#: deg.
-_CARRIED_NS = 50_000_000
-#: A stream counts as silent after this time: five samples of the slowest (50 Hz), half of the gap
-#: that the filter bridges. Then attitudes of others are taken.
-_SILENT_NS = 100_000_000
-#: A stamp that goes back further comes from another clock and passes; the filter judges it.
-_CLOCK_NS = 1_000_000_000
-#: Largest difference of a quaternion's norm from one, as in the core.
-_NORM_SLACK = 0.01
-
-
 def unit_quaternion(q: Quaternion) -> Array | None:
-    """Return q as (4,) wxyz of unit norm, w >= 0; None if it is not finite or not of unit norm."""
+    """Return q normalised, (4,) wxyz, w >= 0; None if its norm is not about one."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not abs(norm - 1.0) < _NORM_SLACK:  # true for NaN and infinity as well
@@ -155,24 +176,24 @@ def unit_quaternion(q: Quaternion) -> Array | None:
 
 
 class AutopilotAttitudes:
-    """Buffer the newest attitudes: of the IMU stream in use, else of all other streams."""
+    """Buffer the newest attitudes: of the selected IMU stream, else of the other streams."""
 
     def __init__(self, counts: Counter[str]) -> None:
-        """Take ``counts``, where ``attitude_unused`` counts attitudes beside a better stream."""
+        """Take ``counts``; its ``attitude_unused`` counts attitudes that are not buffered."""
         self._counts = counts
         self._history: StampedBuffer[Array] = StampedBuffer(_SPAN_S, _LONGEST_GAP_S)
         self._best_ns: int | None = None
 
     def put(self, stamp_ns: int, q_nb: Array) -> None:
-        """Take an attitude (4,) from the IMU stream in use."""
+        """Take an attitude (4,) from the selected IMU stream."""
         self._best_ns = stamp_ns
         self._add(stamp_ns, q_nb)
 
     def offer(self, stamp_ns: int, q_nb: Array) -> None:
-        """Take an attitude (4,) of another stream; it is used while the better one is silent.
+        """Take an attitude (4,) of another stream; use it if the selected stream is silent.
 
-        Two streams differ by milliseconds of delay: mixed, they would jitter while the aircraft
-        turns.
+        The delays of two streams differ by milliseconds: mixed attitudes would jitter while the
+        aircraft turns.
         """
         best_ns = self._best_ns
         if best_ns is not None and -_CLOCK_NS < stamp_ns - best_ns <= _SILENT_NS:
@@ -195,7 +216,7 @@ class AutopilotAttitudes:
         return pair[0] if pair[2] == 0.0 else slerp(*pair)
 
     def carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
-        """Return the newest attitude (4,) propagated by the rate (b, rad/s).
+        """Return the newest attitude (4,) propagated to an instant by the rate (b, rad/s).
 
         Returns None if the newest attitude is too far from the instant.
         """
@@ -210,40 +231,31 @@ class AutopilotAttitudes:
         return unit_quaternion(quat_multiply(tuple(newest.tolist()), turn))
 
 
-#: A better stream is selected once it has been there for this time without such a silence.
-_STEADY_NS = 100_000_000
-#: Largest difference of readings of one instant from two sources; also covers their clocks'
-#: jitter.
-_SAME_NS = 20_000_000
-
-_RANK = {origin: rank for rank, origin in enumerate(ImuOrigin)}
-
-
-class DrivingStream:
-    """Select one stream: the best that is present."""
+class StreamSelection:
+    """Select the best stream that is present."""
 
     def __init__(self) -> None:
-        self.driver: ImuOrigin | None = None
+        self.selected: ImuOrigin | None = None
         self.handovers = 0
         self._newest_ns = 0
         self._better: ImuOrigin | None = None
         self._better_since_ns = self._better_newest_ns = 0
 
-    def drives(self, origin: ImuOrigin, stamp_ns: int) -> bool:
+    def selects(self, origin: ImuOrigin, stamp_ns: int) -> bool:
         """Return whether a reading of this stream is to be used."""
-        if self.driver is None:
-            self.driver = origin
-        elif origin is not self.driver:
+        if self.selected is None:
+            self.selected = origin
+        elif origin is not self.selected:
             silent = not -_CLOCK_NS < stamp_ns - self._newest_ns <= _SILENT_NS
-            if not (silent or self._is_steadily_better(self.driver, origin, stamp_ns)):
+            if not (silent or self._is_steadily_better(self.selected, origin, stamp_ns)):
                 return False
-            self.driver, self._better = origin, None
+            self.selected, self._better = origin, None
             self.handovers += 1
         self._newest_ns = stamp_ns
         return True
 
-    def _is_steadily_better(self, driver: ImuOrigin, origin: ImuOrigin, stamp_ns: int) -> bool:
-        if _RANK[origin] >= _RANK[driver]:
+    def _is_steadily_better(self, selected: ImuOrigin, origin: ImuOrigin, stamp_ns: int) -> bool:
+        if _RANK[origin] >= _RANK[selected]:
             return False
         newest_ns = self._better_newest_ns
         if origin is not self._better or not 0 <= stamp_ns - newest_ns <= _SILENT_NS:
@@ -253,10 +265,10 @@ class DrivingStream:
 
 
 class Sequence:
-    """Make each stamp later than the one before, where the change is negligible.
+    """Make each stamp later than the previous one, if the necessary change is small.
 
-    A stamp up to 20 ms behind is moved to 1 ns after the newest. One further behind comes from
-    another clock and passes unchanged: the user of the samples judges it.
+    A stamp up to 20 ms before the newest is moved to 1 ns after it. A stamp further back comes
+    from another clock and is not changed: the user of the samples judges it.
     """
 
     def __init__(self) -> None:
@@ -271,21 +283,13 @@ class Sequence:
         return stamp_ns
 
 
-#: Larger numbers are invalid in any unit. The filter judges what an aircraft cannot do.
-_LARGEST = 1e6
-#: Most samples that are held back: 5 s at 100 Hz of readings too sparse or too wild to decide by.
-_MOST_HELD = 500
-
-_Held = tuple[int, Vector, Vector, "Array | None"]  # stamp, acceleration, rate, attitude
-
-
 class ImuInterpreter:
     """Convert IMU readings to samples, and put every attitude into the buffer.
 
-    While the unit of acceleration is not known, samples are held back (0.4 s, at least twenty) and
-    released when it is. If it has no gravity they are dropped. Counted: ``imu_refused`` (not
-    finite or too large), ``imu_unused_`` with the name of a stream that is not selected,
-    ``imu_out_of_order``, ``imu_went_back`` (another clock; passes), ``imu_without_gravity``,
+    Samples wait until the unit of acceleration is known (0.4 s, at least twenty samples). If the
+    acceleration has no gravity, they are dropped. Counted: ``imu_refused`` (not finite or too
+    large), ``imu_unused_`` with the name of a stream that is not selected, ``imu_out_of_order``,
+    ``imu_went_back`` (stamps of another clock, which pass), ``imu_without_gravity``,
     ``imu_unit_not_known``, ``imu_without_attitude``, ``imu_attitude_carried`` (from another
     message), ``attitude_not_unit``, ``imu_handovers`` and ``acceleration_unit_changes``.
     """
@@ -296,48 +300,48 @@ class ImuInterpreter:
         self.configure(config)
         self._attitudes = attitudes
         self._counts = counts
-        self._streams = DrivingStream()
+        self._streams = StreamSelection()
         self._units = {origin: StreamUnit(config.acceleration_unit) for origin in ImuOrigin}
-        self._held: deque[_Held] = deque()
-        self._held_origin: ImuOrigin | None = None
+        self._waiting: deque[_Entry] = deque()
+        self._waiting_origin: ImuOrigin | None = None
         self._newest_ns: int | None = None
 
     def configure(self, config: DjiConfig) -> None:
-        """Take the delay, also another one in flight."""
+        """Take the delay, at the start or changed in flight."""
         self._delay_ns = round(config.delay.imu_s * 1e9)
 
     def take(self, reading: ImuReading) -> list[ImuSample]:
-        """Return the sample of a reading and those held back until it; or none."""
+        """Return the sample of a reading, after those that waited for the unit; or none."""
         stamp_ns, origin, (x, y, z), unit, (p, q, r), q_nb = reading
         stamp_ns -= self._delay_ns
         # false for NaN as well
-        sound = abs(x) + abs(y) + abs(z) + abs(p) + abs(q) + abs(r) < _LARGEST
-        drives = sound and self._streams.drives(origin, stamp_ns)
+        is_valid = abs(x) + abs(y) + abs(z) + abs(p) + abs(q) + abs(r) < _LARGEST
+        is_selected = is_valid and self._streams.selects(origin, stamp_ns)
         attitude = None if q_nb is None else self._attitude(q_nb)
         if attitude is not None:
-            (self._attitudes.put if drives else self._attitudes.offer)(stamp_ns, attitude)
-        if not sound:
+            (self._attitudes.put if is_selected else self._attitudes.offer)(stamp_ns, attitude)
+        if not is_valid:
             self._counts["imu_refused"] += 1
             return []
         stream = self._units[origin]
         stream.add(stamp_ns, reading.acceleration_b, unit)
         factor = stream.factor
-        if not drives:
+        if not is_selected:
             self._counts[f"imu_unused_{origin.value}"] += 1
             return []
         if attitude is None:
             attitude = self._attitudes.carried(stamp_ns, reading.angular_rate_b)
-            is_carried = "without_attitude" if attitude is None else "attitude_carried"
-            self._counts[f"imu_{is_carried}"] += 1
+            reason = "without_attitude" if attitude is None else "attitude_carried"
+            self._counts[f"imu_{reason}"] += 1
         entry = (stamp_ns, reading.acceleration_b, reading.angular_rate_b, attitude)
         if factor is None:
-            if origin is not self._held_origin:
-                self._forget_held(0)
-            self._held_origin = origin
-            self._held.append(entry)
-            self._forget_held(_MOST_HELD)
+            if origin is not self._waiting_origin:
+                self._drop_waiting(0)
+            self._waiting_origin = origin
+            self._waiting.append(entry)
+            self._drop_waiting(_MOST_WAITING)
             return []
-        if self._held:
+        if self._waiting:
             return [*self._release(origin, factor), *self._sample(entry, factor)]
         return self._sample(entry, factor)
 
@@ -349,16 +353,16 @@ class ImuInterpreter:
         return []
 
     def flush(self) -> list[ImuSample]:
-        """Return the samples that were held back, if they suffice to find their unit."""
-        if self._held_origin is None:
+        """Return the waiting samples, if they suffice to find their unit."""
+        if self._waiting_origin is None:
             return []
-        stream = self._units[self._held_origin]
+        stream = self._units[self._waiting_origin]
         if stream.factor is None:
             stream.settle()
         if stream.factor is None:
-            self._forget_held(0)
+            self._drop_waiting(0)
             return []
-        return self._release(self._held_origin, stream.factor)
+        return self._release(self._waiting_origin, stream.factor)
 
     def _attitude(self, q_nb: Quaternion) -> Array | None:
         attitude = unit_quaternion(q_nb)
@@ -366,19 +370,19 @@ class ImuInterpreter:
             self._counts["attitude_not_unit"] += 1
         return attitude
 
-    def _forget_held(self, keep: int) -> None:
-        while len(self._held) > keep:
-            self._held.popleft()
+    def _drop_waiting(self, keep: int) -> None:
+        while len(self._waiting) > keep:
+            self._waiting.popleft()
             self._counts["imu_unit_not_known"] += 1
 
     def _release(self, origin: ImuOrigin, factor: float) -> list[ImuSample]:
-        """Return the samples held back in the unit now known; drop those of another stream."""
-        if origin is not self._held_origin:
-            self._forget_held(0)
-        held, self._held = self._held, deque()
-        return [sample for entry in held for sample in self._sample(entry, factor)]
+        """Return the waiting samples, converted by ``factor``; drop those of another stream."""
+        if origin is not self._waiting_origin:
+            self._drop_waiting(0)
+        entries, self._waiting = self._waiting, deque()
+        return [sample for entry in entries for sample in self._sample(entry, factor)]
 
-    def _sample(self, entry: _Held, factor: float) -> list[ImuSample]:
+    def _sample(self, entry: _Entry, factor: float) -> list[ImuSample]:
         stamp_ns, (x, y, z), rate_b, attitude = entry
         if factor == 0.0:
             self._counts["imu_without_gravity"] += 1
@@ -394,19 +398,19 @@ class ImuInterpreter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return the counts kept by the parts."""
+        """Return the changes of stream and of unit, which the parts count."""
         changes = sum(unit.changes for unit in self._units.values())
         return {"imu_handovers": self._streams.handovers, "acceleration_unit_changes": changes}
 
     @property
     def diagnostics(self) -> dict[str, str]:
         """Return the selected stream and the unit of its accelerations."""
-        driver = self._streams.driver
-        if driver is None:
+        origin = self._streams.selected
+        if origin is None:
             return {"imu_source": "none"}
-        return {"imu_source": driver.value, "acceleration_unit": self._units[driver].text}
+        return {"imu_source": origin.value, "acceleration_unit": self._units[origin].text}
 
     @property
     def warnings(self) -> list[str]:
-        """Return what to set right about accelerations."""
+        """Return the warning of each stream, empty where its accelerations are right."""
         return [unit.warning for unit in self._units.values()]

@@ -38,13 +38,13 @@ from tirgeo_ros.dji.sources.readings import (
     RtkReading,
 )
 
-#: A reading waits this long for the attitude after it: the longest gap between two attitudes.
+#: A gimbal reading waits at most this long for a later attitude: the longest gap between two.
 _WAIT_NS = 250_000_000
 _FOREVER_NS = 1 << 63
-#: Stamps of two streams of one gimbal mix within this; one that goes back further is another
-#: clock.
+#: Stamps of two streams of one gimbal may overlap by this. A stamp that goes back further belongs
+#: to another clock.
 _CLOCK_NS = 1_000_000_000
-#: Limit of an angle's size, however many turns it has counted.
+#: Limit of an angle, which may have counted many turns.
 _LARGEST_RAD = 1e3
 #: Roll beyond 84 deg: an error of 0.001 in an angle becomes 0.01 in yaw.
 _SINGULAR_COSINE = 0.1
@@ -53,11 +53,11 @@ GimbalSample = CameraAttitudeSample | JointSample
 
 
 class GimbalInterpreter:
-    """Convert gimbal readings to samples, each with the body's attitude at its own instant.
+    """Convert gimbal readings to samples, using the body's attitude at each reading's instant.
 
-    A reading waits at most 0.25 s for that attitude, then it is published without joints. If yaw
-    counts from the nose, the reading is dropped instead. Counted: ``gimbal_refused`` (not finite,
-    or too large for an angle), ``gimbal_out_of_order``, ``gimbal_without_joints``,
+    A reading waits at most 0.25 s for that attitude. Without it, the reading is published without
+    joint angles; if yaw counts from the nose, the reading is dropped. Counted: ``gimbal_refused``
+    (not finite, or too large for an angle), ``gimbal_out_of_order``, ``gimbal_without_joints``,
     ``gimbal_without_heading`` (dropped) and ``joints_near_singularity``.
     """
 
@@ -72,12 +72,12 @@ class GimbalInterpreter:
         self._cameras, self._joints = Sequence(), Sequence()
 
     def configure(self, config: DjiConfig) -> None:
-        """Take the delays, also others in flight."""
+        """Take the delays, at the start or changed in flight."""
         self._delay_ns = round(config.delay.gimbal_s * 1e9)
         self._attitude_delay_ns = round(config.delay.imu_s * 1e9)
 
     def take(self, reading: GimbalReading) -> list[GimbalSample]:
-        """Take a reading; return samples of those before it if it comes from another clock."""
+        """Take a reading; if it is of another clock, return the samples of those before it."""
         if not all(abs(angle) < _LARGEST_RAD for angle in reading[1:]):
             self._counts["gimbal_refused"] += 1
             return []
@@ -93,7 +93,7 @@ class GimbalInterpreter:
         return before
 
     def resolve(self, now_ns: int) -> list[GimbalSample]:
-        """Return the samples of readings whose attitude has come or can no longer come.
+        """Return the samples of the readings that need not wait longer for an attitude.
 
         ``now_ns``: the newest stamp of any reading, before its delay is subtracted.
         """
@@ -147,10 +147,10 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 
 class Interpreter:
-    """Convert readings to samples by the parameters; everything that is dropped is counted.
+    """Convert readings to samples by the parameters; count all dropped readings.
 
-    Stamps are the readings' minus ``delay`` of their kind. Those of a stream increase, unless the
-    aircraft's clock goes back by a second or more, which is passed on for the filter to judge.
+    A sample's stamp is the reading's minus the ``delay`` of its kind. The stamps of a stream
+    increase, unless the aircraft's clock goes back by a second or more: the filter judges that.
     """
 
     def __init__(self, config: DjiConfig) -> None:
@@ -172,7 +172,7 @@ class Interpreter:
         }
 
     def configure(self, config: DjiConfig) -> None:
-        """Take other sigmas and delays in flight; the rest of the parameters must be the same."""
+        """Take changed sigmas and delays in flight; no other parameter may change."""
         for part in (self._imu, self._rtk, self._gps, self._gimbal):
             part.configure(config)
 
@@ -189,14 +189,14 @@ class Interpreter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return the counts of readings that gave no sample, or gave it in an unusual way."""
+        """Return the counts of readings without a sample or with an unusual one."""
         counts = Counter(self._counts)
         counts.update(self._imu.counts)
         return {name: number for name, number in sorted(counts.items()) if number}
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return the current interpretation of the aircraft's data, for people."""
+        """Return streams, units, flags and undulation that are in use, for people."""
         unset = math.isnan(self._undulation_m)
         return {
             **self._imu.diagnostics,
@@ -206,7 +206,7 @@ class Interpreter:
 
     @property
     def warnings(self) -> list[str]:
-        """Return what a person should set right."""
+        """Return the warnings about settings that a person should correct."""
         warnings = self._imu.warnings
         if self._one_antenna:
             warnings.append(NOT_SET)

@@ -1,15 +1,16 @@
-"""Find and encode frames of the OPEN protocol in a stream of bytes that may hold anything.
+"""Encode frames of the OPEN protocol, and find them in a stream of arbitrary bytes.
 
-A frame, little-endian: SOF 0xAA; 10 bits of length (of the whole) and 6 of version (0); 5 of
-session, 1 for an ack, 2 reserved; 5 of padding, 3 of encryption; 3 bytes reserved; u16 sequence;
-CRC-16 of these ten bytes; then, unless it ends there, the data and a CRC-32 of all before it.
+The fields of a frame, little-endian: SOF 0xAA; 10 bits of length (of the whole frame), 6 of
+version (0); 5 of session, 1 for an ack, 2 reserved; 5 of padding, 3 of encryption; 3 bytes
+reserved; u16 sequence; CRC-16 of these ten bytes. A frame with data has two more: the data, and a
+CRC-32 of all bytes before it.
 
 A header is valid if SOF, version, reserved fields, length and CRC-16 are right. If one of these or
-the CRC-32 is wrong, one byte is dropped and the search starts again behind it. So a frame is found
-whatever precedes it, even within the bytes that a damaged or cut frame claims.
+the CRC-32 is wrong, one byte is dropped and the search starts again at the next. So a frame is
+found whatever precedes it, even inside a damaged or cut frame.
 
-Both check sums are reflected, start from a shift register of 0x3AA3 and end without an XOR.
-Computed over data that is followed by its own check sum (little-endian), each is 0.
+Both check sums are reflected, start from a shift register of 0x3AA3 and end without an XOR. The
+check sum of data followed by its own check sum (little-endian) is 0.
 """
 
 from __future__ import annotations
@@ -22,23 +23,44 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
 
+# Encryption.
+
 BLOCK = 16
 KEY_BYTES = 32
 _KEY = re.compile(rf"[0-9A-Fa-f]{{{2 * KEY_BYTES}}}")
+PLAIN, _AES_256 = 0, 1
+
+# Fields of a frame.
+
+HEADER_BYTES = 12
+_CRC32_BYTES = 4
+#: Length of a frame with data; the length field has 10 bits.
+MIN_BYTES, MAX_BYTES = HEADER_BYTES + _CRC32_BYTES, 1023
+MAX_DATA_BYTES = MAX_BYTES - MIN_BYTES
+#: All bytes of a header with fixed values; the regular expression engine skips other bytes fast.
+_HEADER = re.compile(rb"\xaa.[\x00-\x03][\x00-\x3f].\x00{3}.{4}", re.DOTALL)
+_FIELDS = Struct("<xHBB3xH")  # length and version, session, encryption, sequence
+_CRC16, _CRC32 = Struct("<H"), Struct("<I")
+_SOF = 0xAA
+_SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
+_COUNTED = ("frames", "bad_headers", "bad_crc32", "truncated", "encrypted")
+
+# Check sums.
+
+START = 0x3AA3  # initial value of both shift registers
+_POLYNOMIAL_16 = 0xA001  # 0x8005 reflected
+_ALL_ONES = 0xFFFFFFFF
 
 
 def parse_key(text: str) -> bytes | None:
-    """Return the 32 bytes of the parameter ``key``; None if it is empty.
-
-    Raises DjiError if invalid.
-    """
+    """Return the 32 bytes of the parameter ``key``, None if empty. Raises DjiError if invalid."""
     digits = text.strip()
     if not digits:
         return None
-    if not _KEY.fullmatch(digits):  # the message must not repeat what may be nearly a secret
+    if not _KEY.fullmatch(digits):  # the message must not show it: it may be almost the key
         raise DjiError(
-            f"key: {2 * KEY_BYTES} hexadecimal digits are needed, the app key of DJI's developer "
-            f"site; {len(digits)} characters are given, which are not that"
+            f"key: {len(digits)} characters that are not {2 * KEY_BYTES} hexadecimal digits: give "
+            "the app key of DJI's developer site"
         )
     return bytes.fromhex(digits)
 
@@ -47,8 +69,8 @@ class Aes256:
     """Encrypt and decrypt the data of frames by AES-256: independent blocks of 16 bytes (ECB).
 
     Command set, command, value and padding are encrypted. The frame's header gives the number of
-    padding bytes (1 to 16) in clear. The content of the padding is not specified, so a wrong key
-    shows only in commands that do not exist. ``cryptography`` is needed for this alone.
+    padding bytes (1 to 16) in clear. The content of the padding is not specified, so only commands
+    that do not exist show a wrong key. Only this class needs the library ``cryptography``.
 
     Raises DjiError, naming the parameter ``key``, if the library is absent.
     """
@@ -61,7 +83,7 @@ class Aes256:
                 "key: encrypted frames need the library cryptography: install it "
                 "(pip install cryptography) or leave the key empty"
             ) from None
-        cipher = Cipher(algorithms.AES(key), modes.ECB())  # noqa: S305 what the aircraft speaks
+        cipher = Cipher(algorithms.AES(key), modes.ECB())  # noqa: S305 as the aircraft does
         # Blocks do not depend on each other: one context serves all frames.
         self._encrypt: Callable[[bytes], bytes] = cipher.encryptor().update
         self._decrypt: Callable[[bytes], bytes] = cipher.decryptor().update
@@ -72,59 +94,33 @@ class Aes256:
         return self._encrypt(data + bytes(padding)), padding
 
     def decrypt(self, data: bytes, padding: int) -> bytes | None:
-        """Return the clear data; None if it cannot be decrypted.
-
-        That is if its length or the padding cannot be that of encrypted data.
-        """
+        """Return the clear data; None if its length or padding are not those of encrypted data."""
         if not data or len(data) % BLOCK or not 1 <= padding <= BLOCK:
             return None
         return self._decrypt(data)[:-padding]
-
-
-HEADER_BYTES = 12
-_CRC32_BYTES = 4
-#: Of a frame with data; the length field has 10 bits.
-MIN_BYTES, MAX_BYTES = HEADER_BYTES + _CRC32_BYTES, 1023
-MAX_DATA_BYTES = MAX_BYTES - MIN_BYTES
-
-#: Everything that is fixed in a header. The regular expression engine skips garbage fast.
-_HEADER = re.compile(rb"\xaa.[\x00-\x03][\x00-\x3f].\x00{3}.{4}", re.DOTALL)
-_FIELDS = Struct("<xHBB3xH")  # length and version, session, encryption, sequence
-_CRC16, _CRC32 = Struct("<H"), Struct("<I")
-_SOF = 0xAA
-_COUNTED = ("frames", "bad_headers", "bad_crc32", "truncated", "encrypted")
-_SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
-PLAIN, _AES_256 = 0, 1
-#: Initial value of both shift registers.
-START = 0x3AA3
-_POLYNOMIAL_16 = 0xA001  # 0x8005 reflected
-_ALL_ONES = 0xFFFFFFFF
 
 
 class ProtocolFrame(NamedTuple):
     """Hold a frame whose check sums are right."""
 
     offset: int  # of its first byte in the stream
-    length: int  # of the whole, bytes
-    session: int  # 0: no ack is wanted
+    length: int  # of the whole frame, bytes
+    session: int  # 0: no ack is requested
     is_ack: bool
     encryption: int  # as received: 0 plain, 1 AES-256, others unknown
     padding: int  # bytes of padding in the encrypted data
-    sequence: int  # an ack repeats its command's
+    sequence: int  # an ack has that of its command
     data: bytes  # between header and CRC-32; without encryption and padding if the key is known
     is_encrypted: bool  # whether the data is still encrypted
 
     @property
     def cmd_set(self) -> int | None:
-        """Return the command set; None if the frame does not name it.
-
-        Acks do not name it, nor do encrypted frames and shorter data.
-        """
+        """Return the command set; None for acks, encrypted frames and less than two bytes."""
         return self.data[0] if self._names_command else None
 
     @property
     def cmd_id(self) -> int | None:
-        """Return the command within its set; None where the set is None."""
+        """Return the command within its set; None if the set is None."""
         return self.data[1] if self._names_command else None
 
     @property
@@ -142,17 +138,16 @@ class ProtocolFrame(NamedTuple):
 class FrameReader:
     """Decode bytes to frames; the result does not depend on how the stream is cut into pieces.
 
-    Between calls it holds at most 1022 bytes. The time is linear in the bytes: each is searched
-    once for headers, and a header with a right CRC-16 costs one CRC-32 of at most 1023 bytes.
-
-    ``key``: 32 bytes, to decrypt with. Raises DjiError as ``Aes256`` does.
+    Between calls it buffers at most 1022 bytes. The time is linear in the number of bytes: each is
+    searched once for headers, and a header with a right CRC-16 costs one CRC-32 of at most 1023
+    bytes. ``key``: 32 bytes for decryption. Raises DjiError as ``Aes256`` does.
     """
 
     def __init__(self, key: bytes | None = None) -> None:
         self._aes = None if key is None else Aes256(key)
-        self._held = b""
-        self._needed = HEADER_BYTES  # with fewer bytes held there is nothing to do
-        self._offset = 0  # of the first held byte in the stream
+        self._buffer = b""
+        self._needed = HEADER_BYTES  # number of buffered bytes that the next search needs
+        self._offset = 0  # of the buffer's first byte in the stream
         self._framed_bytes = 0
         self._counts = dict.fromkeys(_COUNTED, 0)
 
@@ -160,45 +155,45 @@ class FrameReader:
     def counts(self) -> dict[str, int]:
         """Return the counts of bytes and frames since the start.
 
-        ``bytes``, ``frames``; ``skipped_bytes`` that are in no frame; ``bad_headers``: all but
-        CRC-16 or length right; ``bad_crc32``: header right, rest damaged; ``truncated``: the rest
-        did not come; ``encrypted``: frames that are not plain, with a key or without.
+        ``bytes``, ``frames``; ``skipped_bytes``: in no frame; ``bad_headers``: with a wrong CRC-16
+        or length; ``bad_crc32``: with a valid header but damaged data; ``truncated``: the rest did
+        not come; ``encrypted``: all encrypted frames, with a key or without.
         """
         return {
-            "bytes": self._offset + len(self._held),
+            "bytes": self._offset + len(self._buffer),
             "skipped_bytes": self._offset - self._framed_bytes,
             **self._counts,
         }
 
     @property
-    def held(self) -> int:
-        """Return the number of bytes that wait for those that follow; 1022 at the most."""
-        return len(self._held)
+    def buffered(self) -> int:
+        """Return the number of bytes that wait for the rest of a frame, at most 1022."""
+        return len(self._buffer)
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[ProtocolFrame]:
         """Return the frames that are complete with these bytes, in the order of the stream."""
-        self._held += data
-        if len(self._held) < self._needed:
+        self._buffer += data
+        if len(self._buffer) < self._needed:
             return []
         return self._search(at_end=False)
 
     def rescan(self) -> list[ProtocolFrame]:
-        """Stop waiting for the rest of a frame; return the frames within it. Nothing stays held.
+        """Stop waiting for the rest of a cut frame; return the frames after its first byte.
 
-        Use this at the end of a file, for a link that was opened again, and for one that has been
-        silent for longer than a frame can pause (50 ms). Otherwise a cut frame would hold back
-        what came after it until as many bytes have come as its header promised. If the rest of a
-        frame comes after this, it is skipped.
+        This empties the buffer. Use it at the end of a file, after a link was opened again, and
+        after a silence longer than a frame can pause (50 ms). Otherwise a cut frame would delay
+        the frames after it until as many bytes have come as its header states. If the rest of the
+        cut frame comes later, it is skipped.
         """
         return self._search(at_end=True)
 
     def _search(self, *, at_end: bool) -> list[ProtocolFrame]:
-        held, at = self._held, 0
+        buffer, at = self._buffer, 0
         frames: list[ProtocolFrame] = []
-        while header := _HEADER.search(held, at):
+        while header := _HEADER.search(buffer, at):
             at = header.start()
             length = self._length(header.group())
-            if at + length > len(held) and not at_end:
+            if at + length > len(buffer) and not at_end:
                 self._needed = length
                 break
             frame = self._frame(at, length) if length else None
@@ -206,11 +201,11 @@ class FrameReader:
             if frame:
                 frames.append(frame)
         else:
-            # where an incomplete header may begin
-            begin = held.find(_SOF, max(at, len(held) - HEADER_BYTES + 1))
-            at = len(held) if at_end or begin < 0 else begin
+            # an incomplete header may begin here
+            begin = buffer.find(_SOF, max(at, len(buffer) - HEADER_BYTES + 1))
+            at = len(buffer) if at_end or begin < 0 else begin
             self._needed = HEADER_BYTES
-        self._held = held[at:]
+        self._buffer = buffer[at:]
         self._offset += at
         return frames
 
@@ -223,8 +218,8 @@ class FrameReader:
         return length
 
     def _frame(self, at: int, length: int) -> ProtocolFrame | None:
-        """Return the frame of a valid header if it is whole and its CRC-32 is right."""
-        whole = self._held[at : at + length]
+        """Return the frame of a valid header if it is complete and its CRC-32 is right."""
+        whole = self._buffer[at : at + length]
         if len(whole) < length:
             self._counts["truncated"] += 1
             return None
@@ -248,7 +243,7 @@ class FrameReader:
         return self._decrypted(frame) if frame.encryption != PLAIN else frame
 
     def _decrypted(self, frame: ProtocolFrame) -> ProtocolFrame:
-        """Return the frame decrypted, if it can be; count it."""
+        """Count an encrypted frame; return it decrypted if possible."""
         self._counts["encrypted"] += 1
         if frame.length == HEADER_BYTES:
             return frame
@@ -265,19 +260,20 @@ def encode_frame(
     is_ack: bool = False,
     key: bytes | None = None,
 ) -> bytes:
-    """Return the bytes of a frame; only a header without data; encrypted with a key.
+    """Return the bytes of a frame: without data only a header; encrypted if ``key`` is given.
 
-    ``data``: command set, command and value, or the value of an ack: 1007 bytes at most, 991 with
-    a key. ``session``: 0 to 31, ``sequence``: a u16.
+    ``data``: command set, command and value, or the value of an ack: at most 1007 bytes, with a
+    key at most 991. ``session``: 0 to 31, ``sequence``: a u16.
     """
     padding = 0
     if data and key is not None:
         data, padding = Aes256(key).encrypt(data)
     length = len(data) + MIN_BYTES if data else HEADER_BYTES
     encryption = padding | (_AES_256 << _ENCRYPTION_SHIFT if padding else 0)
-    whole = bytes([_SOF]) + _FIELDS.pack(length, session | is_ack * _ACK, encryption, sequence)[1:]
-    whole += _CRC16.pack(crc16(whole))
-    return whole + data + _CRC32.pack(crc32(whole + data)) if data else whole
+    fields = _FIELDS.pack(length, session | is_ack * _ACK, encryption, sequence)
+    header = bytes([_SOF]) + fields[1:]
+    header += _CRC16.pack(crc16(header))
+    return header + data + _CRC32.pack(crc32(header + data)) if data else header
 
 
 def _table() -> tuple[int, ...]:
@@ -295,7 +291,7 @@ _TABLE_16 = _table()
 
 
 def crc16(data: bytes) -> int:
-    """Return the CRC-16 of a header's first ten bytes; 0 over all twelve of an intact header."""
+    """Return the CRC-16 of a header's first ten bytes; 0 for all twelve of an intact header."""
     register = START
     for byte in data:
         register = (register >> 8) ^ _TABLE_16[(register ^ byte) & 0xFF]
@@ -303,7 +299,7 @@ def crc16(data: bytes) -> int:
 
 
 def crc32(data: bytes) -> int:
-    """Return the CRC-32 of a frame without its last four bytes; 0 over the whole intact frame.
+    """Return the CRC-32 of a frame without its last four bytes; 0 for a whole intact frame.
 
     zlib's CRC-32 has the same polynomial, but inverts the register before the first byte and after
     the last.

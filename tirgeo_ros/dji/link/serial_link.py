@@ -1,6 +1,6 @@
 """Open and read the serial port, and open it again after the cable was pulled.
 
-Errors of the cable are not raised: ``state`` names them and ``message`` is a line for a person.
+Errors of the port are not raised: ``state`` names them, and ``message`` explains them to a person.
 """
 
 from __future__ import annotations
@@ -20,17 +20,32 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
 
-#: How long to wait for more once bytes have come. At 921600 baud 3 ms bring 280 bytes, about a
-#: frame. So the port is read at most 300 times a second, and the added delay is no longer than
-#: this.
+#: Opens the port at a path with a baud rate; returns a non-blocking file with fileno and close.
+#: Raises OSError with the number of the cause, or without a number if the device is no serial
+#: port; ValueError if the port's driver does not support the rate.
+Opener = Callable[[str, int], Any]
+
+# Reading the port.
+
+#: After the first byte, wait this long for more. At 921600 baud 280 bytes come in 3 ms, about a
+#: frame. So the port is read at most 300 times a second, and the added delay is at most this.
 _GATHER_S = 0.003
 _READ_BYTES = 65536
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8  # between tries to open
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8  # between attempts to open the port
 
-#: Opens the port of a path with a baud rate: a file with fileno (which does not block) and close.
-#: Raises OSError with the cause's number, or without one if the device is no serial port;
-#: ValueError if its driver does not know the rate.
-Opener = Callable[[str, int], Any]
+# Watching the link.
+
+#: Time without data before a warning; the slowest useful stream, 5 Hz of RTK, pauses 0.2 s.
+PATIENCE_S = 2.0
+_STEP_S = 0.1  # smallest interval between the totals that are kept
+#: Bytes within this time after a frame are the beginning of a cut frame, not a wrong baud rate.
+_CUT_FRAME_S = 0.2
+#: If at least this percentage of the frames cannot be decrypted, the key is not the aircraft's. Of
+#: the frames that are decrypted with a wrong key, one in 256 looks right by chance.
+_LOCKED_PERCENT = 90
+#: Rates of DJI's own samples and wrapper, the likelier one first.
+_USUAL_BAUDS = (921600, 230400, 115200, 1000000)
+_NEVER_S = float("-inf")
 
 
 class LinkState(Enum):
@@ -38,11 +53,19 @@ class LinkState(Enum):
 
     NO_DEVICE = "no_device"
     PERMISSION_DENIED = "permission_denied"
-    BUSY = "busy"  # another program has it
+    BUSY = "busy"  # another program has opened it
     NOT_A_PORT = "not_a_port"
-    BAUD_REFUSED = "baud_refused"  # its driver does not know the rate
+    BAUD_REFUSED = "baud_refused"  # its driver does not support the rate
     OPEN = "open"
-    LOST = "lost"  # it was open and went away
+    LOST = "lost"  # it was open and disappeared
+
+
+class LinkLevel(IntEnum):
+    """List the severities; the numbers are those of a DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
 
 
 _STATES = {
@@ -55,23 +78,51 @@ _STATES = {
 }
 
 _MESSAGES = {
-    LinkState.NO_DEVICE: "there is no such device: plug the cable in, or set port "
-    "(ls /dev/serial/by-id shows what there is)",
+    LinkState.NO_DEVICE: "there is no such device: plug the cable in, or set the "
+    "parameter port (ls /dev/serial/by-id lists the ports)",
     LinkState.PERMISSION_DENIED: "permission denied: add the user to the group dialout "
     "(sudo usermod -aG dialout $USER) and log in again",
-    LinkState.BUSY: "another program uses it: close that one (fuser -v names it)",
+    LinkState.BUSY: "another program uses the port: end that program (fuser -v names it)",
     LinkState.NOT_A_PORT: "this is not a serial port: set the parameter port",
-    LinkState.BAUD_REFUSED: "the port's driver does not know this rate: set baud",
+    LinkState.BAUD_REFUSED: "the port's driver refuses this rate: set the parameter baud",
     LinkState.OPEN: "open",
     LinkState.LOST: "the port is gone: the cable is unplugged, or another program reads "
-    "it too; it is opened again when it is back",
+    "the port too; it is opened again when it is back",
+}
+
+#: Level and message of each condition of an open port. The condition of a port that is not open is
+#: its state, with the level ERROR.
+_CONDITIONS = {
+    "receiving": (LinkLevel.OK, "receiving at {baud} baud"),
+    "waiting": (LinkLevel.WARN, "open, no valid frame yet"),
+    "silent": (
+        LinkLevel.WARN,
+        (
+            f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the cable "
+            "(TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
+        ),
+    ),
+    "wrong_key": (
+        LinkLevel.ERROR,
+        (
+            "the frames are encrypted, and the parameter key {wrong_key}: set it to the app key "
+            "with which the aircraft was activated (DJI's developer site)"
+        ),
+    ),
+    "wrong_baud": (
+        LinkLevel.ERROR,
+        (
+            f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {{baud}} baud: set baud as "
+            "in DJI Assistant 2 (SDK tab); usual are {others}"
+        ),
+    ),
 }
 
 
 class SerialLink:
     """Read the port ``port`` with ``baud``, 8 data bits, no parity, 1 stop bit, in one thread.
 
-    ``opener`` opens the port, pyserial's by default. Raises DjiError if pyserial is not installed.
+    ``opener`` opens the port, by default by pyserial. Raises DjiError if that is not installed.
     """
 
     def __init__(self, port: str, baud: int, opener: Opener | None = None) -> None:
@@ -83,7 +134,7 @@ class SerialLink:
         self._reason = ""
         self._pause_s = 0.0
         self._next_try_s = time.monotonic()
-        self.openings = 0  # number of times that it was opened
+        self.openings = 0  # how often the port was opened
         self.gathered_s = 0.0  # age of the last batch's first byte when the batch was read
 
     @property
@@ -93,9 +144,9 @@ class SerialLink:
         return f"{self._port}: {_MESSAGES[self.state]}{reason}"
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has come, in one batch; wait ``timeout_s`` for the first byte.
+        """Return the received bytes in one batch; wait ``timeout_s`` for the first byte.
 
-        Returns b"" if nothing has come. Opens the port if it is not open and the next try is due.
+        Returns b"" if none came. Opens the port if it is not open and the next attempt is due.
         """
         if self._handle is None:
             wait_s = self._next_try_s - time.monotonic()
@@ -124,7 +175,7 @@ class SerialLink:
         time.sleep(_GATHER_S)
         data = os.read(self._handle.fileno(), _READ_BYTES)
         if not data:  # readable, but without data: the device hung up
-            raise OSError(errno.EIO, "it hung up")
+            raise OSError(errno.EIO, "the device hung up")
         self.gathered_s = time.monotonic() - ready_s
         return data
 
@@ -137,7 +188,7 @@ class SerialLink:
             self._next_try_s = time.monotonic() + self._pause_s
             refusal = _STATES.get(getattr(error, "errno", None), LinkState.NO_DEVICE)
             state = LinkState.BAUD_REFUSED if isinstance(error, ValueError) else refusal
-            # the reason why the port was lost stays for as long as it is away
+            # the reason why the port was lost is kept until the port is back
             if (state, self.state) != (LinkState.NO_DEVICE, LinkState.LOST):
                 self.state, self._reason = state, _reason(error)
             return False
@@ -156,13 +207,13 @@ def _reason(error: OSError | ValueError) -> str:
 def pyserial_opener() -> Opener:
     """Return the function that opens real ports. Raises DjiError if pyserial is not installed."""
     try:
-        from serial import Serial  # noqa: PLC0415 - only who has a cable needs it
+        from serial import Serial  # noqa: PLC0415 - optional
     except ImportError as error:
         raise DjiError("a serial port needs pyserial: pip install pyserial") from error
 
     def opened(path: str, baud: int) -> Any:
         if not stat.S_ISCHR(Path(path).stat().st_mode):
-            raise OSError(errno.ENOTTY, "it is a file or a folder")
+            raise OSError(errno.ENOTTY, "this is a file or a folder")
         try:
             port = Serial(path, baud, timeout=0, exclusive=True)
         except termios.error as error:
@@ -170,62 +221,12 @@ def pyserial_opener() -> Opener:
             if code == errno.EINVAL:
                 raise ValueError(f"the driver refuses {baud} baud") from error
             raise OSError(code, reason) from error
-        # An FTDI adapter holds bytes back for 16 ms otherwise; others do not know this mode.
+        # Without this an FTDI adapter delays bytes by 16 ms; other adapters lack this mode.
         with suppress(OSError, ValueError):
             port.set_low_latency_mode(True)
         return port
 
     return opened
-
-
-#: Time without data before a warning; the slowest useful stream, 5 Hz of RTK, pauses 0.2 s.
-PATIENCE_S = 2.0
-_STEP_S = 0.1  # smallest interval between the looks that are kept
-#: Bytes within this time after a frame are the beginning of a cut frame, not a wrong baud rate.
-_CUT_FRAME_S = 0.2
-#: If at least this percentage of the frames cannot be decrypted, the key is not the aircraft's. Of
-#: those that a wrong key decrypts, one in 256 looks right by chance.
-_LOCKED_PERCENT = 90
-#: Rates of DJI's own samples and wrapper, the likelier one first.
-_USUAL_BAUDS = (921600, 230400, 115200, 1000000)
-_NEVER_S = float("-inf")
-
-
-class LinkLevel(IntEnum):
-    """List the severities; the numbers are those of a DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-
-
-#: Level and message of the conditions of an open port. A port that is not open has its state for a
-#: condition, which is an error.
-_WORDS = {
-    "receiving": (LinkLevel.OK, "receiving at {baud} baud"),
-    "waiting": (LinkLevel.WARN, "open, nothing understood yet"),
-    "silent": (
-        LinkLevel.WARN,
-        (
-            f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the cable "
-            "(TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
-        ),
-    ),
-    "wrong_key": (
-        LinkLevel.ERROR,
-        (
-            "frames come, but they are encrypted and the parameter key {wrong_key}: set it to the "
-            "app key with which the aircraft was activated (DJI's developer site)"
-        ),
-    ),
-    "wrong_baud": (
-        LinkLevel.ERROR,
-        (
-            f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {{baud}} baud: set baud as "
-            "in DJI Assistant 2 (SDK tab); usual are {others}"
-        ),
-    ),
-}
 
 
 class LinkReport(NamedTuple):
@@ -236,8 +237,8 @@ class LinkReport(NamedTuple):
     message: str  # one line: the port and what to do
 
 
-class _Look(NamedTuple):
-    """Hold the total numbers of bytes, frames and frames that were not decrypted at a time (s)."""
+class _Totals(NamedTuple):
+    """Hold the total numbers of bytes, frames and undecrypted frames at a time (s)."""
 
     at_s: float
     bytes: int
@@ -248,8 +249,8 @@ class _Look(NamedTuple):
 class LinkWatch:
     """Watch the port ``port`` that is read with ``baud``, with a key or without.
 
-    The port's own state shows whether it is open. What comes through it shows whether the cable,
-    the aircraft's settings, the baud rate and the key are right.
+    The port's state shows whether it is open. Its bytes and frames show whether the cable, the
+    aircraft's settings, the baud rate and the key are right.
     """
 
     def __init__(self, port: str, baud: int, *, has_key: bool = False) -> None:
@@ -259,10 +260,10 @@ class LinkWatch:
             "others": ", ".join(str(usual) for usual in _USUAL_BAUDS if usual != baud),
             "wrong_key": "is not the aircraft's" if has_key else "is not set",
         }
-        self._looks: deque[_Look] = deque()
-        self._last = _Look(0.0, 0, 0, 0)
-        self._opened_s = self._heard_bytes_s = self._heard_frame_s = _NEVER_S
-        self.report: LinkReport | None = None  # the condition at the last look
+        self._history: deque[_Totals] = deque()
+        self._last = _Totals(0.0, 0, 0, 0)
+        self._opened_s = self._last_bytes_s = self._last_frame_s = _NEVER_S
+        self.report: LinkReport | None = None  # of the last call of ``look``
 
     def look(
         self,
@@ -275,41 +276,41 @@ class LinkWatch:
     ) -> LinkReport | None:
         """Take the port's state and message, and the total numbers of bytes and frames.
 
-        Returns the report if the condition has changed since the last look, else None. ``now_s``:
+        Returns the report if the condition has changed since the last call, else None. ``now_s``:
         of a monotonic clock. ``locked_count``: number of frames that were not decrypted.
         """
         if state is LinkState.OPEN:
-            condition = self._condition(_Look(now_s, byte_count, frame_count, locked_count))
-            level, words = _WORDS[condition]
-            report = LinkReport(condition, level, f"{self._port}: {words.format(**self._words)}")
+            condition = self._condition(_Totals(now_s, byte_count, frame_count, locked_count))
+            level, form = _CONDITIONS[condition]
+            report = LinkReport(condition, level, f"{self._port}: {form.format(**self._words)}")
         else:
-            self._looks.clear()
+            self._history.clear()
             report = LinkReport(state.value, LinkLevel.ERROR, message)
         changed = self.report is None or self.report.condition != report.condition
         self.report = report
         return report if changed else None
 
-    def _condition(self, look: _Look) -> str:
-        """Take a look at the open port; return its condition."""
-        if not self._looks:  # what came before the port was open does not count
-            self._opened_s, self._last = look.at_s, look
-            self._heard_bytes_s = self._heard_frame_s = _NEVER_S
-        if look.bytes > self._last.bytes:
-            self._heard_bytes_s = look.at_s
-        if look.frames > self._last.frames:
-            self._heard_frame_s = look.at_s
-        self._last = look
-        if not self._looks or look.at_s - self._looks[-1].at_s >= _STEP_S:
-            self._looks.append(look)
-        while len(self._looks) > 1 and look.at_s - self._looks[1].at_s >= PATIENCE_S:
-            self._looks.popleft()
-        if look.at_s - self._heard_frame_s < PATIENCE_S:
-            first = self._looks[0]
-            frames, locked = look.frames - first.frames, look.locked - first.locked
+    def _condition(self, totals: _Totals) -> str:
+        """Take the totals of the open port; return its condition."""
+        if not self._history:  # bytes from before the port was opened do not count
+            self._opened_s, self._last = totals.at_s, totals
+            self._last_bytes_s = self._last_frame_s = _NEVER_S
+        if totals.bytes > self._last.bytes:
+            self._last_bytes_s = totals.at_s
+        if totals.frames > self._last.frames:
+            self._last_frame_s = totals.at_s
+        self._last = totals
+        if not self._history or totals.at_s - self._history[-1].at_s >= _STEP_S:
+            self._history.append(totals)
+        while len(self._history) > 1 and totals.at_s - self._history[1].at_s >= PATIENCE_S:
+            self._history.popleft()
+        if totals.at_s - self._last_frame_s < PATIENCE_S:
+            first = self._history[0]
+            frames, locked = totals.frames - first.frames, totals.locked - first.locked
             return "wrong_key" if 0 < _LOCKED_PERCENT * frames <= 100 * locked else "receiving"
-        if look.at_s - self._opened_s < PATIENCE_S:
+        if totals.at_s - self._opened_s < PATIENCE_S:
             return "waiting"
-        garbage = self._heard_bytes_s > self._heard_frame_s + _CUT_FRAME_S
-        if garbage and look.at_s - self._heard_bytes_s < PATIENCE_S:
+        garbage = self._last_bytes_s > self._last_frame_s + _CUT_FRAME_S
+        if garbage and totals.at_s - self._last_bytes_s < PATIENCE_S:
             return "wrong_baud"
         return "silent"

@@ -1,1 +1,1 @@
-"""Decode and encode what frames of DJI's OPEN protocol hold."""
+"""Decode and encode the contents of frames of DJI's OPEN protocol."""

@@ -1,13 +1,13 @@
 """Decode and encode the broadcast push (set 02, id 00): RTK, GPS, IMU, gimbal and more.
 
-A broadcast is a mask, then the parts that it names; pushes of the subscription have such parts
-too. Every part is a plain number, a tuple or a named tuple whose fields are named as the aircraft
-packs them: the unit is in the name, the order is that of the bytes. Axes are the aircraft's (FRD,
-NED, or north-east-up where a part says so). A field that a layout lacks is None.
+A broadcast is a mask, followed by the parts of which the mask has a bit; pushes of the
+subscription have such parts too. A part is a number, a tuple or a named tuple. The fields of named
+tuples have the order of the bytes, and their names contain the units. Axes are the aircraft's
+(FRD, NED, or north-east-up if a part says so). A field that a layout lacks is None.
 
 There are two layouts. The frame does not contain its layout, but its length identifies it. For the
 same mask, no length fits both unless the parts have the same bytes and the same meaning. So a
-frame is decoded in the layout that fits, the newer first, and refused if neither does.
+frame is decoded in the layout whose length fits, the newer first; if none fits, it is refused.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class Time(NamedTuple):
 
 
 class Velocity(NamedTuple):
-    """Hold the velocity over ground: north, east, up (z is not NED's)."""
+    """Hold the velocity over ground: north, east, up (not NED)."""
 
     xyz_mps: Vector
-    info: int = 0  # bit 0: GPS is used; bits 1-4: the sensor, in old layouts alone
+    info: int = 0  # bit 0: GPS is used; bits 1-4: the sensor, only in old layouts
 
 
 class Position(NamedTuple):
-    """Hold the fused position; its altitude is barometric, not the ellipsoid's."""
+    """Hold the fused position; its altitude is barometric, not ellipsoidal."""
 
     lat_rad: float
     lon_rad: float
@@ -132,7 +132,7 @@ class Status(NamedTuple):
 
 
 class Battery(NamedTuple):
-    """Hold the battery's data; the old layouts have the percentage alone."""
+    """Hold the battery's data; the old layouts have only the percentage."""
 
     capacity_mah: int | None
     voltage_mv: int | None
@@ -141,7 +141,7 @@ class Battery(NamedTuple):
 
 
 class Device(NamedTuple):
-    """Hold who controls the aircraft."""
+    """Hold the device that controls the aircraft."""
 
     control_mode: int
     bits: int  # 0-2: 0 remote control, 1 app, 2 serial (4 on M300); 3: serial; 4: virtual RC
@@ -197,14 +197,15 @@ Make = Callable[[tuple[Any, ...]], Any]
 
 
 class PackedFields:
-    """Convert between bytes and the parts (name, ``struct`` form, maker from its numbers).
+    """Convert between bytes and parts.
 
-    ``head`` is the form of the numbers before the parts, with the byte order.
+    ``head`` is the ``struct`` form of the numbers before the parts, with the byte order. A part is
+    given by its name, its form, and the function that makes it from its numbers.
     """
 
     def __init__(self, head: str, parts: Iterable[Sequence[Any]]) -> None:
         at = _numbers(head)
-        self._parts: list[tuple[str, int, int, Make]] = []  # with first and last + 1 number
+        self._parts: list[tuple[str, int, int, Make]] = []  # with its range of numbers
         for name, form, make in parts:
             head, start, at = head + form, at, at + _numbers(f"<{form}")
             self._parts.append((name, start, at, make))
@@ -213,14 +214,14 @@ class PackedFields:
         self.size = self._struct.size
 
     def unpack(self, value: bytes) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """Return all numbers, those of the head first, and the parts by name."""
+        """Return all numbers, the head's first, and the parts by name."""
         numbers = self._unpack(value)
         return numbers, {
             name: make(numbers[start:stop]) for name, start, stop, make in self._parts
         }
 
     def pack(self, head: Sequence[int | None], values: Mapping[str, Any]) -> bytes:
-        """Return the bytes. Raises struct.error for what does not fit."""
+        """Return the bytes. Raises struct.error for values that do not fit."""
         parts = [number for name, *_ in self._parts for number in _flat(values.get(name))]
         return self._struct.pack(*head, *parts)
 
@@ -280,7 +281,7 @@ def _gps(v: tuple[Any, ...]) -> Gps:
     return Gps._make([*v[:5], v[5:8], GpsDetail._make(v[8:]) if v[8:] else None])
 
 
-_Part = tuple[int, str, str, Make]  # bit of the mask, name in Broadcast, form, maker
+_Part = tuple[int, str, str, Make]  # bit of the mask, name in Broadcast, form, function
 
 _MOTION: tuple[_Part, ...] = (
     (1, "quaternion_wxyz", "4f", tuple),
@@ -297,7 +298,7 @@ _MIDDLE: tuple[_Part, ...] = (
 )
 _DEVICE: _Part = (13, "device", "2B", Device._make)
 
-#: The parts in the order of the bytes, with their forms as in ``struct``.
+#: The parts in the order of their bytes, with ``struct`` forms.
 _LAYOUTS: dict[Layout, tuple[_Part, ...]] = {
     Layout.MODERN: (
         (0, "time", "3IHB", Time._make),
@@ -322,7 +323,7 @@ _LAYOUTS: dict[Layout, tuple[_Part, ...]] = {
 }
 
 
-# Up to 2**16 masks in three layouts could be requested; an aircraft sends a handful.
+# Up to 2**16 masks are possible in each layout; an aircraft sends a few.
 @lru_cache(maxsize=256)
 def _packed(layout: Layout, mask: int) -> PackedFields | None:
     """Return how the parts are packed; None where the layout does not define a bit of the mask."""
@@ -342,13 +343,13 @@ def _fitting(mask: int, length: int) -> tuple[Layout, PackedFields] | None:
 
 
 def broadcast_length(layout: Layout, mask: int) -> int | None:
-    """Return the bytes of a broadcast's value with its mask; None if the layout lacks a bit."""
+    """Return the length of a broadcast's value, mask included; None if the layout lacks a bit."""
     packed = _packed(layout, mask)
     return None if packed is None else packed.size
 
 
 def decode_broadcast(value: bytes) -> Broadcast | None:
-    """Decode a broadcast's value (what follows set and id); None if no layout has its length."""
+    """Decode a broadcast's value (without set and id); None if no layout has its length."""
     fitting = _fitting(value[0] | value[1] << 8, len(value)) if len(value) > 1 else None
     if fitting is None:
         return None
@@ -357,7 +358,7 @@ def decode_broadcast(value: bytes) -> Broadcast | None:
 
 
 def encode_broadcast(broadcast: Broadcast) -> bytes:
-    """Encode a broadcast's value; its parts must be those of its layout."""
+    """Encode a broadcast's value; the layout must define all of its parts."""
     packed = _packed(broadcast.layout, broadcast.mask)
     assert packed is not None  # ``mask`` contains only bits of the layout
     return packed.pack([broadcast.mask], broadcast._asdict())

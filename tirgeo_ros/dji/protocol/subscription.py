@@ -1,7 +1,7 @@
-"""Decode and encode the subscription's push (set 02, id 05), which carries a package of topics.
+"""Decode and encode the subscription's push (set 02, id 05), which contains a package of topics.
 
-A push contains the id of its package and not what the package holds. That is known from the
-request that made it (set 0B, id 01), kept here in a ``PackageTable``.
+A push contains the id of its package but not the list of its topics. The request of the package
+(set 0B, id 01) defines them; a ``PackageTable`` holds the definitions.
 """
 
 from __future__ import annotations
@@ -14,17 +14,21 @@ from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Make, PackedFields
 
+PACKAGE_IDS = range(5)
+#: Largest length of stamp and topics in one push, without the package's id.
+MAX_DATA_BYTES = 250
+#: Keys and rates of a package in a YAML file.
+_KEYS = ("rate_hz", "with_timestamp", "topics")
+_RATES_HZ = range(1, 401)
+
 
 class Topic(NamedTuple):
-    """Hold one topic.
-
-    ``make`` converts its numbers to a type of ``dji.protocol.rtk_gps_imu_broadcast``.
-    """
+    """Hold one topic; ``make`` converts its numbers to a type of ``rtk_gps_imu_broadcast``."""
 
     name: str
     uid: int
     max_hz: int | None  # None where it is not documented
-    form: str  # as in ``struct``, without its byte order
+    form: str  # as in ``struct``, without the byte order
     make: Make
 
 
@@ -32,7 +36,7 @@ def _number(v: tuple[Any, ...]) -> Any:
     return v[0]
 
 
-#: Every topic that can be read. Vectors are tuples, single numbers are plain.
+#: Every topic that can be read. Vectors become tuples, single numbers stay numbers.
 TOPICS = (
     Topic("QUATERNION", 0xA493281F, 200, "4f", tuple),  # w, x, y, z; FRD to NED
     Topic("ACCELERATION_GROUND", 0x8696C85B, 200, "3f", tuple),  # m/s2, north-east-up
@@ -41,11 +45,11 @@ TOPICS = (
     Topic(
         "VELOCITY", 0x18FB271D, 200, "3fB", lambda v: parts.Velocity(v[:3], v[3])
     ),  # north-east-up
-    Topic("ANGULAR_RATE_FUSIONED", 0x3599C4BE, 200, "3f", tuple),  # rad/s, its axes are disputed
+    Topic("ANGULAR_RATE_FUSIONED", 0x3599C4BE, 200, "3f", tuple),  # rad/s, in uncertain axes
     Topic("ANGULAR_RATE_RAW", 0x700389EE, 400, "3f", tuple),  # rad/s, FRD
     Topic("ALTITUDE_FUSIONED", 0x11E9C81A, 200, "f", _number),  # m, by pressure
     Topic("ALTITUDE_BAROMETER", 0x27396A39, 200, "f", _number),  # m
-    Topic("HEIGHT_FUSION", 0x87CF419D, 100, "f", _number),  # m above what is below
+    Topic("HEIGHT_FUSION", 0x87CF419D, 100, "f", _number),  # m above the ground
     Topic("GPS_FUSED", 0x4B19A8C7, 50, "2dfH", parts.GpsFused._make),
     Topic("GPS_DATE", 0x598F79BC, 5, "I", _number),  # yyyymmdd
     Topic("GPS_TIME", 0xD48912C9, 5, "I", _number),  # hhmmss
@@ -91,13 +95,9 @@ TOPICS = (
 
 BY_NAME = {topic.name: topic for topic in TOPICS}
 
-PACKAGE_IDS = range(5)
-#: Capacity of one push: stamp and topics, without the package's id.
-MAX_DATA_BYTES = 250
-
 
 class Package(NamedTuple):
-    """Hold the definition of one package, topics in the order of its bytes."""
+    """Hold the definition of one package, with its topics in the order of the bytes."""
 
     id: int
     rate_hz: int
@@ -106,17 +106,17 @@ class Package(NamedTuple):
 
     @classmethod
     def of(cls, number: int, rate_hz: int, with_timestamp: bool, names: Iterable[str]) -> Package:
-        """Return a package of topics by name."""
+        """Return a package of the topics with these names."""
         return cls(number, rate_hz, with_timestamp, tuple(BY_NAME[name] for name in names))
 
     @property
     def length(self) -> int:
-        """Return the bytes of its push's value."""
+        """Return the length of its push's value in bytes."""
         return _packed(self).size
 
 
 class Push(NamedTuple):
-    """Hold one push: when it was sent (the aircraft's clock) and its topics by name."""
+    """Hold one push: its time by the aircraft's clock, and its topics by name."""
 
     package: Package
     time_ms: int | None  # None without a stamp
@@ -130,7 +130,7 @@ _FLIGHT = """GPS_FUSED ALTITUDE_FUSIONED HEIGHT_FUSION STATUS_FLIGHT STATUS_DISP
     GIMBAL_ANGLES GIMBAL_STATUS RC VELOCITY GPS_CONTROL_LEVEL"""
 _FUSED = ("QUATERNION", "ACCELERATION_GROUND", "ANGULAR_RATE_FUSIONED")
 _RAW = ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "ACCELERATION_BODY")
-#: The packages of an aircraft whose requests were not seen: those of DJI's ROS wrapper.
+#: The packages that are assumed without the requests: those of DJI's ROS wrapper.
 USUAL_PACKAGES = (
     Package.of(0, 5, with_timestamp=True, names=_RECEIVERS.split()),
     Package.of(1, 50, with_timestamp=True, names=_FLIGHT.split()),
@@ -141,7 +141,7 @@ USUAL_PACKAGES = (
 
 
 class PackageTable(dict[int, Package]):
-    """Hold the packages that are known, by id; by default the usual ones."""
+    """Hold the definitions of packages by id; by default the usual ones."""
 
     def __init__(self, packages: Iterable[Package] = USUAL_PACKAGES) -> None:
         super().__init__((package.id, package) for package in packages)
@@ -154,9 +154,9 @@ def _packed(package: Package) -> PackedFields:
 
 
 def decode_push(value: bytes, table: PackageTable) -> Push | None:
-    """Decode a push's value (what follows set and id).
+    """Decode a push's value (without set and id).
 
-    Returns None if its package is not known or has another length.
+    Returns None if its package is not in the table or has another length.
     """
     package = table.get(value[0]) if value else None
     if package is None:
@@ -170,20 +170,16 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
 
 
 def encode_push(push: Push) -> bytes:
-    """Encode a push's value; its values must be those of its package."""
+    """Encode a push's value; the push must have a value for each topic of its package."""
     number, *_, with_timestamp, _topics = push.package
     head = [number, push.time_ms, push.time_ns] if with_timestamp else [number]
     return _packed(push.package).pack(head, push.values)
 
 
-_KEYS = ("rate_hz", "with_timestamp", "topics")
-_RATES_HZ = range(1, 401)
-
-
 def package_table(tree: object, file: str) -> PackageTable:
     """Return the table that a YAML file's content describes.
 
-    A person who knows what was requested writes it::
+    A person who knows the requests writes the file::
 
         packages:
           0:                     # the package's id, 0 to 4
@@ -196,22 +192,22 @@ def package_table(tree: object, file: str) -> PackageTable:
     """
     entries = tree.get("packages") if isinstance(tree, Mapping) else None
     if not isinstance(entries, Mapping) or not entries:
-        raise DjiError(f"{file}: not a table of packages: it needs packages: ID: TOPICS and so on")
+        raise DjiError(f"{file}: must have the key packages: a table of packages by their ids")
     return PackageTable(_package(n, e, f"{file}: packages.{n}") for n, e in entries.items())
 
 
 def _package(number: Any, entry: Any, where: str) -> Package:
     if type(number) is not int or number not in PACKAGE_IDS:
-        raise DjiError(f"{where}: ids of packages are {PACKAGE_IDS[0]} to {PACKAGE_IDS[-1]}")
+        raise DjiError(f"{where}: the id must be {PACKAGE_IDS[0]} to {PACKAGE_IDS[-1]}")
     if not isinstance(entry, Mapping) or set(entry) != set(_KEYS):
-        raise DjiError(f"{where}: needs {', '.join(_KEYS)}, and nothing else")
+        raise DjiError(f"{where}: must have the keys {', '.join(_KEYS)}, and no others")
     rate_hz, with_timestamp, names = (entry[key] for key in _KEYS)
     if type(rate_hz) is not int or rate_hz not in _RATES_HZ:
-        raise DjiError(f"{where}.rate_hz: {rate_hz}: a whole number from 1 to {_RATES_HZ[-1]}")
+        raise DjiError(f"{where}.rate_hz: {rate_hz}: must be an integer, 1 to {_RATES_HZ[-1]}")
     if not isinstance(with_timestamp, bool):
-        raise DjiError(f"{where}.with_timestamp: {with_timestamp}: true or false")
+        raise DjiError(f"{where}.with_timestamp: {with_timestamp}: must be true or false")
     if not isinstance(names, list) or not names:
-        raise DjiError(f"{where}.topics: a list of topics, in the order of the request")
+        raise DjiError(f"{where}.topics: must be a list of topics, in the order of the request")
     if unknown := [name for name in names if str(name) not in BY_NAME]:
         raise DjiError(f"{where}.topics: unknown topic {unknown[0]}")
     topics = tuple(BY_NAME[name] for name in names)

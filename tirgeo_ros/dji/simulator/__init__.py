@@ -1,7 +1,7 @@
-"""Simulate an aircraft: say in DJI's serial protocol what a flight recorded.
+"""Simulate an aircraft: send a recorded flight in DJI's serial protocol.
 
-This is the reverse of the way from bytes to samples (``dji.link.framing``, ``dji.sources.serial``,
-``dji.interpret``), for tests of that way and for a demonstration without hardware.
+This reverses the conversion from bytes to samples (``dji.link.framing``, ``dji.sources.serial``,
+``dji.interpret``), to test that conversion, and for a demonstration without hardware.
 """
 
 from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of

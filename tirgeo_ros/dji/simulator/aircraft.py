@@ -1,4 +1,4 @@
-"""Simulate the aircraft: samples of a flight in, timed frames out."""
+"""Simulate the aircraft: convert samples of a flight to frames with their times."""
 
 from __future__ import annotations
 
@@ -29,13 +29,30 @@ from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Gimbal, enc
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Push, encode_push
 from tirgeo_ros.dji.simulator.pushed_parts import PARTS, TOPICS, Instant, Receivers
 
+#: Highest rate of a part. Beside packages, which contain the same data at up to 400 Hz, it is
+#: lower: both would not fit into 921600 baud.
+_HIGHEST_HZ, _BESIDE_PACKAGES_HZ = 400, 100
+_BROADCAST, _PUSH = b"\x02\x00", b"\x02\x05"
+#: The gimbal is interpolated between its samples, so a frame is made this long after its time.
+_AHEAD_S = 0.25
+_AHEAD_NS = round(_AHEAD_S * 1e9)
+#: A sample of the IMU may be early by this much, or by half of its step, and still be due.
+_EARLY_NS = 2_500_000
+#: There is no interpolation between two IMU samples that are further apart than this.
+_LONGEST_STEP_NS = 100_000_000
+#: A stamp that goes back by more belongs to another flight: the aircraft is switched on again.
+_RESTART_NS = 1_000_000_000
+_SECOND_NS = 1_000_000_000
+
+Sample = NavigationInput | JointSample | CameraAttitudeSample
+
 
 class SimulatedGimbalAngles:
-    """Interpolate the recorded gimbal attitudes.
+    """Interpolate the recorded gimbal attitudes, without extrapolation.
 
-    ``joints``: combine the aircraft's attitude with the encoders' angles, so that encoder angles
-    survive a protocol that has none. Without them, or if it is false, use the recorded attitude.
-    Nothing is extrapolated.
+    ``joints``: compute the camera's attitude from the aircraft's attitude and the encoders'
+    angles, which the protocol cannot contain. If this is false, or without encoder angles, use the
+    recorded attitude.
     """
 
     def __init__(self, *, joints: bool, order: str, max_gap_s: float) -> None:
@@ -44,16 +61,16 @@ class SimulatedGimbalAngles:
         self._reported: StampedBuffer[Array] = StampedBuffer(max_gap_s=max_gap_s)  # q_ng
 
     def take(self, sample: JointSample | CameraAttitudeSample) -> bool:
-        """Take a sample, which may be of the future; return whether it is valid."""
+        """Take a sample, which may be later than the frames; return whether it is valid."""
         if isinstance(sample, CameraAttitudeSample):
-            sound = usable_attitude(sample.q_ng)
-            if sound:
+            is_valid = usable_attitude(sample.q_ng)
+            if is_valid:
                 self._reported.put(sample.stamp_ns, sample.q_ng)
-            return sound
-        sound = math.isfinite(sample.yaw_rad + sample.roll_rad + sample.pitch_rad)
-        if sound:
+            return is_valid
+        is_valid = math.isfinite(sample.yaw_rad + sample.roll_rad + sample.pitch_rad)
+        if is_valid:
             self._joints.put(sample.stamp_ns, camera_turn(sample, self._order))
-        return sound
+        return is_valid
 
     def at(self, stamp_ns: int, q_nb: Array | None) -> Gimbal | None:
         """Return the camera's angles at an instant, None if they are not known.
@@ -71,25 +88,6 @@ class SimulatedGimbalAngles:
         return Gimbal(*np.degrees(euler_from_quat(q_ng)).tolist())
 
 
-#: Highest rate of a part; beside packages, which hold the same data at up to 400 Hz, a lower one:
-#: both would not fit 921600 baud.
-_HIGHEST_HZ, _BESIDE_PACKAGES_HZ = 400, 100
-
-Sample = NavigationInput | JointSample | CameraAttitudeSample
-
-_BROADCAST, _PUSH = b"\x02\x00", b"\x02\x05"
-#: The gimbal is interpolated between its samples, so a frame is made this long after its time.
-_AHEAD_S = 0.25
-_AHEAD_NS = round(_AHEAD_S * 1e9)
-#: A sample of the IMU may be early by this much, or by half of its step, and still be due.
-_EARLY_NS = 2_500_000
-#: Nothing is interpolated between two IMU samples that are further apart than this.
-_LONGEST_STEP_NS = 100_000_000
-#: A stamp that goes back by more belongs to another flight: the aircraft is switched on again.
-_RESTART_NS = 1_000_000_000
-_SECOND_NS = 1_000_000_000
-
-
 class Outgoing(NamedTuple):
     """Hold a frame and the time when it leaves the aircraft, in the samples' arrival time."""
 
@@ -101,10 +99,9 @@ class Aircraft:
     """Send a recorded flight as an A3 or M600 would.
 
     Samples are taken in the order of their arrival. Each IMU sample gives a broadcast with the
-    parts that are due; it repeats the receivers' newest data until they have new data. Packages
-    are pushed at their own rates, with inertial values interpolated between two samples. Frames
-    are returned a quarter of a second of the flight later than the samples that they are made of,
-    with their true times.
+    parts that are due, which repeats the receivers' data until there is new data. Packages are
+    pushed at their own rates, with inertial values interpolated between two samples. Frames have
+    their true times, but are returned a quarter of a second of the flight after their samples.
     """
 
     def __init__(
@@ -112,7 +109,7 @@ class Aircraft:
         config: SimulatedAircraftConfig | None = None,
         places: AircraftConfig | None = None,
     ) -> None:
-        """Take ``places``, the antennas' positions."""
+        """Take the settings, and ``places``, the antennas' positions."""
         self._config = config or SimulatedAircraftConfig()
         self._places = places or AircraftConfig()
         self._packages = USUAL_PACKAGES if self._config.pushes else ()
@@ -129,7 +126,7 @@ class Aircraft:
             joints=config.gimbal == "joints", order=config.joint_order, max_gap_s=_AHEAD_S
         )
         self._first_ns: int | None = None
-        self._imu: ImuSample | None = None  # the newest one that was sent
+        self._imu: ImuSample | None = None  # the newest sample that was sent
         self._sent_ns = 0
         self._slots: dict[str, int] = {}  # part -> period in which it was last sent
 
@@ -146,7 +143,7 @@ class Aircraft:
         return self._until(arrival_ns - _AHEAD_NS)
 
     def flush(self) -> list[Outgoing]:
-        """Return the frames that wait for later samples, at the end of a flight."""
+        """Return the frames that wait for later samples; for the end of a flight."""
         return self._until(self._waiting[-1][0]) if self._waiting else []
 
     def _until(self, arrival_ns: int) -> list[Outgoing]:
@@ -158,14 +155,14 @@ class Aircraft:
                 _, sample = self._waiting.popleft()
                 if isinstance(sample, ImuSample):
                     imu.append(sample)
-                elif not isinstance(sample, PressureSample | SetHeading):  # not DJI's
+                elif not isinstance(sample, PressureSample | SetHeading):  # DJI sends none
                     self._receivers.take(sample)
             for sample in imu:
                 frames += self._frames(sample, together_ns)
         return frames
 
     def _frames(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
-        """Return the frames of one IMU sample and of the time before it."""
+        """Return the frames of one IMU sample and of the interval before it."""
         before = self._imu
         if before is not None and imu.stamp_ns <= before.stamp_ns:
             if before.stamp_ns - imu.stamp_ns < _RESTART_NS:
@@ -205,7 +202,7 @@ class Aircraft:
     def _pushes(
         self, first_ns: int, before: ImuSample | None, imu: ImuSample, latency_ns: int
     ) -> list[Outgoing]:
-        """Return the pushes that are due between two IMU samples; packages wait for all topics."""
+        """Return the pushes due between two IMU samples, if all topics of a package have data."""
         start_ns = imu.stamp_ns - 1 if before is None else before.stamp_ns
         if imu.stamp_ns - start_ns > _LONGEST_STEP_NS:
             start_ns = imu.stamp_ns - 1

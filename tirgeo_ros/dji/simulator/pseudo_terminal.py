@@ -1,6 +1,6 @@
-"""Simulate a serial port: a pseudo-terminal whose other end this program holds.
+"""Simulate a serial port by a pseudo-terminal, whose master end this program holds.
 
-On Linux the master can see whether somebody has the port open, and the speed that it was set to.
+On Linux the master shows whether a program has opened the port, and with which speed.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from tirgeo_ros.core.types.errors import DjiError
 
 @final
 class PseudoTerminal:
-    """Make a port at ``path`` (a symbolic link) and hold its far end. A context manager.
+    """Make a port at ``path`` (a symbolic link) and hold its master end. A context manager.
 
-    What is written goes to whoever has the port open, as far as there is room: nothing here waits
-    for a reader. With a ``baud``, a reader who set another speed gets noise, as from a wire.
-    Raises DjiError where the port cannot be made.
+    Written bytes go to the program that has opened the port, as far as its buffer has room:
+    ``write`` does not wait for a reader. With a ``baud``, a reader with another speed gets noise,
+    as from a wire. Raises DjiError if the port cannot be made.
     """
 
     def __init__(self, path: str | os.PathLike[str], baud: int | None = None) -> None:
         self.path: Final = Path(path)
-        self.dropped = 0  # bytes that nobody took
+        self.dropped = 0  # bytes that no program took
         self._speed = None if baud is None else _speed_of(baud)
         self._noise = random.Random(0)  # noqa: S311 noise, not a secret
         self._master: int | None = None
@@ -36,7 +36,7 @@ class PseudoTerminal:
 
     @property
     def is_open(self) -> bool:
-        """Return whether somebody has the port open."""
+        """Return whether a program has opened the port."""
         if self._master is None:
             return False
         poll = select.poll()
@@ -44,7 +44,7 @@ class PseudoTerminal:
         return not poll.poll(0)  # otherwise it is hung up
 
     def write(self, data: bytes) -> int:
-        """Send; return the number of bytes that the port took. ``dropped`` counts the others."""
+        """Write; return the number of bytes that the port took. ``dropped`` counts the others."""
         taken = 0
         if self._master is not None and self.is_open:
             if self._speed is not None and termios.tcgetattr(self._master)[4] != self._speed:
@@ -55,7 +55,7 @@ class PseudoTerminal:
         return taken
 
     def pull(self) -> None:
-        """Pull the cable: hang up the program that has the port open, and remove the port."""
+        """Pull the cable: hang up the program that has opened the port, and remove the port."""
         if self._master is not None:
             os.close(self._master)
             self._master = None
@@ -90,8 +90,8 @@ class PseudoTerminal:
 
 
 def _speed_of(baud: int) -> int:
-    """Return the system's number of a speed. Raises DjiError for one that it does not have."""
+    """Return the system's number of a speed; raise DjiError if the system lacks the speed."""
     speed = getattr(termios, f"B{baud}", None)
     if not isinstance(speed, int):
-        raise DjiError(f"{baud} is not a speed of a serial port")
+        raise DjiError(f"{baud} baud is not a speed of a serial port: use one such as 921600")
     return speed

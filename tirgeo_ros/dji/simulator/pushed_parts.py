@@ -1,4 +1,4 @@
-"""Turn a flight's samples into what the aircraft's messages hold, in the messages' units."""
+"""Convert a flight's samples to the parts of the aircraft's messages, in their units."""
 
 from __future__ import annotations
 
@@ -31,17 +31,24 @@ _POSITION_FLAGS = {
     FixStatus.NONE: 0,
 }
 _YAW_FIXED = 50
-#: A receiver that has been silent for longer has no solution.
+#: A receiver that has been silent for longer than this has no solution.
 _SILENT_NS = 1_000_000_000
 #: The dates in the aircraft's messages are in its maker's time zone.
 _GMT8 = timezone(timedelta(hours=8))
 _NO_FIX = 0.0, 0.0, 0.0
+_U32 = 0xFFFFFFFF
+#: Values that no flight records: in the air, position mode; sticks at rest; a lasting battery.
+_STATUS = parts.Status(2, 6, 0, 0)
+_RC = parts.Rc(0, 0, 0, 0, 8000, -4545)
+_BATTERY = parts.Battery(5700, 24_600, -28_000, 80)
+_NOTHING_NEAR = parts.RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+_GIMBAL_WELL = 0x7801  # mounted; escs, drone data
 
 
 class Receivers:
     """Hold the newest data of each receiver, and return it in the units of the messages.
 
-    Where a receiver is silent, its data has the flags of no solution, and zeros.
+    The data of a silent receiver has the flags of no solution, and zeros.
     """
 
     def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
@@ -60,8 +67,8 @@ class Receivers:
         """Return the RTK data.
 
         Its yaw is the azimuth from the first antenna to the second in whole degrees, -180 to 179.
-        Headings that were made of whole degrees with the same antenna positions give those
-        degrees; with other positions they are rounded a second time, by the same amount each time.
+        Recorded headings that were computed from whole degrees give the same degrees if the
+        antenna positions are the same; if not, they are rounded again, always by the same amount.
         """
         position = self._recent(now_ns, Source.RTK_POSITION)
         velocity = self._recent(now_ns, Source.RTK_VELOCITY)
@@ -90,9 +97,9 @@ class Receivers:
         return parts.Gps(*_date_and_time(now_ns, position), *place, _ned_cm_s(velocity), detail)
 
     def position(self, now_ns: int) -> parts.Position:
-        """Return the fused position: the receiver's, heights above the sea and the start."""
+        """Return the fused position: the receiver's, with heights above the sea and the start."""
         best = self._recent(now_ns, Source.RTK_POSITION, Source.GPS_POSITION)
-        if best is None or best.status is FixStatus.NONE:  # which may have any position
+        if best is None or best.status is FixStatus.NONE:  # its position may be anything
             return parts.Position(0.0, 0.0, 0.0, 0.0, 0)
         height_m = best.height_m - self._undulation_m
         self._first_height_m = height_m if self._first_height_m is None else self._first_height_m
@@ -108,7 +115,7 @@ class Receivers:
         return parts.Velocity((north, east, -down), 1)
 
     def _recent(self, now_ns: int, *sources: Source) -> Any:
-        """Return the sample of the first of these sources that is not silent, else None."""
+        """Return the sample of the first source that is not silent; None if all are silent."""
         newest = (self._newest[source] for source in sources if source in self._newest)
         return next((sample for sample in newest if now_ns - sample.stamp_ns <= _SILENT_NS), None)
 
@@ -135,7 +142,7 @@ def _sigmas(sample: PositionSample | VelocitySample | None) -> tuple[float, floa
 
 
 def _date_and_time(now_ns: int, position: PositionSample | None) -> tuple[int, int]:
-    """Return the position's date and time as the numbers yyyymmdd and hhmmss; else now's."""
+    """Return the position's (else the current) date and time as numbers yyyymmdd and hhmmss."""
     stamp_ns = now_ns if position is None else position.stamp_ns
     at = datetime.fromtimestamp(stamp_ns // 1_000_000_000, _GMT8)
     return int(f"{at:%Y%m%d}"), int(f"{at:%H%M%S}")
@@ -149,15 +156,15 @@ def _numbers(v: Array) -> Any:
 class Instant(NamedTuple):
     """Hold the aircraft's state at one instant."""
 
-    time_ns: int  # of its clock
-    since_ns: int  # since it was switched on
+    time_ns: int  # of the aircraft's clock
+    since_ns: int  # since the aircraft was switched on
     imu: ImuSample
     gimbal: parts.Gimbal | None
     receivers: Receivers
 
     @property
     def counters(self) -> tuple[int, int, int, int]:
-        """Return its clock in ms and the ns behind; in ticks of 2.5 ms and the ns behind."""
+        """Return its clock in ms and remaining ns; in ticks of 2.5 ms and remaining ns."""
         ms, rest_ns = divmod(self.time_ns, 1_000_000)
         ticks, tick_rest_ns = divmod(self.time_ns, LONG_TICK_NS)
         return ms & _U32, rest_ns, ticks & _U32, tick_rest_ns
@@ -215,16 +222,9 @@ def _gps_fused(i: Instant) -> parts.GpsFused:
     return parts.GpsFused(place.lon_rad, place.lat_rad, place.altitude_m, satellites)
 
 
-_U32 = 0xFFFFFFFF
-#: Values that no flight records: in the air, position mode; sticks at rest; a lasting battery.
-_STATUS = parts.Status(2, 6, 0, 0)
-_RC = parts.Rc(0, 0, 0, 0, 8000, -4545)
-_BATTERY = parts.Battery(5700, 24_600, -28_000, 80)
-_NOTHING_NEAR = parts.RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
-_GIMBAL_WELL = 0x7801  # mounted; escs, drone data
 _Make = Callable[[Instant], Any]
 
-#: Name in ``Broadcast``, usual rate (Hz), and how the part is made.
+#: Name in ``Broadcast``, usual rate (Hz), and the function that makes the part.
 PARTS: dict[str, tuple[int, _Make]] = {
     "time": (400, _time),
     "quaternion_wxyz": (400, lambda i: i.quaternion),

@@ -1,14 +1,13 @@
-"""Read the topics of psdk_ros2 (M300, M350): messages in with their times, readings out.
+"""Read the topics of psdk_ros2 (M300, M350): convert messages and their times to readings.
 
 psdk_ros2 stamps a message when its node receives it. For streams of a steady rate the jitter is
-removed from that stamp. A receiver's messages keep it: their delay is a parameter, and the jitter
-does no harm.
+removed from that stamp. Messages of a receiver keep their stamps: their delay is a parameter, and
+the jitter does no harm.
 
-Some of its topics are not what their type or frame says: the table says what they are.
-Not read: ``home_point`` (radians in fields of degrees), ``angular_rate_*``, ``acceleration_*``
-(``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say more), fused positions
-and velocities (of uncertain height, and correlated in time). Nothing is judged: values that are
-not finite are passed on.
+The content of some topics differs from their type or frame: see the table. Not read:
+``home_point`` (radians in fields of degrees), ``angular_rate_*``, ``acceleration_*`` (``imu`` has
+both, of one instant), ``rtk_connection_status`` (the flags contain more), fused positions and
+velocities (of uncertain height, and correlated in time). Values that are not finite are passed on.
 """
 
 from __future__ import annotations
@@ -35,11 +34,17 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
-#: psdk_ros2 multiplies the aircraft's g by this factor. It is removed here: the value of g is
+#: psdk_ros2 multiplies the aircraft's g by this factor, which is removed here: the value of g is
 #: defined once for all sources (standard gravity is 0.07 % more).
 _PSDK_GRAVITY = 9.8
 #: The right angle that psdk_ros2 uses between east and north: 0.012 deg too large.
 _PSDK_QUARTER_TURN = 1.571
+
+# Types of several topics.
+
+_FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped"
+_QUATERNION, _VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
+_FLAG = "std_msgs/msg/UInt8"
 
 
 def _vector(xyz: Any) -> Vector:
@@ -52,7 +57,7 @@ def _q_nb(flu_to_enu: Any) -> Quaternion:
 
 
 def _imu(stamp_ns: int, message: Any) -> ImuReading:
-    """Convert attitude FLU to ENU, rate (rad/s), specific force, 9.8 m/s2 to the g."""
+    """Convert attitude (FLU to ENU), rate (rad/s) and specific force (9.8 m/s2 per g)."""
     p, q, r = _vector(message.angular_velocity)
     x, y, z = (force / _PSDK_GRAVITY for force in _vector(message.linear_acceleration))
     q_nb, unit = _q_nb(message.orientation), AccelerationUnit.G
@@ -62,7 +67,7 @@ def _imu(stamp_ns: int, message: Any) -> ImuReading:
 def _gimbal(stamp_ns: int, message: Any) -> GimbalReading:
     """Convert roll to the right, pitch down, yaw anticlockwise from east (rad).
 
-    They are absolute, although their frame is the gimbal's base.
+    The angles are absolute, although their frame is the gimbal's base.
     """
     x, y, z = _vector(message.vector)
     yaw = (_PSDK_QUARTER_TURN - z + math.pi) % math.tau - math.pi
@@ -86,16 +91,13 @@ def _gps_details(stamp_ns: int, details: Any) -> GpsReading:
 
 
 class PsdkTopic(NamedTuple):
-    """Hold a topic's type, and how a message becomes a reading with this stamp."""
+    """Hold a topic's type, and the function that converts a stamp and a message to a reading."""
 
     typename: str
     read: Callable[[int, Any], Reading]
 
 
-_FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped"
-_QUATERNION, _VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
-_FLAG = "std_msgs/msg/UInt8"
-#: The topics that are read. Velocities are NED, whatever their frames say (m/s); ``rtk_yaw`` is an
+#: The topics that are read. Velocities are NED (m/s), whatever their frames are. ``rtk_yaw`` is an
 #: int16 (deg) that comes as uint16.
 PSDK_TOPICS: dict[str, PsdkTopic] = {
     "attitude": PsdkTopic(_QUATERNION, lambda t, m: AttitudeReading(t, _q_nb(m.quaternion))),
@@ -122,8 +124,8 @@ PSDK_TOPICS: dict[str, PsdkTopic] = {
 class PsdkDecoder:
     """Convert the topics' messages to readings, which have the stamp of the header.
 
-    ``take`` and ``due`` return the readings that are complete; ``due`` must be called for those
-    that wait. Stamps and arrivals are of one clock. Counted: ``unstamped`` messages.
+    ``take`` and ``due`` return the readings that are complete. Call ``due`` regularly for the
+    readings that wait. Stamps and arrivals are of one clock. Counted: ``unstamped`` messages.
     """
 
     def __init__(self) -> None:
@@ -145,5 +147,5 @@ class PsdkDecoder:
         return [reading]
 
     def due(self, now_ns: int) -> list[Reading]:
-        """Return the readings that have waited long enough; to be called every 10 ms."""
+        """Return the readings that have waited long enough; call this every 10 ms."""
         return [arrived.reading for arrived in self._rtk.due(now_ns)]

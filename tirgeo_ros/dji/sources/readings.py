@@ -1,8 +1,8 @@
 """Define the aircraft's readings before their interpretation: one record for all sources.
 
 A source (the serial link, a capture, the topics of psdk_ros2, a bag of dji_sdk) converts axes,
-units and order of the fields to the form given here. What needs knowledge of the aircraft is left
-to ``dji.interpret``: flags, heights above sea level, the antennas' direction, repeats. Vectors are
+units and order of the fields to the form defined here. ``dji.interpret`` then uses knowledge of
+the aircraft: flags, heights above sea level, the antennas' direction, repeated values. Vectors are
 tuples, since there are hundreds a second.
 """
 
@@ -10,6 +10,9 @@ from __future__ import annotations
 
 from enum import Enum
 from typing import Any, NamedTuple
+
+#: Half of RTK's period of 200 ms: a later part is nearer to the next epoch.
+_HALF_EPOCH_NS = 100_000_000
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w, x, y, z
@@ -33,7 +36,7 @@ class ImuOrigin(Enum):
 
 
 class ImuReading(NamedTuple):
-    """Hold specific force and rate of one instant, and the attitude of the message if any."""
+    """Hold specific force and rate of one instant, and the attitude if the message has one."""
 
     stamp_ns: int
     origin: ImuOrigin
@@ -59,7 +62,7 @@ class GeodeticPlace(NamedTuple):
 
 
 class GpsReading(NamedTuple):
-    """Hold data of the ordinary GPS; the parts that a message has."""
+    """Hold data of the ordinary GPS; parts that the message lacks are None."""
 
     stamp_ns: int
     place: GeodeticPlace | None = None
@@ -71,13 +74,13 @@ class GpsReading(NamedTuple):
 
 
 class RtkReading(NamedTuple):
-    """Hold data of the RTK receiver of one epoch; the parts that a message has."""
+    """Hold data of one epoch of the RTK receiver; parts that the message lacks are None."""
 
     stamp_ns: int
     place: GeodeticPlace | None = None
     position_flag: int | None = None  # NovAtel's numbers; 50 = narrow-lane integer
     velocity_n: Vector | None = None  # NED, m/s
-    yaw_deg: int | None = None  # deg, azimuth of the antennas' baseline, in any turn
+    yaw_deg: int | None = None  # azimuth of the antennas' baseline, not limited to one turn
     yaw_flag: int | None = None
 
 
@@ -93,10 +96,6 @@ class GimbalReading(NamedTuple):
 Reading = ImuReading | AttitudeReading | GpsReading | RtkReading | GimbalReading
 
 
-#: Half of RTK's 200 ms: what comes later is nearer to the next epoch.
-_HALF_EPOCH_NS = 100_000_000
-
-
 class Arrived(NamedTuple):
     """Hold a reading and the time when the last of its messages arrived."""
 
@@ -108,13 +107,13 @@ class RtkEpochs:
     """Combine the five topics on which DJI's ROS wrappers publish one RTK epoch.
 
     The wrappers publish position, velocity, yaw and the two flags within milliseconds, in any
-    order. Flags have no header (in ROS 1, nor does the yaw): only the time of arrival shows their
-    epoch. A value that did not wait for its flag would get that of the epoch before, and would
-    pass for fixed where the fix has just been lost.
+    order. Flags (in ROS 1 also the yaw) have no header: only their time of arrival shows their
+    epoch. A value that did not wait for its flag would get the flag of the previous epoch, and
+    would be taken for fixed although the fix has just been lost.
 
-    An epoch ends with its fifth part, or with the first part of the next: one that the epoch has
-    already, or one more than half an epoch after its first. The stamp is that of the position,
-    else of the velocity, which have headers, else of the first part.
+    An epoch ends with its fifth part, or before the first part of the next epoch: a part that it
+    already has, or a part that comes more than half an epoch after its first. Its stamp is that of
+    the position, else of the velocity (both have headers), else of the first part.
     """
 
     def __init__(self) -> None:
@@ -138,11 +137,11 @@ class RtkEpochs:
         return [*done, *self.flush()] if is_whole else done
 
     def due(self, now_ns: int) -> list[Arrived]:
-        """Return the epoch, if nothing more of it can come."""
-        over = self._parts and not 0 <= now_ns - self._begun_ns <= _HALF_EPOCH_NS
-        return self.flush() if over else []
+        """Return the epoch if no more parts of it can come."""
+        is_over = self._parts and not 0 <= now_ns - self._begun_ns <= _HALF_EPOCH_NS
+        return self.flush() if is_over else []
 
     def flush(self) -> list[Arrived]:
-        """Return the epoch as far as it has come."""
+        """Return the epoch with the parts that have come."""
         parts, self._parts = self._parts, {}
         return [Arrived(self._arrival_ns, RtkReading(self._stamp_ns, **parts))] if parts else []

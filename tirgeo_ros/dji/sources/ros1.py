@@ -1,21 +1,21 @@
-"""Read the topics of DJI's ROS 1 wrapper: messages of a bag in, readings out.
+"""Read the topics of DJI's ROS 1 wrapper: convert messages of a bag to readings.
 
 Time. A reading has its message's stamp: the time when the wrapper received it or, with
-``align_time``, the aircraft's clock as the wrapper placed it. A message without a header, or with
-a stamp of 0 (the gimbal's in the first versions), gets the time when it was recorded, which is
-later by some milliseconds. RTK's yaw and flags, which have no header, belong to the position that
-was recorded at the same time and get its stamp. An IMU that is stamped in bursts (the serial
-port's, at 400 Hz) gets the stamps of its steady rate below them. The age of a value when the
-aircraft sent it is a parameter (``rtk.delay_s``, ``delay``), which the interpretation subtracts.
+``align_time``, the aircraft's clock as the wrapper converted it. A message without a header, or
+with a stamp of 0 (the gimbal's in the first versions), gets the time when it was recorded, which
+is later by some milliseconds. RTK's yaw and flags have no header: they belong to the position that
+was recorded at the same time, and get its stamp. An IMU that is stamped in bursts (on the serial
+port, at 400 Hz) gets stamps of a steady rate, on the line below its own. Parameters give the age
+of a value when the aircraft sent it (``rtk.delay_s``, ``delay``); the interpretation subtracts it.
 
-Not all messages are what their type or frame says: RTK's velocity is north, east, down; the order
-of the gimbal's angles depends on how the wrapper is set up; heights are above the sea, or
+The content of some messages differs from their type or frame: RTK's velocity is north, east, down;
+the order of the gimbal's angles depends on the wrapper's settings; heights are above the sea, or
 barometric. Not read: ``acceleration_ground_fused``, ``angular_velocity_fused`` (in an uncertain
 frame; ``imu`` has both raw), ``local_position`` (on a sphere), ``height_above_takeoff`` (from a
 sonar), ``gps_health`` (0 until a home point is set), ``trigger_time`` (stamp and time reversed),
-``rtk_connection_status`` (the flags say more). A reader takes a message, any object with the
-fields of its definition, and the stamp that its reading is to have; it raises MessageError for
-invalid values.
+``rtk_connection_status`` (the flags contain more). Each function that reads a topic takes a
+message (any object with the fields of its definition) and the stamp for its reading; it raises
+MessageError for invalid values.
 """
 
 from __future__ import annotations
@@ -44,22 +44,43 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
-#: Sigma of the fused position's height, which comes without an accuracy: it is barometric, and was
-#: found to be more than 100 m off.
-FUSED_HEIGHT_SIGMA_M = 100.0
+_FIX, _VECTOR = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/Vector3Stamped"
+#: The topics that an import should have.
+NEEDED = ("imu", "rtk_position", "rtk_yaw", "gimbal_angle")
+#: The possible names of the wrapper's node.
+WRAPPERS = ("dji_sdk", "dji_osdk_ros")
 
+# Values of a message.
+
+#: Sigma of the fused position's height: it is barometric, with measured errors of over 100 m.
+FUSED_HEIGHT_SIGMA_M = 100.0
 _ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
 _LENGTH_TOLERANCE = 0.01  # of a unit quaternion; rounding alone makes 1e-7
 _NO_PLACE_DEG = 1e-6  # a place nearer to 0, 0 means no place
 _LARGEST_ANGLE_DEG = 720.0  # a gimbal's angle is within a turn; more is another unit or no angle
 _GROUND_FRAME = "ground_ENU"
 
+# The setup of a bag.
+
+#: A stamp further than this from the time of recording belongs to an unrelated clock.
+_ASTRAY_NS = 5_000_000_000
+#: No recorder is later than this: a larger difference shows that an older bag was recorded again.
+_OTHER_CLOCK_NS = 1_000_000_000
+#: The wrapper multiplies g by this factor. With broadcast it does so even if the aircraft is set
+#: to send m/s2; a specific force that stays above 5 g shows that.
+_WRAPPER_GRAVITY, _TWICE_M_S2 = 9.801, 50.0
+#: A stream has bursts if half of its steps differ from their mean by more than half of it. With
+#: stamps in whole milliseconds at 400 Hz they differ by a fifth, and lost messages are few.
+_BURST_SHARE, _BURST_NUMBER = 0.5, 20
+#: Number of stamps from which their clock is found.
+_SURVEYED = 400
+
 
 def _imu(message: Any, stamp_ns: int) -> ImuReading:
     """Convert ``imu``: specific force (m/s2) and rate (rad/s) in FLU, attitude FLU to ENU.
 
-    An invalid attitude is passed on, to be counted by the interpretation: the rest of the message
-    may be good.
+    An invalid attitude is passed on, since the rest of the message may be valid. The
+    interpretation counts it.
     """
     x, y, z = _vector(message.linear_acceleration)
     p, q, r = _vector(message.angular_velocity)
@@ -86,8 +107,8 @@ def _velocity_enu(message: Any, stamp_ns: int) -> GpsReading:
 def _gimbal_angle(message: Any, stamp_ns: int) -> GimbalReading:
     """Convert ``gimbal_angle``: degrees in level axes.
 
-    With subscription, which leaves the frame empty: pitch, roll, yaw. With broadcast, which calls
-    it ground_ENU: roll, pitch, yaw.
+    The order is pitch, roll, yaw with subscription, which leaves the frame empty. It is roll,
+    pitch, yaw with broadcast, whose frame is ground_ENU.
     """
     first, second, yaw = _vector(message.vector)
     frame = str(message.header.frame_id).rpartition("/")[2]
@@ -122,15 +143,14 @@ def _finite(x: float, y: float, z: float) -> Vector:
 
 
 class Ros1Topic(NamedTuple):
-    """Hold the type of one of the wrapper's topics, what it becomes, and how it is read."""
+    """Hold the type of one topic of the wrapper, its output topics, and its converter."""
 
     typename: str
-    feeds: tuple[str, ...]  # topics of the contract
+    feeds: tuple[str, ...]  # topics of tirgeo that get its data
     read: Callable[[Any, int], Reading]
 
 
-_FIX, _VECTOR = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/Vector3Stamped"
-#: The topics that are read, by their names in the wrapper; RTK's are NED and degrees.
+#: The topics that are read, by their names in the wrapper. RTK's are in NED and degrees.
 TOPICS: dict[str, Ros1Topic] = {
     "imu": Ros1Topic("sensor_msgs/msg/Imu", ("imu/data",), _imu),
     "attitude": Ros1Topic(
@@ -159,29 +179,10 @@ TOPICS: dict[str, Ros1Topic] = {
     ),
     "gimbal_angle": Ros1Topic(_VECTOR, ("gimbal/attitude", "gimbal/joint_states"), _gimbal_angle),
 }
-#: What an import should have.
-NEEDED = ("imu", "rtk_position", "rtk_yaw", "gimbal_angle")
-
-
-#: The possible names of the wrapper's node.
-WRAPPERS = ("dji_sdk", "dji_osdk_ros")
-
-#: A stamp this far from the time of the record belongs to an unrelated clock.
-_ASTRAY_NS = 5_000_000_000
-#: No recorder is that late: a bag was recorded again while an older one was played.
-_OTHER_CLOCK_NS = 1_000_000_000
-#: The wrapper multiplies g by this factor. With broadcast it does so even if the aircraft is set
-#: to send m/s2; a specific force that stays above 5 g shows that.
-_WRAPPER_GRAVITY, _TWICE_M_S2 = 9.801, 50.0
-#: A stream has bursts if half of its steps are off by half. Stamps in whole milliseconds at 400 Hz
-#: are off by a fifth, and lost messages are few.
-_BURST_SHARE, _BURST_NUMBER = 0.5, 20
-#: Number of stamps that decides of which clock they are.
-_SURVEYED = 400
 
 
 class Ros1Setup(NamedTuple):
-    """Hold what has to be known of a bag before its messages are read."""
+    """Hold the properties of a bag that must be known before its messages are read."""
 
     shift_ns: int = 0  # the recorder's clock minus that of the stamps
     gravity: float = 1.0  # factor by which accelerations of ``imu`` are too large
@@ -189,7 +190,7 @@ class Ros1Setup(NamedTuple):
 
 
 def survey(messages: Iterable[tuple[str, Any, int]]) -> Ros1Setup:
-    """Return the setup by a bag's first messages: name in the wrapper, message, record time."""
+    """Return the setup from a bag's first messages: name in the wrapper, message, record time."""
     lags_ns: list[int] = []
     forces_m_s2: list[float] = []
     imu_ns: list[int] = []
@@ -199,7 +200,7 @@ def survey(messages: Iterable[tuple[str, Any, int]]) -> Ros1Setup:
             force = message.linear_acceleration if name == "imu" else None
             size = None if force is None else math.hypot(force.x, force.y, force.z)
         except AttributeError:
-            continue  # of another definition: counted when it is read again
+            continue  # a message of another definition: counted when it is read again
         if stamp_ns:
             lags_ns.append(record_ns - stamp_ns)
         if size is not None:
@@ -236,16 +237,16 @@ class Ros1Decoder:
         return record_ns - self._setup.shift_ns
 
     def take(self, name: str, message: Any, record_ns: int) -> list[Arrived]:
-        """Return the readings that a message gives, and those that waited for it.
+        """Return the readings of a message, and those that waited for it.
 
-        ``name`` is the topic's without the wrapper's. Raises MessageError for an invalid message:
+        ``name``: the topic's, without the wrapper's. Raises MessageError for an invalid message:
         count it and continue.
         """
         arrival_ns = self.arrival_ns(record_ns)
         try:
             reading = self._read(name, message, arrival_ns)
         except AttributeError as error:
-            raise MessageError(f"its definition has no {error.name}") from None
+            raise MessageError(f"its definition has no field {error.name}") from None
         if isinstance(reading, RtkReading):
             return self._epochs.take(reading, arrival_ns)
         return [*self._epochs.due(arrival_ns), Arrived(arrival_ns, reading)]
@@ -256,7 +257,7 @@ class Ros1Decoder:
 
     @property
     def warnings(self) -> list[str]:
-        """Return what a person should know of the bag."""
+        """Return notes on the bag for a person."""
         notes = []
         if self._setup.shift_ns:
             notes.append(
@@ -276,7 +277,7 @@ class Ros1Decoder:
         stamp_ns = _header_ns(message) or arrival_ns
         if abs(arrival_ns - stamp_ns) > _ASTRAY_NS:
             off_s = (stamp_ns - arrival_ns) * 1e-9
-            raise MessageError(f"stamped {off_s:+.0f} s from when it was recorded")
+            raise MessageError(f"its stamp is {off_s:+.0f} s from its time of recording")
         if name == "imu" and self._steady is not None and stamp_ns != arrival_ns:
             stamp_ns = self._steady.stamp_ns(stamp_ns)
         reading = TOPICS[name].read(message, stamp_ns)

@@ -1,4 +1,4 @@
-"""Process the serial link's bytes without the port: bytes in, readings out."""
+"""Convert bytes of the serial link to readings; the port itself is not needed."""
 
 from __future__ import annotations
 
@@ -31,16 +31,20 @@ _RTK_TOPICS = {"RTK_POSITION", "RTK_VELOCITY", "RTK_YAW", "RTK_POSITION_INFO", "
 _GPS_TOPICS = {"GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"}
 _RAW_DEG = math.radians(1e-7)
 
+#: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
+_PAUSE_S = 0.05
+_BITS_A_BYTE = 10  # with start bit and stop bit
+
 
 class StampSource(Protocol):
-    """Give stamps for a counter of the aircraft: live ones or those of captures."""
+    """Convert a counter of the aircraft to stamps, live or of a capture."""
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """Return the stamp of a counter's value that came in at ``arrival_ns``."""
+        """Return the stamp of a counter's value that was received at ``arrival_ns``."""
 
 
 class Clocks(NamedTuple):
-    """Hold a clock for each counter of the aircraft: they may start and step separately."""
+    """Hold a clock for each counter of the aircraft; counters may start and step separately."""
 
     broadcast: StampSource  # ms
     subscription: StampSource  # ms
@@ -48,12 +52,12 @@ class Clocks(NamedTuple):
 
 
 class Telemetry:
-    """Convert frames to readings; count what cannot be read.
+    """Convert frames to readings; count the unreadable ones.
 
     Counted: ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts
-    whose length fits no layout; ``unknown_package``: pushes that do not fit their package, as far
-    as it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
-    ``axes_swapped``: GPS_POSITION with the latitude first.
+    whose length fits no layout; ``unknown_package``: pushes of an unknown package, or with another
+    length than their package; ``untimed``: broadcasts without the aircraft's time, stamped at
+    arrival; ``axes_swapped``: GPS_POSITION with the latitude first.
     """
 
     def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
@@ -65,7 +69,7 @@ class Telemetry:
         self.counts: Counter[str] = Counter()
 
     def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
-        """Return the readings of a frame that came at ``arrival_ns``, in the order of use."""
+        """Return the readings of a frame received at ``arrival_ns``, in the order of use."""
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _BROADCAST:
             return self._read_broadcast(frame.value, arrival_ns)
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
@@ -143,9 +147,9 @@ class Telemetry:
         return readings
 
     def _gps_place(self, raw: parts.GpsPosition) -> GeodeticPlace:
-        """Return GPS_POSITION, longitude first unless other positions show the reverse order.
+        """Convert GPS_POSITION, longitude first unless other positions show the reverse order.
 
-        The documents disagree on the order.
+        DJI's documents disagree on the order.
         """
         lon, lat = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
         if self._near is None:
@@ -163,7 +167,7 @@ class Telemetry:
 def _inertial(
     stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, acceleration: Any, rate: Any, q: Any
 ) -> list[Reading]:
-    """Return the readings that acceleration, rate and attitude make together."""
+    """Return one reading of acceleration, rate and attitude, or of the attitude alone."""
     if acceleration is not None and rate is not None:
         return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q)]
     return [] if q is None else [AttitudeReading(stamp_ns, q)]
@@ -182,7 +186,7 @@ def _gps(stamp_ns: int, gps: parts.Gps) -> GpsReading:
 
 
 def _quality(detail: parts.GpsDetail | None) -> tuple[Any, Any, Any, Any]:
-    """Return fix, and sigmas in m, m and m/s; None where they are not told."""
+    """Return fix, and sigmas in m, m and m/s; None if they are not stated."""
     if detail is None:
         return None, None, None, None
     fix = int(detail.fix) if math.isfinite(detail.fix) else 0
@@ -203,11 +207,6 @@ def _metres(cm_s: Vector | None) -> Vector | None:
     return None if cm_s is None else (cm_s[0] * 1e-2, cm_s[1] * 1e-2, cm_s[2] * 1e-2)
 
 
-#: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
-_PAUSE_S = 0.05
-_BITS_A_BYTE = 10  # with start and stop
-
-
 class SerialDecoder:
     """Convert the link's bytes to readings."""
 
@@ -220,8 +219,8 @@ class SerialDecoder:
         names = "broadcast", "subscription", "hard sync"
         self._clocks = dict(zip(names, clocks, strict=True))
         self._telemetry = Telemetry(Clocks(*clocks), packages)
-        self._heard_s: float | None = None
-        self.locked = 0  # frames that were encrypted and not, or not rightly, decrypted
+        self._received_s: float | None = None
+        self.locked = 0  # encrypted frames that were not decrypted, or with a wrong key
         self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
 
     def take(
@@ -229,21 +228,20 @@ class SerialDecoder:
     ) -> list[Reading]:
         """Return the readings of these bytes, which were read at ``arrival_ns``.
 
-        ``now_s`` is a monotonic clock's. The first of the bytes was there ``gathered_ns`` before.
-        Those behind it come no faster than the line's rate, which gives each frame its own time of
-        completion.
+        ``now_s`` is the time of a monotonic clock. The first byte arrived ``gathered_ns`` earlier,
+        and the others not faster than the line's rate: so each frame gets its own arrival time.
 
-        Call it without bytes as well, now and then: a frame whose rest does not come is given up
-        after a pause.
+        Call this without bytes as well, now and then: after a pause it stops waiting for the rest
+        of a cut frame.
         """
         if data:
-            self._heard_s = now_s
+            self._received_s = now_s
             first_ns = arrival_ns - gathered_ns - self.counts["bytes"] * self._byte_ns
             frames = self._frames.feed(data)
             ends = [first_ns + (f.offset + f.length) * self._byte_ns for f in frames]
             arrivals = [min(end_ns, arrival_ns) for end_ns in ends]
-        elif self._heard_s is not None and now_s - self._heard_s > _PAUSE_S:
-            self._heard_s = None
+        elif self._received_s is not None and now_s - self._received_s > _PAUSE_S:
+            self._received_s = None
             frames = self._frames.rescan()
             arrivals = [arrival_ns] * len(frames)
         else:
@@ -251,28 +249,29 @@ class SerialDecoder:
         return self._read(frames, arrivals)
 
     def reopened(self, arrival_ns: int) -> list[Reading]:
-        """Drop a frame that was cut when the port was lost; return those within it."""
-        self._heard_s = None
+        """Drop the frame that was cut when the port was lost; return the readings after it."""
+        self._received_s = None
         frames = self._frames.rescan()
         return self._read(frames, [arrival_ns] * len(frames))
 
     def _read(self, frames: list[ProtocolFrame], arrivals: list[int]) -> list[Reading]:
         readings = []
         for frame, arrival_ns in zip(frames, arrivals, strict=True):
-            # decrypted data makes sense if it is a push: that is what an aircraft sends
-            opened = frame.encryption != PLAIN and not frame.is_ack
-            self.locked += frame.is_encrypted or (opened and frame.cmd_set != PUSH_SET)
+            # An aircraft sends only acks and pushes: data with another command set was decrypted
+            # with a wrong key.
+            is_command = frame.encryption != PLAIN and not frame.is_ack
+            self.locked += frame.is_encrypted or (is_command and frame.cmd_set != PUSH_SET)
             readings += self._telemetry.read(frame, arrival_ns)
         return readings
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return how many bytes and frames came, and of which kinds (``FrameReader.counts``)."""
+        """Return the counts of bytes and frames by kind (``FrameReader.counts``)."""
         return self._frames.counts
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return counts of frames, and the clocks that run."""
+        """Return the counts of frames and the state of each clock."""
         items = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
         items |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
         for name, clock in self._clocks.items():

@@ -25,26 +25,143 @@ from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
 from tirgeo_ros.io.bags.sqlite_file import SqliteFile
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of, read_text, reading
 
-#: What the files of a bag of ROS 2 begin with.
+__all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
+
+#: First bytes of the files of a ROS 2 bag.
 ROS2_MAGICS = (MCAP, SQLITE, ZSTD_MAGIC)
-#: What is left free on the disk, and what a file may unpack to: recordings shrink to a third,
-#: pictures without noise to a hundredth.
-_RESERVE, _MOST_TIMES, _ANYWAY = 256 << 20, 1000, 64 << 20
-_PIECE, _ZSTD = 1 << 20, ".zstd"
-#: What SQLite writes beside a database, and takes back into it after a power cut.
+METADATA = "metadata.yaml"
+_SUFFIXES, _ZSTD = (".mcap", ".db3"), ".zstd"
+_MOST_METADATA_BYTES = 4 << 20  # the recorder writes some hundred bytes a topic and a file
+#: Bytes that stay free on the disk. A file may unpack to _MOST_RATIO times its size and 64 MiB:
+#: recordings shrink to a third, pictures without noise to a hundredth.
+_FREE_BYTES, _MOST_RATIO, _SMALL_BYTES = 256 << 20, 1000, 64 << 20
+_PIECE = 1 << 20
+#: Files that SQLite writes beside a database, and merges into it after a power cut.
 _BESIDE = ("-wal", "-journal")
+
+
+class BagReader:
+    """Read a bag; read a cut or damaged one as far as possible.
+
+    A bag is a file (MCAP or SQLite, plain or compressed by zstd) or a folder of such files, with
+    or without a ``metadata.yaml``. Raises BagError if it is absent, not a ROS 2 bag, or without
+    messages. After an iteration ``damage`` describes what was lost. Memory does not grow with the
+    bag: of each file, only one chunk and the chunks that overlap it in time are in memory.
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        self.path = path_of(path, BagError)
+        with reading(self.path, BagError):
+            paths, self._lost = bag_files(self.path)
+            self._several = len(paths) > 1
+            #: Files with messages, by the time of the first message, then in the bag's own order.
+            self._files = sorted(self._opened(paths), key=lambda file: _span(file)[0])
+        if not self._files:
+            why = self._losses() or "the bag has none"
+            raise BagError(f"{self.path}: no message can be read; {why}")
+
+    def topics(self) -> dict[str, str]:
+        """Return every topic that has messages, with the name of its type."""
+        return {topic: form.typename for topic, form in sorted(self.forms().items())}
+
+    def forms(self) -> dict[str, TopicForm]:
+        """Return the form of each topic as recorded, for a BagWriter that copies the bag."""
+        forms: dict[str, TopicForm] = {}
+        for file in reversed(self._files):
+            forms |= file.forms()
+        return forms
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Return the log times of the first and of the last message."""
+        spans = [_span(file) for file in self._files]
+        return spans[0][0], max(last for _, last in spans)
+
+    @property
+    def damage(self) -> str | None:
+        """Return in one line what was lost, else None; it is complete after an iteration."""
+        losses = self._losses()
+        read = sum(file.read for file in self._files)
+        return f"{losses}; {read} messages were read" if losses else None
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        *,
+        any_form: bool = False,
+    ) -> Iterator[BagMessage]:
+        """Return the messages of topics (None: all) by log time. Raises BagError if not CDR."""
+        streams = [
+            (_span(file)[0], file.messages(topics, start_ns or 0, any_form=any_form))
+            for file in self._files
+        ]
+        return _merged(streams) if len(streams) > 1 else streams[0][1]
+
+    def cdr(self, message: Any) -> bytes:
+        """Return a message as CDR, which it is already; ``Ros1Bag.cdr`` has to convert."""
+        return bytes(message.data)
+
+    def _opened(self, paths: Collection[Path]) -> Iterator[BagFile]:
+        """Yield the files with messages. An unreadable one of several is noted as a loss."""
+        for path in paths:
+            try:
+                file = opened_file(path)
+            except BagError as error:
+                if not self._several:
+                    raise
+                self._lost.append(str(error).removeprefix(f"{self.path}/"))
+                continue
+            if file.span_ns is not None:
+                yield file
+            else:
+                self._lost += self._losses_of(file)
+
+    def _losses(self) -> str:
+        losses = [*self._lost, *(loss for file in self._files for loss in self._losses_of(file))]
+        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
+        return f"{'; '.join(losses[:3])}{more}"
+
+    def _losses_of(self, file: BagFile) -> list[str]:
+        before = f"{file.name.name}: " if self._several else ""
+        return [f"{before}{what}" for _, what in sorted(file.losses.items())]
+
+
+def _span(file: BagFile) -> tuple[int, int]:
+    assert file.span_ns is not None  # files without messages are left out
+    return file.span_ns
+
+
+def _merged(streams: Iterable[tuple[int, Iterator[BagMessage]]]) -> Iterator[BagMessage]:
+    """Merge streams of messages, each sorted by time, into one sorted by time.
+
+    Each stream comes with the time of its first message (ns), and is not started before that.
+    Messages with equal times come in the order of the streams.
+    """
+
+    def placed(
+        place: int, start_ns: int, stream: Iterator[BagMessage]
+    ) -> Iterator[tuple[int, int, BagMessage | None]]:
+        yield start_ns, place, None  # the stream is started only after this marker
+        for message in stream:
+            yield message.log_time_ns, place, message
+
+    every = [placed(place, *stream) for place, stream in enumerate(streams)]
+    for _, _, message in heapq.merge(*every, key=lambda item: item[:2]):
+        if message is not None:
+            yield message
 
 
 def opened_file(path: Path) -> BagFile:
     """Return the reader of a file: MCAP or SQLite, plain or compressed by zstd.
 
-    A compressed file is unpacked to the folder for temporary files, and so is a copy made of a
-    database that was not closed, for SQLite to mend; both are removed with the reader. Raises
-    BagError if it is neither, cannot be read, or is larger unpacked than the disk or a bound.
+    A compressed file is unpacked into a temporary folder. A database that was not closed is copied
+    there, and SQLite repairs the copy. The folder is removed with the reader. Raises BagError if
+    the file is neither, cannot be read, or is too large when unpacked.
     """
     with reading(path, BagError):
-        if path.exists() and not path.is_file():  # a pipe would be waited for without end
-            raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
+        if path.exists() and not path.is_file():  # opening a pipe would block without end
+            raise BagError(f"{path}: not a file: a pipe or a device cannot be read as a bag")
     packed = first_bytes(path, len(ZSTD_MAGIC), BagError) == ZSTD_MAGIC
     beside = [path.with_name(path.name + end) for end in _BESIDE]
     unclosed = [file for file in beside if file.is_file() and file.stat().st_size]
@@ -77,15 +194,15 @@ def _kind(path: Path) -> type[SqliteFile | McapFile]:
 
 
 def _unpack(path: Path, copy: Path) -> None:
-    """Write what a file holds. Of a cut or damaged one, the part before: its reader finds that."""
-    free = shutil.disk_usage(copy.parent).free - _RESERVE
-    most = path.stat().st_size * _MOST_TIMES + _ANYWAY
+    """Unpack a file to ``copy``; a damaged one up to the fault, which its reader reports."""
+    free = shutil.disk_usage(copy.parent).free - _FREE_BYTES
+    most = path.stat().st_size * _MOST_RATIO + _SMALL_BYTES
     with path.open("rb") as file, copy.open("wb") as out, suppress(zstandard.ZstdError):
         stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
         while piece := stream.read(_PIECE):
             written = out.tell() + len(piece)
             if written > most:
-                times = f"{_MOST_TIMES} times its size"
+                times = f"{_MOST_RATIO} times its size"
                 raise BagError(f"{path}: unpacks to more than {times}: not read")
             if written > free:
                 raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
@@ -94,134 +211,13 @@ def _unpack(path: Path, copy: Path) -> None:
         raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
 
 
-__all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
-
-
-class BagReader:
-    """Read a bag; a cut or damaged one as far as possible.
-
-    It is a file (MCAP, SQLite, either of them compressed by zstd) or a folder of such files, with
-    a ``metadata.yaml`` or without. Raises BagError if it is absent, no ROS 2 bag, or without
-    messages. ``damage`` describes after an iteration what was lost. Memory is constant: of each
-    file that overlaps others in time, one chunk and those that overlap it are held.
-    """
-
-    def __init__(self, path: PathLike) -> None:
-        self.path = path_of(path, BagError)
-        with reading(self.path, BagError):
-            paths, self._lost = bag_files(self.path)
-            self._several = len(paths) > 1
-            #: Those with messages in the order of their first; at one time in that of the bag.
-            self._files = sorted(self._opened(paths), key=lambda file: _span(file)[0])
-        if not self._files:
-            why = self._losses() or "it has none"
-            raise BagError(f"{self.path}: no message can be read; {why}")
-
-    def topics(self) -> dict[str, str]:
-        """Return every topic of which the bag has messages, with the name of its type."""
-        return {topic: form.typename for topic, form in sorted(self.forms().items())}
-
-    def forms(self) -> dict[str, TopicForm]:
-        """Return how each of these topics was recorded, for a BagWriter that copies it."""
-        forms: dict[str, TopicForm] = {}
-        for file in reversed(self._files):
-            forms |= file.forms()
-        return forms
-
-    @property
-    def span_ns(self) -> tuple[int, int]:
-        """Return the log times of the first and of the last message."""
-        spans = [_span(file) for file in self._files]
-        return spans[0][0], max(last for _, last in spans)
-
-    @property
-    def damage(self) -> str | None:
-        """Return in one line what was lost, else None; it is complete after an iteration."""
-        losses = self._losses()
-        read = sum(file.read for file in self._files)
-        return f"{losses}; {read} messages were read" if losses else None
-
-    def messages(
-        self,
-        topics: Collection[str] | None = None,
-        start_ns: int | None = None,
-        *,
-        any_form: bool = False,
-    ) -> Iterator[BagMessage]:
-        """Return the messages of topics (None: all) by log time; BagError for one not in CDR."""
-        streams = [
-            (_span(file)[0], file.messages(topics, start_ns or 0, any_form=any_form))
-            for file in self._files
-        ]
-        return _merged(streams) if len(streams) > 1 else streams[0][1]
-
-    def cdr(self, message: Any) -> bytes:
-        """Return a message's CDR, which it is: bags of ROS 1 have another form."""
-        return bytes(message.data)
-
-    def _opened(self, paths: Collection[Path]) -> Iterator[BagFile]:
-        """Yield the files that have messages; one that cannot be read is a loss to the others."""
-        for path in paths:
-            try:
-                file = opened_file(path)
-            except BagError as error:
-                if not self._several:
-                    raise
-                self._lost.append(str(error).removeprefix(f"{self.path}/"))
-                continue
-            if file.span_ns is not None:
-                yield file
-            else:
-                self._lost += self._named(file)
-
-    def _losses(self) -> str:
-        losses = [*self._lost, *(one for file in self._files for one in self._named(file))]
-        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
-        return f"{'; '.join(losses[:3])}{more}"
-
-    def _named(self, file: BagFile) -> list[str]:
-        before = f"{file.name.name}: " if self._several else ""
-        return [f"{before}{what}" for _, what in sorted(file.losses.items())]
-
-
-def _span(file: BagFile) -> tuple[int, int]:
-    assert file.span_ns is not None  # those without messages are left out
-    return file.span_ns
-
-
-def _merged(streams: Iterable[tuple[int, Iterator[BagMessage]]]) -> Iterator[BagMessage]:
-    """Yield the messages of streams, each in order of time, in order of time.
-
-    Streams come with their first times (ns); none is begun before its time. Messages of one time
-    come in the order of the streams.
-    """
-
-    def placed(
-        place: int, start_ns: int, stream: Iterator[BagMessage]
-    ) -> Iterator[tuple[int, int, BagMessage | None]]:
-        yield start_ns, place, None  # when this is passed, the stream is begun
-        for message in stream:
-            yield message.log_time_ns, place, message
-
-    every = [placed(place, *stream) for place, stream in enumerate(streams)]
-    for _, _, message in heapq.merge(*every, key=lambda item: item[:2]):
-        if message is not None:
-            yield message
-
-
-METADATA = "metadata.yaml"
-_SUFFIXES = (".mcap", ".db3")
-_MOST_BYTES = 4 << 20  # of metadata: some hundred bytes a topic and a file
-
-
 def bag_files(path: Path) -> tuple[list[Path], list[str]]:
-    """Return a bag's files in order, and a line for each file that only its metadata has.
+    """Return a bag's files in order, and a line for each absent file that its metadata names.
 
-    ``path`` is a file, a folder, or the ``metadata.yaml`` in it. The metadata only names the
-    files: what it says of times and counts is not always right. Without metadata (the recorder
-    was killed), or where all its names are wrong, the files of the folder are taken. Raises
-    BagError for a folder without a bag or with several, and for a storage or a compression that is
-    not known.
+    ``path`` is a file, a folder, or the ``metadata.yaml`` in it. Only the files' names are taken
+    from the metadata: its times and counts are not always right. Without metadata (the recorder
+    was killed), or if no named file exists, all bag files of the folder are taken. Raises BagError
+    for a folder without a bag or with several, and for an unknown storage or compression.
     """
     folder = path.parent if path.name == METADATA else path
     if not folder.is_dir():
@@ -229,24 +225,24 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
     metadata = folder / METADATA
     if not metadata.is_file():
         return _in_folder(folder), []
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where there is C
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the one in C is ten times as fast
     try:
-        tree = yaml.load(read_text(metadata, BagError, _MOST_BYTES), loader)  # noqa: S506  safe
-        recorded: dict[str, Any] = tree["rosbag2_bagfile_information"]
-        # Before version 4 the files' names have the folder's in front.
+        text = read_text(metadata, BagError, _MOST_METADATA_BYTES)
+        recorded: dict[str, Any] = yaml.load(text, loader)["rosbag2_bagfile_information"]  # noqa: S506  safe
+        # Before version 4 the folder's name stands before each file's name.
         names = [Path(name).name for name in recorded["relative_file_paths"]]
     except (BagError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         return _in_folder(folder), [f"{METADATA} is damaged"]
     packed = str(recorded.get("compression_mode") or "none").lower() != "none"
     form = recorded.get("compression_format") or "zstd"
-    for what, value, known in (
+    for what, value, supported in (
         ("storage", recorded.get("storage_identifier"), ("mcap", "sqlite3")),
         ("compression", form if packed else "zstd", ("zstd",)),
     ):
-        if value not in known:
+        if value not in supported:
             raise BagError(
-                f"{metadata}: {what} {value!r} is not known ({', '.join(known)}); convert the "
-                "bag with ros2 bag convert"
+                f"{metadata}: {what} {value!r} is not supported, only {', '.join(supported)}; "
+                "convert the bag with ros2 bag convert"
             )
     by_name = {name: _file_of(folder, name) for name in names}
     files = [file for file in by_name.values() if file]
@@ -255,7 +251,7 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: a file by its name, a folder by what is in it."""
+    """Return whether a path looks like a bag: a file by its name, a folder by its files."""
     if path.is_dir():
         inside = list(path.iterdir())
         return path / METADATA in inside or (bool(inside) and all(map(_bag_name, inside)))
@@ -269,7 +265,7 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
 
 
 def _file_of(folder: Path, name: str) -> Path | None:
-    """Return the file of this name; of a recorder that was killed, before or after compression."""
+    """Return the file of this name; after a killed recorder with ``.zstd`` added or removed."""
     for spelling in (name, name + _ZSTD, name.removesuffix(_ZSTD)):
         if spelling and (folder / spelling).is_file():
             return folder / spelling
@@ -279,7 +275,7 @@ def _file_of(folder: Path, name: str) -> Path | None:
 def _in_folder(folder: Path) -> list[Path]:
     """Return the files of the one bag in a folder, in the order of their numbers."""
     names = {file.name for file in folder.iterdir() if _bag_name(file)}
-    # Where a recorder was killed while it compressed a file, the plain one is the whole one.
+    # If the recorder was killed while it compressed a file, only the plain file is complete.
     names -= {name + _ZSTD for name in names}
     files = sorted((folder / name for name in names), key=by_numbers)
     bags = sorted({re.sub(r"_\d+$", "", file.name.split(".")[0]) for file in files})

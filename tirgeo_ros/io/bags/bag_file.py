@@ -1,7 +1,7 @@
-"""Define what the files of bags have in common: messages, connections, and how they unpack.
+"""Define what all files of bags share: messages, connections, and the unpacking of chunks.
 
-A kilobyte can hold gigabytes when unpacked. Recorders close a chunk at about a megabyte. It is
-larger where a single message is: a 4K picture of 16 bits and three colours has 50 MB.
+A packed kilobyte can hold gigabytes, hence MOST_BYTES. Recorders close a chunk at about a
+megabyte, but one message may be larger: a 4K picture of 16 bits and three colours has 50 MB.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from lz4.frame import LZ4FrameDecompressor
 
 from tirgeo_ros.core.types.errors import BagError
 
-#: What becomes of messages whose log time no stamp can hold; their number is put before it.
+#: A message in a file: log time (ns), place (chunk, number in the chunk), connection, data.
+Row = tuple[int, int, int, int, bytes]
+#: The loss of messages whose log time does not fit a stamp; their number stands before it.
 TOO_LATE = "messages with a log time after 2038 left out"
-#: Begins a message that rosbag2 compressed by itself, and a compressed file. No CDR begins so.
+#: First bytes of a compressed file, and of a message that rosbag2 compressed; never of CDR.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 #: The largest unpacked size of a packed chunk.
 MOST_BYTES = 64 << 20
@@ -53,25 +55,21 @@ class Connection(NamedTuple):
     form: TopicForm
 
 
-#: A message as a file has it: log time (ns), place in the file (twice), connection, data.
-Row = tuple[int, int, int, int, bytes]
-
-
 class BagFile(ABC):
-    """Read one file of a bag; a cut or damaged one as far as possible.
+    """Read one file of a bag; read a cut or damaged one as far as possible.
 
-    ``connections`` are those with messages, by their numbers; ``span_ns`` the first and the last
-    log time, None without messages. ``read`` counts the messages of the newest iteration;
-    ``losses`` are what could not be read, by its place in the file.
+    ``connections`` are those with messages, by their numbers; ``span_ns`` is the first and the
+    last log time, None without messages. ``read`` counts the messages of the last iteration;
+    ``losses`` says what could not be read, by its place in the file.
     """
 
     connections: Mapping[int, Connection]
     span_ns: tuple[int, int] | None
-    #: Where a place of a row is, for messages.
+    #: The place of a row in the words of a message to people; ``{}`` is its number.
     where = ""
 
     def __init__(self, path: Path, name: Path) -> None:
-        """Take the file to read, and the name for messages: the file may be an unpacked copy."""
+        """Take the file to read (an unpacked copy, perhaps), and the name to show to people."""
         self.name, self.path, self.read = name, path, 0
         self.losses: dict[int, str] = {}
 
@@ -81,10 +79,10 @@ class BagFile(ABC):
 
     @abstractmethod
     def rows(self, keys: Collection[int], start_ns: int) -> Iterator[Row]:
-        """Yield the messages of these connections in order of log time, from one on."""
+        """Yield the messages of these connections from ``start_ns`` on, in order of log time."""
 
     def forms(self) -> dict[str, TopicForm]:
-        """Return every topic of which the file has messages, with the form of its first."""
+        """Return every topic that has messages, with the form of its first connection."""
         forms: dict[str, TopicForm] = {}
         for topic, form in self.connections.values():
             forms.setdefault(topic, form)
@@ -93,7 +91,7 @@ class BagFile(ABC):
     def messages(
         self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False
     ) -> Iterator[BagMessage]:
-        """Return the messages of topics (None: all) by log time; BagError as ``fault`` says."""
+        """Return the messages of topics (None: all) by log time. Raises BagError for a fault."""
         chosen: dict[int, tuple[str, str]] = {}
         for key, (topic, form) in self.connections.items():
             if topics is None or topic in topics:
@@ -118,7 +116,7 @@ class BagFile(ABC):
 
 
 def plain(data: bytes) -> bytes:
-    """Return a message's CDR, unpacked if it was compressed. ValueError: is cut off or damaged."""
+    """Return a message's CDR, unpacked if compressed. Raises ValueError as ``unpacked`` does."""
     if data[:4] != ZSTD_MAGIC:
         return data
     try:
@@ -131,16 +129,16 @@ def plain(data: bytes) -> bytes:
 def unpacked(
     packed: bytes, compression: str, size: int | None = None, *, cut: bool = False
 ) -> bytes:
-    """Return the data of a chunk.
+    """Return the unpacked data of a chunk; of one that is ``cut``, its beginning.
 
     ``compression`` is ``zstd``, ``lz4``, ``bz2``, ``none`` or empty; ``size`` is the unpacked size
-    that the chunk declares, where it does. Of a chunk that is ``cut`` the beginning is returned.
-    Raises ValueError: ``is cut off or damaged``.
+    that the chunk declares, or None. Raises ValueError with words that continue a sentence about
+    the chunk: ``is cut off or damaged``.
     """
     if compression in {"", "none"}:
         return packed
     if compression not in _UNPACK:
-        raise ValueError(f"is packed as {compression!r}, which is not known")
+        raise ValueError(f"is compressed as {compression!r}, which is not supported")
     most = min(MOST_BYTES, MOST_BYTES if size is None else size)
     try:
         data = _UNPACK[compression](packed, most + 1)
@@ -154,10 +152,10 @@ def unpacked(
 
 
 def _by_zstd(packed: bytes, most: int) -> bytes:
-    """Return at most ``most`` bytes, in one piece (a third of the time) if the frame fits."""
+    """Return at most ``most`` bytes; at once, in a third of the time, if the frame fits."""
     unpacker = zstandard.ZstdDecompressor()
     if zstandard.frame_content_size(packed) in range(most):
-        with suppress(zstandard.ZstdError):  # a cut one has a beginning
+        with suppress(zstandard.ZstdError):  # a cut frame: the stream reads its beginning
             return unpacker.decompress(packed)
     return unpacker.stream_reader(packed).read(most)
 

@@ -15,8 +15,8 @@ from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
 from tirgeo_ros.io.messages.topics import offered_qos
 
-#: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
-#: QoS as words, not numbers; counts and times come from the summary at the end of the file.
+#: What rosbag2 writes when it opens a file. From the version its reader knows that the topics' QoS
+#: has words, not numbers; it takes counts and times from the summary at the end of the file.
 _METADATA = """\
 version: 9
 storage_identifier: mcap
@@ -36,7 +36,7 @@ files:
 ros_distro: ""
 custom_data: ~"""
 
-#: Bytes of messages that a process that is killed takes with it: a second without pictures.
+#: Bytes of messages that are lost if the process is killed: one second without pictures.
 _GROWING_CHUNK = 1 << 17
 _CHUNK = 1 << 20
 
@@ -45,12 +45,12 @@ _CHUNK = 1 << 20
 class BagWriter:
     """Write a bag; a context manager.
 
-    The file appears under its name when the context ends without an error; on an error nothing is
-    left behind. One that is ``growing`` has its name from the start, and can be read up to about
-    the last ``flush``, whatever ends the process. The same calls give the same bytes. Each topic
-    has the QoS of its publisher with it, so that ``ros2 bag play`` offers the same. Topics among
-    ``forms`` keep the definition of their type, which need not be known, and their QoS. Raises
-    BagError if it cannot be written.
+    The file gets its name when the context ends without an error; after an error nothing is left
+    behind. A ``growing`` file has its name from the start, and can be read up to about the last
+    ``flush`` even if the process is killed. The same calls give the same bytes. Each topic is
+    written with the QoS of its publisher, so that ``ros2 bag play`` offers the same. Topics in
+    ``forms`` keep their recorded QoS and the definition of their type, which may be unknown here.
+    Raises BagError if the file cannot be written.
     """
 
     def __init__(
@@ -85,14 +85,15 @@ class BagWriter:
         """Append a message, an object or its CDR bytes, to a topic (``/imu/data``)."""
         number, first = self._channels.get(topic) or self._channel(topic, typename)
         if first != typename:
-            raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
-        ready = isinstance(message, bytes)
-        data = message if ready else self._cdr.serialize(message, typename)
+            raise BagError(
+                f"{self.path}: topic {topic} has type {first}: no {typename} can be written to it"
+            )
+        data = message if isinstance(message, bytes) else self._cdr.serialize(message, typename)
         with writing(self.path, BagError):
             self._writer.add_message(number, log_time_ns, data, log_time_ns)
 
     def flush(self) -> None:
-        """Pass all messages to the system but those of the newest chunk."""
+        """Pass all messages to the operating system, except those of the newest chunk."""
         with writing(self.path, BagError):
             self._file.flush()
 
@@ -134,9 +135,9 @@ class BagWriter:
 def qos_in_words(topic: str, metadata: Mapping[str, str]) -> str:
     """Return the QoS of a recorded topic as Jazzy writes it: ``offered_qos_profiles``.
 
-    It is a YAML list with one entry for each publisher. Its policies are numbers in the bags of
-    Humble and before: then, and without one that can be read, it is what tirgeo would offer, with
-    the recorded durability.
+    It is a YAML list with one entry for each publisher. In bags of Humble and before, its policies
+    are numbers: then, and if it cannot be read, the QoS that tirgeo offers is returned, with the
+    recorded durability.
     """
     text = metadata.get("offered_qos_profiles", "")
     durabilities = _durabilities(text)
@@ -152,7 +153,7 @@ def is_latched(topic: str, metadata: Mapping[str, str]) -> bool:
 
 
 def _durabilities(text: str) -> list[object]:
-    """Return the durability of each publisher; 1 is transient local in numbers (rmw/types.h)."""
+    """Return each publisher's durability, a word or a number: 1 is transient local (rmw)."""
     try:
         document = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError):

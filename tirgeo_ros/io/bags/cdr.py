@@ -13,15 +13,15 @@ from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 
-# Raised by the decoders for bytes that are no such message.
+#: Raised by the decoders for bytes that are not a message of the type.
 UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
-# Fast CDR computes up to 7 bytes too many for each empty list, and sends them with any content.
+#: Fast CDR sends up to 7 surplus bytes, with arbitrary content, for each empty list.
 _MOST_SURPLUS = 64
 
 
 @cache
 def _store() -> Typestore:
-    """Return the store, one for the process: it takes 0.25 s to make and is only read."""
+    """Return the process's only store of types: it takes 0.25 s to build and never changes."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -37,7 +37,7 @@ def header_stamp_ns(data: bytes) -> int:
 class Cdr:
     """Serialise and deserialise messages by type name (``sensor_msgs/msg/Imu``).
 
-    The store's own methods allow no bytes behind a message, and copy and look up more.
+    The store's own methods refuse surplus bytes after a message, and are slower.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,7 @@
-"""Read the messages of an MCAP file in order of time, also of one that is cut off or damaged.
+"""Read the messages of an MCAP file in order of time, even if it is cut off or damaged.
 
-A whole file lists its chunks in its summary. Any other is walked from its first record to the
-first that is broken. A last chunk that is cut off is read up to the cut; broken chunks are left
-out.
+An intact file lists its chunks in its summary. Any other file is read from its first record to the
+first broken one. A last chunk that is cut off is read up to the cut; broken chunks are left out.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ from tirgeo_ros.io.files.whole_files import reading
 
 MAGIC = b"\x89MCAP0\r\n"
 
-_PROFILES = ("ros2", "")  # "" where a tool that copied a bag left it out
-#: The last two where a recorder did not find a definition: the contract's types are known here.
+_PROFILES = ("ros2", "")  # "": left out by a tool that copied the bag
+#: A recorder that finds no definition writes one of the last two; the contract's are known here.
 _SCHEMAS = ("ros2msg", "unknown", "")
-#: The most bytes of messages that may wait. Parts of a recording overlap by a second or so.
+#: Most bytes of messages that wait to be sorted. Chunks of a recording overlap by about a second.
 _MOST_WAITING = 384 << 20
-_BESIDE_BYTES = 600  # memory of a message in addition to its data
+_OVERHEAD_BYTES = 600  # memory of a message in addition to its data
 
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -44,7 +43,7 @@ _FOOTER_SIZE = _RECORD.size + 20
 _LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
 _PRIVATE = 0x80  # opcodes from here on belong to applications and are skipped
 
-# Raised by the parsers for bytes that are no such record.
+#: Raised by the parsers for bytes that are not a valid record.
 _BROKEN = McapError, RuntimeError, struct.error, ValueError, MemoryError, OverflowError
 
 
@@ -55,14 +54,14 @@ class Segment(NamedTuple):
     end_ns: int
     offset: int
     length: int
-    channels: frozenset[int] | None = None  # those in it, where known
+    channels: frozenset[int] | None = None  # with messages in it; None: not known
 
 
 class McapFile(BagFile):
-    """Read a file; a cut or damaged one as far as possible.
+    """Read a file; read a cut or damaged one as far as possible.
 
-    Raises BagError if it is absent, not MCAP or of another profile. Memory is constant in whole
-    files: one chunk and those that overlap it in time are held.
+    Raises BagError if it is absent, not MCAP or of another profile. Of an intact file only one
+    chunk, and the chunks that overlap it in time, are in memory.
     """
 
     where = " in the chunk at byte {}"
@@ -96,23 +95,23 @@ class McapFile(BagFile):
         )
 
     def rows(self, keys: Collection[int], start_ns: int) -> Iterator[Row]:
-        """Yield the messages of channels in order of log time, from one on."""
+        """Yield the messages of channels from ``start_ns`` on, in order of log time."""
         waiting: list[Row] = []
         with self._mapped() as data:
             for segment in sorted(self.segments, key=lambda part: (part.start_ns, part.offset)):
-                silent = segment.channels is not None and segment.channels.isdisjoint(keys)
-                if segment.end_ns < start_ns or silent:
+                unwanted = segment.channels is not None and segment.channels.isdisjoint(keys)
+                if segment.end_ns < start_ns or unwanted:
                     continue
                 ready = bisect_left(waiting, (segment.start_ns,))
                 yield from waiting[:ready]
                 del waiting[:ready]
-                size = sum(len(row[-1]) + _BESIDE_BYTES for row in waiting)
+                size = sum(len(row[-1]) + _OVERHEAD_BYTES for row in waiting)
                 place = segment.offset
                 raw = self._read(data, place, segment.length)
                 for number, (channel, log_ns, body) in enumerate(raw):
                     if channel not in keys or log_ns < start_ns:
                         continue
-                    size += len(body) + _BESIDE_BYTES
+                    size += len(body) + _OVERHEAD_BYTES
                     if size > _MOST_WAITING:
                         raise BagError(
                             f"{self.name}: more than {_MOST_WAITING >> 20} MiB of messages "
@@ -132,7 +131,7 @@ class McapFile(BagFile):
             )
         opcode, end = _record_at(data, len(MAGIC))
         body = data[len(MAGIC) + _RECORD.size : end] if opcode == Opcode.HEADER else b""
-        profile = ""  # also of a broken header
+        profile = ""  # also if the header is broken
         with suppress(*_BROKEN):
             profile = str(Header.read(ReadDataStream(BytesIO(body))).profile)
         if profile not in _PROFILES:
@@ -180,7 +179,7 @@ class McapFile(BagFile):
         at, length = chunk.chunk_start_offset, chunk.chunk_length
         if _record_at(data, at)[0] != Opcode.CHUNK:
             self.losses[at] = f"{length} bytes from byte {at} are not readable"
-        elif chunk.message_end_time >= LAST_NS:  # some have times that no stamp can hold
+        elif chunk.message_end_time >= LAST_NS:  # some messages' times do not fit a stamp
             self._add_segment(data, at, length)
         else:
             span = chunk.message_start_time, chunk.message_end_time
@@ -197,7 +196,7 @@ class McapFile(BagFile):
             if opcode == Opcode.DATA_END:
                 break
             if opcode == Opcode.CHUNK and end > len(data):
-                at = len(data)  # the last one, cut off: its beginning can be read
+                at = len(data)  # the last chunk is cut off: its beginning can be read
                 break
             if opcode is None or end > len(data):
                 self.losses[at] = f"{len(data) - at} bytes from byte {at} are not readable"
@@ -218,7 +217,7 @@ class McapFile(BagFile):
     def _read(self, data: mmap, offset: int, length: int) -> Iterator[tuple[int, int, bytes]]:
         """Yield channel, log time and data of the messages in a range of records."""
         part, at = data[offset : offset + length], 0
-        # Otherwise every page that was read counts as this process's memory until the end.
+        # Otherwise each page read counts as this process's memory until the file is closed.
         data.madvise(MADV_DONTNEED)
         while at < len(part):
             opcode, end = _record_at(part, at)
@@ -234,7 +233,7 @@ class McapFile(BagFile):
             at = end
 
     def _unpacked(self, body: bytes, offset: int, *, cut: bool) -> bytes:
-        """Return the records in a chunk; of one cut off those up to the cut, of a broken none."""
+        """Return a chunk's records: up to the cut if it is cut off, none if it is broken."""
         if cut:
             self.losses[offset] = f"the chunk at byte {offset} is cut off"
         try:
@@ -267,7 +266,7 @@ class McapFile(BagFile):
                     self.losses[offset] = f"messages at byte {offset} belong to no known topic"
             elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
                 stream = ReadDataStream(BytesIO(records[at : at + length]))
-                try:  # the first of a number holds
+                try:  # the first record of a number counts
                     if opcode == Opcode.SCHEMA:
                         schema = Schema.read(stream)
                         self._schemas.setdefault(schema.id, schema)

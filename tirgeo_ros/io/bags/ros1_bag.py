@@ -38,18 +38,18 @@ MAGIC = b"#ROSBAG V2.0\n"
 _DAMAGED = (*UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
 #: Raised by the types' generator for an invalid definition.
 _UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
-#: Records between chunks, which say nothing that the chunks do not.
-_BESIDE = (
+#: Types of records between chunks, which only repeat what the chunks say.
+_BETWEEN = (
     *(RecordType.BAGHEADER, RecordType.IDXDATA),
     *(RecordType.CHUNK_INFO, RecordType.CONNECTION),
 )
 
 
 class UnindexedReader(Reader):
-    """Read a bag up to the first record that is not whole; it may have no message.
+    """Read a bag without an index up to the first incomplete record; it may have no messages.
 
-    A chunk that was being written is read too, unless it is compressed. ``lost_bytes`` are left
-    at the end.
+    A last chunk that was still being written is read too, unless it is compressed. ``lost_bytes``
+    counts the bytes at the end that were not read.
     """
 
     lost_bytes = 0
@@ -58,42 +58,42 @@ class UnindexedReader(Reader):
         """Find the messages of the bag. Raises OSError."""
         self.bio = self.path.open("rb")
         self._size = os.fstat(self.bio.fileno()).st_size
-        self._found: dict[int, Connection] = {}
+        self._by_number: dict[int, Connection] = {}
         self._entries = defaultdict[int, list[IndexData]](list)
         self.bio.readline()
         self._read_to = self.bio.tell()
-        # The last two: a text is no UTF-8 or a chunk is damaged, a position is not in the file.
+        # ValueError: a text not in UTF-8 or a damaged chunk. OSError: a position beyond the file.
         with suppress(ReaderError, ValueError, OSError):
             while self._read_to < self._size:
                 self._take_record()
         self.lost_bytes = self._size - self._read_to
-        # What the base class would have of an index.
-        self.indexes = {key: sorted(self._entries[key]) for key in self._found}
+        # What the base class would read from an index.
+        self.indexes = {key: sorted(self._entries[key]) for key in self._by_number}
         counts = {key: len(entries) for key, entries in self.indexes.items()}
         self.connections = [
-            each._replace(msgcount=counts[key]) for key, each in self._found.items()
+            each._replace(msgcount=counts[key]) for key, each in self._by_number.items()
         ]
         times_ns = [entry.time for entries in self.indexes.values() for entry in entries]
         if times_ns:
             self.chunk_infos = [ChunkInfo(0, min(times_ns), max(times_ns) + 1, counts)]
 
     def _take_record(self) -> None:
-        """Take one record of the file. Raises ReaderError if it is not whole."""
+        """Take one record of the file. Raises ReaderError if it is incomplete."""
         assert self.bio is not None
         header = Header.read(self.bio)
         if header.get_uint8("op") == RecordType.CHUNK:
             self._take_chunk(self._read_to, header.get_string("compression"))
             return
-        if header.get_uint8("op") not in _BESIDE:
-            raise ReaderError("no record that stands between chunks")
+        if header.get_uint8("op") not in _BETWEEN:
+            raise ReaderError("not a record that may stand between chunks")
         end = read_uint32(self.bio) + self.bio.tell()
         if end > self._size:
             raise ReaderError("a record is cut off")
         self._read_to = self.bio.seek(end)
 
-    def _take_chunk(self, begun: int, compression: str) -> None:
+    def _take_chunk(self, chunk_at: int, compression: str) -> None:
         assert self.bio is not None
-        self.bio.seek(begun)
+        self.bio.seek(chunk_at)
         chunk = self.read_chunk()
         left = self._size - chunk.datapos
         if not 0 < chunk.datasize <= left:  # 0 while it was being written
@@ -101,36 +101,36 @@ class UnindexedReader(Reader):
                 raise ReaderError("a compressed chunk is cut off")
             chunk = chunk._replace(datasize=min(left, MOST_BYTES))
         self.bio.seek(chunk.datapos)
-        inside = unpacked(self.bio.read(chunk.datasize), compression)
-        self.chunks[begun] = chunk
+        records = unpacked(self.bio.read(chunk.datasize), compression)
+        self.chunks[chunk_at] = chunk
         try:
-            self._take_messages(begun, inside)
+            self._take_messages(chunk_at, records)
         except ReaderError:
             if compression == "none":
-                self._read_to = chunk.datapos + self._inside
+                self._read_to = chunk.datapos + self._offset
             raise
         self._read_to = chunk.datapos + chunk.datasize
 
-    def _take_messages(self, chunk_at: int, inside: bytes) -> None:
-        """Take the records of a chunk. Raises ReaderError at one that is not whole."""
-        source, self._inside = BytesIO(inside), 0
-        while self._inside < len(inside):
+    def _take_messages(self, chunk_at: int, records: bytes) -> None:
+        """Take the records of a chunk. Raises ReaderError at an incomplete one."""
+        source, self._offset = BytesIO(records), 0
+        while self._offset < len(records):
             header = Header.read(source)
             end = read_uint32(source) + source.tell()
-            if end > len(inside):
+            if end > len(records):
                 raise ReaderError("a record is cut off")
             key = header.get_uint32("conn")
             if header.get_uint8("op") == RecordType.MSGDATA:
-                entry = IndexData(header.get_time("time"), chunk_at, self._inside)
+                entry = IndexData(header.get_time("time"), chunk_at, self._offset)
                 self._entries[key].append(entry)
-            elif key not in self._found:
+            elif key not in self._by_number:
                 # The base class reads a connection's record from its file.
-                file, self.bio = self.bio, BytesIO(inside[self._inside : end])
+                file, self.bio = self.bio, BytesIO(records[self._offset : end])
                 try:
-                    self._found[key] = self.read_connection()
+                    self._by_number[key] = self.read_connection()
                 finally:
                     self.bio = file
-            self._inside = source.seek(end)
+            self._offset = source.seek(end)
 
 
 class Ros1Message(NamedTuple):
@@ -146,9 +146,9 @@ class Ros1Message(NamedTuple):
 class Ros1Bag:
     """Read a bag.
 
-    One without an index (it was cut off or never closed) is read up to the cut, and ``damage``
-    describes what is lost, else None. Raises BagError if the file is absent, otherwise damaged,
-    not a ROS 1 bag of version 2.0, encrypted, or without messages.
+    A bag without an index (it was cut off or never closed) is read up to the cut; ``damage`` then
+    describes what is lost. Raises BagError if the file is absent, damaged in another way, not a
+    ROS 1 bag of version 2.0, encrypted, or without messages.
     """
 
     def __init__(self, path: PathLike) -> None:
@@ -179,12 +179,12 @@ class Ros1Bag:
             raise BagError(f"{self.path}: cannot be read: {error.strerror}") from None
         except _DAMAGED as error:
             raise BagError(
-                f"{self.path}: cannot be read: {error or type(error).__name__}; rosbag fix or "
-                "reindex of ROS 1 may mend it"
+                f"{self.path}: cannot be read: {error or type(error).__name__}; try rosbag fix or "
+                "rosbag reindex of ROS 1"
             ) from None
 
     def _reader(self) -> Reader:
-        """Return a reader that is open: by the index, or by the chunks where that is absent."""
+        """Return an open reader: it uses the index, or the chunks if there is no index."""
         reader = Reader(self.path)
         try:
             reader.open()
@@ -195,8 +195,8 @@ class Ros1Bag:
                 reader.close()
                 raise
             self._losses["index"] = (
-                f"no usable index: it was not closed, or cut off; {reader.message_count} messages "
-                f"were found, {reader.lost_bytes} bytes at the end are not readable"
+                f"no usable index: the file was cut off or not closed; {reader.message_count} "
+                f"messages were found, {reader.lost_bytes} bytes at the end are not readable"
             )
         return reader
 
@@ -206,17 +206,17 @@ class Ros1Bag:
         return "; ".join(self._losses.values()) or None
 
     def topics(self) -> dict[str, str]:
-        """Return every topic with the name of its type, or of all its types, with commas."""
+        """Return every topic with the name of its type, or of its types, with commas."""
         by_topic: dict[str, set[str]] = {}
         for connection in self._connections:
             by_topic.setdefault(connection.topic, set()).add(connection.msgtype)
         return {topic: ", ".join(sorted(types)) for topic, types in sorted(by_topic.items())}
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
-        """Return the messages of these topics in order of the times when they were recorded."""
+        """Return the messages of these topics in the order in which they were recorded."""
         with self._opened() as reader:
             chosen = [c for c in reader.connections if topics is None or c.topic in topics]
-            if not chosen:  # which would be all of them to the reader
+            if not chosen:  # the reader takes an empty list as all connections
                 return
             late = 0
             for connection, record_ns, data in reader.messages(chosen):
@@ -239,10 +239,10 @@ class Ros1Bag:
         if key not in self._stores:
             self._stores[key] = None
             with suppress(*_UNDEFINED):
-                made = get_typestore(Stores.EMPTY)
-                made.register(get_types_from_msg(message.definition, message.typename))
-                made.get_msgdef(message.typename)
-                self._stores[key] = made
+                types = get_typestore(Stores.EMPTY)
+                types.register(get_types_from_msg(message.definition, message.typename))
+                types.get_msgdef(message.typename)
+                self._stores[key] = types
         store = self._stores[key]
         if store is None:
             raise MessageError(f"{message.topic}: the bag does not define {message.typename}")
@@ -254,12 +254,12 @@ class Ros1Bag:
             ) from None
 
 
-#: The bag of either ROS; ``cdr`` makes a message of ROS 2 of what it holds.
+#: A bag of ROS 2 or ROS 1; its ``cdr`` returns a message as CDR of ROS 2.
 AnyBag: TypeAlias = BagReader | Ros1Bag
 
 
 def any_bag(path: Path) -> AnyBag:
-    """Open a bag, of ROS 1 if the file begins so. Raises BagError if it cannot be read."""
+    """Open a bag of ROS 1 or ROS 2, by the file's first bytes. Raises BagError if unreadable."""
     if path.is_file() and first_bytes(path, len(MAGIC), BagError) == MAGIC:
         return Ros1Bag(path)
     return BagReader(path)

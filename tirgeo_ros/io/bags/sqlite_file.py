@@ -17,7 +17,7 @@ MAGIC = b"SQLite format 3\0"
 _TABLES = """
 SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')
 """
-#: Of numbers, before which NULL and behind which text is sorted.
+#: First and last time, of numbers alone: SQLite sorts NULL before them and text after them.
 _SPAN = """
 SELECT (SELECT min(timestamp) FROM messages WHERE timestamp >= 0),
     (SELECT max(timestamp) FROM messages WHERE timestamp < ?)
@@ -26,19 +26,19 @@ _NAMES = "SELECT name FROM sqlite_master WHERE type = 'table'"
 _DEFINITIONS = """
 SELECT topic_type, encoding, encoded_message_definition AS text FROM message_definitions
 """
-#: Ends as soon as every topic was met.
-_SPOKEN = """
+#: The topics that have messages; the search ends as soon as every topic was met.
+_USED_TOPICS = """
 SELECT DISTINCT topic_id FROM messages WHERE topic_id IN (SELECT id FROM topics)
 LIMIT (SELECT count(*) FROM topics)
 """
-#: Messages in the table and by their times, which have an index; and those of no topic.
+#: Numbers of messages: in the table, in the index of their times, and without a topic.
 _COUNTS = """
 SELECT (SELECT count(*) FROM messages NOT INDEXED),
     (SELECT count(*) FROM messages WHERE timestamp >= 0),
     (SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics))
 """
-#: The messages' keys are sorted alone (by the index of the times, where there is one), so that
-#: the data never wait in memory; LIMIT and LEFT keep SQLite from joining first.
+#: Only the messages' keys are sorted (by the index of the times, where there is one), so that the
+#: data do not fill the memory; LIMIT and LEFT keep SQLite from joining first.
 _IN_ORDER = """
 SELECT m.topic_id, m.timestamp, m.data
 FROM (SELECT id FROM messages WHERE timestamp >= ? ORDER BY timestamp, id LIMIT -1) AS sorted
@@ -48,10 +48,10 @@ WHERE m.topic_id IN ({}) OR m.id IS NULL
 
 
 class SqliteFile(BagFile):
-    """Read a database, which is never written to.
+    """Read a database, and never write to it.
 
-    It needs no definitions of the types: the contract's are known. Raises BagError if it is no
-    rosbag2, cut off or damaged.
+    It needs no definitions of types: those of the contract are known here. Raises BagError if it
+    is not of rosbag2, cut off or damaged.
     """
 
     def __init__(self, path: Path, name: Path) -> None:
@@ -61,12 +61,14 @@ class SqliteFile(BagFile):
                 if base.execute(_TABLES).fetchone() != (2,):
                     raise BagError(f"{name}: a SQLite database, but not of rosbag2")
                 first_ns, last_ns = base.execute(_SPAN, (LAST_NS,)).fetchone()
-                none = None in (first_ns, last_ns)
-                self.span_ns = None if none else (int(first_ns), int(last_ns))
+                empty = None in (first_ns, last_ns)
+                self.span_ns = None if empty else (int(first_ns), int(last_ns))
                 self.connections = self._connections(base)
-                there, timed, strays = base.execute(_COUNTS).fetchone()
-                if there != timed:
-                    self.losses[2] = f"of {there} messages {timed} are in the order of time"
+                total, indexed, strays = base.execute(_COUNTS).fetchone()
+                if total != indexed:
+                    self.losses[2] = (
+                        f"only {indexed} of {total} messages are in the index of times"
+                    )
                 if strays:
                     self.losses[3] = f"{strays} messages belong to no known topic"
         except (sqlite3.Error, ValueError) as error:
@@ -82,9 +84,9 @@ class SqliteFile(BagFile):
 
     def _connections(self, base: sqlite3.Connection) -> dict[int, Connection]:
         """Return the topics that have messages."""
-        spoken = {key for (key,) in base.execute(_SPOKEN)}
+        used = {key for (key,) in base.execute(_USED_TOPICS)}
         base.row_factory = sqlite3.Row
-        rows = [dict(row) for row in base.execute("SELECT * FROM topics") if row["id"] in spoken]
+        rows = [dict(row) for row in base.execute("SELECT * FROM topics") if row["id"] in used]
         types = self._definitions(base)
         base.row_factory = None
         return {
@@ -93,7 +95,7 @@ class SqliteFile(BagFile):
         }
 
     def _definitions(self, base: sqlite3.Connection) -> dict[str, sqlite3.Row]:
-        """Return the definitions of types, which older recorders did not know."""
+        """Return the definitions of types; older recorders wrote none."""
         try:
             tables = [str(row["name"]) for row in base.execute(_NAMES)]
             rows = base.execute(_DEFINITIONS) if "message_definitions" in tables else ()
@@ -121,7 +123,7 @@ class SqliteFile(BagFile):
     @contextmanager
     def _opened(self) -> Iterator[sqlite3.Connection]:
         """Yield a connection that writes nothing, not even beside the file."""
-        # SQLite may mend a copy; without immutable it would write beside what it only reads.
+        # SQLite may repair a copy. Unless the original is immutable, it writes files beside it.
         how = "mode=ro&immutable=1" if self.path == self.name else "mode=rw"
         address = f"{self.path.resolve().as_uri()}?{how}"
         with closing(sqlite3.connect(address, uri=True, check_same_thread=False)) as connection:
@@ -130,7 +132,7 @@ class SqliteFile(BagFile):
 
 
 def _form(topic: dict[str, Any], definition: sqlite3.Row | None) -> TopicForm:
-    """Return the form of a row of ``topics``; which columns there are depends on the recorder."""
+    """Return the form of a row of ``topics``, whose columns depend on the recorder's version."""
     columns = {
         "offered_qos_profiles": topic.get("offered_qos_profiles"),
         "topic_type_hash": topic.get("type_description_hash"),

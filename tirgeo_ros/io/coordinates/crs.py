@@ -1,4 +1,4 @@
-"""Transform points between coordinate reference systems, and write places as people do."""
+"""Transform points between coordinate reference systems, and write positions as text."""
 
 from __future__ import annotations
 
@@ -23,17 +23,20 @@ _REMEDY = (
 #: Remark for positions whose datum is not stated.
 ASSUMED = "taken as WGS84: within 2 m for a modern datum, 100 m off or more for an old one"
 _WGS84_AXIS_M = 6378137.0
-#: A datum shift that is less exact than this is reported. EPSG gives 1 m to most datums of
-#: tectonic plates (ETRS89 and the like), in which RTK services work too, and 2 or 3 m to some
+#: A datum shift that is less exact than this is reported. EPSG states 1 m for most datums of
+#: tectonic plates (ETRS89 and the like), in which RTK services work too, and 2 or 3 m for some
 #: (NAD83(2011), GDA2020).
 _EXACT_M = 1.0
 _PLATE_M = 3.0
 _ROUNDING_DEG = 1e-9  # a tenth of a millimetre
 _NO_DATUM = re.compile(r"unknown|not.?specified|undefined|unnamed|\bnone\b", re.IGNORECASE)
+_HUNDREDTHS = 360_000  # of a second of arc, in a degree
+#: The library mgrs keeps a zone's numbers in C globals and releases Python's lock.
+_MGRS_LOCK = threading.Lock()
 
 
 def checked_system(name: str, where: str) -> pyproj.CRS:
-    """Return the system of a code, a WKT or a PROJ text.
+    """Return the system that a code, a WKT or a PROJ text names.
 
     Raises MapError if it is unknown, or is not on the Earth's surface.
     """
@@ -65,8 +68,8 @@ def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ..
     """Convert points (N, 3) x, y, z to longitude, latitude (deg), ellipsoidal height (m).
 
     Returns the points (N, 3) and remarks. x comes before y whatever the system's own order.
-    Heights of a compound system have another zero, so they become nan. Heights of a plain system
-    are ellipsoidal and stay as they are.
+    Heights of a compound system are above another datum, so they become nan. Heights of a plain
+    system are ellipsoidal and stay as they are.
 
     Raises MapError for an unknown system, and for one whose datum PROJ cannot transform to WGS84.
     """
@@ -94,18 +97,18 @@ def _shift_remarks(
 ) -> tuple[str, ...]:
     """Return remarks on the datum shift that PROJ used for the last point transformed.
 
-    Where none is known, a datum as large as WGS84's is taken for it. Raises MapError for another
-    one, which is hundreds of metres off.
+    If PROJ knows no shift, a datum with an ellipsoid as large as WGS84's is taken as WGS84. Raises
+    MapError for any other datum, which may be hundreds of metres off.
     """
     try:
         step = transformer.get_last_used_operation()
-    except ProjError:  # there is only one operation, which changes no number
+    except ProjError:  # there is only one operation, and it changes nothing
         step = transformer
     if "Ballpark" not in step.description:
         exact = step.accuracy <= (_PLATE_M if _of_a_plate(system) else _EXACT_M)
         remark = f"{where}: from {system.name} to WGS84 is known only to {step.accuracy:g} m"
         return () if exact else (remark,)
-    if not _as_large(system):
+    if not _has_wgs84_size(system):
         raise MapError(
             f"{where}: the transformation from the datum of {system.name} to WGS84 is not known; "
             f"give its EPSG code or +towgs84 under crs in the style sheet"
@@ -121,23 +124,23 @@ def _shift_remarks(
 def _of_a_plate(system: pyproj.CRS) -> bool:
     """Return whether the datum has a name and WGS84's size: such datums agree with WGS84."""
     datum = system.datum
-    if datum is None or _NO_DATUM.search(datum.name) or not _as_large(system):
+    if datum is None or _NO_DATUM.search(datum.name) or not _has_wgs84_size(system):
         return False
-    try:  # a code tells, or a name or alias that PROJ knows
+    try:  # by a code, or by a name or an alias that PROJ knows
         return "id" in datum.to_json_dict() or bool(Datum.from_name(datum.name))
     except CRSError:
         return False
 
 
-def _as_large(system: pyproj.CRS) -> bool:
+def _has_wgs84_size(system: pyproj.CRS) -> bool:
     ellipsoid = system.ellipsoid
     return ellipsoid is not None and abs(ellipsoid.semi_major_metre - _WGS84_AXIS_M) < 1.0
 
 
 def in_range(points: Array) -> BoolArray:
     """Return for each point (N, 3) whether it is a longitude and a latitude in degrees."""
-    right: BoolArray = (np.abs(points[:, 0]) <= 360) & (np.abs(points[:, 1]) <= 90)
-    return right
+    valid: BoolArray = (np.abs(points[:, 0]) <= 360) & (np.abs(points[:, 1]) <= 90)
+    return valid
 
 
 def range_fault(x: float, y: float, *, all_are: bool) -> str:
@@ -158,8 +161,8 @@ def once_around(longitudes: Array) -> Array:
 class Plane:
     """Convert between degrees and a plane in metres for pictures: UTM, or any projected system.
 
-    Without a name the system is the UTM zone of some points (n, 2), longitude and latitude in
-    degrees. Raises MapError for a name that is unknown or no projected system in metres.
+    Without a name the system is the UTM zone of the points ``degrees`` (n, 2), longitude and
+    latitude. Raises MapError for a name that is unknown or not a projected system in metres.
     """
 
     def __init__(self, name: str | None, degrees: Array) -> None:
@@ -174,7 +177,7 @@ class Plane:
             raise MapError(
                 f"--crs {name}: {system.name} is not a projected system in metres; give one"
             )
-        self._way = pyproj.Transformer.from_crs("EPSG:4326", system, always_xy=True)
+        self._transformer = pyproj.Transformer.from_crs("EPSG:4326", system, always_xy=True)
 
     @property
     def name(self) -> str:
@@ -185,21 +188,16 @@ class Plane:
 
     def metres(self, degrees: Array) -> Array:
         """Return x, y (n, 2) in metres of longitudes and latitudes (n, 2) in degrees."""
-        return np.stack(self._way.transform(*degrees.T), axis=1)
+        return np.stack(self._transformer.transform(*degrees.T), axis=1)
 
     def degrees(self, metres: Array) -> Array:
         """Return longitudes and latitudes (n, 2) in degrees of x, y (n, 2) in metres."""
         x, y = metres.T
-        return np.stack(self._way.transform(x, y, direction="INVERSE"), axis=1)
-
-
-_HUNDREDTHS = 360_000  # of a second of arc, in a degree
-#: The library keeps the zone's numbers in globals of C, and runs without Python's lock.
-_ONE_AT_A_TIME = threading.Lock()
+        return np.stack(self._transformer.transform(x, y, direction="INVERSE"), axis=1)
 
 
 class Written(NamedTuple):
-    """Hold a place in each way of writing; texts to read out, copy and paste."""
+    """Hold a place as text in each notation, to read out, copy and paste."""
 
     decimal: str  # "48.208174, 16.373819": latitude, longitude, to 0.1 m
     dms: str  # 48°12'29.43"N 16°22'25.75"E: to 0.3 m
@@ -210,16 +208,15 @@ class Written(NamedTuple):
 def written(latitude_deg: float, longitude_deg: float) -> Written:
     """Return a place on WGS84, latitude -90 to 90 and longitude -180 to 180, as texts."""
     utm = ""
-    with _ONE_AT_A_TIME:
+    with _MGRS_LOCK:
         square = str(mgrs.MGRS().toMGRS(latitude_deg, longitude_deg))
-        at = 1  # near a pole there is no number of a zone
+        at = 1  # near a pole the square has no zone number
         if square[0].isdigit():
-            # In the zone of the square, which in Norway is not always the nearest.
+            # In the zone of the square; in Norway it is not always the nearest zone.
             square, at = square.zfill(15), 3
-            way = _to_utm(int(square[:2]), north=square[2] >= "N")
-            utm = "{} {:.1f} {:.1f}".format(
-                square[:3], *way.transform(longitude_deg, latitude_deg)
-            )
+            to_utm = _to_utm(int(square[:2]), north=square[2] >= "N")
+            easting, northing = to_utm.transform(longitude_deg, latitude_deg)
+            utm = f"{square[:3]} {easting:.1f} {northing:.1f}"
     return Written(
         f"{latitude_deg:.6f}, {longitude_deg:.6f}",
         f"{_dms(latitude_deg, 'NS')} {_dms(longitude_deg, 'EW')}",

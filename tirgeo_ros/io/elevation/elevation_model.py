@@ -61,14 +61,14 @@ class _Tile(NamedTuple):
 def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = False) -> Terrain:
     """Load the whole elevation model of a raster file, in any coordinate system.
 
-    ``dem`` is a file, or several with commas: tiles of one grid, of which the first that has a
-    height at a node is used there. ``undulation_m`` is the height of the files' zero above the
-    ellipsoid; it is added. No data and masked pixels become nan. A file's heights are those of its
-    pixel centres, whether it calls them areas or points. ``notes`` of the result contains what a
-    person should know: more than one band, heights in feet, a vertical datum that is not an
-    ellipsoid's. ``network``: places on the network that a file names may be fetched.
+    ``dem`` is a file, or several with commas: tiles of one grid; where they overlap, the first
+    with a height is used. ``undulation_m`` is the height of the files' zero above the ellipsoid;
+    it is added. No data and masked pixels become nan. A file's heights are those of its pixel
+    centres, whether it calls its pixels areas or points. ``notes`` of the result tells a person of
+    several bands, heights in feet, a vertical datum that is not an ellipsoid's. ``network``:
+    places on the network that a file names may be fetched.
 
-    Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
+    Raises ElevationError, naming the file, if rasterio is not installed, or if the file cannot be
     read, has no coordinate system of the Earth, or is too large.
     """
     path_of(dem, ElevationError)
@@ -83,9 +83,9 @@ def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = Fa
 
 
 def ground_of(config: OverlayConfig) -> Ground | None:
-    """Return the ground under the map by the parameters; None if neither of them is set.
+    """Return the ground by ``ground_height_m``, else by ``dem``; None if neither is set.
 
-    ``ground_height_m`` takes precedence over ``dem``. Raises ElevationError as ``load_terrain``.
+    Raises ElevationError as ``load_terrain``.
     """
     if math.isfinite(config.ground_height_m):
         return config.ground_height_m
@@ -135,7 +135,7 @@ def _readable(rasterio: Any, path: str) -> Iterator[None]:
 
 
 def _tile(path: str, source: Any, undulation_m: float) -> _Tile:
-    """Return an open file as a tile. Raises ElevationError if it has no place or no heights."""
+    """Return an open file as a tile. Raises ElevationError without position or heights."""
     remedy = "give it one (gdal_edit -a_srs)"
     if source.crs is None or source.transform.is_identity:
         raise ElevationError(f"{path}: no coordinate system; {remedy}")
@@ -152,7 +152,7 @@ def _tile(path: str, source: Any, undulation_m: float) -> _Tile:
     unit = (source.units[0] or "").strip()
     unit_m = _UNITS_M.get(unit.lower())
     if unit_m is None:
-        notes.append(f"heights in {unit!r}, which is not known; they are taken as metres")
+        notes.append(f"heights in the unknown unit {unit!r}; they are taken as metres")
         unit_m = 1.0
     elif unit_m != 1.0:
         notes.append(f"heights in {unit}; they are converted to metres")
@@ -167,8 +167,8 @@ def _tile(path: str, source: Any, undulation_m: float) -> _Tile:
 def _read_grid(rasterio: Any, tiles: Sequence[_Tile]) -> tuple[npt.NDArray[np.floating], Any]:
     """Return heights (rows, columns) of tiles on one grid, nan where absent, and its transform.
 
-    Where tiles overlap, the first that has a height is used. Raises ElevationError, naming the
-    tile, for one of another system or another grid than the first one's, and for a grid too large.
+    Where tiles overlap, the first with a height is used. Raises ElevationError, naming the tile,
+    if its coordinate system or grid is not that of the first, or if the grid is too large.
     """
     corners = np.array([_corner(tile, tiles[0]) for tile in tiles])
     left, top = corners.min(axis=0).tolist()
@@ -188,7 +188,7 @@ def _read_grid(rasterio: Any, tiles: Sequence[_Tile]) -> tuple[npt.NDArray[np.fl
 
 
 def _corner(tile: _Tile, first: _Tile) -> tuple[int, int]:
-    """Return column and row of a tile's first pixel on the first one's grid."""
+    """Return column and row of a tile's first pixel on the first tile's grid."""
     source = tile.source
     if source.crs != first.source.crs:
         raise ElevationError(
@@ -225,8 +225,8 @@ def _paste(tile: _Tile, heights: npt.NDArray[np.floating]) -> None:
 def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> GridOf:
     """Return the function from latitude and longitude (rad) to the file's column and row.
 
-    They count from the centre of the first pixel. rasterio's transform is that of pixel corners,
-    for files of points too.
+    They count from the centre of the first pixel. rasterio's transform is for pixel corners, even
+    in files of points.
     """
     flat = pyproj.Transformer.from_crs("EPSG:4326", system.to_2d(), always_xy=True)
     a, b, c, d, e, f = (float(x) for x in tuple(~transform)[:6])

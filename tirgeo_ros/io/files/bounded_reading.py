@@ -1,9 +1,9 @@
-"""Bound what a file from outside may take: memory, time, and no network whatever it asks for.
+"""Limit the memory, the time and the network that a file from outside may use.
 
-GDAL follows what a file names: ``/vsicurl/`` in a VRT, the service in a description of a WMS or
-WFS, and a dozen more, which no single option turns off. So it works in a thread for which the
-kernel opens no socket (seccomp, Linux); where that is impossible, GDAL is not used. PROJ is told
-not to fetch its grids.
+GDAL opens what a file names: ``/vsicurl/`` in a VRT, the service in a description of a WMS or WFS,
+and a dozen more; no single option turns this off. So GDAL runs in a thread to which the kernel
+gives no socket (seccomp, Linux); where that is impossible, GDAL is not used. PROJ is told not to
+fetch its grids.
 """
 
 from __future__ import annotations
@@ -30,13 +30,25 @@ MOST_BYTES = 720 << 20
 #: Seconds of computing: GDAL reads the largest map that is drawn in one or two.
 MOST_S = 7
 
+T = TypeVar("T")
+
+#: Signs of a place on the network, in a path or in a message of GDAL.
+_ELSEWHERE = re.compile(r"://|/vsi|curl|resolve host|\.vrt\b", re.IGNORECASE)
+HINT = " (over the network only with the parameter network: true)"
+
+_SET_NO_NEW_PRIVS, _SET_SECCOMP, _FILTER = 38, 22, 2  # of prctl (linux/prctl.h)
+#: Machine to its number in a filter (linux/audit.h) and the numbers of socket and io_uring_setup.
+_MACHINES = {"x86_64": (0xC000003E, 41, 425), "aarch64": (0xC00000B7, 198, 425)}
+_LOAD, _JUMP_IF, _RETURN = 0x20, 0x15, 0x06  # instructions of a filter (linux/bpf_common.h)
+_ALLOW, _REFUSE = 0x7FFF0000, 0x00050000 | errno.EACCES
+
 
 @contextmanager
 def bounded_memory(most_bytes: int = MOST_BYTES) -> Iterator[None]:
     """Limit the process's additional memory; an allocation beyond it gets a MemoryError.
 
-    The kernel (Linux) enforces the limit, so it holds in libraries too, and while it is open for
-    every thread.
+    The kernel (Linux) enforces the limit: it applies to libraries and to all threads, until the
+    context ends.
     """
     used = _used_bytes()
     with _limit(resource.RLIMIT_DATA, used + most_bytes) if used else nullcontext():
@@ -53,7 +65,7 @@ def bounded_time(most_s: int = MOST_S) -> Iterator[None]:
 
 @contextmanager
 def _limit(kind: int, most: int) -> Iterator[None]:
-    """Lower a limit of the process meanwhile; what it has already stays if that is less."""
+    """Lower a limit of the process until the context ends; a limit that is lower already stays."""
     before, hard = resource.getrlimit(kind)
     resource.setrlimit(kind, (min([most, *(each for each in (before, hard) if each >= 0)]), hard))
     try:
@@ -71,26 +83,13 @@ def _used_bytes() -> int:
     return 0
 
 
-T = TypeVar("T")
-
-#: Marks of a place that is not on this machine, in a path or in a message of GDAL's.
-_ELSEWHERE = re.compile(r"://|/vsi|curl|resolve host|\.vrt\b", re.IGNORECASE)
-HINT = " (over the network only with the parameter network: true)"
-
-_SET_NO_NEW_PRIVS, _SET_SECCOMP, _FILTER = 38, 22, 2  # of prctl (linux/prctl.h)
-#: Machine to its number in a filter (linux/audit.h) and the numbers of socket and io_uring_setup.
-_MACHINES = {"x86_64": (0xC000003E, 41, 425), "aarch64": (0xC00000B7, 198, 425)}
-_LOAD, _JUMP_IF, _RETURN = 0x20, 0x15, 0x06  # instructions of a filter (linux/bpf_common.h)
-_ALLOW, _REFUSE = 0x7FFF0000, 0x00050000 | errno.EACCES
-
-
 def read_map(work: Callable[[], T], *, network: bool) -> T:
     """Return what ``work`` returns, or raise what it raises.
 
     Without ``network`` it runs in a thread that has no network. Raises ConfigError where a thread
     cannot be cut off from it.
     """
-    from pyproj import network as proj  # noqa: PLC0415  what only bounds its memory needs none
+    from pyproj import network as proj  # noqa: PLC0415  not needed to limit memory alone
 
     proj.set_network_enabled(active=network)  # type: ignore[attr-defined]
     if network:
@@ -118,7 +117,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
 
 
 def imported_rasterio(need: str, error: type[TirgeoError]) -> Any:
-    """Return the module; raise ``error``, which begins with ``need``, where it is absent."""
+    """Return the module; if it is missing, raise ``error`` whose text begins with ``need``."""
     try:
         return importlib.import_module("rasterio")
     except ImportError:
@@ -148,7 +147,7 @@ def _close_network() -> str:
 
 
 def _program(machine: int, *calls: int) -> bytes:
-    """Return the filter: refuse those of this machine's calls that begin a connection."""
+    """Return the filter: it refuses these calls, which begin a connection on this machine."""
     steps = [
         (_LOAD, 0, 0, 4),  # seccomp_data.arch
         (_JUMP_IF, 0, len(calls) + 1, machine),

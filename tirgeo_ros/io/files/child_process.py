@@ -1,10 +1,10 @@
 """Run child processes of this Python, and exchange objects with them through pipes.
 
-child = ChildProcess("from somewhere import main; main()")     # here
+child = ChildProcess("from somewhere import main; main()")     # in the parent
 child.send(task)
 answer = child.receive()
 
-with parent_pipes() as (tasks, answers):                       # there, in ``main``
+with parent_pipes() as (tasks, answers):                       # in the child's ``main``
     task = pickle.load(tasks)
 
 A child finds this process's modules, and no others: ``python -c`` and ``python -m`` put the
@@ -38,7 +38,10 @@ import signal
 from tirgeo_ros.io.files.child_process import end_with
 end_with({}, signal.SIGTERM)
 """
-_parents: set[int] = set()  # with which this process ends: none or one
+_SAID_BYTES = 4000  # of a child's last output on stderr: the length of a traceback
+#: What a pipe holds before its writer has to wait: a picture or two. Linux allows every user this.
+_PIPE_BYTES = 1 << 20
+_parents: set[int] = set()  # the process with which this one ends, if any
 
 
 def python_command(code: str, *arguments: str) -> list[str]:
@@ -52,8 +55,8 @@ def node_command(
 ) -> list[str]:
     """Return the command that runs a package's node with arguments of ROS.
 
-    With ``ends_with``, the number of the process that will start it, the node gets SIGTERM when
-    that process ends, for whatever reason, or the thread of it that started the node.
+    ``ends_with`` is the number of the process that will start the node: the node gets SIGTERM when
+    that process, or its thread that started the node, ends for whatever reason.
     """
     first = _ENDS_WITH.format(ends_with) if ends_with else ""
     return python_command(first + _NODE.format(name, package), "--ros-args", *arguments)
@@ -69,12 +72,12 @@ def end_with(parent: int, number: signal.Signals) -> None:
 
 
 def parent_ended() -> bool:
-    """Return whether this process ends with its parent (``end_with``), and that has ended."""
+    """Return whether this process should end because its parent has ended (``end_with``)."""
     return any(parent != os.getppid() or _exits(parent) for parent in _parents)
 
 
 def _exits(pid: int) -> bool:
-    """Return whether a process is on its way out, as one of many threads is for a moment."""
+    """Return whether a process is ending or gone; one with many threads takes a moment to end."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -93,18 +96,12 @@ def _path() -> list[str]:
 def stop_signals() -> tuple[signal.Signals, ...]:
     """Return SIGINT, SIGTERM and SIGHUP (the terminal was closed).
 
-    SIGHUP is left out if it is ignored: that is how nohup keeps a program running. An ignored
-    SIGINT is included all the same, since a shell sets it for everything that it starts in the
-    background.
+    SIGHUP is left out if it is ignored: that is how nohup keeps a program running. SIGINT is
+    included even if it is ignored, as it is in everything that a shell starts in the background.
     """
     always = (signal.SIGINT, signal.SIGTERM)
     kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     return always if kept else (*always, signal.SIGHUP)
-
-
-_SAID_BYTES = 4000  # of a child's last output; a traceback has as many
-#: What a pipe holds before its writer has to wait: a picture or two. Linux allows anybody as much.
-_PIPE_BYTES = 1 << 20
 
 
 class ChildEndedError(Exception):
@@ -117,7 +114,7 @@ class ChildEndedError(Exception):
 
     @property
     def last(self) -> str:
-        """Return the last line of its stderr, after a colon; an empty text without one."""
+        """Return the last line on stderr, after a colon; an empty text if there is none."""
         return f": {self.said.splitlines()[-1]}" if self.said else ""
 
 
@@ -137,19 +134,19 @@ class ChildProcess:
         assert self._process.stdout is not None
         self._to, self._from = self._process.stdin, self._process.stdout
         for pipe in (self._to, self._from):
-            with suppress(AttributeError, OSError):  # not Linux, or too many large ones already
+            with suppress(AttributeError, OSError):  # not Linux, or too many large pipes already
                 fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
     def send(self, thing: object) -> None:
-        """Send an object. Raises ChildEndedError; then, and on any other error, it is closed."""
+        """Send an object. Raises ChildEndedError; on this or another error the child is closed."""
         with self._open():
             pickle.dump(thing, self._to, protocol=pickle.HIGHEST_PROTOCOL)
             self._to.flush()
 
     def receive(self) -> Any:
-        """Return the next object that it sends. Raises as ``send``."""
+        """Return the next object that the child sends. Raises as ``send``."""
         with self._open():
-            # From the pipe: the interpreter is free while it waits for each part.
+            # Loaded from the pipe: the interpreter is free while it waits for each part.
             return pickle.load(self._from)  # noqa: S301  from our own child
 
     @contextmanager
@@ -157,7 +154,7 @@ class ChildProcess:
         try:
             yield
         except (EOFError, OSError, pickle.UnpicklingError):
-            code = self._process.wait()  # its end of the pipe is closed, so it has ended
+            code = self._process.wait()  # the child closed its end of the pipe, so it has ended
             self.close()
             raise ChildEndedError(code, self.said) from None
         except BaseException:
@@ -165,7 +162,7 @@ class ChildProcess:
             raise
 
     def answers_within(self, time_s: float) -> bool:
-        """Return whether it answers, or ends, within a time; of several answers ask again."""
+        """Return whether the child answers, or ends, within a time; ask anew for each answer."""
         return bool(select.select([self._from], [], [], time_s)[0])
 
     @property
@@ -174,29 +171,29 @@ class ChildProcess:
         return self._process.pid
 
     def end(self, patience_s: float) -> None:
-        """Tell it to end (SIGTERM), and close it once it has, or has not within this time."""
+        """Tell the child to end (SIGTERM), wait up to this time for it, and close it."""
         self._process.terminate()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(patience_s)
         self.close()
 
     def kill(self) -> None:
-        """End it; who waits for an answer gets a ChildEndedError."""
+        """Kill the child; a ``receive`` that waits for an answer raises ChildEndedError."""
         self._process.kill()
 
     def close(self) -> None:
-        """End it, and free what it held; once more does nothing."""
+        """Kill the child and close its pipes; a second call does nothing."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._to, self._from):
-            with suppress(OSError):  # for what it never took
+            with suppress(OSError):  # of bytes that the child never read
                 pipe.close()
         if self._stderr.closed:
             return
         with self._stderr as file:
             file.seek(max(file.seek(0, os.SEEK_END) - _SAID_BYTES, 0))
             lines = file.read().decode(errors="replace").strip().splitlines()
-        # Without characters that a terminal would obey.
+        # Without control characters, which a terminal would obey.
         self.said = "\n".join("".join(x if x.isprintable() else "?" for x in y) for y in lines)
 
 
@@ -204,10 +201,10 @@ class ChildProcess:
 def parent_pipes(
     number: signal.Signals = signal.SIGKILL,
 ) -> Iterator[tuple[IO[bytes], IO[bytes]]]:
-    """Yield, in a child, the pipe from its parent and the one to it, up to the parent's end.
+    """Yield, in a child, the pipe from its parent and the pipe to it, until the parent ends.
 
-    Then it gets the signal ``number``. What else reads stdin or prints gets neither of them.
-    Ctrl-C is the parent's, who ends this.
+    Then the child gets the signal ``number``. Other code that reads stdin or prints does not reach
+    the pipes. Ctrl-C is left to the parent, which ends the child.
     """
     end_with(int(sys.argv[1]), number)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,7 +1,4 @@
-"""Write layers to a GeoPackage (OGC 12-128r18, version 1.3), in WGS84 (EPSG:4326).
-
-SQLite alone does it.
-"""
+"""Write layers to a GeoPackage (OGC 12-128r18, version 1.3), in WGS84 (EPSG:4326), by SQLite."""
 
 from __future__ import annotations
 
@@ -68,7 +65,7 @@ class Layer(NamedTuple):
 
 
 def make_file(db: sqlite3.Connection) -> None:
-    """Make the tables of an empty file that describe its layers."""
+    """Make, in an empty file, the tables that will describe its layers."""
     db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
     db.execute(f"PRAGMA user_version = {_VERSION}")
     for statement in _TABLES.split(";\n")[:-1]:
@@ -130,15 +127,15 @@ def _wkb(geometry: str, positions: Positions) -> bytes:
 
 
 def write_layers(path: Path, layers: Iterable[tuple[Layer, Iterable[Row]]]) -> None:
-    """Write layers with their rows, the first of them the one that a GIS lists first.
+    """Write layers with their rows, in the order in which a GIS lists them.
 
-    Under its name the file is complete or absent. Raises ExportError naming the file.
+    The file is complete or absent. Raises ExportError naming the file.
     """
     check_place(path, ExportError)
     part = part_of(path).with_suffix(".gpkg")
     try:
         with contextlib.closing(sqlite3.connect(part, isolation_level=None)) as db:
-            # Whatever ends this too early, the file is thrown away.
+            # No journal is needed: if writing ends too early, the file is thrown away.
             db.execute("PRAGMA journal_mode = OFF")
             db.execute("PRAGMA synchronous = OFF")
             db.execute("BEGIN")

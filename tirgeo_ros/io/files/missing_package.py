@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+_MESSAGES = ("_msgs", "_srvs", "_interfaces")  # endings of ROS's packages of messages
 #: Module -> Ubuntu's package ("" where there is none) and the name on PyPI: what setup.py lists.
 PACKAGES = {
     "PIL": ("python3-pil", "Pillow"),
@@ -33,11 +34,8 @@ PACKAGES = {
 }
 
 
-_MESSAGES = ("_msgs", "_srvs", "_interfaces")
-
-
 def missing_line(module: str) -> str:
-    """Return one line for a module, as ``cv2`` or ``sensor_msgs.msg``, that cannot be imported."""
+    """Return the line to print if a module (``cv2``, ``sensor_msgs.msg``) cannot be imported."""
     name = module.partition(".")[0]
     distribution = os.environ.get("ROS_DISTRO", "")
     apt, pip = PACKAGES.get(name, ("", name))

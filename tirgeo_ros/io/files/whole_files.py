@@ -15,41 +15,47 @@ from tirgeo_ros.core.types.errors import TirgeoError
 
 PathLike = str | os.PathLike[str]
 
+#: Limit for a table or a small document: some hundred thousand lines.
+_MOST_BYTES = 16 << 20
+UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+#: Error handler of ``open``: each byte that is not UTF-8 is read as Windows-1252, in which Excel
+#: writes degrees and squares. So a damaged byte costs no other.
+WINDOWS = "tirgeo.windows-1252"
+
 
 def path_of(path: PathLike, error: type[TirgeoError]) -> Path:
-    """Return the path. Raises ``error`` for what names no file."""
+    """Return the path. Raises ``error`` for a value that cannot name a file."""
     if not isinstance(path, str | os.PathLike) or "\0" in str(path):
-        raise error(f"{type(path).__name__} is no name of a file: {path!r}")
+        raise error(f"{type(path).__name__} cannot be the name of a file: {path!r}")
     return Path(path)
 
 
 def check_outputs(
     inputs: Iterable[PathLike | None], outputs: Iterable[PathLike | None], error: type[TirgeoError]
 ) -> None:
-    """Raise ``error`` for an output in the place of an input, of another output or of no file.
+    """Raise ``error`` for an output that would replace an input, another output or a device.
 
-    Places are compared by name with links resolved, and by file: other names of one file (hard
-    links) count. So do the files in a folder that is an input, and the program's own streams.
-    Paths that are None or empty are ignored.
+    Files are compared by name, with links resolved, and by inode, for hard links. Each file in an
+    input folder counts as an input, and so do the program's standard streams. Paths that are None
+    or empty are ignored.
     """
     taken = _streams()
     for path in [path for path in inputs if path]:
         folder = path_of(path, error)
         inside = folder.iterdir() if folder.is_dir() else ()
         for file in (path, *inside):
-            taken |= dict.fromkeys(_places(file), f"the input {os.fspath(file)}")
+            taken |= dict.fromkeys(_identities(file), f"the input {os.fspath(file)}")
     for path in [path for path in outputs if path]:
         check_place(path_of(path, error), error)
-        places = _places(path)
-        for place in places & taken.keys():
-            raise error(
-                f"{os.fspath(path)}: would overwrite {taken[place]}; give the output another name"
-            )
-        taken |= dict.fromkeys(places, f"the output {os.fspath(path)}")
+        identities = _identities(path)
+        for identity in identities & taken.keys():
+            old = taken[identity]
+            raise error(f"{os.fspath(path)}: would overwrite {old}; give the output another name")
+        taken |= dict.fromkeys(identities, f"the output {os.fspath(path)}")
 
 
 def check_place(path: PathLike, error: type[TirgeoError]) -> None:
-    """Raise ``error`` for a folder, a device or a pipe, which root would replace by a file."""
+    """Raise ``error`` for a folder, a device or a pipe: root could replace it by a file."""
     if Path(path).exists() and not Path(path).is_file():
         raise error(f"{os.fspath(path)}: not a file; give the output another name")
 
@@ -59,17 +65,17 @@ def part_of(path: PathLike) -> Path:
     return Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part")
 
 
-def _places(path: PathLike) -> set[object]:
+def _identities(path: PathLike) -> set[object]:
     """Return what identifies a file: its name without links, and its inode if it exists."""
-    places: set[object] = {os.path.realpath(path)}
+    identities: set[object] = {os.path.realpath(path)}
     with suppress(OSError, ValueError):
         status = Path(path).stat()
-        places.add((status.st_dev, status.st_ino))
-    return places
+        identities.add((status.st_dev, status.st_ino))
+    return identities
 
 
 def _streams() -> dict[object, str]:
-    """Return the files that a shell has made this program's input, output or errors."""
+    """Return the files to which a shell redirects this program's input, output or errors."""
     streams: dict[object, str] = {}
     for number, name in enumerate(("input", "output", "error")):
         with suppress(OSError):  # closed
@@ -80,7 +86,7 @@ def _streams() -> dict[object, str]:
 
 
 def made_folder(path: PathLike, error: type[TirgeoError]) -> Path:
-    """Return the folder; make it if it is absent. Raises ``error`` naming it."""
+    """Make a folder, unless it exists, and return it. Raises ``error`` naming it."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -97,7 +103,7 @@ def csv_text(rows: Iterable[Iterable[object]]) -> str:
 
 
 def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoError]) -> None:
-    """Write files (text as UTF-8), or none if one cannot be: raises ``error`` naming it."""
+    """Write all files (text as UTF-8), or none. Raises ``error`` naming the one that failed."""
     parts = {path: part_of(path_of(path, error)) for path in contents}
     path: PathLike = ""
     try:
@@ -114,14 +120,6 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
         for part in parts.values():
             with suppress(OSError):  # absent, or with a name that is too long
                 part.unlink()
-
-
-#: Limit for a table or a small document: some hundred thousand lines.
-_MOST_BYTES = 16 << 20
-UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-#: How ``open`` decodes bytes that are not UTF-8: each as Windows-1252, in which Excel writes
-#: degrees and squares. A damaged byte costs no other.
-WINDOWS = "tirgeo.windows-1252"
 
 
 def _windows(error: UnicodeError) -> tuple[str, int]:
@@ -141,9 +139,9 @@ def read_text(
 ) -> str:
     """Return the text of a file in UTF-8.
 
-    What may be ``damaged`` comes of other programs, and may be UTF-16 or Windows-1252 too.
-    Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is no
-    such text.
+    A file that may be ``damaged`` is of another program, and may be UTF-16 or Windows-1252 too.
+    Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is
+    not such a text.
     """
     source, content = path_of(path, error), io.BytesIO()
     with reading(path, error), source.open("rb") as file:
@@ -162,7 +160,7 @@ def read_text(
 
 @contextmanager
 def reading(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
-    """Raise ``error``, which names the file, for an OSError meanwhile."""
+    """Raise ``error``, which names the file, for an OSError in this context."""
     try:
         yield
     except OSError as fault:
@@ -171,7 +169,7 @@ def reading(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
 
 @contextmanager
 def writing(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
-    """Raise ``error``, which names the file, for an OSError meanwhile."""
+    """Raise ``error``, which names the file, for an OSError in this context."""
     try:
         yield
     except OSError as fault:
@@ -185,12 +183,12 @@ def first_bytes(path: PathLike, number: int, error: type[TirgeoError]) -> bytes:
 
 
 def encoding_of(head: bytes) -> str:
-    """Return UTF-16, which has a mark as Excel and PowerShell write it, or UTF-8."""
+    """Return UTF-16 if a text begins with its mark (as of Excel and PowerShell), else UTF-8."""
     return "utf-16" if head.startswith(UTF16) else "utf-8-sig"
 
 
 def named_files(text: str) -> list[str]:
-    """Return the files of a list with commas; an existing file's name may have one."""
+    """Return the files of a list with commas; the name of an existing file may have a comma."""
     if Path(text).is_file():
         return [text]
     return [name.strip() for name in text.split(",") if name.strip()]

@@ -1,4 +1,4 @@
-"""Turn an autopilot's tables to samples: the IMU with attitudes, and the satellite receiver."""
+"""Convert an autopilot's tables to samples: IMU with attitudes, satellite receiver, barometer."""
 
 from __future__ import annotations
 
@@ -22,24 +22,23 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.logs.log_contents import LogContents, say_receiver
+from tirgeo_ros.io.logs.log_contents import LogContents, classify_receiver
 
-#: No attitude is interpolated between two further apart than this, the limit of gimbal_node too.
+#: Attitudes further apart than this are not interpolated; gimbal_node has the same limit.
 _LONGEST_GAP_NS = 250_000_000
-#: Memory to read a log with: an hour at 250 Hz takes a third of it.
+#: Limit of the memory to read a log: an hour at 250 Hz takes a third of it.
 LOG_BYTES = 2 << 30
-#: Microseconds that are a date of this century, not a time since the autopilot was switched on.
+#: The year 2000 in Unix time (us): a later time is a date, not a time since power-on.
 _UNIX_US = 946_684_800_000_000
 #: Fix types of MAVLink, which PX4 and ArduPilot log: 4 differential, 5 RTK float, 6 RTK fixed.
 _FIXES = {3: FixStatus.SINGLE, 4: FixStatus.FLOAT, 5: FixStatus.FLOAT, 6: FixStatus.FIXED}
 LEAST_FIX = min(_FIXES)
-#: Why records are refused.
 
 
 class Records:
-    """Hold one message's records by the names of their fields, and their times (us).
+    """Hold the records of one message: their times (us), and their fields by name.
 
-    They are of the instance that is taken; ``others`` counts those of its other instances.
+    They are of the one instance that is used; ``others`` counts the records of other instances.
     """
 
     def __init__(
@@ -56,15 +55,15 @@ class Records:
         return field in self._fields
 
     def column(self, name: str) -> Array:
-        """Return a field (N,), NaN if there is none."""
+        """Return a field (N,); NaN if the records do not have it."""
         return np.array(self._fields.get(name, np.full(len(self), math.nan)), float)
 
     def columns(self, *names: str) -> Array:
-        """Return fields beside each other, (N, number of names). Raise KeyError for none."""
+        """Return fields as columns (N, number of names). Raise KeyError for a missing field."""
         return np.stack([np.asarray(self._fields[name], float) for name in names], axis=-1)
 
     def integers(self, name: str) -> IntArray:
-        """Return a field (N,), zeros if there is none."""
+        """Return a field (N,); zeros if the records do not have it."""
         return np.asarray(self._fields.get(name, np.zeros(len(self))), np.int64)
 
 
@@ -102,7 +101,7 @@ class GnssTable:
 
 
 def count_records(contents: LogContents, tables: Iterable[Records]) -> None:
-    """Count the records that are taken, and those of their other instances."""
+    """Count the records that are used, and those of other instances."""
     for table in tables:
         contents.read[table.name] += len(table) + table.others
         if table.others:
@@ -116,13 +115,15 @@ def add_samples(
     gnss: GnssTable | None,
     air: tuple[IntArray, Array] | None,
 ) -> None:
-    """Add the samples of an autopilot's tables; ``air`` are times and pressures (Pa).
+    """Add the samples of an autopilot's tables; ``air`` has times and pressures (Pa).
 
-    Stamps are the autopilot's clock plus what it lacks to UTC by the receiver.
+    Stamps are the autopilot's clock plus its offset to the receiver's UTC.
     """
     shift_us = _clock_shift_us(gnss, int(imu.time_us[0]), contents)
     stamps_ns = ((imu.time_us + shift_us) * 1000).tolist()
-    attitudes = [None] * len(stamps_ns) if attitude is None else _at(imu.time_us, attitude)
+    attitudes = (
+        [None] * len(stamps_ns) if attitude is None else _attitudes_at(imu.time_us, attitude)
+    )
     contents.samples += map(ImuSample, stamps_ns, imu.force_b, imu.rate_b, attitudes)
     if gnss is not None:
         _add_gnss(contents, shift_us, gnss)
@@ -132,14 +133,14 @@ def add_samples(
 
 
 def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents) -> int:
-    """Return what the autopilot's clock lacks to UTC; note its spread, or that there is none.
+    """Return UTC minus the autopilot's clock (us); note its spread, or that no receiver has UTC.
 
     ``first_us`` is a time of the autopilot's clock.
     """
     shifts_us = np.empty(0, np.int64)
     if gnss is not None:
         dated = gnss.utc_us > 0
-        # before a fix, a receiver tells what its own clock counted since it was last switched on
+        # before a fix, a receiver reports only its own clock's count since it was switched on
         fixed = dated & np.isin(gnss.fix, list(_FIXES))
         shifts_us = (gnss.utc_us - gnss.time_us)[fixed if fixed.any() else dated]
     if len(shifts_us):
@@ -150,30 +151,30 @@ def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents
         )
         return int(np.median(shifts_us))
     contents.notes.append(
-        "no receiver tells UTC: the autopilot's own clock, a date, is used"
+        "no receiver gives UTC: the autopilot's own clock is used, which has a date"
         if first_us > _UNIX_US
-        else "no receiver tells UTC: times count from the autopilot's start, in 1970"
+        else "no receiver gives UTC: stamps count from the autopilot's start, and are in 1970"
     )
     return 0
 
 
-def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
-    """Return the attitude (4,) at each time, interpolated; None beyond a gap or the ends."""
+def _attitudes_at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
+    """Return the attitude (4,) at each time, interpolated; None in a gap and beyond the ends."""
     usable = np.array([usable_attitude(q) for q in attitude.q_nb], bool)
     usable &= ~lone_stamps(attitude.time_us * 1000)
-    known_us, q_nb = attitude.time_us[usable], attitude.q_nb[usable]
-    order = np.argsort(known_us, kind="stable")
-    known_us, q_nb = known_us[order], q_nb[order]
+    attitude_us, q_nb = attitude.time_us[usable], attitude.q_nb[usable]
+    order = np.argsort(attitude_us, kind="stable")
+    attitude_us, q_nb = attitude_us[order], q_nb[order]
     attitudes: list[Array | None] = []
-    for at_us, after in zip(time_us.tolist(), np.searchsorted(known_us, time_us), strict=True):
-        if after < len(known_us) and known_us[after] == at_us:
+    for at_us, after in zip(time_us.tolist(), np.searchsorted(attitude_us, time_us), strict=True):
+        if after < len(attitude_us) and attitude_us[after] == at_us:
             attitudes.append(q_nb[after])
             continue
-        if not 0 < after < len(known_us):
+        if not 0 < after < len(attitude_us):
             attitudes.append(None)
             continue
-        step_us = int(known_us[after] - known_us[after - 1])
-        fraction = (at_us - int(known_us[after - 1])) / step_us
+        step_us = int(attitude_us[after] - attitude_us[after - 1])
+        fraction = (at_us - int(attitude_us[after - 1])) / step_us
         near = step_us * 1000 <= _LONGEST_GAP_NS
         attitudes.append(slerp(q_nb[after - 1], q_nb[after], fraction) if near else None)
     return attitudes
@@ -187,7 +188,7 @@ def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:
         if fix not in _FIXES:
             contents.refused[gnss.name, f"fix type {fix}: no position in three dimensions"] += 1
             continue
-        horizontal, vertical = (_known(sigma_m) ** 2 for sigma_m in gnss.sigma_m[row])
+        horizontal, vertical = (_valid_sigma(sigma_m) ** 2 for sigma_m in gnss.sigma_m[row])
         covariance_n = np.diag([horizontal, horizontal, vertical])
         latitude_rad, longitude_rad, height_m = gnss.geodetic[row].tolist()
         place = latitude_rad, longitude_rad, height_m
@@ -195,23 +196,27 @@ def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:
         add(PositionSample(stamp_ns, source, status, *place, covariance_n))
         velocity_n = gnss.velocity_n[row]
         if not np.isnan(velocity_n).any():
-            covariance_n = np.eye(3) * _known(gnss.velocity_sigma_m_s[row]) ** 2
+            covariance_n = np.eye(3) * _valid_sigma(gnss.velocity_sigma_m_s[row]) ** 2
             add(VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n))
         if not np.isnan(gnss.heading_rad[row]):
             heading_rad = float(gnss.heading_rad[row] % (2 * np.pi))
-            add(HeadingSample(stamp_ns, heading_rad, _known(gnss.heading_sigma_rad[row]) ** 2))
-    say_receiver(contents, gnss.name, is_rtk=bool(np.isin(gnss.fix, (5, 6)).any()))
+            add(
+                HeadingSample(
+                    stamp_ns, heading_rad, _valid_sigma(gnss.heading_sigma_rad[row]) ** 2
+                )
+            )
+    classify_receiver(contents, gnss.name, is_rtk=bool(np.isin(gnss.fix, (5, 6)).any()))
 
 
-def _known(sigma: float) -> float:
-    """Return a sigma; 0, which means unknown, for what cannot be one."""
+def _valid_sigma(sigma: float) -> float:
+    """Return a standard deviation; 0 (unknown) if it is not positive and finite."""
     return float(sigma) if 0 < sigma < np.inf else 0.0
 
 
 def receiver_notes(
     antenna: str, place_frd_m: Sequence[float], delay: str, delay_ms: float
 ) -> Iterator[str]:
-    """Yield the antenna's place and the receiver's delay by the log's parameters, unless zero."""
+    """Yield notes on the antenna's place and the receiver's delay, by the log's parameters."""
     if any(place_frd_m):
         forward, left, up = (flu_from_frd(np.array(place_frd_m)) + 0.0).tolist()  # no -0
         yield (
@@ -220,6 +225,6 @@ def receiver_notes(
         )
     if delay_ms:
         yield (
-            f"{delay} is {delay_ms:g} ms, which stamps still have: set gps.delay_s, or "
-            f"rtk.delay_s, to {delay_ms * 1e-3:g}"
+            f"{delay} is {delay_ms:g} ms, and stamps are not corrected for it: set gps.delay_s, "
+            f"or rtk.delay_s, to {delay_ms * 1e-3:g}"
         )

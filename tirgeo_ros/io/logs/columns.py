@@ -1,7 +1,7 @@
 """Convert rows of a table to samples, as the keys of a columns file say.
 
-Keys are read one by one: what is missing, unknown or wrong is an error. Each quantity has a
-function that makes, of its keys, what converts a row.
+Keys are read one by one: a missing, unknown or wrong one is an error. Each quantity has a function
+that reads its keys and returns a function that converts a row.
 """
 
 from __future__ import annotations
@@ -33,7 +33,16 @@ from tirgeo_ros.io.messages import SensedSample
 
 #: A columns file with every key.
 TEMPLATE = "config/columns/template.yaml"
-#: What a unit is multiplied by to give m/s2, rad/s, rad, m, m/s, Pa; for times, ns.
+Row = Sequence[str]
+#: Function of a stamp (ns) and a row: it returns the sample, or raises Refused without a value.
+Quantity = Callable[[int, Row], SensedSample]
+
+#: Directions of the body in FRD; + 0.0 leaves no -0.
+_NAMES = ("front", "right", "down", "back", "left", "up")
+_DIRECTIONS = dict(zip(_NAMES, np.vstack([np.eye(3), -np.eye(3)]) + 0.0, strict=True))
+_STATUS = {"fixed": FixStatus.FIXED, "float": FixStatus.FLOAT, "single": FixStatus.SINGLE}
+_AXES = {"flu": ("front", "left", "up"), "frd": ("front", "right", "down")}
+#: Dimension -> unit -> its factor to m/s2, rad/s, rad, m, m/s, Pa; for times, to ns.
 UNITS: dict[str, dict[str, float]] = {
     "acceleration": {"m/s2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "ft/s2": 0.3048},
     "rate": {
@@ -60,9 +69,9 @@ UNITS: dict[str, dict[str, float]] = {
 
 
 class Cell:
-    """Hold where a value stands in each row, and what it is multiplied by.
+    """Hold the column of a value, and the factor that converts it to the core's unit.
 
-    ``column`` is a name, or a number from 1; ``index`` is known when the table is open.
+    ``column`` is a name, or a number from 1; the ``index`` of a name is set by ``Columns.bind``.
     """
 
     def __init__(self, label: str, column: str | int, factor: float) -> None:
@@ -74,7 +83,7 @@ class Cell:
         return row[self.index].strip() if self.index < len(row) else ""
 
     def of(self, row: Sequence[str]) -> float:
-        """Return the value of a row in the core's unit; raise Refused if it is no number."""
+        """Return the value of a row in the core's unit; raise Refused if it is not a number."""
         try:
             value = float(row[self.index]) * self.factor
         except (ValueError, IndexError):
@@ -84,29 +93,29 @@ class Cell:
         return value
 
     def no_number(self, row: Sequence[str]) -> Refused:
-        """Return why a cell is no number."""
+        """Return the refusal of a cell that is not a number."""
         text = self.text(row)
-        comma = ": has it a decimal comma? (table.decimal)" if "," in text else ""
+        comma = ": does it have a decimal comma? (table.decimal)" if "," in text else ""
         return Refused(f"{self.label} is {f'not a number{comma}' if text else 'empty'}")
 
 
 class Keys:
-    """Hand out the values of a mapping by key; ``cells`` collects the cells of the whole file."""
+    """Read the values of a mapping by key; ``cells`` collects the cells of the whole file."""
 
     def __init__(self, place: str, values: object, cells: list[Cell]) -> None:
         if not isinstance(values, dict) or not all(isinstance(key, str | int) for key in values):
-            raise LogError(f"{place}: must be keys with values; {TEMPLATE} shows them")
+            raise LogError(f"{place}: must be keys with values, as in {TEMPLATE}")
         self.place, self._cells = place, cells
         self._values = {str(key): value for key, value in values.items()}
         self._asked: dict[str, None] = {}
 
     def __contains__(self, key: str) -> bool:
-        """Return whether a key is there; it is a known one then."""
+        """Return whether a key is present; ``finish`` then accepts it."""
         self._asked[key] = None
         return key in self._values
 
     def names(self) -> list[str]:
-        """Return all keys, each of which is a known one then."""
+        """Return all keys; ``finish`` then accepts each."""
         self._asked |= dict.fromkeys(self._values)
         return list(self._values)
 
@@ -127,11 +136,11 @@ class Keys:
     def inner(self, key: str) -> Keys:
         """Return the keys of a mapping."""
         if key not in self:
-            raise LogError(f"{self._path(key)} is missing; {TEMPLATE} shows it")
+            raise LogError(f"{self._path(key)} is missing; see {TEMPLATE}")
         return Keys(self._path(key), self._values[key], self._cells)
 
     def choice(self, key: str, choices: Sequence[str], default: str = "") -> str:
-        """Return one of the choices."""
+        """Return a value that must be one of the choices."""
         if default and key not in self:
             return default
         what = f"one of {', '.join(choices)}"
@@ -141,7 +150,7 @@ class Keys:
         return text
 
     def unit(self, dimension: str, key: str = "unit") -> float:
-        """Return what a value in the unit under ``key`` is multiplied by."""
+        """Return the factor of the unit under ``key``."""
         return UNITS[dimension][self.choice(key, list(UNITS[dimension]))]
 
     def cell(self, key: str, factor: float = 1.0) -> Cell:
@@ -167,12 +176,12 @@ class Keys:
         return self._cells[-1]
 
     def cells(self, keys: str, dimension: str) -> list[Cell]:
-        """Return the cells under keys separated by blanks, which have one unit."""
+        """Return the cells under keys (separated by blanks) that share one unit."""
         factor = self.unit(dimension)
         return [self.cell(key, factor) for key in keys.split()]
 
     def finish(self) -> None:
-        """Raise LogError for a key that nobody asked for."""
+        """Raise LogError for a key that was not asked for."""
         for key in self._values:
             if key not in self._asked:
                 raise LogError(f"{self._path(key)}: unknown key{nearest(key, self._asked)}")
@@ -181,19 +190,8 @@ class Keys:
         return f"{self.place}{'.' if ': ' in self.place else ': '}{key}"
 
 
-Row = Sequence[str]
-#: Returns the sample of a row at a time (ns); raises Refused if a value is missing.
-Quantity = Callable[[int, Row], SensedSample]
-
-#: Directions of the body in FRD; + 0.0 leaves no -0.
-_NAMES = ("front", "right", "down", "back", "left", "up")
-_DIRECTIONS = dict(zip(_NAMES, np.vstack([np.eye(3), -np.eye(3)]) + 0.0, strict=True))
-_STATUS = {"fixed": FixStatus.FIXED, "float": FixStatus.FLOAT, "single": FixStatus.SINGLE}
-_AXES = {"flu": ("front", "left", "up"), "frd": ("front", "right", "down")}
-
-
 class Log(NamedTuple):
-    """Hold a table's file, and the options for what the table leaves open."""
+    """Hold a table's file, and the options that say what the table does not."""
 
     path: Path
     options: LogOptions
@@ -304,7 +302,7 @@ def _gimbal_attitude(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
     return lambda stamp_ns, row: CameraAttitudeSample(stamp_ns, attitude(row))
 
 
-#: Key of a columns file -> what makes its quantity, and the source of its samples.
+#: Key of a columns file -> the function that returns its Quantity, and the source of its samples.
 QUANTITIES: dict[str, tuple[Callable[[Keys, Source | None, Log], Quantity], Source | None]] = {
     "imu": (_imu, None),
     "rtk_position": (_position, Source.RTK_POSITION),
@@ -319,7 +317,7 @@ QUANTITIES: dict[str, tuple[Callable[[Keys, Source | None, Log], Quantity], Sour
 
 
 def matching(cell: Cell, values: Sequence[object]) -> Callable[[Row], bool]:
-    """Return a function: whether a row's cell has one of the values, as numbers if both are."""
+    """Return a function: does a row's cell equal one of the values? Numbers compare as numbers."""
     wanted = {_normal(str(value)) for value in values}
     return lambda row: _normal(cell.text(row)) in wanted
 
@@ -354,7 +352,7 @@ def _attitude(keys: Keys) -> Callable[[Row], Array]:
 def _status(keys: Keys) -> Callable[[Row], FixStatus]:
     """Return a function: row to the quality of its fix. It raises Refused.
 
-    It is the same for all rows, or by a column's values.
+    The quality is the same for all rows, or depends on a column's value.
     """
     inner = keys.inner("status")
     if "always" in inner:
@@ -373,7 +371,7 @@ def _status(keys: Keys) -> Callable[[Row], FixStatus]:
         for fits, status in by_value:
             if fits(row):
                 return status
-        raise Refused("status is none of those that are a fix")
+        raise Refused("status is not one of the values for a fix")
 
     return of
 
@@ -395,14 +393,14 @@ def _rotation_bi(keys: Keys) -> Array:
         names = ()
     rotation = np.array([_DIRECTIONS[name] for name in names]).T
     if rotation.shape != (3, 3) or not math.isclose(np.linalg.det(rotation), 1.0):
-        raise LogError(f"{keys.place}.axes: {axes!r} are not right-handed axes: {what}")
+        raise LogError(f"{keys.place}.axes: {axes!r} are not right-handed axes: give {what}")
     return rotation
 
 
 def _sigmas(keys: Keys, dimension: str, *, must: bool = True) -> list[Cell | float]:
-    """Return standard deviations north, east and up: cells, or values; one is for all three.
+    """Return the standard deviations north, east, up: cells or values; a single one is for all.
 
-    Zeros, which are unknown, where the file has none and need not.
+    Zeros, which mean unknown, if the file has none and ``must`` is false.
     """
     if not must and "sigma" not in keys:
         return [0.0] * 3
@@ -426,6 +424,6 @@ def _sigmas(keys: Keys, dimension: str, *, must: bool = True) -> list[Cell | flo
 
 
 def _covariance(sigmas: list[Cell | float], row: Row) -> Array:
-    """Return the covariance (3, 3) in NED; zeros: unknown."""
+    """Return the covariance (3, 3) in NED; zeros mean unknown."""
     values = [sigma if isinstance(sigma, float) else sigma.of(row) for sigma in sigmas]
     return np.diag(np.square(values))

@@ -1,4 +1,4 @@
-"""Read a table (CSV) as a columns file says: the YAML that tells what its columns mean."""
+"""Read a table (CSV) by a columns file: the YAML that says what its columns mean."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from tirgeo_ros.io.logs.log_contents import (
     LogContents,
     LogOptions,
     Refused,
-    agreed,
     first_count,
+    largest_group,
     utc_ns,
     utc_ns_of_week,
     written_time,
@@ -41,9 +41,9 @@ from tirgeo_ros.io.messages import SensedSample
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _ROW = "row"
-_LOOKED_AT = 200  # rows by which the usual number of columns is known
-#: What a column of times counts: since 1970 in UTC or in GPS time, since 1980-01-06 in GPS time,
-#: since the GPS week's or the log's begin; or a written date, in UTC, GPS time or local time.
+_FIRST_ROWS = 200  # by which the usual number of columns is found
+#: What a column of times has: counts since 1970 in UTC or in GPS time, since 1980-01-06 in GPS
+#: time, since the GPS week or the log began; or written dates in UTC, GPS time or local time.
 _NUMBERS = ("utc", "gpst", "gps", "week", "start")
 _WRITTEN = ("written_utc", "written_gpst", "written_local")
 _FORM = "2024-06-11 17:44:39.25"
@@ -58,7 +58,7 @@ def read_csv(path: Path, options: LogOptions) -> LogContents:
     layout = columns.layout
     if layout.header:
         columns.bind(next(_rows(path, layout), []), path)
-    usual = Counter(map(len, islice(_values(path, layout), _LOOKED_AT)))
+    usual = Counter(map(len, islice(_values(path, layout), _FIRST_ROWS)))
     width = 0 if layout.ragged else max(usual, key=usual.__getitem__, default=0)
     for time in dict.fromkeys(quantity.time for quantity in columns.quantities):
         numbered = enumerate(_values(path, layout))
@@ -71,7 +71,7 @@ def read_csv(path: Path, options: LogOptions) -> LogContents:
 
 
 class _Table:
-    """Convert rows to samples, and count what they are."""
+    """Convert rows to samples; count the rows read, and those refused by reason."""
 
     def __init__(self, columns: Columns, width: int) -> None:
         self.contents = LogContents()
@@ -94,7 +94,7 @@ class _Table:
                     self.contents.refused[named.name, str(why)] += 1
 
     def _sample(self, named: NamedQuantity, number: int, row: Row) -> SensedSample:
-        """Return the sample of a row; raise Refused for one that is held from the row before."""
+        """Return the sample of a row; raise Refused for one that repeats the row before."""
         stamp_ns = named.time.stamp_ns(number, row)
         if stamp_ns == self._newest_ns.get(named.name):
             raise Refused("it has the time of the row before")
@@ -103,7 +103,7 @@ class _Table:
         return sample
 
     def finish(self) -> None:
-        """Say how many rows ``where`` chose: a damaged row may fit none."""
+        """Note how many rows each ``where`` chose: a damaged row may fit none."""
         rows = self.contents.read[_ROW]
         for named in self._columns.quantities:
             fitting = self._fitting[named.name]
@@ -116,12 +116,12 @@ class _Table:
 def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
     """Yield the rows, the header first, without empty lines and comments.
 
-    A title in quotes may have several lines. A row has one: a quote that a damaged line does not
-    close costs no other.
+    A title in quotes may have several lines. A row is one line, so that a quote left open in a
+    damaged line costs no other row.
     """
     encoding = encoding_of(first_bytes(path, 2, LogError))
     with reading(path, LogError), path.open(encoding=encoding, errors=WINDOWS, newline="") as file:
-        # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
+        # csv of Python 3.10 stops at a zero byte; leaving it out would join the digits around it
         lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
         lines = (line for line in lines if line.strip())
         if layout.comment:
@@ -157,26 +157,26 @@ class TimeColumns:
         self._week = keys.cell("week") if self._counts == "week" else None
         has_date = (self._counts == "start" or self._is_written) and "date" in keys
         self._date = keys.cell("date") if has_date else None
-        self._begun_ns = 0
-        self._contradict = set[int]()  # rows whose dates do not fit those of most
+        self._start_ns = 0  # UTC at which counts since the log's start are zero
+        self._contradicting = set[int]()  # rows whose date and count contradict most others
         keys.finish()
 
     def prepare(self, rows: Iterable[tuple[int, Row]]) -> None:
-        """Find when a count since the log's start began. Raise LogError if nothing tells it.
+        """Find the UTC of the log's start, if times count from it. Raise LogError without a date.
 
-        Dates have whole seconds: each bounds the begin to a second, and all of them together to
-        less; the middle of that is taken. What contradicts most of the rows does not count.
+        Dates have whole seconds: each bounds the start to a second, and all of them together to
+        less; the middle of that is taken. Rows that contradict most others do not count.
         """
         if self._counts != "start":
             return
         if self._date is None:
             if self._log.options.start_ns is None:
                 raise LogError(
-                    f"{self._log.path}: its times count from its start: give the UTC of the first "
-                    "row as --start-time"
+                    f"{self._log.path}: its times count from the log's start: give the UTC of the "
+                    "first row as --start-time"
                 )
             counts = (count_ns for _, _, count_ns in self._numbered_counts(rows))
-            self._begun_ns = self._log.options.start_ns - first_count(counts)
+            self._start_ns = self._log.options.start_ns - first_count(counts)
             return
         begins = {
             number: written.local_ns - count_ns
@@ -186,9 +186,9 @@ class TimeColumns:
         if not begins:
             column = f"{self._date.column}: {self._date.label}"
             raise LogError(f"{self._log.path}: no date in column {column}")
-        first_ns, last_ns = agreed(begins.values())
-        self._begun_ns = (first_ns + last_ns + SECOND_NS) // 2
-        self._contradict = {n for n, ns in begins.items() if not first_ns <= ns <= last_ns}
+        first_ns, last_ns = largest_group(begins.values())
+        self._start_ns = (first_ns + last_ns + SECOND_NS) // 2
+        self._contradicting = {n for n, ns in begins.items() if not first_ns <= ns <= last_ns}
 
     def stamp_ns(self, number: int, row: Row) -> int:
         """Return the time of a row with its number; raise Refused if it has none."""
@@ -201,9 +201,9 @@ class TimeColumns:
                 raise Refused(f"{self._week.label} is below 1024: name the column of full weeks")
             return utc_ns_of_week(week, count_ns)
         if self._counts == "start":
-            if number in self._contradict:
+            if number in self._contradicting:
                 raise Refused("its date and count contradict those of most rows")
-            return self._begun_ns + count_ns
+            return self._start_ns + count_ns
         epoch_ns = GPS_EPOCH_NS if self._counts == "gps" else 0
         return count_ns if self._counts == "utc" else utc_ns(epoch_ns + count_ns)
 
@@ -229,7 +229,7 @@ class TimeColumns:
         return self._log.options.utc_ns(written, self._log.path)
 
     def _numbered_counts(self, rows: Iterable[tuple[int, Row]]) -> Iterator[tuple[int, Row, int]]:
-        """Yield the rows that have a count; the others are counted when they are read again."""
+        """Yield the rows that have a count; the others are refused when they are read again."""
         for number, row in rows:
             with suppress(Refused):
                 yield number, row, self._count_ns(row)
@@ -242,13 +242,13 @@ class Layout:
     header: bool = True  # else columns are numbers
     separator: str = ","
     skip: int = 0  # lines before the header
-    comment: str = ""  # what begins lines that are passed over; empty: none
+    comment: str = ""  # first characters of lines that are skipped; empty: none
     ragged: bool = False  # rows may be shorter than most
     decimal_comma: bool = False  # 9,81 is a number
 
 
 class NamedQuantity(NamedTuple):
-    """Hold a quantity with its key, its time, and what the rows that have it fulfil."""
+    """Hold a quantity with its key, its times, and the conditions that its rows fulfil."""
 
     name: str
     quantity: Quantity
@@ -268,7 +268,7 @@ class Columns:
         self.quantities = [self._quantity(name, keys) for name in QUANTITIES if name in keys]
         keys.finish()
         if not self.quantities:
-            raise LogError(f"{path}: none of {', '.join(QUANTITIES)}; {TEMPLATE} shows them")
+            raise LogError(f"{path}: none of {', '.join(QUANTITIES)} is in it; see {TEMPLATE}")
         for cell in self.cells:
             if isinstance(cell.column, int) is self.layout.header:
                 raise LogError(
@@ -281,11 +281,11 @@ class Columns:
         kind, source = QUANTITIES[name]
         time = TimeColumns(inner.inner("time"), self._log) if "time" in inner else self._time
         if time is None:
-            raise LogError(f"{self.path}: time is missing: for all, or {name}.time")
+            raise LogError(f"{self.path}: time is missing: give time for all, or {name}.time")
         where = _where(inner.inner("where")) if "where" in inner else ()
-        made = NamedQuantity(name, kind(inner, source, self._log), time, where)
+        quantity = NamedQuantity(name, kind(inner, source, self._log), time, where)
         inner.finish()
-        return made
+        return quantity
 
     def bind(self, titles: Sequence[str], path: Path) -> None:
         """Find the columns by their titles. Raise LogError for one that is absent or twice."""
@@ -316,6 +316,6 @@ def _layout(keys: Keys) -> Layout:
 
 
 def _where(keys: Keys) -> tuple[Callable[[Row], bool], ...]:
-    """Return the conditions of a mapping of columns to values; a number names a column too."""
+    """Return the conditions of a mapping from columns (names or numbers) to values."""
     columns = {name: int(name) if name.isdecimal() else name for name in keys.names()}
     return tuple(matching(keys.added(name, at), keys.values(name)) for name, at in columns.items())

@@ -1,6 +1,6 @@
 """Read ArduPilot's logs (DataFlash) through pymavlink: IMU, attitude, receiver, barometer.
 
-A log is binary, or a text that a ground station made of it.
+A log is binary, or a text file that a ground station converted it to.
 Axes are body FRD with ``AHRS_ORIENTATION`` applied, angles in degrees, heights above mean sea
 level. Older logs have the names IMU2 and GPS2 where newer ones number instances in a column ``I``.
 """
@@ -37,10 +37,10 @@ from tirgeo_ros.io.logs.autopilot_tables import (
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions, utc_ns_of_week
 
-#: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
+#: First bytes of a log: a format message (FMT, 0x80), which describes a message, mostly itself.
 _BINARY, _TEXT = b"\xa3\x95\x80", b"FMT,"
 _FORMAT_BYTES = 89
-#: The fields that are taken; a log that lacks one has NaN.
+#: Message -> the fields that are read; NaN where a log lacks one.
 _FIELDS = {
     "IMU": ("TimeUS", "I", "AccX", "AccY", "AccZ", "GyrX", "GyrY", "GyrZ"),
     "ATT": ("TimeUS", "Roll", "Pitch", "Yaw"),
@@ -64,7 +64,7 @@ def is_dataflash(head: bytes) -> bool:
 class _Log:
     """Hold the data of a log: fields by message, parameters, whether all could be read.
 
-    A log that ends within a record is not ``damaged``: so ends every one whose power was cut.
+    A log that ends within a record is ``cut``, not ``damaged``: each power cut ends a log so.
     """
 
     fields: dict[str, dict[str, array[float]]]
@@ -77,13 +77,13 @@ class _Log:
 def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
 
-    Of several IMUs the first is taken, of receivers the one that the autopilot used. Raise
-    LogError if it is no such log, has no IMU, or has positions and the geoid's undulation is not
+    Of several IMUs the first is used, of receivers the one that the autopilot used. Raise LogError
+    if it is not such a log, has no IMU, or has positions while the geoid's undulation is not
     given.
     """
-    log = _logged(path)
+    log = _read_log(path)
     contents = LogContents(damaged=log.damaged)
-    used = _used(log.fields["GPS"])
+    used = _used_receiver(log.fields["GPS"])
     imu, attitude, air = (_records(log, name) for name in ("IMU", "ATT", "BARO"))
     receiver, accuracy = (_records(log, name, used) for name in ("GPS", "GPA"))
     if imu.others and not len(imu):
@@ -92,7 +92,7 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
             "are not supported"
         )
     if not len(imu):
-        raise LogError(f"{path}: no IMU in this log: set it in the parameter LOG_BITMASK")
+        raise LogError(f"{path}: no IMU in this log: enable it in the parameter LOG_BITMASK")
     if log.cut:
         contents.refused["record", "cut off at the end of the log"] += 1
     count_records(contents, (imu, attitude, receiver, air))
@@ -107,7 +107,7 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     return contents
 
 
-def _logged(path: Path) -> _Log:
+def _read_log(path: Path) -> _Log:
     from pymavlink.DFReader import (  # noqa: PLC0415  an extra, for these logs
         DFReader_binary,
         DFReader_text,
@@ -117,7 +117,7 @@ def _logged(path: Path) -> _Log:
         data_map: mmap
 
         def init_arrays_fast(self, progress_callback: Any = None) -> None:
-            """Index in Python: the faster way prints past any redirection."""
+            """Index in Python: the faster way in C prints despite the redirection."""
             parts = _whole_records(self.data_map)
             if len(parts) > 1:
                 log.damaged, self.data_len = True, sum(map(len, parts))
@@ -129,7 +129,7 @@ def _logged(path: Path) -> _Log:
             ends = (at + form.len for form, at in lasts if form)
             log.cut = max(ends, default=0) > self.data_len
 
-    output = StringIO()  # it prints each place that it cannot read
+    output = StringIO()  # pymavlink prints each place that it cannot read
     log = _Log({name: {key: array("d") for key in names} for name, names in _FIELDS.items()}, {})
     is_text = first_bytes(path, len(_TEXT), LogError) == _TEXT
     try:
@@ -151,12 +151,12 @@ def _logged(path: Path) -> _Log:
 
 
 def _whole_records(data: mmap) -> list[bytes]:
-    """Return the stretches of records behind each of which another one, or nothing, begins.
+    """Return the parts of a log in which another record, or nothing, follows each record.
 
-    So a damaged byte costs its record, or two of them; pymavlink would stop at an unknown number.
+    So a damaged byte costs one record or two; pymavlink would stop at an unknown number.
     """
     head, number, lengths = _BINARY[:2], _BINARY[2], {_BINARY[2]: _FORMAT_BYTES}
-    parts, begun, at = list[bytes](), 0, 0
+    parts, start, at = list[bytes](), 0, 0
     while at + 5 <= len(data):
         end = at + lengths.get(data[at + 2], 0)
         if end > at and data[at : at + 2] == head and data.find(head, end) in {end, -1}:
@@ -165,11 +165,11 @@ def _whole_records(data: mmap) -> list[bytes]:
             at = end
             continue
         after = data.find(head, at + 1)
-        if after < 0:  # what fills the last block
+        if after < 0:  # only the filling of the last block is left
             break
-        parts.append(data[begun:at])
-        begun = at = after
-    return [*parts, data[begun:]]
+        parts.append(data[start:at])
+        start = at = after
+    return [*parts, data[start:]]
 
 
 def _take(log: _Log, message: Any) -> None:
@@ -193,7 +193,7 @@ def _instances(fields: Mapping[str, array[float]]) -> Array:
 
 
 def _records(log: _Log, name: str, instance: float | None = None) -> Records:
-    """Return a message's records that have a time, of an instance; None: of the first."""
+    """Return the records with a time of one instance of a message; None: the first instance."""
     instances = _instances(log.fields[name])
     first = instances.min(initial=math.inf) if instance is None else instance
     taken = (instances == first) & np.isfinite(instances)
@@ -202,10 +202,10 @@ def _records(log: _Log, name: str, instance: float | None = None) -> Records:
     return Records(name, fields["TimeUS"].astype(np.int64), fields, others)
 
 
-def _used(fields: Mapping[str, array[float]]) -> float | None:
-    """Return the receiver that gave the autopilot most fixes, else the first with one.
+def _used_receiver(fields: Mapping[str, array[float]]) -> float | None:
+    """Return the receiver whose fixes the autopilot used most, else the first with a fix.
 
-    The fix type does not tell which is best: a rover's is relative to its moving base.
+    The fix type does not show which is best: a rover's is relative to its moving base.
     """
     instances = _instances(fields)
     fixed = (np.array(fields["Status"]) >= LEAST_FIX) & np.isfinite(instances)
@@ -230,7 +230,7 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
     velocity_n[has_down == 0] = math.nan
     latitude_rad, longitude_rad = np.radians(fixes.columns("Lat", "Lng")).T
     heading_deg = fixes.column("Yaw")
-    heading_deg[heading_deg == 0] = math.nan  # what a receiver without a heading has
+    heading_deg[heading_deg == 0] = math.nan  # 0 is logged by a receiver without a heading
     return GnssTable(
         fixes.name,
         fixes.time_us,
@@ -256,12 +256,13 @@ def _utc_us(fixes: Records) -> IntArray:
 
 
 def _notes(log: _Log, used: float | None) -> Iterator[str]:
-    """Yield notes on the receiver by the log's parameters, and on what is left out."""
+    """Yield notes on the receiver, by the log's parameters, and on what is left out."""
     number = int(used or 0) + 1
     if number > 1:
         yield f"GPS: receiver {number} is taken"
-    of_old = f"GPS_POS{number}", f"GPS_DELAY_MS{number if number > 1 else ''}"
-    for antenna, delay in ((f"GPS{number}_POS", f"GPS{number}_DELAY_MS"), of_old):  # of 4.6, old
+    new = f"GPS{number}_POS", f"GPS{number}_DELAY_MS"  # names since ArduPilot 4.6
+    old = f"GPS_POS{number}", f"GPS_DELAY_MS{number if number > 1 else ''}"
+    for antenna, delay in (new, old):
         place = [log.parameters.get(f"{antenna}_{axis}", 0.0) for axis in "XYZ"]
         yield from receiver_notes(antenna, place, delay, log.parameters.get(delay, 0.0))
     if np.isfinite(log.fields["MNT"]["TimeUS"]).any():

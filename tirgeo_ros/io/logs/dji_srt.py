@@ -1,7 +1,7 @@
 """Read the subtitles (SRT) that DJI's cameras write beside a video: position and gimbal.
 
-Models and years differ in the fields and in their order. Cues are told apart by their numbers; an
-end of a cue, which may be impossible (00:04:60), is not read. There is no IMU in them.
+The fields and their order differ by model and year. A cue begins at its number; its end time,
+which may be impossible (00:04:60), is not read. There is no IMU.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from tirgeo_ros.io.logs.log_contents import (
     LogContents,
     LogOptions,
     WrittenTime,
-    agreed,
     first_count,
+    largest_group,
     written_time,
 )
 
@@ -39,14 +39,14 @@ _MOST_BYTES = 1 << 28
 _N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number
 _CUE = re.compile(r"^\ufeff?\d+[ \t]*\n(?=\d+:\d\d:\d\d[,.]\d+\s*-->|\d{4}[-.])", re.MULTILINE)
 _BEGIN = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
-#: Matrice 300: latitude first, and a height of 0.0 M as the third. All others: longitude first,
-#: and the satellites or a height as the third; Phantom 4 RTK writes RTK for GPS while it has one.
+#: Matrice 300: latitude first, third number a height of 0.0 M. All others: longitude first, third
+#: number satellites or a height; Phantom 4 RTK writes RTK, not GPS, while it has an RTK solution.
 _LAT_LON = (
     re.compile(rf"\[latitude\s*:{_N}\]\s*\[longt?itude\s*:{_N}\]"),
     re.compile(rf"GPS\s*\({_N},{_N},{_N}M\)"),
 )
 _LON_LAT = re.compile(rf"(?:GPS|RTK)\s*\({_N},{_N},{_N}\)")
-#: Height above mean sea level; above nobody says what; above the take-off.
+#: Height above mean sea level, above an unknown datum, above the take-off.
 _ABSOLUTE = re.compile(rf"abs_alt\s*:{_N}")
 _PLAIN = re.compile(rf"\[altitude\s*:{_N}")
 _RELATIVE = re.compile(rf"(?:rel_alt\s*:|BAROMETER\s*:|\bHb\s*:|\bH\s){_N}")
@@ -106,8 +106,8 @@ class _Heights:
     def of(self, text: str) -> float | None:
         """Return a cue's ellipsoidal height, or None; LogError if its datum is not known.
 
-        The height above the take-off is used if that of the take-off is given: of the two it is
-        the better one.
+        Of two heights the one above the take-off is better, and is used if the take-off's height
+        is given.
         """
         relative, absolute, plain = (p.search(text) for p in (_RELATIVE, _ABSOLUTE, _PLAIN))
         if relative and (self._options.takeoff_height_m is not None or not (absolute or plain)):
@@ -116,7 +116,7 @@ class _Heights:
             return self._above(MSL, absolute)
         if plain and not self._options.height:
             raise LogError(
-                f"{self._path}: it does not tell what its altitude is above: give --height msl "
+                f"{self._path}: it does not say what its altitude is above: give --height msl "
                 "(sea level) or --height takeoff"
             )
         return self._above(self._options.height, plain) if plain else None
@@ -136,24 +136,24 @@ def _cue(part: str) -> _Cue:
 
 
 def _stamps_ns(cues: list[_Cue], path: Path, options: LogOptions) -> Iterator[int]:
-    """Yield the time of each cue: as written, else by the video's from the first date on.
+    """Yield the UTC of each cue: its date, else the video's start plus the time in the video.
 
-    A date that contradicts most others does not count there. Without any date the first cue is at
-    ``start_ns``; LogError without that.
+    The start is that of the first date that does not contradict most others. Without any date the
+    first cue is at ``start_ns``; raise LogError if that is not given.
     """
     begins = [options.utc_ns(c.written, path) - (c.begin_ns or 0) for c in cues if c.written]
     if begins:
-        first, last = agreed(begins)
-        begun_ns = next(begin for begin in begins if first <= begin <= last)
+        first, last = largest_group(begins)
+        video_start_ns = next(begin for begin in begins if first <= begin <= last)
     elif options.start_ns is None:
         raise LogError(f"{path}: no date in it: give the UTC of its first cue as --start-time")
     else:
-        begun_ns = options.start_ns - first_count(cue.begin_ns or 0 for cue in cues)
+        video_start_ns = options.start_ns - first_count(cue.begin_ns or 0 for cue in cues)
     for cue in cues:
         if cue.written:
             yield options.utc_ns(cue.written, path)
         else:
-            yield begun_ns + (cue.begin_ns or 0)
+            yield video_start_ns + (cue.begin_ns or 0)
 
 
 def _place(text: str) -> tuple[str, str] | None:
@@ -166,7 +166,7 @@ def _place(text: str) -> tuple[str, str] | None:
 
 
 def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:
-    """Return the camera's attitude if it is written: degrees, in NED."""
+    """Return the camera's attitude in NED, if its angles (deg) are written."""
     if match := _GIMBAL_PRY.search(text):
         pitch, roll, yaw = match.groups()
     elif match := _GIMBAL_YPR.search(text):

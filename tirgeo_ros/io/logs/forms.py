@@ -1,4 +1,4 @@
-"""Recognise the form of a log by its content: the table of the readers."""
+"""Recognise the form of a log by its content; list the readers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
 class Form(NamedTuple):
     """Hold a form of logs: its name, how a file's first bytes show it, and its reader.
 
-    A reader imports what not everybody has when it is called.
+    A reader imports optional packages only when it is called.
     """
 
     name: str
@@ -28,7 +28,7 @@ class Form(NamedTuple):
 
 
 UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx)
-#: The first that fits is taken.
+#: The first form that fits is used.
 FORMS = (
     Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog),
     Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash),
@@ -39,28 +39,28 @@ FORMS = (
 
 
 def _is_text(head: bytes) -> bool:
-    """Return whether there are hardly any control bytes but those of texts.
+    """Return whether a file is a text: it has hardly any control bytes, except tabs and line ends.
 
-    Logs of memory cards have some, where the power went; binary ones have a tenth and more.
+    A text on a memory card has some where the power was cut; a binary log has a tenth and more.
     """
     return sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head) <= len(head) // 100
 
 
-#: Any text, where a columns file says what is in it.
+#: Any text, if a columns file says what its columns mean.
 CSV = Form("CSV", _is_text, csv_log.read_csv)
 
 
 def form_of(path: Path, *, columns: bool = False) -> Form | None:
-    """Return the form of a log by its first bytes; None: no log that has a reader.
+    """Return the form of a log by its first bytes; None if no reader fits.
 
-    With ``columns`` a text of no other form is CSV; without, LogError says so. Raise LogError if
-    it cannot be read.
+    With ``columns`` a text of no other form is CSV. Raise LogError for a file that cannot be read,
+    and for NMEA and a table without ``columns``.
     """
     if path.is_dir():
         return None
-    head = first_bytes(path, 1 << 16, LogError)  # a log says what it is in these
+    head = first_bytes(path, 1 << 16, LogError)  # enough to recognise a log
     if head.startswith(UTF16):
-        with suppress(UnicodeDecodeError):  # then it is no text
+        with suppress(UnicodeDecodeError):  # it is not a text
             head = head.decode("utf-16").encode()
     form = next((form for form in FORMS if form.is_form(head)), None)
     if form is not None or not head or not CSV.is_form(head):
@@ -68,7 +68,7 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
     if columns:
         return CSV
     if _NMEA.search(head):
-        if UBX.is_form(path.read_bytes()):  # a receiver that was set to UBX later
+        if UBX.is_form(path.read_bytes()):  # the receiver was switched to UBX later
             return UBX
         raise LogError(f"{path}: NMEA: it has no covariances; record UBX (NAV-PVT) beside it")
     if b"," in head or b";" in head:

@@ -1,4 +1,4 @@
-"""Define what a reader of a foreign log takes and gives; convert the times of logs to UTC.
+"""Define the options and the results of readers of foreign logs; convert logs' times to UTC.
 
 GPS time counts on through leap seconds: it was UTC on 1980-01-06, and is ahead by one second for
 each leap second since (IS-GPS-200, section 3.3.4; the dates are those of IERS Bulletin C).
@@ -24,7 +24,7 @@ SECOND_NS = 1_000_000_000
 WEEK_NS = 7 * 86400 * SECOND_NS
 #: 1980-01-06 in Unix time.
 GPS_EPOCH_NS = 315_964_800 * SECOND_NS
-#: Years and months at whose beginning (UTC) GPS time became ahead by one second more.
+#: Year and month at whose beginning (UTC) GPS time became ahead by one second more.
 _LEAPS = (
     *((1981, 7), (1982, 7), (1983, 7), (1985, 7), (1988, 1), (1990, 1), (1991, 1), (1992, 7)),
     *((1993, 7), (1994, 7), (1996, 1), (1997, 7), (1999, 1), (2006, 1), (2009, 1), (2012, 7)),
@@ -32,23 +32,25 @@ _LEAPS = (
 )
 _WRITTEN = re.compile(
     r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})[T\s]+(\d{1,2}):(\d{2}):(\d{2})"
-    r"(?![\d.,]*\s*[AaPp]\.?[Mm]\b)"  # hours up to 12 are not read
+    r"(?![\d.,]*\s*[AaPp]\.?[Mm]\b)"  # a time with AM or PM is not read
     r"(?:[.,](\d{1,9})\d*)?(?:,(\d{3}))?"
     r"[ \t]*(?:(Z|UTC|GMT)\b)?[ \t]*([+-]\d{1,2}(?::?\d{2})?(?![\d:.]))?"
 )
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
+ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoidal", "msl", "takeoff")
+_ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}
 
 
 def _unix_ns(*fields: int) -> int:
     return round(datetime(*fields, tzinfo=timezone.utc).timestamp()) * SECOND_NS  # type: ignore[misc,arg-type]
 
 
-#: GPS times, counted as if they were Unix times, from which one leap second more holds.
+#: GPS times, counted from 1970 as Unix times are, from which one more leap second counts.
 _FROM_NS = [_unix_ns(*date, 1) + (k + 1) * SECOND_NS for k, date in enumerate(_LEAPS)]
 
 
 def utc_ns(gpst_ns: int) -> int:
-    """Return the Unix time of a GPS time that is counted from 1970 as if it were one."""
+    """Return the Unix time of a GPS time that is counted from 1970 as Unix times are."""
     return gpst_ns - bisect.bisect_right(_FROM_NS, gpst_ns) * SECOND_NS
 
 
@@ -57,8 +59,8 @@ def utc_ns_of_week(week: int, of_week_ns: int) -> int:
     return utc_ns(GPS_EPOCH_NS + week * WEEK_NS + of_week_ns)
 
 
-def agreed(begins_ns: Iterable[int]) -> tuple[int, int]:
-    """Return the bounds of the most begins that lie within a second, the length of a date."""
+def largest_group(begins_ns: Iterable[int]) -> tuple[int, int]:
+    """Return first and last of the largest group of times within a second, a date's resolution."""
     begins = sorted(begins_ns)
     ends = [bisect.bisect_right(begins, begin + SECOND_NS) - 1 for begin in begins]
     first = max(range(len(begins)), key=lambda k: ends[k] - k)
@@ -66,7 +68,7 @@ def agreed(begins_ns: Iterable[int]) -> tuple[int, int]:
 
 
 def first_count(counts: Iterable[int]) -> int:
-    """Return the first count, or where it would be if it does not fit the eight after it."""
+    """Return the first count, extrapolated from the next eight if it does not fit them."""
     head = list(islice(counts, 9)) or [0]
     steps = sorted(abs(later - before) for before, later in pairwise(head))
     fits = len(steps) < 3 or abs(head[1] - head[0]) <= 2 * steps[-2]
@@ -74,7 +76,7 @@ def first_count(counts: Iterable[int]) -> int:
 
 
 class WrittenTime(NamedTuple):
-    """Hold a date and time as they are written, as ns of Unix time without its zone."""
+    """Hold a date and time as written: ns of Unix time as if it were UTC, and the zone."""
 
     local_ns: int
     offset_s: int | None  # of the zone, east positive; None where it is not written
@@ -120,33 +122,30 @@ def zone_offset_s(text: str) -> int:
     return (hours * 3600 + minutes * 60) * (-1 if match[1] == "-" else 1)
 
 
-ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoidal", "msl", "takeoff")
-
-
 class Refused(Exception):  # noqa: N818  no error: the record is counted
     """Say why a record of a log gives no sample."""
 
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Hold what a log leaves open; None or empty: not given."""
+    """Hold what a log does not say itself; None or empty: not given."""
 
     geoid_undulation_m: float | None = None  # for heights above mean sea level
     baseline_m: float | None = None  # between the two antennas: other lengths are refused
     baseline_rad: float = 0.0  # direction from the first antenna to the second, from the nose
     rover_first: bool = False  # the first antenna is the rover's, the second the moving base's
     takeoff_height_m: float | None = None  # ellipsoidal, for heights above the take-off
-    height: str = ""  # datum of heights where the log does not tell it: ellipsoidal or msl
-    time_scale: str = ""  # of times where the log does not tell it: gpst or utc
+    height: str = ""  # datum of heights if the log does not say it: ellipsoidal or msl
+    time_scale: str = ""  # of times if the log does not say it: gpst or utc
     utc_offset_s: int | None = None  # of local times, east positive
     start_ns: int | None = None  # UTC of the log's first record, where it has no date
-    set_heading_rad: float | None = None  # of the nose, as a person says
+    set_heading_rad: float | None = None  # of the nose, set by a person
     columns: Path | None = None  # what the columns of a CSV file mean
 
     def to_ellipsoid_m(self, datum: str, path: Path) -> float:
-        """Return the offset from heights above ``datum`` (of DATUMS) to ellipsoidal ones.
+        """Return the offset from heights above ``datum`` (of DATUMS) to ellipsoidal heights.
 
-        Raise LogError, naming the option, where that is not known.
+        Raise LogError, naming the option to give, if it is not known.
         """
         if datum == ELLIPSOIDAL:
             return 0.0
@@ -161,11 +160,11 @@ class LogOptions:
         return offset_m
 
     def utc_ns(self, written: WrittenTime, path: Path) -> int:
-        """Return the Unix time of a written one; raise LogError without a zone for local times."""
+        """Return the Unix time of a written time. Raise LogError if its zone is not known."""
         offset_s = self.utc_offset_s if written.offset_s is None else written.offset_s
         if offset_s is None:
             raise LogError(
-                f"{path}: its times are local, without a zone: give --utc-offset, as +02:00"
+                f"{path}: its times are local, without a zone: give --utc-offset, such as +02:00"
             )
         return written.local_ns - offset_s * SECOND_NS
 
@@ -175,8 +174,8 @@ class LogContents:
     """Hold the samples of a log, with stamps in ns of Unix time (UTC), and what was left out.
 
     ``read`` counts the log's records by name, ``refused`` those that gave no sample, by name and
-    reason. ``notes`` say in a sentence each what the log left open and how it was taken. A
-    ``damaged`` file, or one that was cut off, may have held more than that.
+    reason. Each of ``notes`` says in a sentence what the log left open and what is assumed. A
+    ``damaged`` file, or one that was cut off, may have lost records that are not counted.
     """
 
     samples: list[SensedSample] = field(default_factory=list)
@@ -186,13 +185,10 @@ class LogContents:
     damaged: bool = False
 
 
-_ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}
+def classify_receiver(contents: LogContents, name: str, *, is_rtk: bool) -> None:
+    """Note whether a receiver is RTK; if it is not, change its samples to those of ordinary GPS.
 
-
-def say_receiver(contents: LogContents, name: str, *, is_rtk: bool) -> None:
-    """Make the samples of a receiver that was never RTK float or fixed those of ordinary GPS.
-
-    The filter has no use for ``rtk/fix`` of such a one. Which it is becomes a note.
+    It is RTK if it was float or fixed at least once; the filter has no use for other ``rtk/fix``.
     """
     if not is_rtk:
         contents.samples = [

@@ -1,8 +1,8 @@
 """Read PX4's logs (ULog) through pyulog: IMU, attitude, satellite receiver, barometer.
 
 Fields differ by version and are taken by their names: positions in 1e-7 deg and mm, or in deg and
-m. ``heading`` is the nose's: PX4's drivers take ``heading_offset``, the direction of the two
-antennas in the body, off the baseline's azimuth, as the contract of ``rtk/heading`` asks for.
+m. ``heading`` is the nose's: PX4's drivers subtract ``heading_offset``, the baseline's direction
+in the body, from the baseline's azimuth, as the contract of ``rtk/heading`` asks for.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 MAGIC = b"ULog\x01\x12\x35"
 
 _IMUS, _ATTITUDE = ("sensor_combined", "vehicle_imu"), "vehicle_attitude"
-#: The receiver that PX4's filter takes, which may be a blend of several, before the first alone.
+#: The receiver that PX4's filter uses, which may be a blend of several; else a single receiver.
 _RECEIVERS = ("vehicle_gps_position", "sensor_gps")
 _AIR = "vehicle_air_data"
 _GIMBALS = ("gimbal_device_attitude_status", "mount_orientation")
@@ -50,7 +50,7 @@ def is_px4_ulog(head: bytes) -> bool:
 
 
 class _File(BufferedReader):
-    """Read a file; ``cut`` if the last read ended within a record."""
+    """Read a file; ``cut`` is true if the last read ended within a record."""
 
     cut = False
 
@@ -65,8 +65,8 @@ class _File(BufferedReader):
 def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
 
-    Several instances of a topic: the first is taken, of receivers the first with a fix. Raise
-    LogError if it is no ULog, or has no IMU; if its heights are above mean sea level alone and the
+    Of several instances of a topic the first is used, of receivers the first with a fix. Raise
+    LogError if it is not a ULog, has no IMU, or has only heights above mean sea level while the
     undulation is not given.
     """
     log, cut = _opened(path)
@@ -89,7 +89,8 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
         if receiver is not None:
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
     except KeyError as error:
-        raise LogError(f"{path}: a topic has no field {error}: a version not known here") from None
+        why = f"a topic has no field {error}: this version of PX4 is not supported"
+        raise LogError(f"{path}: {why}") from None
     contents.notes += [
         f"{name} is left out: what its angles refer to differs by flags and version"
         for name in _GIMBALS
@@ -125,7 +126,7 @@ def _instances_taken(log: Any) -> dict[str, Records]:
     topics = defaultdict[str, list[Records]](list)
     for data in sorted(log.data_list, key=lambda data: int(data.multi_id)):
         logged_us = np.asarray(data.data.get("timestamp", ()), np.int64)
-        if len(logged_us):  # none in a damaged format
+        if len(logged_us):  # a topic with a damaged format has none
             sampled_us = data.data.get("timestamp_sample", np.zeros(len(logged_us)))
             sampled_us = np.asarray(sampled_us, np.int64)
             time_us = np.where(sampled_us > 0, sampled_us, logged_us)
@@ -180,7 +181,7 @@ def _gnss(path: Path, table: Records, options: LogOptions) -> GnssTable:
 
 
 def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator[str]:
-    """Yield notes on the receiver by the log's parameters, for those of the flight."""
+    """Yield notes on the receiver: its place and delay by the log's parameters, its heading."""
     place = [float(parameters.get(f"EKF2_GPS_POS_{axis}", 0.0)) for axis in "XYZ"]
     delay_ms = float(parameters.get("EKF2_GPS_DELAY", 0.0))
     yield from receiver_notes("EKF2_GPS_POS", place, "EKF2_GPS_DELAY", delay_ms)
@@ -189,7 +190,7 @@ def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator
     if len(offsets):
         offset_deg = math.degrees(float(np.median(offsets)))
         yield (
-            f"headings are the nose's: PX4 has taken heading_offset, {offset_deg:.1f} deg, "
-            "off the baseline's: aircraft.second_antenna_m lies in that direction, clockwise "
-            "from the nose, from aircraft.rtk_antenna_m"
+            f"headings are the nose's: PX4 has subtracted heading_offset, {offset_deg:.1f} deg: "
+            "seen from aircraft.rtk_antenna_m, aircraft.second_antenna_m lies in that direction, "
+            "clockwise from the nose"
         )

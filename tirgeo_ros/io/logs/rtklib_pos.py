@@ -28,21 +28,21 @@ from tirgeo_ros.io.logs.log_contents import (
     WEEK_NS,
     LogContents,
     LogOptions,
-    say_receiver,
+    classify_receiver,
     utc_ns,
     written_time,
 )
 from tirgeo_ros.io.messages import SensedSample
 
 _MOST_BYTES = 1 << 30
-#: What stands between columns: blanks, or what a person chose in RTKPOST.
+#: What separates columns: blanks, or what was chosen in RTKPOST.
 _SEPARATOR = re.compile(r"[\s,;]+")
 _TITLES = re.compile(r"%\s+(GPST|UTC|JST)[\s,;]+([^\s,;]+)")
 _DATUM = re.compile(r"height=WGS84/(ellipsoidal|geodetic)")
 _LIKE_DATUM = re.compile(r"%\s*\(.*(height=|WGS84/|ellipsoidal|geodetic)")
 _NUMBER = r"[\s,;]+[-+.\d]+"
 _DATE = r"\s*(\d{4}/\d\d/\d\d\s+\d\d:\d\d:[\d.]+|\d{3,4}[\s,;]+\d+(\.\d+)?)"
-#: A place of three or seven columns, quality, satellites, and at least eight more.
+#: A solution: date, place of three or seven columns, quality, satellites, at least eight more.
 _BARE = re.compile(
     rf"{_DATE}({_NUMBER}){{3}}(({_NUMBER}){{4}})?[\s,;]+[0-7](\.0*)?[\s,;]+\d{{1,3}}(\.0*)?"
     rf"({_NUMBER}){{8}}"
@@ -50,11 +50,11 @@ _BARE = re.compile(
 _DEGREES, _SEXAGESIMAL, _ECEF = "deg", "dms", "ecef"
 _COORDINATES = {"latitude(deg)": _DEGREES, "latitude(d'\")": _SEXAGESIMAL, "x-ecef(m)": _ECEF}
 _WIDTH = {_DEGREES: 3, _SEXAGESIMAL: 7, _ECEF: 3}
-#: Of UTC, which RTKLIB applies to weeks and seconds too.
+#: Time scale -> how far it is ahead of UTC; RTKLIB applies it to weeks and seconds too.
 _AHEAD_NS = {"UTC": 0, "JST": 9 * 3600 * SECOND_NS}
-#: NED from the file's north, east, up.
+#: Rotation of the file's north, east, up to NED.
 _NEU = np.diag([1.0, 1.0, -1.0])
-#: Fixed, float, SBAS, differential, single, PPP: the last is no integer solution.
+#: Fixed, float, SBAS, differential, single, PPP: the last has no integer ambiguities.
 _STATUS: dict[float, FixStatus] = {
     1: FixStatus.FIXED,
     **dict.fromkeys((2, 3, 4, 6), FixStatus.FLOAT),
@@ -71,25 +71,25 @@ def is_pos(head: bytes) -> bool:
 
 
 def read_pos(path: Path, options: LogOptions) -> LogContents:
-    """Read a solution file. Raise LogError if it cannot be read or leaves too much open."""
+    """Read a solution file. Raise LogError if it is unreadable, or an option is missing."""
     text = read_text(path, LogError, _MOST_BYTES, damaged=True)
     lines = [line for line in text.splitlines() if line.strip()]
     log = _PosLog(path, options, lines)
     for line in lines:
         log.take(line)
-    say_receiver(log.contents, "the receiver", is_rtk=log.is_rtk)
+    classify_receiver(log.contents, "the receiver", is_rtk=log.is_rtk)
     return log.contents
 
 
 class _PosLog:
-    """Convert the lines of a file one by one; a header holds until the next one."""
+    """Convert the lines of a file one by one; a header applies until the next one."""
 
     def __init__(self, path: Path, options: LogOptions, lines: list[str]) -> None:
         self.contents = LogContents()
         self.is_rtk = False
         self._path, self._options = path, options
-        self._scale = self._coordinates = self._datum = ""  # GPST, UTC or JST; empty: not told
-        for line in lines:  # the first header is also that of lines before it
+        self._scale = self._coordinates = self._datum = ""  # empty: not known yet
+        for line in lines:  # the first header applies to lines before it too
             self._take_header(line)
             if self._scale:
                 break
@@ -119,8 +119,8 @@ class _PosLog:
         if titles:
             if titles[2] not in _COORDINATES:
                 raise LogError(
-                    f"{self._path}: coordinates {titles[2]}, relative to a base: let RTKLIB write "
-                    "latitude, longitude and height"
+                    f"{self._path}: coordinates {titles[2]} are relative to a base: let RTKLIB "
+                    "write latitude, longitude and height"
                 )
             self._scale, self._coordinates = titles[1], _COORDINATES[titles[2]]
 
@@ -138,7 +138,7 @@ class _PosLog:
         self._coordinates = coordinates
 
     def _samples(self, cells: list[str]) -> list[SensedSample]:
-        """Return the samples of a line; raise ValueError if it is none."""
+        """Return the samples of a line; raise ValueError if it is not a solution."""
         date, time, *cells = cells
         stamp_ns = self._stamp_ns(date, time)
         width = _WIDTH[self._coordinates]
@@ -150,7 +150,7 @@ class _PosLog:
         covariance_n = _covariance_n(numbers[:6], r_nf)
         source = Source.RTK_POSITION
         position = PositionSample(stamp_ns, source, status, *geodetic, covariance_n)
-        if len(numbers) < 17:  # age and ratio, then velocity and its six
+        if len(numbers) < 17:  # covariance (6), age, ratio, velocity (3), its covariance (6)
             return [position]
         velocity_n = r_nf @ np.array(numbers[8:11])
         covariance_n = _covariance_n(numbers[11:17], r_nf)
@@ -169,7 +169,7 @@ class _PosLog:
         return utc_ns(local_ns) if self._scale == "GPST" else local_ns - _AHEAD_NS[self._scale]
 
     def _place(self, cells: list[str]) -> tuple[tuple[float, float, float], Array]:
-        """Return latitude, longitude (rad) and height, and NED from the file's axes (3, 3)."""
+        """Return latitude, longitude (rad), height, and the rotation of the file's axes to NED."""
         if self._coordinates == _ECEF:
             place = geodetic_from_ecef(np.array([float(cell) for cell in cells]))
             latitude_rad, longitude_rad, height_m = map(float, place)
@@ -180,7 +180,7 @@ class _PosLog:
         datum = self._datum or self._options.height
         if not datum:
             raise LogError(
-                f"{self._path}: its header does not tell what heights are above: give --height "
+                f"{self._path}: its header does not say what heights are above: give --height "
                 "ellipsoidal, or --height msl (sea level)"
             )
         offset_m = self._options.to_ellipsoid_m(datum, self._path)
@@ -192,7 +192,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _angle_rad(cells: list[str]) -> float:
-    """Return degrees, or degrees, minutes and seconds, in rad; -0 has a sign."""
+    """Return degrees, or degrees, minutes and seconds, in rad; -0 degrees is negative."""
     degrees, minutes, seconds = (*map(float, cells), 0.0, 0.0)[:3]
     return math.radians(math.copysign(abs(degrees) + minutes / 60 + seconds / 3600, degrees))
 

@@ -32,7 +32,7 @@ from tirgeo_ros.io.logs.log_contents import (
     LogContents,
     LogOptions,
     Refused,
-    say_receiver,
+    classify_receiver,
     written_time,
 )
 from tirgeo_ros.io.messages import SensedSample
@@ -41,8 +41,8 @@ PVT, RELPOSNED, HPPOSLLH = "NAV-PVT", "NAV-RELPOSNED", "NAV-HPPOSLLH"
 _KEYS = {b"\x01\x07": PVT, b"\x01\x3c": RELPOSNED, b"\x01\x14": HPPOSLLH}
 #: Lengths of their payloads: those of older receivers first.
 _LENGTHS = {PVT: (84, 92), RELPOSNED: (40, 64), HPPOSLLH: (36,)}
-_AROUND = 8  # bytes of a frame beside its payload
-#: Half a wavelength of L1: more than a tape errs, less than most wrong ambiguities do.
+_AROUND = 8  # bytes of a frame in addition to its payload
+#: Half a wavelength of L1: more than a tape's error, less than that of most wrong ambiguities.
 _LENGTH_TOLERANCE_M = 0.1
 _STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
 _WEEK_MS = WEEK_NS // 1_000_000
@@ -80,26 +80,26 @@ class _UbxLog:
         self._dated: list[_Dated] = []
 
     def take(self, frame: bytes | None) -> None:
-        """Take a frame, or the remains of one."""
+        """Take a frame; None stands for a damaged one."""
         from pyubx2 import UBX_MSGIDS, UBXReader  # noqa: PLC0415  an extra
 
         if frame is None:
-            self.contents.refused["frame", "cut, or its sum is wrong"] += 1
+            self.contents.refused["frame", "cut off, or its checksum is wrong"] += 1
             return
         unknown = f"class {frame[2]:02x} id {frame[3]:02x}"
         name = _KEYS.get(frame[2:4]) or str(UBX_MSGIDS.get(frame[2:4], unknown))
         self.contents.read[name] += 1
         if name not in _LENGTHS:
             return
-        if len(frame) - _AROUND in _LENGTHS[name]:  # of others pyubx2 leaves fields out
+        if len(frame) - _AROUND in _LENGTHS[name]:  # at another length pyubx2 leaves fields out
             number = self.contents.read.total()  # its place in the log
             self._messages[name].append((number, UBXReader.parse(frame)))
         else:
-            self.contents.refused[name, "its length is no known one"] += 1
+            self.contents.refused[name, "its length is not known"] += 1
 
     def finish(self) -> None:
-        """Convert what was collected to samples."""
-        precise = defaultdict(list)  # by time of week, which comes again in a joined log
+        """Convert the collected messages to samples."""
+        precise = defaultdict(list)  # by time of week, which may repeat in a joined log
         for number, message in self._messages[HPPOSLLH]:
             if not getattr(message, "invalidLlh", 0):
                 precise[message.iTOW].append((number, message))
@@ -111,7 +111,7 @@ class _UbxLog:
             self._count(RELPOSNED, self._heading, number, message)
         if self._messages[PVT]:
             is_rtk = any(message.carrSoln for _, message in self._messages[PVT])
-            say_receiver(self.contents, PVT, is_rtk=is_rtk)
+            classify_receiver(self.contents, PVT, is_rtk=is_rtk)
 
     def _count(self, name: str, convert: Any, *record: Any) -> None:
         try:
@@ -138,7 +138,8 @@ class _UbxLog:
     def _heading(self, number: int, vector: Any) -> list[SensedSample]:
         whole = vector.version == 1 and vector.length == _LENGTHS[RELPOSNED][-1]
         _must(whole, f"version {vector.version} of {vector.length} bytes has no heading")
-        _must(vector.relPosValid and vector.relPosHeadingValid, "the receiver calls it not valid")
+        valid = vector.relPosValid and vector.relPosHeadingValid
+        _must(valid, "the receiver marks it as not valid")
         _must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
         _must(vector.carrSoln == 2, "ambiguities are not fixed")
         baseline_m, tolerance_m = self._options.baseline_m, _LENGTH_TOLERANCE_M
@@ -156,22 +157,22 @@ class _UbxLog:
         return [HeadingSample(stamp_ns, heading_rad, variance)]
 
     def _stamp_near_ns(self, number: int, of_week_ms: int) -> int:
-        """Return the UTC (ns) of a time of week, by the solution before or behind it in the log.
+        """Return the UTC (ns) of a time of week, by the solution before or after it in the log.
 
-        Times of week begin anew, and receivers may give more vectors than solutions.
+        Times of week begin again each week, and a log may have more vectors than solutions.
         """
         place = bisect.bisect(self._dated, number, key=lambda dated: dated.number)
         half_ms = _WEEK_MS // 2
-        apart = {
+        by_difference_ms = {
             (of_week_ms - dated.of_week_ms + half_ms) % _WEEK_MS - half_ms: dated
             for dated in self._dated[max(place - 1, 0) : place + 1]
         }
-        nearest_ms = min(apart, key=abs, default=_WEEK_MS)
+        nearest_ms = min(by_difference_ms, key=abs, default=_WEEK_MS)
         _must(
             abs(nearest_ms) < 60_000,
             "no NAV-PVT with a date within a minute of it: record both",
         )
-        return apart[nearest_ms].stamp_ns + nearest_ms * 1_000_000
+        return by_difference_ms[nearest_ms].stamp_ns + nearest_ms * 1_000_000
 
 
 def _must(good: object, reason: str) -> None:
@@ -180,7 +181,7 @@ def _must(good: object, reason: str) -> None:
 
 
 def _stamp_ns(pvt: Any) -> int:
-    """Return the UTC of a NAV-PVT in ns; its fraction has a sign."""
+    """Return the UTC of a NAV-PVT in ns; its fraction of a second may be negative."""
     _must(pvt.validDate and pvt.validTime, "date or time is not valid")
     _must(pvt.fullyResolved, "UTC is not resolved to the second")
     text = f"{pvt.year:04}-{pvt.month}-{pvt.day} {pvt.hour}:{pvt.min:02}:{pvt.second:02}"
@@ -194,9 +195,9 @@ def ubx_frames(data: bytes) -> Iterator[bytes | None]:
     """Yield the frames in order; None for sync characters without a whole frame behind them.
 
     A frame is two sync characters, class, id, length (little-endian), payload and two bytes of an
-    8-bit Fletcher sum. Whatever stands between frames is passed over: NMEA, RTCM, comments. A
-    frame counts only with its sum right, and the search goes on behind the sync characters of a
-    wrong one, so that a damaged length costs one frame. (pyubx2's reader takes it at its word.)
+    8-bit Fletcher sum. Whatever stands between frames is skipped: NMEA, RTCM, comments. A frame
+    counts only if its sum is right. After a wrong one the search goes on behind its sync
+    characters, so that a damaged length costs one frame (pyubx2's reader would trust the length).
     """
     place = data.find(_SYNC)
     while place >= 0:

@@ -1,7 +1,7 @@
 """Read the layers of a map file with GDAL into tables of shapes and properties.
 
-GDAL reads GeoPackage, GeoJSON, Shapefile, KML and dozens more. Its work has no bound in time or
-memory: it belongs into the process of ``map_process``.
+GDAL reads GeoPackage, GeoJSON, Shapefile, KML and dozens more. It limits neither its time nor its
+memory: call this module only in the process of ``map_process``.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.files.bounded_reading import bounded_time, elsewhere
 from tirgeo_ros.io.maps.style_sheet import Wanted, own_names
 
-#: Limit for a layer: beyond it, reading takes more than some seconds and more memory than a map
-#: may use.
+#: Limit for a layer: to read more takes longer than some seconds, and more memory than a map may
+#: use.
 MOST_FEATURES = 500_000
-#: GDAL's warnings of geometries that it leaves out; most others are on the form of the file.
+#: GDAL's warnings of geometries that it leaves out; most others concern the file's format.
 _LOST = re.compile(r"NULL geometry|coord")
 _MOST_WARNINGS = 3
 _MEMORY = re.compile(r"out of memory|alloc", re.IGNORECASE)
@@ -42,23 +42,23 @@ _COLUMNS = {
 NAMES = ("name", "id")  # properties by which messages name a feature
 _CSV = (".csv", ".tsv", ".txt")
 _KML = (".kml", ".kmz")
-#: Positions of a KML, with commas or (gx:coord) blanks between the numbers of one.
+#: Elements of a KML with positions: commas, in gx:coord blanks, separate the numbers.
 _POSITIONS = re.compile(rb"<(?:\w+:)?coord(inates)?(?:\s[^<>]*)?(?<!/)>([^<]*)")
 _NUMBER = rb"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _POSITION = re.compile(rb"N,N(?:,N?)?".replace(b"N", _NUMBER))
 _COMMENT = re.compile(rb"<!--.*?-->|<!\[CDATA\[|\]\]>", re.DOTALL)
-#: The name in the ``crs`` member of GeoJSON before RFC 7946: GDAL takes one it does not know for
+#: The name in the ``crs`` member of GeoJSON before RFC 7946: GDAL reads an unknown name as
 #: WGS84.
 _CRS_MEMBER = re.compile(rb'"crs"\s*:\s*\{[^{}]*"properties"\s*:\s*\{[^{}]*"name"\s*:\s*"([^"]*)"')
-#: The beginning of a feature in GeoJSON of one feature a line: GDAL skips damaged ones silently.
+#: The beginning of a line in GeoJSON of one feature a line: GDAL skips damaged lines silently.
 _JSON_LINE = re.compile(rb"^\x1e?\{", re.MULTILINE)
-#: Maps that are looked for in a zip.
+#: Endings of the maps that are looked for in a zip.
 _ZIPPED = (".shp", ".gpkg", ".geojson", ".json", ".kml", ".gml")
 
 #: A point, a line or a ring of a polygon: its type, and positions (n, 2) or (n, 3).
 _Part = tuple[str, NDArray[np.float64]]
-#: Types of well-known binary (OGC 06-103r4, ISO 13249-3); the collections are multi-point to
-#: collection, polyhedral surface, TIN.
+#: Types of well-known binary (OGC 06-103r4, ISO 13249-3). Collections: multi-point, multi-line,
+#: multi-polygon, geometry collection, polyhedral surface, TIN.
 _POINT, _LINE, _POLYGON, _TRIANGLE = 1, 2, 3, 17
 _COLLECTIONS = {4, 5, 6, 7, 15, 16}
 
@@ -68,7 +68,8 @@ class Shapes:
     """Hold points, lines and rings of a table, end to end.
 
     Part ``i`` is ``points[starts[i]:starts[i + 1]]``: x, y, z (N, 3), z nan where there is none.
-    ``feature`` (parts) counts from 0 in the order of the file; ``closed`` (parts) marks rings.
+    ``feature`` (parts) is the number of the part's feature in the file, from 0; ``closed`` (parts)
+    marks rings.
     """
 
     points: Array
@@ -79,15 +80,15 @@ class Shapes:
 
 @dataclass(slots=True)
 class Table:
-    """Hold a layer of a file, in the file's own system."""
+    """Hold a layer of a file, in the file's own coordinate system."""
 
-    where: str  # begins every message about it
+    where: str  # file and layer, which begin every message
     name: str
     crs: str | None  # WKT or a code
     shapes: Shapes
-    rows: Sequence[Mapping[str, Any]]  # the wanted properties of each feature, by wanted names
+    rows: Sequence[Mapping[str, Any]]  # of each feature: wanted property -> value
     fields: Sequence[str]  # names of all properties
-    faults: dict[int, str]  # features that are left out, wholly or in part, and why
+    faults: dict[int, str]  # feature -> why it is left out, wholly or in part
     notes: list[str] = field(default_factory=list)
 
 
@@ -101,7 +102,7 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     try:
         import pyogrio  # noqa: PLC0415  heavy, and not packaged with a key of rosdep
     except ImportError:
-        raise MapError(f"{path}: maps are read by pyogrio: pip install pyogrio") from None
+        raise MapError(f"{path}: to read maps needs pyogrio: pip install pyogrio") from None
     try:
         with bounded_time():
             _check_content(path)
@@ -120,7 +121,7 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
 
 
 def _check_content(path: Path) -> None:
-    """Refuse files that GDAL would draw as what they are not.
+    """Raise MapError for a damaged file that GDAL would read wrongly without an error.
 
     These are a shapefile that is shorter than its header says, and a KML, a KMZ or the KML in a
     zip with positions that are not numbers.
@@ -130,8 +131,8 @@ def _check_content(path: Path) -> None:
         with path.open("rb") as file:
             length = 2 * int.from_bytes(file.read(28)[24:], "big")
         if path.stat().st_size < length:
-            said = f"{path.stat().st_size} bytes, and its header says {length}"
-            raise MapError(f"{path}: a damaged shapefile: {said}")
+            sizes = f"{path.stat().st_size} bytes, and its header says {length}"
+            raise MapError(f"{path}: a damaged shapefile: {sizes}; copy it again")
     elif suffix == ".kml":
         texts = [path.read_bytes()]
     elif suffix in {".kmz", ".zip"}:
@@ -144,12 +145,12 @@ def _check_content(path: Path) -> None:
         for position in positions if block[1] else [b",".join(words)] if words else []:
             if not _POSITION.fullmatch(position):
                 shown = position[:40].decode(errors="replace")
-                raise MapError(f"{path}: {shown!r} is not lon,lat[,height]")
+                raise MapError(f"{path}: the position {shown!r} is not lon,lat[,height]")
 
 
 def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # GDAL's remarks on the form of a file that it takes
+        warnings.simplefilter("ignore")  # about the format of files that GDAL can read
         listed = [
             (place, str(name), kind)
             for place in _places(path)
@@ -174,7 +175,7 @@ def _places(path: Path) -> list[str]:
         names = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
     maps = [name for name in names if name.lower().endswith(_ZIPPED)]
     if not maps:
-        raise MapError(f"{path}: a zip without a map in it ({', '.join(_ZIPPED)}); unpack it")
+        raise MapError(f"{path}: no map in the zip ({', '.join(_ZIPPED)}); give the map itself")
     return [f"/vsizip/{path.absolute()}/{name}" for name in maps]
 
 
@@ -220,7 +221,7 @@ def _read(
 ) -> tuple[dict[str, Any], Sequence[bytes | None], list[list[Any]]]:
     """Return description, geometries (WKB) and columns of a layer.
 
-    Old shapefiles often declare another encoding than UTF-8, or none, and hold UTF-8.
+    UTF-8 is tried first: old shapefiles often hold it but declare another encoding or none.
     """
     options: dict[str, Any] = _COLUMNS if place.lower().endswith(_CSV) else {}
     options = {"layer": name, "columns": columns, **options}
@@ -237,7 +238,7 @@ def _read(
 
 
 def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
-    """Return the shapes of geometries in WKB, and the features that are not whole."""
+    """Return the shapes of geometries in WKB, and the fault of each feature that has one."""
     parts: list[NDArray[np.float64]] = []
     owners: list[tuple[int, bool]] = []  # feature, closed
     faults: dict[int, str] = {}
@@ -264,9 +265,9 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
 
 
 def _append_parts(data: bytes, at: int, parts: list[_Part]) -> int:
-    """Append the points, lines and rings of the geometry at an offset; return that of its end.
+    """Append points, lines and rings of the WKB geometry at an offset; return its end's offset.
 
-    It is in WKB as GDAL writes it. Raises ValueError for a type that cannot be drawn.
+    The WKB is as GDAL writes it. Raises ValueError for a type that cannot be drawn.
     """
     (code,) = struct.unpack_from("<I", data, at + 1)
     thousands, kind = divmod(code & 0xFFFF, 1000)

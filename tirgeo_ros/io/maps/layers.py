@@ -1,4 +1,4 @@
-"""Load the layers of a map's files, by the style sheet or each in the default style."""
+"""Load the layers of a map's files, drawn by a style sheet or in the default style."""
 
 from __future__ import annotations
 
@@ -27,16 +27,118 @@ from tirgeo_ros.io.maps.style_sheet import (
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 _MOST_NAMED = 3
+#: Files that belong to a shapefile.
+_SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
+#: A file of the map, and the entry of the style sheet that draws it; None: the default style.
+_Source = tuple[Path, SheetLayer | None]
 
 
-def _drawn(
+def read_layers(
+    map: str,  # noqa: A002  the parameter's name
+    style: str = "",
+    label_field: str = "name",
+    *,
+    network: bool = False,
+) -> list[MapLayer]:
+    """Read the layers of a map in this process, in the order in which they are drawn.
+
+    ``map`` is a file, or several with commas; ``style`` is a style sheet, or "": then every table
+    of every file is a layer of the default style. Files that the sheet does not draw come first,
+    also in the default style. ``label_field`` is the property that labels features where the sheet
+    does not name one. ``network``: places on the network that a file names may be fetched.
+
+    Raises MapError, naming the file (and layer and feature), for an invalid map; ConfigError,
+    naming sheet, layer and key, for an invalid style sheet.
+    """
+
+    def load() -> list[MapLayer]:
+        sources = _sources(map, style)
+        layers = [layer for source in sources for layer in _layers(*source, label_field)]
+        return _noted_once(layers, style)
+
+    return read_map(load, network=network)
+
+
+def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the parameter's name
+    """Return each file on which the layers depend, once; some of them may not exist.
+
+    Never raises: with an unreadable style sheet, these are the sheet and the map alone.
+    """
+    paths = [Path(name) for name in named_files(map)]
+    if style:
+        paths = [*paths, Path(style)]
+        try:
+            entries = load_style_sheet(style)
+        except ConfigError:
+            entries = []
+        paths += [file for each in entries for file in (each.file, each.crs_file) if file]
+    files = []
+    for path in paths:
+        files.append(path)
+        if path.suffix.lower() == ".shp":
+            files += [path.with_suffix(each) for each in _SIDECARS]
+        elif path.suffix.lower() == ".gpkg":  # SQLite's log, while a program writes
+            files.append(path.with_name(path.name + "-wal"))
+    return list(dict.fromkeys(files))
+
+
+def _noted_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
+    """Return the layers with each note of ``left_out`` only in the first layer that has it.
+
+    Raises ConfigError if no feature meets the style sheet's conditions.
+    """
+    notes = list(dict.fromkeys(note for layer in layers for note in layer.left_out))
+    if layers and not any(layer.features for layer in layers):
+        raise ConfigError(
+            f"{style}: its conditions match no feature of the map: {'; '.join(notes)}"
+        )
+    pending = set(notes)
+    results = []
+    for layer in layers:
+        first = tuple(note for note in dict.fromkeys(layer.left_out) if note in pending)
+        pending.difference_update(first)
+        results.append(replace(layer, left_out=first))
+    return results
+
+
+def _sources(map_text: str, style: str) -> list[_Source]:
+    paths = [Path(name) for name in named_files(map_text)]
+    if not style:
+        return [(path, None) for path in paths]
+    sources: list[_Source] = []
+    entries = load_style_sheet(style)
+    if all(entry.file for entry in entries):
+        drawn = {os.path.realpath(entry.file) for entry in entries if entry.file}
+        sources = [(path, None) for path in paths if os.path.realpath(path) not in drawn]
+    for entry in entries:
+        if entry.file is None and not paths:
+            raise ConfigError(f"{entry.where}: no key file, and parameter map is empty: set one")
+        sources += [(path, entry) for path in ([entry.file] if entry.file else paths)]
+    return sources
+
+
+def _layers(path: Path, entry: SheetLayer | None, label_field: str) -> list[MapLayer]:
+    label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
+    wanted = Wanted(label, entry.condition if entry else None)
+    tables = read_tables(path, entry.layer if entry else "", wanted)
+    layers, refusals = zip(*(_layer_of(table, wanted, entry) for table in tables), strict=True)
+    if None not in refusals:
+        hint = ""
+        if path.suffix.lower() == ".kml" and b"<NetworkLink" in path.read_bytes():
+            hint = ": it links to other files; open it in Google Earth or QGIS and save the places"
+        empty = f"{path}: the map has no feature with a geometry{hint}"
+        raise MapError(next(filter(None, refusals), empty))
+    return [layer for layer in layers if layer is not None]
+
+
+def _layer_of(
     table: Table, wanted: Wanted, entry: SheetLayer | None
 ) -> tuple[MapLayer | None, str | None]:
-    """Convert the features of a table to WGS84: the layer, or None if there is nothing to say.
+    """Return a table's layer in WGS84 (None without features and notes), and a refusal.
 
-    The second result says why nothing of the table can be drawn ("": it is empty); None if it can.
-    The entry's system takes precedence over the table's own. A feature with a vertex that is not
-    finite or not on the Earth is left out. Raises MapError for a system that is unknown.
+    The refusal says why no feature of the table can be drawn ("": it is empty); None if one can.
+    The entry's coordinate system takes precedence over the table's own. A feature with a vertex
+    that is not finite or not on the Earth is left out. Raises MapError for an unknown system.
     """
     with_shape = set(table.shapes.feature.tolist()) | table.faults.keys()
     shapes, remarks = _on_earth(table, entry.crs if entry else "")
@@ -75,19 +177,20 @@ def _drawn(
 def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
     """Return the shapes as latitude, longitude (rad), height (m), and remarks.
 
-    Features off the Earth are left out. If most are, all are: the system is probably wrong.
+    Features off the Earth are left out. If most are off it, all are left out: the coordinate
+    system is probably wrong.
     """
     shapes, faults = table.shapes, table.faults
-    odd = ~np.isfinite(shapes.points[:, :2]).all(axis=1) | np.isinf(shapes.points[:, 2])
+    bad = ~np.isfinite(shapes.points[:, :2]).all(axis=1) | np.isinf(shapes.points[:, 2])
     x_y_z = "({:.6g}, {:.6g}, {:.6g}) is not finite"
-    shapes = _without(shapes, odd, faults, lambda i: x_y_z.format(*table.shapes.points[i]))
+    shapes = _without(shapes, bad, faults, lambda i: x_y_z.format(*table.shapes.points[i]))
     points = shapes.points
     remarks: tuple[str, ...] = ()
     system = crs or table.crs
     if system is not None:
         points, remarks = to_wgs84(points, system, table.where)
     elif len(points):
-        remarks = (f"{table.where}: names no known system: {ASSUMED}",)
+        remarks = (f"{table.where}: names no known coordinate system: {ASSUMED}",)
     bad = ~in_range(points)
     most = 2 * len(np.unique(_owner(shapes)[bad])) > len(np.unique(shapes.feature))
 
@@ -95,15 +198,15 @@ def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
         place = points[i] if np.isfinite(points[i, :2]).all() else shapes.points[i]
         return range_fault(place[0], place[1], all_are=most)
 
-    left = _without(replace(shapes, points=points), bad, faults, why)
+    kept = _without(replace(shapes, points=points), bad, faults, why)
     if most:
         doubt = "its place is uncertain, since most others are not on the Earth"
-        left = _without(left, np.ones(len(left.points), bool), faults, lambda _: doubt)
-    x, y, z = left.points.T
+        kept = _without(kept, np.ones(len(kept.points), bool), faults, lambda _: doubt)
+    x, y, z = kept.points.T
     around = once_around(x)
     if (np.abs(around - x) > 1).any():
         remarks += (f"{table.where}: 360 is subtracted from longitudes beyond 180",)
-    return replace(left, points=np.column_stack([np.radians(y), np.radians(around), z])), remarks
+    return replace(kept, points=np.column_stack([np.radians(y), np.radians(around), z])), remarks
 
 
 def _owner(shapes: Shapes) -> IntArray:
@@ -114,7 +217,7 @@ def _owner(shapes: Shapes) -> IntArray:
 def _without(
     shapes: Shapes, bad: BoolArray, faults: dict[int, str], why: Callable[[int], str]
 ) -> Shapes:
-    """Return the shapes without features that have a bad point, which become faults."""
+    """Return the shapes without features that have a bad point; add these to ``faults``."""
     if not bad.any():
         return shapes
     numbers, first = np.unique(_owner(shapes)[bad], return_index=True)
@@ -132,7 +235,7 @@ def _selected(shapes: Shapes, keep: BoolArray) -> Shapes:
 
 
 def _without_repeats(shapes: Shapes, faults: dict[int, str]) -> Shapes:
-    """Remove repeated vertices in a row; lines and rings of a single place become faults."""
+    """Remove vertices equal to the one before; add lines without length to ``faults``."""
     points = shapes.points
     part = np.repeat(np.arange(len(shapes.feature)), np.diff(shapes.starts))
     same = (points[1:] == points[:-1]) | (np.isnan(points[1:]) & np.isnan(points[:-1]))
@@ -147,7 +250,7 @@ def _without_repeats(shapes: Shapes, faults: dict[int, str]) -> Shapes:
 
 
 def _fault_notes(table: Table, drawn: Collection[int]) -> Iterator[str]:
-    """Yield a line for each of the first features at fault, and one for the rest."""
+    """Yield a line for each of the first faulty features, and one line for the others."""
     first = sorted(table.faults)[:_MOST_NAMED]
     for number in first:
         part = "part of " if number in drawn else ""
@@ -158,7 +261,7 @@ def _fault_notes(table: Table, drawn: Collection[int]) -> Iterator[str]:
 
 
 def _fault(table: Table, number: int) -> str:
-    """Return a feature's number, name or id, and fault."""
+    """Return a line with a feature's number, name or id, and fault."""
     texts = (shown_value(table.rows[number].get(name)) for name in NAMES)
     name = next(filter(None, texts), "")[:_LONGEST_NAME]
     return f"feature {number + 1}{f' ({name})' if name else ''}: {table.faults[number]}"
@@ -169,7 +272,7 @@ def _chosen(
 ) -> tuple[list[GeoFeature], tuple[str, ...]]:
     """Return the features that meet the condition, and notes.
 
-    There are notes if no feature meets it, or if it names an unknown property.
+    The notes say if no feature meets it, or if it names an unknown property.
     """
     condition = wanted.condition
     if condition is None or not features:
@@ -179,105 +282,3 @@ def _chosen(
     if not chosen and not remarks:
         remarks = (condition.unmet(table.rows, table.where),)
     return chosen, remarks
-
-
-#: Files that belong to a shapefile.
-_SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
-#: A file of the map, and the entry of the style sheet that draws it.
-_Source = tuple[Path, SheetLayer | None]
-
-
-def read_layers(
-    map: str,  # noqa: A002  the parameter's name
-    style: str = "",
-    label_field: str = "name",
-    *,
-    network: bool = False,
-) -> list[MapLayer]:
-    """Read the layers of a map in this process, in the order in which they are drawn.
-
-    ``map`` is a file, or several with commas; ``style`` is a style sheet, or "": then every table
-    of every file is a layer of the default style. Files that the sheet does not draw come first,
-    also in the default style. ``label_field`` is the property that labels features where the sheet
-    does not name one. ``network``: places on the network that a file names may be fetched.
-
-    Raises MapError, naming the file (and layer and feature), for an invalid map; ConfigError,
-    naming sheet, layer and key, for an invalid style sheet.
-    """
-
-    def load() -> list[MapLayer]:
-        sources = _sources(map, style)
-        layers = [layer for source in sources for layer in _layers(*source, label_field)]
-        return _noted_once(layers, style)
-
-    return read_map(load, network=network)
-
-
-def _noted_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
-    """Return the layers with each note on what is left out only in the first layer that has it.
-
-    Raises ConfigError if a style sheet's conditions leave nothing.
-    """
-    notes = list(dict.fromkeys(note for layer in layers for note in layer.left_out))
-    if layers and not any(layer.features for layer in layers):
-        raise ConfigError(f"{style}: it matches no feature of the map: {'; '.join(notes)}")
-    untold = set(notes)
-    renewed = []
-    for layer in layers:
-        mine = tuple(note for note in dict.fromkeys(layer.left_out) if note in untold)
-        untold.difference_update(mine)
-        renewed.append(replace(layer, left_out=mine))
-    return renewed
-
-
-def _sources(map_text: str, style: str) -> list[_Source]:
-    paths = [Path(name) for name in named_files(map_text)]
-    if not style:
-        return [(path, None) for path in paths]
-    sources: list[_Source] = []
-    entries = load_style_sheet(style)
-    if all(entry.file for entry in entries):
-        drawn = {os.path.realpath(entry.file) for entry in entries if entry.file}
-        sources = [(path, None) for path in paths if os.path.realpath(path) not in drawn]
-    for entry in entries:
-        if entry.file is None and not paths:
-            raise ConfigError(f"{entry.where}: has no file, and the parameter map is empty")
-        sources += [(path, entry) for path in ([entry.file] if entry.file else paths)]
-    return sources
-
-
-def _layers(path: Path, entry: SheetLayer | None, label_field: str) -> list[MapLayer]:
-    label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
-    wanted = Wanted(label, entry.condition if entry else None)
-    tables = read_tables(path, entry.layer if entry else "", wanted)
-    layers, refusals = zip(*(_drawn(table, wanted, entry) for table in tables), strict=True)
-    if None not in refusals:
-        what = ""
-        if path.suffix.lower() == ".kml" and b"<NetworkLink" in path.read_bytes():
-            what = ": it links to other files; open it in Google Earth or QGIS and save the places"
-        empty = f"{path}: the map has no feature with a geometry{what}"
-        raise MapError(next(filter(None, refusals), empty))
-    return [layer for layer in layers if layer is not None]
-
-
-def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the parameter's name
-    """Return every file whose change changes the layers, each once; some need not exist.
-
-    Never raises: for an unreadable style sheet it returns only the sheet, beside the map.
-    """
-    paths = [Path(name) for name in named_files(map)]
-    if style:
-        paths = [*paths, Path(style)]
-        try:
-            entries = load_style_sheet(style)
-        except ConfigError:
-            entries = []
-        paths += [file for each in entries for file in (each.file, each.crs_file) if file]
-    files = []
-    for path in paths:
-        files.append(path)
-        if path.suffix.lower() == ".shp":
-            files += [path.with_suffix(each) for each in _SIDECARS]
-        elif path.suffix.lower() == ".gpkg":  # the log, while a program writes the package
-            files.append(path.with_name(path.name + "-wal"))
-    return list(dict.fromkeys(files))

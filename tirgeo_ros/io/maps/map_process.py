@@ -4,12 +4,12 @@
 
     child = MapProcess()                   # of a node
     contents = child.read(config)          # raises what the reading raises
-    laid = child.lay(plane)                # of what was read; once after each ``read``
+    draped = child.drape(plane)            # the map that was read; once after each ``read``
 
-The process has bounds of memory and computing, and may die of a file: GDAL has none. In a node the
-video does not wait for it, as it would for a thread that holds the interpreter. For the same
-reason the layers stay in the process: to transfer a hundred thousand features takes most of a
-second, the map that is made of them a twentieth of that.
+GDAL has no limits of memory and computing time, and may crash on a file: the process has limits,
+and may crash alone. In a node the video does not wait for it, as it would for a thread that holds
+the interpreter's lock. For the same reason the layers stay in the process: to transfer 100,000
+features takes most of a second, the draped map made of them a twentieth of that.
 """
 
 from __future__ import annotations
@@ -48,17 +48,23 @@ _TOO_LARGE = (
     f"the map does not fit into memory ({MOST_BYTES >> 20} MB); cut out the area of the flight"
 )
 _TOO_LONG = (
-    f"reading it takes more than {MOST_S} s of computing, as a view that computes without end "
-    "does; save its layers as tables"
+    f"reading it takes more than {MOST_S} s of computing, perhaps for a view (stored query) that "
+    "never ends; save its layers as tables"
 )
+#: What a tablet's browser draws fluently: parts (a line, an outline, a point) and their points.
+MOST_PARTS, MOST_POINTS = 20_000, 150_000
+_POINT_M = 10.0  # a point of the map matters as much as a building of this size
+_DIGITS = 7  # of degrees: a centimetre
+
+_Parts = list[tuple[int, GeoFeature]]  # each with the index of its layer
 
 
 @dataclass(frozen=True, slots=True)
 class MapContents:
-    """Hold a summary of what was read."""
+    """Summarise a map that was read."""
 
     features: int
-    left_out: tuple[str, ...]  # what of the files is not among them: a line each
+    left_out: tuple[str, ...]  # a line for each note on what was left out
 
 
 def load_layers(
@@ -68,7 +74,7 @@ def load_layers(
     *,
     network: bool = False,
 ) -> list[MapLayer]:
-    """Return what ``read_layers`` returns, read by a process of its own; raise what it raises."""
+    """Call ``read_layers`` in a process of its own; return and raise what it does."""
     child = MapProcess()
     try:
         layers = child.answer(map or style, "layers", map, style, label_field, network)
@@ -79,7 +85,7 @@ def load_layers(
 
 
 class MapProcess:
-    """Read one map at a time, then lay it out; ``stop``, from another thread, ends either.
+    """Read one map at a time, then drape it; ``stop``, from another thread, ends the work.
 
     The process lives no longer than the thread that called ``read``.
     """
@@ -92,25 +98,25 @@ class MapProcess:
         self._name = ""
 
     def stop(self) -> None:
-        """End what is in progress; nothing can begin after this."""
+        """End the task in progress; no task can begin after this."""
         with self._lock:
             self._stopped = True
             if self._child is not None:
                 self._child.kill()
 
     def read(self, config: OverlayConfig) -> MapContents:
-        """Read the map of a configuration. One that was read before is dropped.
+        """Read the map of a configuration, and drop the map that was read before.
 
         Raises the TirgeoError that the reading raised, and MapError if the process ended without
-        an answer, or was stopped, or if the map has nothing to draw.
+        an answer or was stopped, or if the map has nothing to draw.
         """
         self.close()
         contents = self.answer(config.map, "contents", config)
         assert isinstance(contents, MapContents)
         return contents
 
-    def lay(self, plane: TangentPlane) -> DrapedMap:
-        """Return the map that was read, laid out in a plane; once. Raises as ``read``."""
+    def drape(self, plane: TangentPlane) -> DrapedMap:
+        """Return the map draped in a tangent plane, once after ``read``. Raises as ``read``."""
         if self._child is None:
             raise MapError(f"{self._name}: nothing was read")
         draped = self.answer(self._name, "layout", plane)
@@ -119,9 +125,9 @@ class MapProcess:
         return draped
 
     def answer(self, name: str, task: str, *arguments: object) -> Any:
-        """Return what a method of the process's ``_Work`` returns; start it if there is none.
+        """Call a method of ``_Work`` in the process, started if necessary; return its result.
 
-        Raises as ``read``; ``name`` is the map's.
+        Raises as ``read``; ``name`` is the map's, for messages.
         """
         with self._lock:
             self._name = name
@@ -163,10 +169,10 @@ class MapProcess:
 
 
 def main() -> None:
-    """Do the tasks of the parent, (method of ``_Work``, arguments), and answer each."""
-    # Imported, not run as a module: what it pickles must have this module's name.
+    """Run the parent's tasks, (method of ``_Work``, arguments), and send each result."""
+    # Imported, not run as a module: the classes that it pickles must carry this module's name.
     os.nice(5)  # the video has priority
-    gc.disable()  # it takes half the time of a large map and frees nothing
+    gc.disable()  # it takes half of the time for a large map and frees nothing
     work = _Work()
     with parent_pipes() as (tasks, answers):  # GDAL may read stdin (/vsistdin/) and print
         while True:
@@ -183,7 +189,7 @@ def main() -> None:
 
 @dataclass(slots=True)
 class _Work:
-    """Hold the map that was read, in the process."""
+    """Hold the map that was read, and do the process's tasks."""
 
     kept: list[MapLayer] = field(default_factory=list)
     ground: Ground = math.nan
@@ -205,14 +211,6 @@ class _Work:
 
     def layout(self, plane: TangentPlane) -> DrapedMap:
         return drape_layers(self.kept, plane, self.ground)
-
-
-#: What a tablet's browser draws fluently: parts (a line, an outline, a point) and their points.
-MOST_PARTS, MOST_POINTS = 20_000, 150_000
-_POINT_M = 10.0  # a point of the map matters as much as a building of this size
-_DIGITS = 7  # of degrees: a centimetre
-
-_Parts = list[tuple[int, GeoFeature]]  # each with the index of its layer
 
 
 def page_map(layers: Sequence[MapLayer]) -> bytes:
@@ -246,7 +244,7 @@ def page_map(layers: Sequence[MapLayer]) -> bytes:
 
 
 def _thinned(parts: _Parts) -> tuple[_Parts, str]:
-    """Return the parts with fewer points by Douglas and Peucker's rule, and words if they are."""
+    """Return the parts, simplified by Douglas and Peucker's rule if too many, and a remark."""
     lines = [_metres(part) for _, part in parts]
     starts = np.append(0, np.cumsum([len(line) for line in lines]))
     if starts[-1] <= MOST_POINTS:
@@ -267,7 +265,7 @@ def _metres(part: GeoFeature) -> Array:
 
 
 def _shapes(features: Sequence[GeoFeature]) -> Iterable[tuple[GeoFeature, dict[str, Any]]]:
-    """Yield a part of each feature with the geometry; outlines of a group are one area."""
+    """Yield each geometry with a part of its feature; outlines of one group are one polygon."""
     numbered = enumerate(features)
     for _, pairs in groupby(
         numbered, key=lambda each: (each[1].group, each[1].group < 0 and each[0])

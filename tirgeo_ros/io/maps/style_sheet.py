@@ -1,7 +1,7 @@
 """Load style sheets: YAML files that list a map's layers and how each is drawn.
 
-A label is the value of a property, or a text with several: ``{name} {ref}``. A condition is such
-as ``kind == hydrant and flow >= 60``:
+A label is the value of a property, or a template of several: ``{name} {ref}``. A condition looks
+like ``kind == hydrant and flow >= 60``; its grammar:
 
     condition = comparison {"and" comparison}
     comparison = property ("==" | "!=" | "<" | "<=" | ">" | ">=") value
@@ -31,7 +31,7 @@ from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _RUBBISH = re.compile(r"[\x00-\x20\x7f-\xa0\u2028\u2029]+")
 _FIELD = re.compile(r"\{([^{}]+)\}")
-_LONGEST = 1000  # characters of a condition, and of the message that nothing meets it
+_LONGEST = 1000  # characters of a condition, and of the message that no feature meets it
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s\"'\[\],=!<>]+)"
 _COMPARISON = re.compile(
     rf"\s*(?P<field>{_VALUE})(?:\s*(?P<sign>==|!=|<=|>=|<|>)\s*(?P<value>{_VALUE})"
@@ -43,14 +43,25 @@ _ORDER: dict[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
+_DEFAULT = LayerStyle()
+#: The keys of a layer, first those whose values need no conversion.
+_PLAIN = (
+    Parameter("file", "", "map of the layer"),
+    Parameter("layer", "", "table or folder of the map"),
+    Parameter("width", _DEFAULT.width_px, "width of lines", "px", 1, 5),
+    Parameter("fill_opacity", _DEFAULT.fill_opacity, "opacity of the fill", "", 0, 1),
+    Parameter("sigma", 0.0, "standard deviation of the positions", "m", 0, 1000),
+)
+_KEYS = (*(each.name for each in _PLAIN), "colour", "fill", "label", "scale", "crs", "where")
+_MOST_LAYERS = 200  # each reads its file
 
 
 @dataclass(frozen=True, slots=True)
 class LabelRule:
     """Make a label of properties' values: ``template`` names each between braces.
 
-    A field that a table lacks is looked for with another case. If it is not found either, it is
-    empty; if ``source`` (a style sheet) requires it, that is an error.
+    If a table lacks a field, its name is looked for in another case. Without that too, the field
+    is empty, or an error if ``source`` (a style sheet) names it.
     """
 
     template: str = ""
@@ -58,7 +69,7 @@ class LabelRule:
 
     @classmethod
     def of_field(cls, name: str, source: str = "") -> LabelRule:
-        """Return the rule that takes one property unchanged; without a name, no label."""
+        """Return the rule that shows one property unchanged; without a name, no label."""
         return cls(f"{{{name}}}", source) if name else cls()
 
     @classmethod
@@ -90,7 +101,7 @@ class LabelRule:
         if not any(values.values()):
             return ""
         text = _FIELD.sub(lambda field: values[field[1]], self.template)
-        # On one line, without what no font shows: control codes, halves of surrogate pairs.
+        # On one line, without characters that no font has: control codes, single surrogates.
         return _RUBBISH.sub(" ", text).strip().encode("utf-8", "ignore").decode()
 
 
@@ -98,19 +109,19 @@ class LabelRule:
 class _Comparison:
     field: str
     sign: str
-    values: tuple[str, ...]  # as written: quotes make a text of a number
+    values: tuple[str, ...]  # as written: a number in quotes is a text
 
     def holds(self, value: Any) -> bool:
         if self.sign in _ORDER:
             number, bound = _number(value), _number(self.values[0])
             return number is not None and bound is not None and _ORDER[self.sign](number, bound)
         number, text = _number(value), shown_value(value)
-        # As numbers if both are.
-        is_one = any(
+        # Numbers are compared as numbers, all else as texts.
+        matches = any(
             text == _unquoted(each) if None in (number, _number(each)) else number == _number(each)
             for each in self.values
         )
-        return is_one != (self.sign == "!=")
+        return matches != (self.sign == "!=")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +133,7 @@ class Condition:
     """
 
     comparisons: tuple[_Comparison, ...]
-    source: str  # begins every message about it
+    source: str  # sheet, layer and key, which begin every message
 
     @classmethod
     def parsed(cls, text: str, source: str) -> Condition:
@@ -131,13 +142,13 @@ class Condition:
         Raises ConfigError, beginning with ``source``, if invalid.
         """
         if len(text) > _LONGEST:
-            raise ConfigError(f"{source}: longer than {_LONGEST} characters")
+            raise ConfigError(f"{source}: longer than {_LONGEST} characters; shorten it")
         comparisons, at, more = [], 0, "and"
         while more:
             match = _COMPARISON.match(text, at)
             if match is None or (match["sign"] in _ORDER and _number(match["value"]) is None):
                 raise ConfigError(
-                    f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
+                    f"{source}: {text!r} is not a condition; write it as: kind == hydrant, "
                     "flow >= 60 and kind in [pump, well]"
                 )
             written = tuple(re.findall(_VALUE, match["value"] or match["values"]))
@@ -162,7 +173,7 @@ class Condition:
             yield f"{self.source}: {where} has no property {name!r}{hint}"
 
     def unmet(self, rows: Sequence[Mapping[str, Any]], where: str) -> str:
-        """Return a message for the case that no row matches: the values that there are."""
+        """Return the message that no row matches, with the values that the rows have."""
         values = [
             f"{name} is {', '.join(sorted({shown_value(row.get(name)) for row in rows} - {''}))}"
             for name in dict.fromkeys(self.fields)
@@ -188,7 +199,7 @@ def _unquoted(text: str) -> str:
 
 
 def _number(value: Any) -> float | None:
-    """Return a number, or that of a text; 1 and 0 of true and false. None if it is none."""
+    """Return a value or text as a number, true and false as 1 and 0; None if it is not one."""
     if isinstance(value, str) and value.lower() in {"true", "false"}:
         return float(value.lower() == "true")
     if not isinstance(value, int | float | str) or "_" in str(value):
@@ -201,49 +212,37 @@ def _number(value: Any) -> float | None:
 
 
 def own_names(fields: Iterable[str], own: Collection[str]) -> dict[str, str]:
-    """Return a table's own name of each field that it has, in another case if necessary."""
+    """Return field -> the table's own name, perhaps in another case, of those that it has."""
     lower = {name.lower(): name for name in reversed(list(own))}
     names = {name: name if name in own else lower.get(name.lower()) for name in fields}
     return {field: name for field, name in names.items() if name is not None}
 
 
 def _absent(fields: Sequence[str], own: Collection[str]) -> list[str]:
-    there = own_names(fields, own)
-    return [name for name in fields if name not in there]
+    present = own_names(fields, own)
+    return [name for name in fields if name not in present]
 
 
 def shown_value(value: Any) -> str:
-    """Return the text of a property's value; "" for one that has none."""
+    """Return a property's value as text; "" for None, nan and bytes."""
     if value is None or isinstance(value, bytes | bytearray):
         return ""
     if isinstance(value, float):
-        # Tables keep whole numbers as floats, and nan for an absent one.
+        # Tables keep whole numbers as floats, and an absent number as nan.
         return "" if value != value else f"{value:.15g}"  # noqa: PLR0124  nan alone
     return str(value).strip()
-
-
-_DEFAULT = LayerStyle()
-_PLAIN = (
-    Parameter("file", "", "map of the layer"),
-    Parameter("layer", "", "table or folder of the map"),
-    Parameter("width", _DEFAULT.width_px, "width of lines", "px", 1, 5),
-    Parameter("fill_opacity", _DEFAULT.fill_opacity, "opacity of the fill", "", 0, 1),
-    Parameter("sigma", 0.0, "standard deviation of the positions", "m", 0, 1000),
-)
-_MOST_LAYERS = 200  # each reads its file
-_KEYS = (*(each.name for each in _PLAIN), "colour", "fill", "label", "scale", "crs", "where")
 
 
 @dataclass(frozen=True, slots=True)
 class SheetLayer:
     """Hold one entry of a style sheet."""
 
-    where: str  # begins every message about it
-    file: Path | None  # None: the map that is given beside the sheet
+    where: str  # sheet and layer, which begin every message
+    file: Path | None  # None: the files of the parameter map
     layer: str  # table or folder; "" is all
     style: LayerStyle
-    label: LabelRule | None  # None: as without a sheet
-    crs: str  # "" is what the file says
+    label: LabelRule | None  # None: the property of the parameter label_field
+    crs: str  # "": that of the file
     crs_file: Path | None  # where ``crs`` comes from, if from a file
     sigma_m: float | None
     condition: Condition | None = None  # which features are drawn; None: all
@@ -264,7 +263,7 @@ def load_style_sheet(path: str | Path) -> list[SheetLayer]:
     if not layers:
         raise ConfigError(f"{path}: the list of layers is empty")
     if len(layers) > _MOST_LAYERS:
-        raise ConfigError(f"{path}: {len(layers)} layers, and at most {_MOST_LAYERS} are drawn")
+        raise ConfigError(f"{path}: {len(layers)} layers, more than the {_MOST_LAYERS} allowed")
     return [
         _layer(entry, f"{path}: layer {number}", Path(path).parent)
         for number, entry in enumerate(layers, 1)
@@ -380,6 +379,6 @@ def _crs(value: Any, where: str, folder: Path) -> tuple[str, Path | None]:
 
 
 def _check_file(path: Path, where: str) -> None:
-    """Refuse what exists but is no file: a node that checks it repeatedly would block on it."""
+    """Raise ConfigError for a folder, pipe or device: a node that reads one may block."""
     if path.exists() and not path.is_file():
-        raise ConfigError(f"{where}: is no file")
+        raise ConfigError(f"{where}: is not a file")

@@ -1,7 +1,7 @@
-"""Convert ROS messages to samples and back: layouts, frames, topics, in this one place.
+"""Convert ROS messages to samples and back.
 
-Only this package knows them. It works with both kinds of message classes, rclpy's and those that
-bags are read with: attributes and keyword arguments have the same names.
+Only this package knows the messages' layouts, frames and topics. It works with the message classes
+of rclpy and with those of rosbags: their attributes and keyword arguments have the same names.
 """
 
 from tirgeo_ros.io.messages.json_codec import (

@@ -1,8 +1,8 @@
-"""Encode what programs read as JSON, and decode it: clicks, targets, states, findings.
+"""Encode answers to clicks, targets, states and findings as JSON for programs, and decode them.
 
 Each text is one ``std_msgs/String``: an object whose ``schema`` names its topic and version.
 docs/outputs.md lists the fields. Nanoseconds are texts of digits, since many readers of JSON
-round large numbers. ``/diagnostics`` has states and findings for people; no program reads it back.
+round large numbers. ``/diagnostics`` has states and findings for people; no program parses it.
 """
 
 from __future__ import annotations
@@ -23,25 +23,32 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
 
+T = TypeVar("T")
 ANSWER_TOPIC, TARGETS_TOPIC = "tirgeo/locate/answer", "tirgeo/targets"
+STATE_TOPIC, FINDINGS_TOPIC = "tirgeo/state", "tirgeo/findings"
 ANSWER_SCHEMA, TARGETS_SCHEMA = f"{ANSWER_TOPIC}/1", f"{TARGETS_TOPIC}/1"
-#: Characters of a text. A target with the longest name has some 2000, each letter escaped.
-_LONGEST_ANSWER, _LONGEST_LIST = 10_000, 2000 * MOST_TARGETS
-#: What reading a document of another form raises.
+_STATE_SCHEMA, _FINDINGS_SCHEMA = f"{STATE_TOPIC}/1", f"{FINDINGS_TOPIC}/1"
+#: Most characters of a text. A target with the longest name has some 2000, each letter escaped.
+_LONGEST_ANSWER, _LONGEST_LIST, _LONGEST = 10_000, 2000 * MOST_TARGETS, 100_000
+_MOST_TOPICS = 100  # of a node
+#: Raised by the decoders for a document of another form.
 WRONG_FORM = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
+#: Key of a finding in JSON -> its field.
+_FINDING = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
+_TABLES = ("test_ratios", "resets", "nis", "clipped")  # by name, of the navigation's state
 
 
 def document_of(message: Any, topic: str, schema: str, longest: int) -> Any:
     """Return the JSON object of a ``std_msgs/String``. Raises MessageError for another text."""
     text = getattr(message, "data", None)
     if not isinstance(text, str):
-        raise MessageError(f"{topic}: not a text: it is of a version before {schema}")
+        raise MessageError(f"{topic}: not a std_msgs/String: it is of a version before {schema}")
     if len(text) > longest:
-        raise MessageError(f"{topic}: {len(text)} characters; {longest} are read")
+        raise MessageError(f"{topic}: {len(text)} characters; at most {longest} are read")
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise MessageError(f"{topic}: no JSON: {shown(error, 100)}") from None
+        raise MessageError(f"{topic}: not JSON: {shown(error, 100)}") from None
     if not isinstance(document, dict) or document.get("schema") != schema:
         raise MessageError(f"{topic}: its schema is not {schema}")
     return document
@@ -59,7 +66,7 @@ def answer_text(answer: Answer) -> str:
 
 
 def answer_of(message: Any) -> Answer:
-    """Decode ``tirgeo/locate/answer``. Raises MessageError for what is no answer to a click."""
+    """Decode ``tirgeo/locate/answer``. Raises MessageError if it is not a valid answer."""
     row = document_of(message, ANSWER_TOPIC, ANSWER_SCHEMA, _LONGEST_ANSWER)
     try:
         u, v = (math.nan if row[key] is None else float(row[key]) for key in ("u", "v"))
@@ -67,7 +74,8 @@ def answer_of(message: Any) -> Answer:
             return Refusal(int(row["stamp_ns"]), (u, v), Reason[row["refused"].upper()])
         point = _point(row, (u, v))
     except WRONG_FORM as error:
-        raise MessageError(f"{ANSWER_TOPIC}: no answer to a click: {shown(error, 100)}") from None
+        why = f"not a valid answer to a click: {shown(error, 100)}"
+        raise MessageError(f"{ANSWER_TOPIC}: {why}") from None
     if point.fault:
         raise MessageError(f"{ANSWER_TOPIC}: {point.fault}")
     return point
@@ -79,13 +87,13 @@ def targets_text(targets: Sequence[Target]) -> str:
     return f'{{"schema": "{TARGETS_SCHEMA}", "targets": [{rows}]}}'
 
 
-@functools.lru_cache(maxsize=2 * MOST_TARGETS)  # at a change of one, the others are not encoded
+@functools.lru_cache(maxsize=2 * MOST_TARGETS)  # only a target that changed is encoded again
 def _target_text(target: Target) -> str:
     return json.dumps(target_row(target))
 
 
 def target_row(target: Target) -> dict[str, Any]:
-    """Return a target's fields but for its note, its place at the average of its clicks."""
+    """Return a target's fields except its note; its place is the average of its clicks."""
     place = target.place
     return {
         "id": target.id,
@@ -102,16 +110,17 @@ def target_row(target: Target) -> dict[str, Any]:
 
 
 def targets_of(message: Any) -> list[Target]:
-    """Decode ``tirgeo/targets``: each target has one click, at its place, and no note.
+    """Decode ``tirgeo/targets``; each target gets one click, at its place, and no note.
 
-    Raises MessageError for another text, and for more targets than are drawn: they would hold up
+    Raises MessageError for another text, and for more than MOST_TARGETS: drawing them would delay
     the video.
     """
     rows = document_of(message, TARGETS_TOPIC, TARGETS_SCHEMA, _LONGEST_LIST).get("targets")
     if not isinstance(rows, list):
-        raise MessageError(f"{TARGETS_TOPIC}: no list of targets")
+        raise MessageError(f"{TARGETS_TOPIC}: targets is not a list")
     if len(rows) > MOST_TARGETS:
-        raise MessageError(f"{TARGETS_TOPIC}: {len(rows)} targets; {MOST_TARGETS} can be drawn")
+        most = f"at most {MOST_TARGETS} can be drawn"
+        raise MessageError(f"{TARGETS_TOPIC}: {len(rows)} targets; {most}")
     try:
         return [_target(row) for row in rows]
     except (*WRONG_FORM, TargetError) as error:
@@ -142,41 +151,32 @@ def _point(row: Mapping[str, Any], uv: tuple[float, float] = (math.nan, math.nan
     return Located(stamp_ns, latitude, longitude, height_m, covariance, uv)
 
 
-STATE_TOPIC, FINDINGS_TOPIC = "tirgeo/state", "tirgeo/findings"
-_STATE, _FINDINGS = "tirgeo/state/1", "tirgeo/findings/1"
-_PARTS = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
-_BY_NAME = ("test_ratios", "resets", "nis", "clipped")  # tables of the navigation's state
-_LONGEST = 100_000  # characters of a message
-_MOST_TOPICS = 100  # of a node
-T = TypeVar("T")
-
-
 @dataclass(frozen=True, slots=True)
 class TopicState:
-    """Hold how messages of one topic come to a node or leave it; None where that is unknown."""
+    """Hold the rate, age and latency of a node's input or output topic; None: unknown."""
 
     rate_hz: float
     age_s: float | None = None  # of an input: since its newest message
-    latency_ms: float | None = None  # of an output: from the stamp, or the time that it took
-    latency_p95_ms: float | None = None  # the same, of which 95 % are not longer
-    unreadable: int = 0  # messages that were refused
-    failed: int = 0  # messages that met a fault of the program
+    latency_ms: float | None = None  # of an output: since the stamp, or the time of computing
+    latency_p95_ms: float | None = None  # 95 % of the latencies are not longer than this
+    unreadable: int = 0  # messages that could not be decoded
+    failed: int = 0  # messages in whose callback the program failed
     lost: int = 0  # messages lost in transport
 
 
 @dataclass(frozen=True, slots=True)
 class PictureState:
-    """Hold what overlay_node says of its newest picture."""
+    """Hold the state of overlay_node's newest picture."""
 
-    notice: str  # why it has no map; empty if it has one
+    notice: str  # why no map is drawn on it; empty if a map is drawn
     video_latency_s: float  # from the exposure to the stamp
-    confidence: ConfidenceConfig  # ``POINT_SIGMAS`` of located points, the rest by default
-    newest_frame_ns: int = 0  # stamp of the newest frame that came; 0 before the first
+    confidence: ConfidenceConfig  # ``POINT_SIGMAS`` of located points; all else is default
+    newest_frame_ns: int = 0  # stamp of the newest frame received; 0 before the first
 
 
 @dataclass(frozen=True, slots=True)
 class NodeState:
-    """Hold what a node reports of itself."""
+    """Hold the state that a node reports."""
 
     node: str  # its full name
     stamp_ns: int
@@ -196,7 +196,7 @@ class NodeState:
 def state_text(state: NodeState) -> str:
     """Return a node's state as JSON for ``tirgeo/state``."""
     document: dict[str, Any] = {
-        "schema": _STATE,
+        "schema": _STATE_SCHEMA,
         "node": state.node,
         "stamp_ns": str(state.stamp_ns),
         "started_ns": str(state.started_ns),
@@ -219,41 +219,41 @@ def state_text(state: NodeState) -> str:
 
 
 def node_state(msg: Any) -> NodeState:
-    """Decode ``tirgeo/state``, texts cut. Raises MessageError."""
-    row = document_of(msg, STATE_TOPIC, _STATE, _LONGEST)
+    """Decode ``tirgeo/state`` and cut its texts to size. Raises MessageError."""
+    row = document_of(msg, STATE_TOPIC, _STATE_SCHEMA, _LONGEST)
     try:
         return _node_state(row)
     except WRONG_FORM as error:
-        raise MessageError(f"{STATE_TOPIC}: no state of a node: {shown(error, 100)}") from None
+        raise MessageError(f"{STATE_TOPIC}: not a node's state: {shown(error, 100)}") from None
 
 
 def findings_text(node: str, stamp_ns: int, findings: Iterable[Finding]) -> str:
-    """Return what a node's checks have found, part by part, as JSON for ``tirgeo/findings``."""
+    """Return the findings of a node's checks as JSON for ``tirgeo/findings``."""
     rows = [finding_row(finding) for finding in findings]
-    head = {"schema": _FINDINGS, "node": node, "stamp_ns": str(stamp_ns)}
+    head = {"schema": _FINDINGS_SCHEMA, "node": node, "stamp_ns": str(stamp_ns)}
     return json.dumps(head | {"findings": rows})
 
 
 def finding_row(finding: Finding) -> dict[str, str]:
-    """Return the parts of a finding by the names that programs read."""
-    parts = {key: getattr(finding, name) for key, name in _PARTS.items()}
-    return parts | {"severity": finding.severity.name}
+    """Return the fields of a finding by their keys in JSON."""
+    texts = {key: getattr(finding, name) for key, name in _FINDING.items()}
+    return texts | {"severity": finding.severity.name}
 
 
 def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
     """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
-    row = document_of(msg, FINDINGS_TOPIC, _FINDINGS, _LONGEST)
+    row = document_of(msg, FINDINGS_TOPIC, _FINDINGS_SCHEMA, _LONGEST)
     try:
         findings = [
             Finding(
-                severity=Severity[part["severity"]],
-                **{name: cut(str(part[key])) for key, name in _PARTS.items()},
+                severity=Severity[texts["severity"]],
+                **{name: cut(str(texts[key])) for key, name in _FINDING.items()},
             )
-            for part in row["findings"]
+            for texts in row["findings"]
         ]
         return cut(str(row["node"])), int(row["stamp_ns"]), findings
     except WRONG_FORM as error:
-        raise MessageError(f"{FINDINGS_TOPIC}: no findings: {shown(error, 100)}") from None
+        raise MessageError(f"{FINDINGS_TOPIC}: not findings: {shown(error, 100)}") from None
 
 
 def _node_state(document: dict[str, Any]) -> NodeState:
@@ -282,7 +282,7 @@ def _picture(row: dict[str, Any]) -> PictureState:
     sigmas: dict[str, Any] = {name: float(row[name]) for name in POINT_SIGMAS}
     latency_s = float(row["video_latency_s"])
     if not math.isfinite(latency_s + sum(sigmas.values())):
-        raise ValueError("a number of its picture is not finite")
+        raise ValueError("a number of the picture is not finite")
     notice, newest_ns = cut(str(row["notice"])), int(row["newest_frame_ns"])
     return PictureState(notice, latency_s, ConfidenceConfig(**sigmas), newest_ns)
 
@@ -293,7 +293,7 @@ def _navigation_row(status: NavigationStatus) -> dict[str, Any]:
     row["began_again"] = status.began_again.value if status.began_again else None
     row["rtk_status"] = status.rtk_status.name.lower()
     row["heading_sigma_deg"] = math.degrees(row.pop("heading_sigma_rad"))
-    row |= {key: dict(sorted(row[key].items())) for key in _BY_NAME}
+    row |= {key: dict(sorted(row[key].items())) for key in _TABLES}
     counts: dict[str, dict[str, int]] = {}
     for (source, outcome), number in sorted(status.counts.items()):
         counts.setdefault(source, {})[outcome] = number
@@ -331,7 +331,7 @@ def _table(row: dict[str, Any], value: Callable[[Any], T]) -> dict[str, T]:
 
 
 def _number(value: Any) -> float:
-    """Return a number of a document, in which null stands for what is not finite."""
+    """Return a number of a document; null stands for a number that is not finite."""
     return math.nan if value is None else float(value)
 
 

@@ -1,4 +1,4 @@
-"""Build the parts that messages have in common, for either kind of message class."""
+"""Build the parts that messages share, of rclpy's message classes or of rosbags'."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 from tirgeo_ros.core.types.poses import NavSolution
 
 _HALF = math.sqrt(0.5)
-#: The rotation between equal axes.
-NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
-#: Variance of an unknown value, where a reader takes any number for a variance: so large that it
-#: has no weight. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
+NO_ROTATION: Quaternion = (1.0, 0.0, 0.0, 0.0)
+#: Variance of an unknown value in a message that cannot mark it as unknown: so large that the
+#: value has no weight. (rad/s)^2 in a twist, rad^2 for roll and pitch in a heading message.
 UNKNOWN_VARIANCE = 1e6
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 _SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
@@ -36,12 +35,12 @@ def stamp_ns(msg: Any) -> int:
 
 
 def frd_ned(q: Any) -> Array:
-    """Convert a message's quaternion, FLU to ENU, to that of FRD to NED (4,)."""
+    """Convert a message's quaternion (FLU to ENU) to (4,) wxyz (FRD to NED)."""
     return np.array(quat_turned_both(q.w, q.x, q.y, q.z))
 
 
 def quat_turned_world(w: float, x: float, y: float, z: float) -> Quaternion:
-    """Convert a quaternion (w, x, y, z) of any frame to NED into that to ENU, or the reverse."""
+    """Convert a quaternion wxyz from any frame to NED into one to ENU, or the reverse."""
     return _HALF * (x + y), -_HALF * (w + z), _HALF * (z - w), _HALF * (x - y)
 
 
@@ -52,7 +51,7 @@ def positive(q: Quaternion) -> Quaternion:
 
 
 def _entries(blocks: int) -> tuple[np.ndarray, Array]:
-    """Return the source index and the sign of each entry of a turned covariance; both flat."""
+    """Return source index and sign of each entry of a covariance in the other frame; both flat."""
     turn = np.kron(np.eye(blocks), ENU_NED)
     source = np.argmax(np.abs(turn), axis=1)
     sign = turn.sum(axis=1)
@@ -66,23 +65,24 @@ _WORLD = {3 * blocks: _entries(blocks) for blocks in (1, 2)}
 def covariance_turned_world(covariance: Array, size: int) -> Array:
     """Convert a covariance of NED vectors, of size 3 or 6, to ENU, or the reverse; return flat."""
     source, sign = _WORLD[size]
-    turned: Array = np.asarray(covariance).take(source)
-    turned *= sign
-    return turned
+    converted: Array = np.asarray(covariance).take(source)
+    converted *= sign
+    return converted
 
 
 class MessageParts:
-    """Build parts of messages of the classes that ``types`` gives for their names.
+    """Build parts of messages; ``types`` returns the message class of a type's name.
 
-    ``frames`` are the ids that the messages have; None is the default names.
+    ``frames`` are the frame ids that the messages get; None: the default ids.
     """
 
     def __init__(self, types: Callable[[str], type], frames: FrameIds | None = None) -> None:
         self.types = types
         self.frames = frames or FramesConfig().frame_ids
-        #: A message class by its type's name; a look-up takes as long as making a message.
+        #: Message class by its type's name. A look-up would take as long as building a message.
         self._class: Callable[[str], Callable[..., Any]] = cache(types)
-        # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags only ndarray.
+        # rclpy takes an array.array as it is, but copies an ndarray byte by byte; rosbags takes
+        # an ndarray only.
         self._takes_ndarray = hasattr(types("std_msgs/msg/Header"), "__msgtype__")
 
     def stamped(self, typename: str, stamp_ns: int, frame_id: str, **fields: Any) -> Any:
@@ -115,7 +115,7 @@ class MessageParts:
     ) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a place; a covariance (3, 3) of zeros is unknown."""
         covariance = covariance_turned_world(covariance_n, 3)
-        known = bool(covariance.any())
+        has_covariance = bool(covariance.any())
         status_type = "sensor_msgs/msg/NavSatStatus"
         return self.stamped(
             "sensor_msgs/msg/NavSatFix",
@@ -126,27 +126,27 @@ class MessageParts:
             longitude=math.degrees(place.longitude_rad),
             altitude=float(place.height_m),
             position_covariance=covariance,
-            position_covariance_type=COVARIANCE_KNOWN if known else COVARIANCE_UNKNOWN,
+            position_covariance_type=COVARIANCE_KNOWN if has_covariance else COVARIANCE_UNKNOWN,
         )
 
     def _map_pose(
-        self, stamp_ns: int, position_n: Array, turned: Quaternion, covariance: Array
+        self, stamp_ns: int, position_n: Array, q_enu: Quaternion, covariance: Array
     ) -> Any:
         typename = "geometry_msgs/msg/PoseWithCovarianceStamped"
-        pose = self._pose(position_n, turned, covariance)
+        pose = self._pose(position_n, q_enu, covariance)
         return self.stamped(typename, stamp_ns, self.frames.map, pose=pose)
 
-    def _pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
+    def _pose(self, position_n: Array, q_enu: Quaternion, covariance: Array) -> Any:
         """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) NED; attitude in ENU."""
-        pose, flat = self._bare_pose(position_n, turned), covariance_turned_world(covariance, 6)
+        pose, flat = self._bare_pose(position_n, q_enu), covariance_turned_world(covariance, 6)
         return self._class("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=flat)
 
-    def _bare_pose(self, position_n: Array, turned: Quaternion) -> Any:
+    def _bare_pose(self, position_n: Array, q_enu: Quaternion) -> Any:
         """Return ``geometry_msgs/Pose`` of (3,) in NED and an attitude in ENU."""
         north, east, down = position_n.tolist()
         return self._class("geometry_msgs/msg/Pose")(
             position=self._class("geometry_msgs/msg/Point")(x=east, y=north, z=-down),
-            orientation=self._quaternion(turned),
+            orientation=self._quaternion(q_enu),
         )
 
     def _twist(self, linear: Sequence[float], angular: Sequence[float], covariance: Array) -> Any:

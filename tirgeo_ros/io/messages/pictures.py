@@ -1,7 +1,7 @@
-"""Convert image and camera messages to arrays and cameras; decode pictures of files.
+"""Convert image and camera messages to arrays and cameras; decode picture files.
 
-A PNG of one colour is a thousandth of its pixels' size: the true size, in its header, is checked
-before a picture (PNG, JPEG, TIFF ...) is unpacked.
+A PNG of one colour can be a thousandth of the size of its pixels. So the width and height in the
+header are checked before a picture (PNG, JPEG, TIFF ...) is decoded.
 """
 
 from __future__ import annotations
@@ -21,43 +21,14 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.errors import CameraError, MessageError
 
-#: Formats that OpenCV reads too; no other reader of Pillow's is used.
+#: Formats that Pillow may open: those that OpenCV reads too.
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "PPM", "WEBP")
-#: Most pixels of a picture of a video (4K): the frames of a second may wait for their poses.
+#: Most pixels of a video frame (4K): the frames of a second may wait in memory for their poses.
 MOST_OF_VIDEO = 1 << 23
 #: Most pixels of a single picture: more than the cameras of aircraft have.
 MOST_OF_FILE = 50_000_000
-#: More than any of them.
-BEYOND = 1 << 16, 1 << 16
-
-
-def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | None:
-    """Return the pixels as ``cv2.imdecode``, None without; ValueError above ``most_pixels``."""
-    pixels = math.prod(size_of(data))
-    if pixels > most_pixels:
-        raise ValueError(
-            f"more than {most_pixels * 1e-6:.1f} million pixels; send or give a smaller picture"
-        )
-    if not pixels:
-        return None
-    try:
-        return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), flags))
-    except cv2.error:
-        return None
-
-
-def size_of(data: bytes, formats: tuple[str, ...] = FORMATS) -> tuple[int, int]:
-    """Return width and height by the header: zeros without one, ``BEYOND`` past Pillow's limit."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(io.BytesIO(data), formats=formats) as picture:
-                return picture.size
-    except Image.DecompressionBombError:
-        return BEYOND
-    except (OSError, ValueError, SyntaxError, ArithmeticError, LookupError, TypeError):
-        return 0, 0
-
+#: The size of a picture that Pillow finds too large to open: beyond both limits.
+_TOO_LARGE = 1 << 16, 1 << 16
 
 #: Encoding to bytes per pixel; the aliases are other names for the same encodings.
 _BYTES = {"mono8": 1, "mono16": 2, "bgr8": 3, "rgb8": 3, "yuv422": 2, "yuv422_yuy2": 2}
@@ -73,8 +44,38 @@ _CONVERSIONS = {
     "yuv422": cv2.COLOR_YUV2BGR_UYVY,
     "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
 }
-#: Numbers of distortion coefficients that each model may have.
+#: Distortion model to the numbers of coefficients that it may have.
 _MODELS = {"plumb_bob": (4, 5), "rational_polynomial": (8,)}
+#: Cached: all pictures of a flight have the same camera, and computing its lens limits takes time.
+_camera = lru_cache(maxsize=16)(Camera)
+
+
+def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | None:
+    """Decode as ``cv2.imdecode``; None if that fails. Raises ValueError above ``most_pixels``."""
+    pixels = math.prod(size_of(data))
+    if pixels > most_pixels:
+        raise ValueError(
+            f"more than {most_pixels * 1e-6:.1f} million pixels; use a smaller picture"
+        )
+    if not pixels:
+        return None
+    try:
+        return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), flags))
+    except cv2.error:
+        return None
+
+
+def size_of(data: bytes, formats: tuple[str, ...] = FORMATS) -> tuple[int, int]:
+    """Return width and height from the header, or zeros; ``_TOO_LARGE`` past Pillow's limit."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=formats) as picture:
+                return picture.size
+    except Image.DecompressionBombError:
+        return _TOO_LARGE
+    except (OSError, ValueError, SyntaxError, ArithmeticError, LookupError, TypeError):
+        return 0, 0
 
 
 def pixels(topic: str, msg: Any) -> RawPixels:
@@ -140,8 +141,8 @@ def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
     """Convert K and D of ``sensor_msgs/CameraInfo``. Raises CameraError naming ``topic``."""
     distortion, model = tuple(float(number) for number in msg.d), msg.distortion_model
     if model not in _MODELS and (distortion or model):
-        known = " or ".join(_MODELS)
-        raise CameraError(f"{topic}: distortion model {model!r} is not known; use {known}")
+        models = " or ".join(_MODELS)
+        raise CameraError(f"{topic}: distortion model {model!r} is not known; use {models}")
     if distortion and len(distortion) not in _MODELS[model]:
         wanted = " or ".join(str(number) for number in _MODELS[model])
         raise CameraError(
@@ -163,7 +164,3 @@ def calibration_of(camera: Camera) -> tuple[Array, list[float], str]:
     padding = [0.0] * (size - len(camera.distortion))
     model = "plumb_bob" if size == 5 else "rational_polynomial"
     return k, [*map(float, camera.distortion), *padding], model
-
-
-# Cached: every picture of a flight has the same camera, and to find its lens limits takes time.
-_camera = lru_cache(maxsize=16)(Camera)

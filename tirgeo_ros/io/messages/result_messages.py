@@ -1,4 +1,4 @@
-"""Convert the core's results to messages, and back those that our own nodes read."""
+"""Convert the core's results to messages, and convert back the messages that our nodes read."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from tirgeo_ros.io.messages.json_codec import (
 )
 from tirgeo_ros.io.messages.message_parts import (
     COVARIANCE_KNOWN,
-    NO_TURN,
+    NO_ROTATION,
     UNKNOWN_VARIANCE,
     covariance_turned_world,
     frd_ned,
@@ -67,12 +67,12 @@ class DiagnosticItem:
 
     @property
     def aircraft(self) -> str:
-        """Return the namespace in ``/uav1/node: subject``, and ``aircraft`` where it has none."""
+        """Return the namespace of ``/uav1/node: subject``; ``aircraft`` if it has none."""
         return self.name.partition(":")[0].rpartition("/")[0].strip("/") or "aircraft"
 
 
 def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
-    """Convert the estimator's status: OK if it runs without warnings, an error once it is lost."""
+    """Convert the estimator's status: OK if it runs without warnings, ERROR if it is lost."""
     values = {
         "method": status.method,
         "state": status.state.value,
@@ -98,10 +98,10 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
 
 
 class Messages(SensorMessages):
-    """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
+    """Build messages; ``types`` returns the class of a name like ``nav_msgs/msg/Odometry``.
 
-    ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written
-    with (``io.bags.cdr.Cdr.types``).
+    ``frames`` are the frame ids that the messages get. Nodes pass rclpy's classes; writers of bags
+    pass ``io.bags.cdr.Cdr.types``.
     """
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
@@ -109,13 +109,13 @@ class Messages(SensorMessages):
 
         Pose covariance: x, y, z, then rotations about the map's axes.
         """
-        turned = positive(quat_turned_both(*pose.q_nb.tolist()))
+        q_enu = positive(quat_turned_both(*pose.q_nb.tolist()))
         return self.stamped(
             "nav_msgs/msg/Odometry",
             solution.stamp_ns,
             self.frames.map,
             child_frame_id=self.frames.base_link,
-            pose=self._pose(pose.position_n, turned, pose.covariance),
+            pose=self._pose(pose.position_n, q_enu, pose.covariance),
             twist=self._body_twist(solution),
         )
 
@@ -127,14 +127,14 @@ class Messages(SensorMessages):
     def origin(self, plane: TangentPlane, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of the map's origin. It is exact by definition."""
         message = self._fix(stamp_ns, self.frames.map, plane, np.zeros((3, 3)))
-        message.position_covariance = np.zeros(9)  # turned ones have minus signs
+        message.position_covariance = np.zeros(9)  # the conversion to ENU makes some of them -0
         message.position_covariance_type = COVARIANCE_KNOWN
         return message
 
     def camera_pose(self, pose: CameraPose) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped``, map -> tir_optical_frame."""
-        turned = positive(quat_turned_world(*pose.q_nc.tolist()))
-        return self._map_pose(pose.stamp_ns, pose.position_n, turned, pose.covariance)
+        q_enu = positive(quat_turned_world(*pose.q_nc.tolist()))
+        return self._map_pose(pose.stamp_ns, pose.position_n, q_enu, pose.covariance)
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
@@ -145,18 +145,18 @@ class Messages(SensorMessages):
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
         fix = self._fix(located.stamp_ns, self.frames.map, located, located.covariance_n)
-        # To the last digit.
+        # Not converted to radians and back, which would change the last digit.
         fix.latitude, fix.longitude = located.latitude_deg, located.longitude_deg
         return fix
 
     def located_point(self, located: Located) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped`` of a ground point in ``map``.
 
-        Its rotation is marked as unknown by its variance.
+        Its rotation is unknown, and has UNKNOWN_VARIANCE.
         """
         covariance = np.diag([0.0] * 3 + [UNKNOWN_VARIANCE] * 3)
         covariance[:3, :3] = located.covariance_n
-        return self._map_pose(located.stamp_ns, located.point_n, NO_TURN, covariance)
+        return self._map_pose(located.stamp_ns, located.point_n, NO_ROTATION, covariance)
 
     def image(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Any:
         """Return ``sensor_msgs/Image``: mono8, bgr8 or mono16. ValueError for any other array."""
@@ -207,11 +207,11 @@ class Messages(SensorMessages):
         return self._class("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
 
     def findings(self, node: str, stamp_ns: int, findings: Sequence[Finding]) -> Any:
-        """Return ``std_msgs/String``: what the checks of a node have found."""
+        """Return ``std_msgs/String`` of the findings of a node's checks."""
         return self._text(findings_text(node, stamp_ns, findings))
 
     def answer(self, answer: Answer) -> Any:
-        """Return ``std_msgs/String``: what became of a click."""
+        """Return ``std_msgs/String`` of the answer to a click."""
         return self._text(answer_text(answer))
 
     def targets(self, targets: Sequence[Target]) -> Any:
@@ -219,7 +219,7 @@ class Messages(SensorMessages):
         return self._text(targets_text(targets))
 
     def state(self, state: NodeState) -> Any:
-        """Return ``std_msgs/String``: what a node reports of itself."""
+        """Return ``std_msgs/String`` of a node's state."""
         return self._text(state_text(state))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
@@ -242,21 +242,21 @@ class Messages(SensorMessages):
     def body_transform(self, body: BodyPose) -> Any:
         """Return ``geometry_msgs/TransformStamped``, map -> base_link: the odometry's pose."""
         north, east, down = body.position_n.tolist()
-        turned = positive(quat_turned_both(*body.q_nb.tolist()))
+        q_enu = positive(quat_turned_both(*body.q_nb.tolist()))
         link = (self.frames.map, self.frames.base_link)
-        return self._transform(body.stamp_ns, link, (east, north, -down), turned)
+        return self._transform(body.stamp_ns, link, (east, north, -down), q_enu)
 
     def camera_transform(self, body: BodyPose, camera: CameraPose) -> Any:
-        """Return ``TransformStamped``, base_link -> camera, which was composed with ``body``."""
+        """Return ``TransformStamped``, base_link -> camera, of a camera composed with ``body``."""
         offset_b = (camera.position_n - body.position_n) @ matrix_from_quat(body.q_nb)
         w, x, y, z = quat_multiply(quat_conjugate(body.q_nb), camera.q_nc).tolist()
-        turned = positive((-x, w, -z, y))  # half a turn about forward: FRD to FLU
+        q_flu = positive((-x, w, -z, y))  # half a turn about the forward axis: FRD to FLU
         link = (self.frames.base_link, self.frames.camera)
-        return self._transform(camera.stamp_ns, link, flu_from_frd(offset_b).tolist(), turned)
+        return self._transform(camera.stamp_ns, link, flu_from_frd(offset_b).tolist(), q_flu)
 
     def fixed_transforms(self, aircraft: AircraftConfig, stamp_ns: int) -> list[Any]:
-        """Return ``geometry_msgs/TransformStamped`` from base_link to what is fixed to it."""
-        ids, of_imu = self.frames, NO_TURN
+        """Return ``geometry_msgs/TransformStamped``: base_link -> antennas, gimbal pivot, IMU."""
+        ids, imu_rotation = self.frames, NO_ROTATION
         places_b = {
             ids.rtk_antenna: aircraft.rtk_lever_b,
             ids.gps_antenna: aircraft.gps_lever_b,
@@ -265,14 +265,14 @@ class Messages(SensorMessages):
         if aircraft.baseline_b is not None:
             places_b[ids.second_antenna] = aircraft.rtk_lever_b + aircraft.baseline_b
         places_b[ids.imu_link] = np.zeros(3)
-        if aircraft.rotation_bi is not None:  # of the IMU's axes to base_link's, FLU both
+        if aircraft.rotation_bi is not None:  # from the IMU's axes to base_link's, both FLU
             w, x, y, z = quat_from_matrix(aircraft.rotation_bi).tolist()
-            of_imu = w, x, -y, -z
+            imu_rotation = w, x, -y, -z
         transforms = []
         for child, place_b in places_b.items():
             xyz = (flu_from_frd(place_b) + 0.0).tolist()  # no minus zero
-            turned = of_imu if child == ids.imu_link else NO_TURN
-            transforms.append(self._transform(stamp_ns, (ids.base_link, child), xyz, turned))
+            rotation = imu_rotation if child == ids.imu_link else NO_ROTATION
+            transforms.append(self._transform(stamp_ns, (ids.base_link, child), xyz, rotation))
         return transforms
 
     def tf(self, transforms: Sequence[Any]) -> Any:
@@ -299,12 +299,12 @@ class Messages(SensorMessages):
         return self.stamped("nav_msgs/msg/Path", stamp_ns, self.frames.map, poses=poses)
 
     def _transform(
-        self, stamp_ns: int, link: tuple[str, str], xyz: Sequence[float], turned: Quaternion
+        self, stamp_ns: int, link: tuple[str, str], xyz: Sequence[float], rotation: Quaternion
     ) -> Any:
         """Return a transform from a parent frame to its child: the child's pose in the parent."""
         parent, child = link
         transform = self._class("geometry_msgs/msg/Transform")(
-            translation=self._vector(xyz), rotation=self._quaternion(turned)
+            translation=self._vector(xyz), rotation=self._quaternion(rotation)
         )
         typename = "geometry_msgs/msg/TransformStamped"
         return self.stamped(typename, stamp_ns, parent, child_frame_id=child, transform=transform)
@@ -322,8 +322,8 @@ class Messages(SensorMessages):
         flat = np.zeros(36)
         partials = np.array([cross(axis, velocity_n) + axis for axis in axes_n])
         # np.dot rather than @: the same product in half the time for matrices this small.
-        turned = np.dot(np.dot(partials, solution.covariance[3:9, 3:9]), partials.T)
-        flat.reshape(6, 6)[:3, :3] = turned
+        linear_covariance = np.dot(np.dot(partials, solution.covariance[3:9, 3:9]), partials.T)
+        flat.reshape(6, 6)[:3, :3] = linear_covariance
         flat[21], flat[28], flat[35] = solution.rate_variance_b
         return self._twist(linear, (x, -y, -z), flat)
 

@@ -31,7 +31,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.io.messages.message_parts import (
-    NO_TURN,
+    NO_ROTATION,
     UNKNOWN_VARIANCE,
     MessageParts,
     covariance_turned_world,
@@ -43,10 +43,16 @@ from tirgeo_ros.io.messages.message_parts import (
 #: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes y
 #: and z point the other way, x does not.
 JOINT_SIGNS = {"gimbal_yaw_joint": -1.0, "gimbal_roll_joint": 1.0, "gimbal_pitch_joint": -1.0}
-#: Frame of joint messages that were computed without encoders: the topic of their source.
+#: Frame id of joint angles that were computed without encoders: the topic that they come from.
 COMPUTED_FROM = "gimbal/attitude"
 _ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
 _COVARIANCE_TYPE_UNKNOWN = 0
+
+_FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistWithCovarianceStamped"
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+_IMU, _PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+
+SensedSample = NavigationInput | JointSample | CameraAttitudeSample
 
 
 class SensorMessages(MessageParts):
@@ -55,10 +61,10 @@ class SensorMessages(MessageParts):
     def imu(self, sample: ImuSample) -> Any:
         """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown."""
         attitude = sample.autopilot_q_nb
-        turned = NO_TURN if attitude is None else quat_turned_both(*attitude.tolist())
+        q_enu = NO_ROTATION if attitude is None else quat_turned_both(*attitude.tolist())
         return self._imu(
             sample.stamp_ns,
-            (turned, _absent() if attitude is None else np.zeros(9)),
+            (q_enu, _absent() if attitude is None else np.zeros(9)),
             (sample.angular_rate_b, np.zeros(9)),
             (sample.specific_force_b, np.zeros(9)),
         )
@@ -68,8 +74,8 @@ class SensorMessages(MessageParts):
         covariance = np.zeros(9)
         covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
         nothing = (np.zeros(3), _absent())
-        turned = _yaw(sample.heading_rad)
-        return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
+        q_enu = _level_attitude(sample.heading_rad)
+        return self._imu(sample.stamp_ns, (q_enu, covariance), nothing, nothing)
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
@@ -94,13 +100,13 @@ class SensorMessages(MessageParts):
         """Return ``geometry_msgs/PoseWithCovarianceStamped``: the yaw and its variance alone."""
         covariance = np.zeros((6, 6))
         covariance[5, 5] = sample.variance_rad2
-        turned = _yaw(sample.heading_rad)
-        return self._map_pose(sample.stamp_ns, np.zeros(3), turned, covariance)
+        q_enu = _level_attitude(sample.heading_rad)
+        return self._map_pose(sample.stamp_ns, np.zeros(3), q_enu, covariance)
 
     def joints(self, sample: JointSample) -> Any:
         """Return ``sensor_msgs/JointState`` of the gimbal, FLU.
 
-        Its frame is base_link, or the topic that joints were computed from.
+        Its frame is base_link, or COMPUTED_FROM for computed joints.
         """
         frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
@@ -116,9 +122,9 @@ class SensorMessages(MessageParts):
 
     def camera_attitude(self, sample: CameraAttitudeSample) -> Any:
         """Return ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
-        turned = self._quaternion(positive(quat_turned_both(*sample.q_ng.tolist())))
+        q_enu = self._quaternion(positive(quat_turned_both(*sample.q_ng.tolist())))
         typename = "geometry_msgs/msg/QuaternionStamped"
-        return self.stamped(typename, sample.stamp_ns, self.frames.map, quaternion=turned)
+        return self.stamped(typename, sample.stamp_ns, self.frames.map, quaternion=q_enu)
 
     def _imu(
         self,
@@ -127,7 +133,10 @@ class SensorMessages(MessageParts):
         rate: tuple[Array, Array],
         force: tuple[Array, Array],
     ) -> Any:
-        """Return ``sensor_msgs/Imu``: attitude wxyz FLU to ENU, (3,) FRD; covariances (9,)."""
+        """Return ``sensor_msgs/Imu`` of an attitude (wxyz, FLU to ENU), a rate and a force.
+
+        Rate and force are (3,), FRD. Each value comes with its covariance (9,).
+        """
         (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
         return self.stamped(
             "sensor_msgs/msg/Imu",
@@ -142,8 +151,8 @@ class SensorMessages(MessageParts):
         )
 
 
-def _yaw(heading_rad: float) -> Quaternion:
-    """Return the turn about up, FLU to ENU, of a level body with this heading."""
+def _level_attitude(heading_rad: float) -> Quaternion:
+    """Return the quaternion, FLU to ENU, of a level body with this heading."""
     half = 0.5 * (0.5 * math.pi - heading_rad)
     return math.cos(half), 0.0, 0.0, math.sin(half)
 
@@ -248,22 +257,14 @@ def _enu_yaw(q: Any) -> float:
     return math.atan2(sine, q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
 
-SensedSample = NavigationInput | JointSample | CameraAttitudeSample
-
-
 class _Row(NamedTuple):
     """Hold a topic's message type, and the functions that convert its messages."""
 
     typename: str
     decode: Callable[[Any], Any]
     encode: Callable[[SensorMessages, Any], Any]
-    topic: str = ""  # of a sample that is no source of the filter
+    topic: str = ""  # of a sample that is not an input of the filter
     by_dji: bool = True  # whether dji_node publishes it
-
-
-_FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistWithCovarianceStamped"
-_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-_IMU, _PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
 
 
 def _fix(source: Source, frame: str) -> _Row:
@@ -295,35 +296,36 @@ _ROWS: dict[Source | type, _Row] = {
         "gimbal/attitude",
     ),
 }
+#: Topic of a sensor -> its row.
 BY_TOPIC = {
     (key.topic if isinstance(key, Source) else row.topic): row for key, row in _ROWS.items()
 }
 
-#: Each source of the filter: its topic, and the decoder of its messages.
+#: Source of the filter's inputs -> its topic, and the decoder of its messages.
 NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {
     source: (source.topic, row.decode)
     for source, row in _ROWS.items()
     if isinstance(source, Source)
 }
 
-#: The topics that sensors' samples are published on, and those of them that dji_node publishes.
+#: The topics of all sensors, and of those that dji_node publishes.
 SENSED_TOPICS = tuple(BY_TOPIC)
 DJI_TOPICS = tuple(topic for topic, row in BY_TOPIC.items() if row.by_dji)
 
-#: The decoder of each of these topics' messages.
+#: Topic of a sensor -> the decoder of its messages.
 SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
     topic: row.decode for topic, row in BY_TOPIC.items()
 }
 
 
 def topic_of(sample: SensedSample) -> str:
-    """Return the topic of the contract of a sensor's sample."""
+    """Return the contract's topic of a sensor's sample."""
     if isinstance(sample, JointSample | CameraAttitudeSample):
         return _ROWS[type(sample)].topic
     return sample.source.topic
 
 
 def sensed(messages: SensorMessages, sample: SensedSample) -> tuple[str, Any]:
-    """Return the topic of the contract and the message of a sensor's sample."""
+    """Return the contract's topic and the message of a sensor's sample."""
     topic = topic_of(sample)
     return topic, BY_TOPIC[topic].encode(messages, sample)

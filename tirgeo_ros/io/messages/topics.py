@@ -40,7 +40,7 @@ STREAM_DEPTH = 800
 #: A frame that waits behind another is already too late.
 IMAGE_DEPTH = 2
 OUTPUT_DEPTH = 20
-#: As tf2's own broadcasters have it.
+#: The depth that tf2's own broadcasters use.
 TF_DEPTH = 100
 _STREAMS = (*SENSED_TOPICS, "tirgeo/odometry", "tirgeo/camera_pose")
 _IMAGES = (
@@ -51,8 +51,8 @@ _LATCHED = (
     *("tirgeo/origin", "tirgeo/targets", "tirgeo/targets/markers", "tirgeo/state"),
     "tf_static",
 )
-#: In the order and the words of rosbag2's metadata from version 9 (Jazzy) on. The times are
-#: ROS's infinity, which a recorder finds where a publisher sets none.
+#: A QoS profile in the words and the order of rosbag2's metadata, version 9 (Jazzy) and later.
+#: The times are ROS's infinity: what a recorder writes if the publisher sets none.
 _TEXT = """\
 - history: keep_last
   depth: {depth}
@@ -85,7 +85,7 @@ class OfferedQos(NamedTuple):
 
 
 def offered_qos(topic: str) -> OfferedQos:
-    """Return what is offered on a topic, in whatever namespace."""
+    """Return the QoS that is offered on a topic, whatever its namespace."""
     if _ends(topic, _LATCHED):
         return OfferedQos(1, latched=True)
     if _ends(topic, _STREAMS):

@@ -1,4 +1,4 @@
-"""Read and write ROS 2 parameter files (YAML): as rcl does, checked as the nodes do.
+"""Read and write ROS 2 parameter files (YAML) as rcl does; check them as the nodes do.
 
 A file serves all nodes. Sections are node names, whole or with the wildcards ``*`` (one name) and
 ``**`` (any number), and may be nested by namespace. Of the sections that match a node the later
@@ -24,11 +24,11 @@ T = TypeVar("T")
 Files = PathLike | Sequence[PathLike] | None
 
 _MARK = "ros__parameters"
-# seven times the longest file of this package; takes a second or two to read
+#: Seven times the longest file of this package; this takes a second or two to read.
 _MOST_BYTES = 1 << 17
 _EVERY_NODE = ("use_sim_time", "start_type_description_service")
 _OVERRIDE = "qos_overrides."
-#: What rclpy lets a parameter override, of each topic.
+#: The policies of a topic's QoS that rclpy lets a parameter override.
 _POLICIES = [
     f"{end}.{policy}"
     for end in ("subscription", "publisher")
@@ -59,7 +59,7 @@ def load_yaml(path: PathLike) -> Any:
 class ParameterFile:
     """Read and check a parameter file as a whole; without a path all values are defaults.
 
-    Of several files the later take precedence, as where a node is given several. Raises
+    Of several files the later take precedence, as when a node is given several. Raises
     ConfigError, naming file and key, for an invalid parameter file, a node that is not tirgeo's,
     an unknown name, a wrong type or a value out of range.
     """
@@ -90,7 +90,7 @@ class ParameterFile:
         return values
 
     def elsewhere(self, namespace: str = "") -> list[str]:
-        """Return the sections for a node that has none in this namespace."""
+        """Return the sections of other namespaces, for nodes without a section in this one."""
         nodes = [_full_name(node, namespace) for node in NODE_CONFIGS]
         patterns = [pattern for pattern, _ in self._parts]
         here = {pattern for pattern in patterns if any(_fits(pattern, node) for node in nodes)}
@@ -105,14 +105,15 @@ class ParameterFile:
 
 
 def paths_of(files: Files) -> list[PathLike]:
-    """Return the files as a list. Raises ConfigError for what names no file."""
+    """Return the files as a list. Raises ConfigError for a value that cannot name a file."""
     if files is None:
         return []
     if isinstance(files, str | os.PathLike) or not isinstance(files, Sequence):
         files = [files]
     for path in files:
         if not isinstance(path, str | os.PathLike):
-            raise ConfigError(f"parameters: {type(path).__name__} is no name of a file: {path!r}")
+            why = f"{type(path).__name__} cannot be the name of a file: {path!r}"
+            raise ConfigError(f"parameters: {why}")
     return list(files)
 
 
@@ -130,7 +131,7 @@ def _of_every_node(name: str, where: str = "") -> bool:
 
 
 def overridden_topic(name: str, where: str = "") -> str:
-    """Return the topic whose QoS a parameter overrides, else ""; refuse what rclpy ignores."""
+    """Return the topic whose QoS a parameter overrides, or ""; ConfigError if rclpy ignores it."""
     if not name.startswith(_OVERRIDE):
         return ""
     topic = "/" + name.removeprefix(_OVERRIDE).partition(".")[0].lstrip("/")
@@ -169,13 +170,13 @@ def _sections(path: PathLike, above: str, tree: Mapping[Any, Any]) -> Iterator[S
         if key == _MARK:
             node = above.rpartition("/")[2]
             if "*" not in node and node not in NODE_CONFIGS:
-                known = ", ".join(NODE_CONFIGS)
-                raise ConfigError(f"{path}: unknown node {above or _MARK}; known: {known}")
+                nodes = ", ".join(NODE_CONFIGS)
+                raise ConfigError(f"{path}: unknown node {above or _MARK}; known: {nodes}")
             yield above, dict(_flat(path, "", value))
         elif isinstance(value, Mapping):
             yield from _sections(path, name, value)
         else:
-            raise ConfigError(f"{path}: {name.strip('/')} holds no {_MARK}")
+            raise ConfigError(f"{path}: {name.strip('/')} is not under {_MARK}")
 
 
 def _flat(path: PathLike, above: str, tree: Any) -> Iterator[tuple[str, object]]:
@@ -200,24 +201,24 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         """Compose a node; refuse, as rcl does, an alias, which may contain itself."""
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark
-            raise yaml.composer.ComposerError(None, None, "aliases are not taken", mark)
+            raise yaml.composer.ComposerError(None, None, "aliases are not supported", mark)
         return super().compose_node(parent, index)
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         """Construct a value; refuse, with its line, what its tag or length does not allow."""
         try:
-            made = super().construct_object(node, deep)
-            if isinstance(made, str):
-                made.encode()
-            elif isinstance(made, int) and made.bit_length() > 63:
-                made = float(made)  # as in rcl
+            value = super().construct_object(node, deep)
+            if isinstance(value, str):
+                value.encode()
+            elif isinstance(value, int) and value.bit_length() > 63:
+                value = float(value)  # as in rcl
         except (ValueError, LookupError, AttributeError, TypeError, OverflowError):
             kind = node.tag.rpartition(":")[2]
             text = repr(getattr(node, "value", ""))[:_SHOWN]
             raise yaml.constructor.ConstructorError(
-                None, None, f"{text} is no {kind}", node.start_mark
+                None, None, f"{text} is not a valid {kind}", node.start_mark
             ) from None
-        return made
+        return value
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Construct a mapping; refuse a repeated key, as the first one would be lost silently."""
@@ -229,8 +230,8 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
                     None, None, f"key {key.value} appears twice", key.start_mark
                 )
             keys.add(key.value)
-        made: dict[Any, Any] = super().construct_mapping(node, deep)
-        return made
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
 
 
 for _tag, _pattern, _first in (
@@ -271,7 +272,7 @@ def write_parameters(path: PathLike, nodes: Mapping[str, Mapping[str, Value]], h
 
 
 def _plain(value: Value) -> object:
-    """Return a value with nine digits: more than any calibration resolves."""
+    """Return a value rounded to nine digits: more than any calibration resolves."""
     if isinstance(value, str | bool | int):
         return value
     if isinstance(value, float):

@@ -68,8 +68,8 @@ def load_camera(path: PathLike) -> Camera:
     return camera_of(message, str(path))
 
 
-def given_camera(config: OverlayConfig) -> Camera | None:
-    """Return the camera of the parameters, None if the topic gives it. Raises CameraError."""
+def configured_camera(config: OverlayConfig) -> Camera | None:
+    """Read the file of the parameter ``camera``; None if it is empty. Raises CameraError."""
     return load_camera(config.camera) if config.camera else None
 
 

@@ -1,7 +1,7 @@
 """Write Cloud-Optimised GeoTIFFs by GDAL, tile by tile.
 
-Whole numbers get an alpha band as the last one, which is 0 where nothing is known; floats are nan
-there, which is declared as no data.
+Unknown pixels are 0 in an alpha band, the last one, if the values are whole numbers; floats are
+nan there, which is declared as no data.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class RasterForm:
 def write_cog(path: PathLike, form: RasterForm, parts: Iterable[RasterPart]) -> None:
     """Write a raster from its parts, which must not overlap; what no part covers is unknown.
 
-    Raise MapError where rasterio is not installed or the file cannot be written; then no file is
+    Raise MapError if rasterio is not installed or the file cannot be written; then no file is
     left under the name.
     """
     name = os.fspath(path)
@@ -87,8 +87,8 @@ def write_cog(path: PathLike, form: RasterForm, parts: Iterable[RasterPart]) -> 
         first = str(error).partition("\n")[0]
         raise MapError(f"{name}: cannot be written: {first}") from None
     finally:
-        for left in (part, plain, Path(f"{part}.ovr.tmp")):
-            left.unlink(missing_ok=True)
+        for temporary in (part, plain, Path(f"{part}.ovr.tmp")):
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager

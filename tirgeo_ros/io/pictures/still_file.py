@@ -32,26 +32,26 @@ _PACKET = """<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>
 {descriptions} </rdf:RDF>
 </x:xmpmeta>
 <?xpacket end="w"?>"""
-_OF_BROWN = 5  # coefficients k1, k2, p1, p2, k3
+_MOST_BROWN = 5  # coefficients of Brown's model: k1, k2, p1, p2, k3
 _LARGEST_SIGMA_DEG = 180.0
-#: Parts of a second of arc: 0.03 mm on the ground.
-_OF_A_SECOND = 1_000_000
-#: Of the versions, 2.3 has altitudes above sea level; 3.0 has ellipsoidal ones under the same
-#: values 0 and 1 of the reference, and those above sea level under 2 and 3. Readers know 0 and 1
-#: alone: OpenDroneMap takes any other value for a depth.
+#: Parts in which seconds of arc are written, 0.03 mm on the ground.
+_PER_SECOND = 1_000_000
+#: Versions of EXIF and its GPS tags, by whether altitudes are above sea level. GPSAltitudeRef 0
+#: and 1 mean above sea level in 2.3, ellipsoidal in 3.0 (which has 2 and 3 for sea level). Readers
+#: know only 0 and 1: OpenDroneMap takes any other value for a depth.
 _VERSIONS = {True: (b"0231", b"\x02\x03\x00\x00"), False: (b"0300", b"\x02\x04\x00\x00")}
 _COMPONENTS = Base.ComponentsConfiguration  # whose type (undefined) Pillow does not know
 TAGS_V2_GROUPS[IFD.Exif].setdefault(_COMPONENTS, TagInfo(_COMPONENTS, _COMPONENTS.name, UNDEFINED))
 _INCH, _CENTRED, _SRGB = 2, 1, 1
-_CENTIMETRE = 3  # the unit of the focal plane's resolution; of metric units all readers know it
+_CENTIMETRE = 3  # unit of the focal plane's resolution: the metric one that all readers know
 #: Never "DJI": OpenDroneMap adds 90 deg to the pitch of pictures by that maker, and takes the
 #: aircraft's heading for the camera's.
 MAKE, MODEL = "tirgeo", "thermal"
-#: The width of a pixel on the sensor is not known here; in pixels nothing changes with it.
+#: Assumed width of a pixel on the sensor; focal lengths in pixels do not depend on it.
 _PIXEL_MM = 0.012
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
-_FIRST = (b"\xff\xe0", b"\xff\xe1")  # the segments of JFIF and EXIF
+_FIRST = (b"\xff\xe0", b"\xff\xe1")  # segments before the packet: JFIF and EXIF
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class Still:
 
 
 def ending_of(pixels: RawPixels) -> str:
-    """Return the ending of the file's name."""
+    """Return the ending of the name of a file with these pixels."""
     return ".tif" if pixels.dtype == np.uint16 else ".jpg"
 
 
@@ -120,7 +120,7 @@ def still_bytes(pixels: RawPixels, still: Still) -> bytes:
 
 
 def still_exif(still: Still) -> Image.Exif:
-    """Return the tags; numbers that are not known have none.
+    """Return the tags of EXIF; unknown numbers have none.
 
     The focal length in mm follows from a pixel of 12 um. In pixels it is, exactly, the product
     of FocalLength and the focal plane's resolution.
@@ -130,7 +130,7 @@ def still_exif(still: Still) -> Image.Exif:
     exif[Base.Make], exif[Base.Model] = MAKE, MODEL
     exif[Base.Software] = f"tirgeo {__version__}"
     exif[Base.Orientation] = 1
-    exif[Base.XResolution] = exif[Base.YResolution] = IFDRational(72)  # where there is none
+    exif[Base.XResolution] = exif[Base.YResolution] = IFDRational(72)  # EXIF's value for unknown
     exif[Base.ResolutionUnit] = _INCH
     exif[IFD.Exif] = _picture(still)
     exif[IFD.GPSInfo] = _position(still)
@@ -187,9 +187,9 @@ def _position(still: Still) -> dict[int, object]:
 
 def _sexagesimal(angle_rad: float) -> tuple[IFDRational, IFDRational, IFDRational]:
     """Return whole degrees, minutes, and seconds; rounded first, so no seconds are 60."""
-    parts = round(math.degrees(abs(angle_rad)) * 3600 * _OF_A_SECOND)
-    minutes, rest = divmod(parts, 60 * _OF_A_SECOND)
-    return IFDRational(minutes // 60), IFDRational(minutes % 60), IFDRational(rest, _OF_A_SECOND)
+    parts = round(math.degrees(abs(angle_rad)) * 3600 * _PER_SECOND)
+    minutes, rest = divmod(parts, 60 * _PER_SECOND)
+    return IFDRational(minutes // 60), IFDRational(minutes % 60), IFDRational(rest, _PER_SECOND)
 
 
 def _rational(value: float, denominator: int) -> IFDRational:
@@ -197,7 +197,7 @@ def _rational(value: float, denominator: int) -> IFDRational:
 
 
 def still_xmp(still: Still) -> bytes:
-    """Return the packet, UTF-8; unknown values have no attribute."""
+    """Return the packet of XMP, UTF-8; unknown values have no attribute."""
     dji = _description("drone-dji", _DJI, _as_dji(still))
     pix4d = _description("Camera", _PIX4D, _as_pix4d(still))
     return _PACKET.format(descriptions=dji + pix4d).encode()
@@ -216,26 +216,26 @@ def _as_dji(still: Still) -> dict[str, str]:
     place, camera = still.place, still.camera
     north_m, east_m, down_m = place.position_sigmas_m
     dewarp = {}
-    if len(camera.distortion) <= _OF_BROWN:  # the rational model has no place there
-        # Of a picture that still has its distortion: fx, fy, the principal point from the
-        # picture's middle (px), k1, k2, p1, p2, k3, as OpenCV has them.
+    if len(camera.distortion) <= _MOST_BROWN:  # DewarpData has no place for the rational model
+        # For a picture that still has its distortion: fx, fy, the principal point from the
+        # picture's middle (px), k1, k2, p1, p2, k3 of OpenCV.
         middle = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
-        lens = *camera.distortion, *[0.0] * (_OF_BROWN - len(camera.distortion))
+        lens = *camera.distortion, *[0.0] * (_MOST_BROWN - len(camera.distortion))
         numbers = ",".join(f"{x:.9g}" for x in (camera.fx, camera.fy, *middle, *lens))
         dewarp = {"DewarpFlag": "0", "DewarpData": f"{still.time:%Y-%m-%d};{numbers}"}
     return {
         "GpsLatitude": f"{math.degrees(place.latitude_rad):+.9f}",
         "GpsLongitude": f"{math.degrees(place.longitude_rad):+.9f}",
         "AbsoluteAltitude": f"{still.altitude_m:+.4f}",
-        **_known({"RelativeAltitude": still.above_ground_m}, "+.4f"),
-        **_turned("Gimbal", place.rpy),
-        **(_turned("Flight", still.body_rpy) if still.body_rpy is not None else {}),
-        **_known({"RtkStdLon": east_m, "RtkStdLat": north_m, "RtkStdHgt": down_m}, ".4f"),
+        **_finite({"RelativeAltitude": still.above_ground_m}, "+.4f"),
+        **_angles("Gimbal", place.rpy),
+        **(_angles("Flight", still.body_rpy) if still.body_rpy is not None else {}),
+        **_finite({"RtkStdLon": east_m, "RtkStdLat": north_m, "RtkStdHgt": down_m}, ".4f"),
         **dewarp,
     }
 
 
-def _turned(what: str, rpy: Vector) -> dict[str, str]:
+def _angles(what: str, rpy: Vector) -> dict[str, str]:
     """Return the three angles of gimbal or aircraft, yaw from -180 to 180 deg."""
     roll, pitch, yaw = map(math.degrees, rpy)
     named = {"Roll": roll, "Pitch": pitch, "Yaw": yaw}
@@ -245,8 +245,8 @@ def _turned(what: str, rpy: Vector) -> dict[str, str]:
 def _as_pix4d(still: Still) -> dict[str, str]:
     """Return the attributes that Pix4D defines; lengths in mm by a pixel of 12 um.
 
-    There is no distortion: that model has one focal length, ours has two. Nor is there a
-    ModelType, by which OpenDroneMap would leave its own, better model.
+    Distortion is left out: Pix4D's model has one focal length, ours has two. ModelType is left
+    out: OpenDroneMap would use it in place of its own, better model.
     """
     camera, place = still.camera, still.place
     roll, pitch, yaw = map(math.degrees, place.mapping_rpy)
@@ -256,13 +256,13 @@ def _as_pix4d(still: Still) -> dict[str, str]:
     north_m, east_m, down_m = place.position_sigmas_m
     return {
         **{key: f"{angle:.5f}" for key, angle in angles.items()},
-        **_known({k: v for k, v in sigmas.items() if v < _LARGEST_SIGMA_DEG}, ".5f"),
-        **_known({"GPSXYAccuracy": max(north_m, east_m), "GPSZAccuracy": down_m}, ".4f"),
+        **_finite({k: v for k, v in sigmas.items() if v < _LARGEST_SIGMA_DEG}, ".5f"),
+        **_finite({"GPSXYAccuracy": max(north_m, east_m), "GPSZAccuracy": down_m}, ".4f"),
         "PerspectiveFocalLength": f"{(camera.fx + camera.fy) / 2 * _PIXEL_MM:.6f}",
         "PrincipalPoint": ",".join(f"{(c + 0.5) * _PIXEL_MM:.6f}" for c in (camera.cx, camera.cy)),
     }
 
 
-def _known(numbers: Mapping[str, float], form: str) -> dict[str, str]:
-    """Return the numbers that are finite as texts."""
+def _finite(numbers: Mapping[str, float], form: str) -> dict[str, str]:
+    """Return the numbers that are finite, as texts."""
     return {key: f"{value:{form}}" for key, value in numbers.items() if math.isfinite(value)}

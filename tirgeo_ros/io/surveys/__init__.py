@@ -1,1 +1,1 @@
-"""Read surveyed points, and write located ones."""
+"""Read and write surveyed points and their observations."""

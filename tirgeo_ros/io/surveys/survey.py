@@ -24,6 +24,7 @@ T = TypeVar("T")
 _SURVEY_COLUMNS = ("id", "lat", "lon", "h")
 _OBSERVATION_COLUMNS = ("id", "stamp_ns", "u", "v")
 _MARK_COLUMNS = ("id", "column", "row")
+_QGIS_COLUMNS = ("mapX", "mapY", "sourceX", "sourceY")  # since 3.26
 #: Limit for a file: ``locate`` needs 35 kB and a millisecond for each row.
 MOST_ROWS = 20_000
 
@@ -113,7 +114,7 @@ def _geojson_points(path: PathLike, text: str) -> list[SurveyPoint]:
         document = json.loads(text)
     except json.JSONDecodeError as error:
         raise SurveyError(f"{path}: line {error.lineno}: not JSON: {error.msg}") from None
-    except (ValueError, RecursionError) as error:  # for numbers and nesting without end
+    except (ValueError, RecursionError) as error:  # numbers too long, nesting too deep
         raise SurveyError(f"{path}: not JSON: {error}") from None
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list):
@@ -134,9 +135,9 @@ def _geojson_points(path: PathLike, text: str) -> list[SurveyPoint]:
 
 
 def _csv_rows(
-    path: PathLike, text: str, columns: tuple[str, ...], made: Callable[..., T]
+    path: PathLike, text: str, columns: tuple[str, ...], parse: Callable[..., T]
 ) -> list[T]:
-    """Return what ``made`` makes of the cells of each row, in the order of ``columns``."""
+    """Return the result of ``parse`` for each row's cells, in the order of ``columns``."""
     lines = text.splitlines()
     check_rows(path, len(lines) - 1)
     reader = csv.DictReader(lines, skipinitialspace=True)
@@ -148,7 +149,7 @@ def _csv_rows(
         )
     reader.fieldnames = header
     try:
-        return [made(*(row[name] for name in columns)) for row in reader]
+        return [parse(*(row[name] for name in columns)) for row in reader]
     except (TypeError, ValueError, csv.Error):
         raise SurveyError(
             f"{path}: line {reader.line_num} does not match {','.join(columns)}"
@@ -177,7 +178,7 @@ def _name(name: str | None) -> str:
 
 
 def _point(name: str, *place: str | float) -> SurveyPoint:
-    """Return a point at latitude, longitude (deg), height; raises ValueError for no place."""
+    """Return a point at latitude, longitude (deg), height; raises ValueError off the Earth."""
     latitude_deg, longitude_deg, height_m = _finite(*place)
     if abs(latitude_deg) > 90 or abs(longitude_deg) > 180:
         raise ValueError
@@ -193,13 +194,10 @@ def _refuse_repeated(path: PathLike, ids: Sequence[str]) -> None:
 
 
 class Answered(NamedTuple):
-    """Hold a pixel of a list and its located point or refusal."""
+    """Hold the id of a pixel in a list, and its located point or refusal."""
 
     id: str
     answer: Answer
-
-
-_QGIS_COLUMNS = ("mapX", "mapY", "sourceX", "sourceY")  # since 3.26
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +207,7 @@ class ControlPoints:
     names: list[str]
     pixels: Array  # (n, 2) column, row
     degrees: Array  # (n, 2) longitude, latitude in WGS84
-    unused: tuple[str, ...] = ()  # those that only one of two files has
+    unused: tuple[str, ...] = ()  # ids that only one of two files has
 
 
 def load_control_points(points: PathLike, survey: PathLike | None) -> ControlPoints:
@@ -230,7 +228,7 @@ def load_control_points(points: PathLike, survey: PathLike | None) -> ControlPoi
 
 
 def downward(pixels: Array) -> Array:
-    """Return pixels (n, 2) with rows that grow downwards; QGIS's are below zero, upwards."""
+    """Return pixels (n, 2), rows counted downwards; QGIS's rows are negative."""
     upward = len(pixels) > 0 and float(np.median(pixels[:, 1])) < 0
     return pixels * np.array([1.0, -1.0]) if upward else pixels
 
@@ -252,12 +250,12 @@ def _qgis(path: PathLike) -> ControlPoints:
         try:
             values = _finite(*(row[name] for name in _QGIS_COLUMNS))
         except (TypeError, ValueError):
-            raise SurveyError(f"{path}: point {number} is not four numbers") from None
+            raise SurveyError(f"{path}: point {number} must have four numbers") from None
         if (row.get("enable") or "1").strip() != "0":
             points[str(number)] = values
     table = np.array(list(points.values()), float).reshape(-1, 4)
     flat = np.column_stack([table[:, :2], np.zeros(len(table))])
     degrees, _ = to_wgs84(flat, crs, str(path))
     if not np.isfinite(degrees).all() or (np.abs(degrees[:, 1]) > 90).any():
-        raise SurveyError(f"{path}: a point is not a place in {crs[:40]}")
+        raise SurveyError(f"{path}: a point is outside its system {crs[:40]}")
     return ControlPoints(list(points), downward(table[:, 2:]), degrees[:, :2])

@@ -1,1 +1,1 @@
-"""Keep targets in a GeoPackage; write and read them in the formats of others."""
+"""Keep targets in a GeoPackage; write them in the formats of other programs."""

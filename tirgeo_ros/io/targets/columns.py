@@ -1,4 +1,4 @@
-"""Define what every format holds of a target and of a pixel: its columns, and rows of them."""
+"""Define the columns of a target and of a located pixel, for every format; make their rows."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.surveys.survey import Answered
 
-#: What files keep of a click.
+#: Fields of a click that files keep.
 CLICK = ("stamp_ns", "latitude_deg", "longitude_deg", "height_m", "covariance_enu")
 #: Column of a place -> its type in SQL; sigmas are one standard deviation, ellipses 95 %.
-_OF_PLACE = {
+_PLACE_COLUMNS = {
     "stamp_ns": "INTEGER",
     "time": "DATETIME",
     "latitude_deg": "REAL",
@@ -32,11 +32,9 @@ _OF_PLACE = {
     "mgrs": "TEXT",
     "utm": "TEXT",
 }
-
-
 #: Column of a target -> its type in SQL, and its cell. A point that a GIS adds has neither id nor
 #: number.
-_OF_TARGET: Mapping[str, tuple[str, Callable[[Target], Any]]] = {
+_TARGET_COLUMNS: Mapping[str, tuple[str, Callable[[Target], Any]]] = {
     "id": ("TEXT UNIQUE", lambda t: t.id),
     "number": ("INTEGER UNIQUE", lambda t: t.number),
     "name": ("TEXT", lambda t: _utf8(t.name)),
@@ -49,40 +47,42 @@ _OF_TARGET: Mapping[str, tuple[str, Callable[[Target], Any]]] = {
     "clicks_agree": ("BOOLEAN", lambda t: t.clicks_agree),
 }
 #: Column -> its type in SQL.
-COLUMNS: Mapping[str, str] = {name: kind for name, (kind, _) in _OF_TARGET.items()} | _OF_PLACE
+COLUMNS: Mapping[str, str] = {
+    name: kind for name, (kind, _) in _TARGET_COLUMNS.items()
+} | _PLACE_COLUMNS
 
 
 class Row(NamedTuple):
-    """Hold what is written of a target, or of a pixel that was located or refused."""
+    """Hold the row of a target, or of a pixel that was located or refused."""
 
-    cells: dict[str, Any]  # texts, numbers, bool; None for what a refused pixel lacks
-    target: Target | None  # None of a refused pixel
+    cells: dict[str, Any]  # texts, numbers, bool; None for cells that a refused pixel lacks
+    target: Target | None  # None: a refused pixel
     words: str  # for a person
 
 
-def of_target(target: Target) -> dict[str, Any]:
+def target_cells(target: Target) -> dict[str, Any]:
     """Return the cells of a target, in the order of ``COLUMNS``."""
-    own = {name: cell(target) for name, (_, cell) in _OF_TARGET.items()}
-    return own | _of_place(target.place)
+    own = {name: cell(target) for name, (_, cell) in _TARGET_COLUMNS.items()}
+    return own | _place_cells(target.place)
 
 
-def of_targets(targets: Sequence[Target]) -> list[Row]:
+def target_rows(targets: Sequence[Target]) -> list[Row]:
     """Return a row for each target."""
-    return [Row(of_target(target), target, _words(target)) for target in targets]
+    return [Row(target_cells(target), target, _words(target)) for target in targets]
 
 
-def of_answers(answers: Sequence[Answered]) -> list[Row]:
-    """Return a row for each pixel in their order; a located one is a target with its name."""
+def answer_rows(answers: Sequence[Answered]) -> list[Row]:
+    """Return a row for each pixel, in order; a located one is a target with the pixel's name."""
     rows = []
     for number, (name, answer) in enumerate(answers, 1):
         pixel = {"id": name, "stamp_ns": answer.stamp_ns, "u": answer.uv[0], "v": answer.uv[1]}
         if isinstance(answer, Refusal):
-            nothing = {key: None for key in _OF_PLACE if key not in pixel}
+            nothing = {key: None for key in _PLACE_COLUMNS if key not in pixel}
             reason = answer.reason.value
             rows.append(Row(pixel | nothing | {"reason": reason}, None, f"not located: {reason}"))
         else:
             target = target_of_pixel(number, name, answer)
-            cells = pixel | _of_place(answer) | {"reason": None}
+            cells = pixel | _place_cells(answer) | {"reason": None}
             rows.append(Row(cells, target, _words(target)))
     return rows
 
@@ -90,13 +90,13 @@ def of_answers(answers: Sequence[Answered]) -> list[Row]:
 def target_of_pixel(number: int, name: str, place: Located) -> Target:
     """Return a located pixel as a target: the same one for the same file, number and name."""
     numbers = ", ".join(f"{key}={getattr(place, key)!r}" for key in CLICK)
-    # "Fixing" as ever, so that a map knows the point of an earlier export again.
+    # "Fixing", as in earlier versions, so that a map recognises the point of an earlier export.
     own_id = uuid.uuid5(uuid.NAMESPACE_URL, f"tirgeo/Fixing({numbers})/{number}/{name!r}").hex
     return Target(own_id, number, name, "other", "", "", place.stamp_ns, place.stamp_ns, (place,))
 
 
-def _of_place(place: Located) -> dict[str, Any]:
-    """Return the cells of a place in the order of ``_OF_PLACE``."""
+def _place_cells(place: Located) -> dict[str, Any]:
+    """Return the cells of a place in the order of ``_PLACE_COLUMNS``."""
     east2, _, _, _, north2, _, _, _, up2 = place.covariance_enu
     major_m, minor_m, azimuth_rad = place.ellipse
     texts = written(place.latitude_deg, place.longitude_deg)
@@ -119,7 +119,7 @@ def _of_place(place: Located) -> dict[str, Any]:
 
 
 def _utf8(text: str) -> str:
-    """Return a text that can be encoded: what cannot (of a damaged file) is escaped."""
+    """Return a text that UTF-8 can encode; other characters (of a damaged file) are escaped."""
     return text.encode(errors="backslashreplace").decode()
 
 

@@ -16,18 +16,18 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.texts import legible, utc
 
-#: What stands where a number is not known.
+#: Written in place of an unknown number.
 UNKNOWN = "9999999.0"
 _HEADER = b'<?xml version="1.0" encoding="UTF-8"?>\n'
-#: A spot of the map; a friendly drone with rotors, which TAK's symbols have among the military
-#: ones alone; a sensor's point of interest; an order to delete.
+#: Types: a spot on the map; a friendly drone with rotors, which TAK has only as a military symbol;
+#: a sensor's point of interest; an order to delete.
 _SPOT, _AIRCRAFT, _LOOKS_AT, _DELETE = "b-m-p-s-m", "a-f-A-M-H-Q", "b-m-p-s-p-i", "t-x-d-d"
-#: How a place was had: by fused sensors; measured in a picture.
+#: How a position was obtained: from fused sensors; measured in a picture.
 _FUSED, _IN_PICTURE = "m-f", "m-i"
-#: After these an event is stale. Servers keep it for newcomers until then.
+#: After these times an event is stale. Until then servers keep it for clients that join.
 _TARGET_VALID_S, _WITHDRAWN_VALID_S, _AIRCRAFT_VALID_S = 86400.0, 5.0, 30.0
-#: A datagram holds 65507 bytes at most; a letter may take six of them (``&quot;``). The words
-#: after a note need some room.
+#: Most characters. A datagram holds 65507 bytes, and a character may take six (``&quot;``). The
+#: remarks that follow a note need some room.
 _MOST_TEXT, _MOST_NOTE = 4000, 3000
 #: Colour of a kind, as Android's signed 32-bit number of alpha, red, green, blue.
 COLOURS = {
@@ -42,7 +42,7 @@ _WHITE = -1
 
 @dataclass(frozen=True, slots=True)
 class AircraftState:
-    """Hold what the team sees of an aircraft; nan and None are what is not known."""
+    """Hold what the team sees of an aircraft; nan and None are unknown values."""
 
     name: str
     latitude_deg: float
@@ -61,7 +61,7 @@ def target_uid(target: Target) -> str:
 
 
 def target_event(target: Target, now_ns: int, valid_s: float = _TARGET_VALID_S) -> ET.Element:
-    """Return a target as a spot of the map, in its kind's colour, for a day."""
+    """Return a target as a spot on the map, in its kind's colour, by default for a day."""
     place, colour = target.place, COLOURS.get(target.kind, _WHITE)
     errors = circular_error_90(place.covariance_n), linear_error_90(place.covariance_n)
     event = _event(target_uid(target), _SPOT, _IN_PICTURE, now_ns, valid_s)
@@ -87,7 +87,7 @@ def target_event(target: Target, now_ns: int, valid_s: float = _TARGET_VALID_S) 
 
 
 def withdrawn_event(target: Target, now_ns: int) -> ET.Element:
-    """Return a deleted target's last event: it is stale so soon that no newcomer gets it."""
+    """Return a deleted target's last event: stale so soon that clients that join don't get it."""
     return target_event(target, now_ns, _WITHDRAWN_VALID_S)
 
 
@@ -114,7 +114,7 @@ def aircraft_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element:
     if state.view is not None:
         roll, elevation, azimuth = map(math.degrees, state.view.sight_rpy)
         width, height = map(math.degrees, state.view.fields_of_view)
-        # TAK's maps draw a flat fan as long as ``range``: it ends at what the middle shows.
+        # TAK draws a fan as long as ``range``: it ends at the ground in the picture's middle.
         reach_m = state.view.slant_range_m * math.cos(state.view.sight_rpy[1])
         angles = {"azimuth": _direction(azimuth), "elevation": elevation, "roll": roll}
         _add_finite(detail, "sensor", angles | {"fov": width, "vfov": height, "range": reach_m})
@@ -123,7 +123,7 @@ def aircraft_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element:
 
 
 def looks_at_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element | None:
-    """Return the ground in the picture's middle as an event, linked to the aircraft, or None."""
+    """Return the ground in the picture's middle, linked to the aircraft; None if unknown."""
     view = state.view
     if view is None or not all(map(math.isfinite, view.centre)):
         return None
@@ -137,7 +137,7 @@ def looks_at_event(uid: str, state: AircraftState, now_ns: int) -> ET.Element | 
 
 
 def encoded(event: ET.Element) -> bytes:
-    """Return an event as it goes over the network: XML header, line feed, event, nothing more."""
+    """Return an event for the network: XML header, line feed, event, and nothing after it."""
     return _HEADER + ET.tostring(event, "unicode").encode()
 
 
@@ -157,7 +157,7 @@ def _add_point(
     ce90_m: float = math.nan,
     le90_m: float = math.nan,
 ) -> None:
-    """Add the event's point: the height is ellipsoidal; nan is written as not known."""
+    """Add the event's point: the height is ellipsoidal; nan is written as unknown."""
     metres = {"hae": height_m, "ce": ce90_m, "le": le90_m}
     place = {"lat": f"{latitude_deg:.7f}", "lon": f"{longitude_deg:.7f}"}
     place |= {key: f"{x:.3f}" if math.isfinite(x) else UNKNOWN for key, x in metres.items()}

@@ -1,4 +1,4 @@
-"""Write targets, and the pixels that ``tirgeo locate`` located, in the formats of others."""
+"""Write targets, and the pixels of ``tirgeo locate``, in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.texts import legible, utc
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text
 from tirgeo_ros.io.surveys.survey import Answered
-from tirgeo_ros.io.targets.columns import COLUMNS, Row, of_answers, of_targets
+from tirgeo_ros.io.targets.columns import COLUMNS, Row, answer_rows, target_rows
 from tirgeo_ros.io.targets.cot_events import target_event
 from tirgeo_ros.io.targets.geopackage import (
     explained,
@@ -26,9 +26,9 @@ from tirgeo_ros.io.targets.geopackage import (
     transaction,
 )
 
-#: Returns the JPEG of a target's id, or None.
+#: Returns the picture (JPEG) of the target with an id, or None.
 Pictures = Callable[[str], bytes | None]
-#: Where a spreadsheet would compute, in cells by any separator; an apostrophe makes them texts.
+#: Beginnings of cells, by any separator, that a spreadsheet computes; an apostrophe prevents it.
 _FORMULA = re.compile(r"""(^|[;|\t\n])(?=['" ]*[=+\-@\t\r])""")
 _KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
 _LINE = "ffff50ff"  # KML's colours are alpha, blue, green, red
@@ -59,7 +59,7 @@ def geojson(rows: Sequence[Row]) -> str:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return CSV, a line for each row, with a mark by which Excel knows UTF-8."""
+    """Return CSV, a line for each row, with the mark by which Excel recognises UTF-8."""
     header = list(rows[0].cells) if rows else list(COLUMNS)
     return "\ufeff" + csv_text([header, *(map(_cell, row.cells.values()) for row in rows)])
 
@@ -116,22 +116,22 @@ def gpx(rows: Sequence[Row]) -> str:
     """Return GPX 1.1 with a waypoint for each target; refused pixels are left out.
 
     Waypoints have no ``ele``: readers take it as above sea level, and the height here is above the
-    ellipsoid. The description says it.
+    ellipsoid. The description gives it.
     """
     points = [_waypoint(row.target, row.words) for row in rows if row.target]
     return _xml(_node("gpx", *points, version="1.1", creator="tirgeo", xmlns=_GPX))
 
 
 def _waypoint(target: Target, words: str) -> ET.Element:
-    """Return a waypoint; the schema fixes the order of its children."""
+    """Return a waypoint; its schema fixes the order of children, and excludes 180 deg."""
     place = target.place
-    longitude = -180.0 if place.longitude_deg == 180 else place.longitude_deg  # below 180 there
+    longitude = -180.0 if place.longitude_deg == 180 else place.longitude_deg
     text = (f"{target.note}; {words}" if target.note else words).translate(_NO_TAGS)
     return _node(
         "wpt",
         _node("time", utc(place.stamp_ns)),
         _node("name", target.title.translate(_NO_TAGS)),
-        *(_node("cmt", text), _node("desc", text)),  # devices show the one, programs the other
+        *(_node("cmt", text), _node("desc", text)),  # devices show the first, programs the second
         _node("type", target.kind),
         lat=f"{place.latitude_deg:.9f}",
         lon=f"{longitude:.9f}",
@@ -139,13 +139,13 @@ def _waypoint(target: Target, words: str) -> ET.Element:
 
 
 def cot(rows: Sequence[Row]) -> str:
-    """Return Cursor-on-Target 2.0: an ``event`` for each target, at its time, in ``events``."""
+    """Return Cursor-on-Target 2.0: ``events`` with an ``event`` for each target's last change."""
     targets = [row.target for row in rows if row.target is not None]
-    return _xml(_node("events", *(target_event(one, one.changed_ns) for one in targets)))
+    return _xml(_node("events", *(target_event(each, each.changed_ns) for each in targets)))
 
 
 def _node(_tag: str, *content: ET.Element | str, **attributes: str) -> ET.Element:
-    """Return an element with children, or with a text: on one line, of what XML allows."""
+    """Return an element with children, or with a text as XML allows it, on one line."""
     node = ET.Element(_tag, attributes)
     for part in content:
         if isinstance(part, str):
@@ -161,7 +161,7 @@ def _xml(root: ET.Element) -> str:
 
 
 def geopackage(rows: Sequence[Row], picture: Pictures = lambda _: None) -> bytes:
-    """Return a GeoPackage as TargetStore keeps it; refused pixels have no place there."""
+    """Return a GeoPackage as TargetStore keeps it; refused pixels are left out."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "targets.gpkg"
         with explained(path), contextlib.closing(sqlite3.connect(path)) as db:
@@ -177,7 +177,7 @@ def geopackage(rows: Sequence[Row], picture: Pictures = lambda _: None) -> bytes
         return path.read_bytes()
 
 
-#: By the ending of the file's name.
+#: The writer of each format, by the ending of the file's name.
 FORMATS: Mapping[str, Callable[[Sequence[Row]], str | bytes]] = {
     "geojson": geojson,
     "kml": kml,
@@ -191,13 +191,13 @@ FORMATS: Mapping[str, Callable[[Sequence[Row]], str | bytes]] = {
 def exported(targets: Sequence[Target], form: str, picture: Pictures | None = None) -> bytes:
     """Return targets in one of FORMATS; a GeoPackage has their pictures. Raises TargetError."""
     if form == "gpkg" and picture:
-        return geopackage(of_targets(targets), picture)
-    return _encoded(form, of_targets(targets))
+        return geopackage(target_rows(targets), picture)
+    return _encoded(form, target_rows(targets))
 
 
 def exported_answers(answers: Sequence[Answered], form: str) -> bytes:
-    """Return the pixels of ``tirgeo locate``; refused ones stay in GeoJSON, KML and CSV."""
-    return _encoded(form, of_answers(answers))
+    """Return the pixels of ``tirgeo locate``; only GeoJSON, KML and CSV keep refused ones."""
+    return _encoded(form, answer_rows(answers))
 
 
 def form_of(path: PathLike) -> str:

@@ -1,6 +1,6 @@
 """Open, check and fill the GeoPackage of targets (OGC 12-128r18, version 1.3).
 
-A store opens it for its process alone, and explains what is wrong with a file.
+A store opens it for its own process alone. Errors say what is wrong with a file.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.files.geopackage_layers import Layer, Positions, insert, make_file, make_layer
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
-from tirgeo_ros.io.targets.columns import COLUMNS, of_target
+from tirgeo_ros.io.targets.columns import COLUMNS, target_cells
 
 _MAGIC = b"SQLite format 3\0"
 _WAIT_S = 2.0  # for a program that is just ending
@@ -26,11 +26,11 @@ _WAIT_S = 2.0  # for a program that is just ending
 _REMEDIES = {
     "locked": "another program has it open (a second viewer_node, QGIS): close that, or give the "
     "targets another file",
-    "full": "no room on the disk: make some and do it again; what was there before is kept",
-    "readonly": "it is read-only: choose a place that can be written",
+    "full": "no room on the disk: free some and try again; the targets are unchanged",
+    "readonly": "it is read-only: choose another place",
     "unable to open": "its folder cannot be written: choose another place",
-    "disk I/O": "the disk fails: what was there before is kept; choose another disk",
-    "not a database": "it is no GeoPackage; give the targets another name",
+    "disk I/O": "the disk fails: choose another one; the targets are unchanged",
+    "not a database": "it is not a GeoPackage; give another file for the targets",
 }
 _DAMAGED = (
     "it is damaged and was left as it is: move it away to begin a new one; the command "
@@ -66,9 +66,9 @@ _JOURNAL = (
     "at_ns INTEGER, action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, "
     "undone INTEGER NOT NULL)"
 )
-#: Texts that are still to be chosen from (undo of the change that ``settled`` one opens it again),
-#: and what is switched on.
-_OF_PAGE = {
+#: Alternatives: texts that a person may still choose for a field; ``settled`` is the revision of
+#: the choice, whose undo opens it again. Switches: what is switched on.
+_PAGE_TABLES = {
     "alternatives": "target TEXT NOT NULL, field TEXT NOT NULL, text TEXT NOT NULL, settled INT",
     "switches": "what TEXT NOT NULL PRIMARY KEY",
 }
@@ -85,7 +85,7 @@ def make_tables(db: sqlite3.Connection) -> None:
 
 
 def put_target(db: sqlite3.Connection, target: Target) -> None:
-    """Write the rows of a target in place of those it had."""
+    """Write the rows of a target in place of its earlier ones."""
     remove_target(db, target.id)
     for layer, row, positions in rows_of_target(target):
         insert(db, layer, row, positions, target.number)
@@ -97,7 +97,7 @@ def put_target(db: sqlite3.Connection, target: Target) -> None:
 
 def rows_of_target(target: Target) -> list[tuple[Layer, dict[str, Any], Positions]]:
     """Return the rows of a target and of its ellipse, with their layers and positions."""
-    place, cells = target.place, of_target(target)
+    place, cells = target.place, target_cells(target)
     ring = [(longitude, latitude) for latitude, longitude in place.outline()]
     own = {"target": target.id, "number": target.number, "name": cells["name"]}
     at = [(place.longitude_deg, place.latitude_deg)]
@@ -110,7 +110,7 @@ def put_picture(db: sqlite3.Connection, target_id: str, jpeg: bytes) -> None:
 
 
 def remove_target(db: sqlite3.Connection, target_id: str) -> None:
-    """Remove the rows of a target, but for its picture."""
+    """Remove the rows of a target; its picture stays."""
     for statement in (
         "DELETE FROM targets WHERE id = ?",
         "DELETE FROM ellipses WHERE target = ?",
@@ -131,10 +131,10 @@ def next_number(db: sqlite3.Connection) -> int:
 
 
 def read_targets(path: PathLike) -> list[Target]:
-    """Return the targets of a file, read without a change. Raises TargetError naming it."""
+    """Return the targets of a file, which stays unchanged. Raises TargetError naming it."""
     path = Path(path)
     if first_bytes(path, len(_MAGIC), TargetError) != _MAGIC:
-        raise TargetError(f"{path}: no GeoPackage; give one of targets from tirgeo (.gpkg)")
+        raise TargetError(f"{path}: not a GeoPackage; give a file of targets from tirgeo (.gpkg)")
     journal = path.with_name(f"{path.name}-journal")  # of a change that a crash cut short
     cut_short = journal.exists() and journal.stat().st_size > 0
     address = f"{path.resolve().as_uri()}?mode={'rw' if cut_short else 'ro'}"
@@ -146,18 +146,18 @@ def read_targets(path: PathLike) -> list[Target]:
 def opened(path: Path) -> tuple[sqlite3.Connection, list[Target]]:
     """Open a file for this process alone, or make it; return it with its targets.
 
-    Raises TargetError for a folder that does not exist, a file that cannot be written, is
-    damaged, of another program or open in one.
+    Raises TargetError if the folder does not exist, or if the file cannot be written, is damaged,
+    was made by another program or is open in one.
     """
     if not path.parent.is_dir():
         raise TargetError(f"{path}: there is no such folder; make it, or give another place")
     if path.exists() and not path.is_file():
-        raise TargetError(f"{path}: not a file; give the targets another name")
+        raise TargetError(f"{path}: not a file; give another one for the targets")
     with explained(path), contextlib.ExitStack() as stack:
         db = sqlite3.connect(path, _WAIT_S, isolation_level=None, check_same_thread=False)
         stack.callback(db.close)
-        # The lock is kept until the file is closed. Each commit is complete in the one file, so
-        # that a copy of it after a crash lacks nothing; a WAL would be a second file.
+        # The lock is kept until the file is closed. Each commit is complete in this one file: a
+        # copy of it after a crash lacks nothing. A WAL would be a second file.
         for setting in ("locking_mode = EXCLUSIVE", "trusted_schema = OFF", "synchronous = EXTRA"):
             db.execute(f"PRAGMA {setting}")
         if not _is_empty(db):
@@ -166,18 +166,19 @@ def opened(path: Path) -> tuple[sqlite3.Connection, list[Target]]:
         with transaction(db):
             if _is_empty(db):
                 make_tables(db)
-            for name, columns in _OF_PAGE.items():  # exported files lack them
+            for name, columns in _PAGE_TABLES.items():  # exported files lack them
                 db.execute(f"CREATE TABLE IF NOT EXISTS tirgeo_{name} ({columns})")
-            db.execute("UPDATE gpkg_contents SET srs_id = srs_id")  # can the file be written?
+            db.execute("UPDATE gpkg_contents SET srs_id = srs_id")  # fails if read-only
         targets = _load(db, path)
-        db.text_factory = partial(str, encoding="utf-8", errors="replace")  # else one byte of the
-        stack.pop_all()  # journal would keep all of it from being read
+        # Otherwise one damaged byte of the journal would make all of it unreadable.
+        db.text_factory = partial(str, encoding="utf-8", errors="replace")
+        stack.pop_all()
         return db, targets
 
 
 @contextlib.contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Raise TargetError, naming the file and what to do, for what SQLite raises."""
+    """Raise TargetError, naming the file and what to do, for any error of SQLite."""
     try:
         yield
     except sqlite3.Error as error:
@@ -187,7 +188,7 @@ def explained(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def transaction(db: sqlite3.Connection) -> Iterator[None]:
-    """Commit what is done within, or undo all of it if something is raised."""
+    """Commit the changes of the block, or undo all of them if it raises an error."""
     db.execute("BEGIN EXCLUSIVE")
     try:
         yield
@@ -203,11 +204,11 @@ def _is_empty(db: sqlite3.Connection) -> bool:
 
 
 def _check_tables(db: sqlite3.Connection, path: Path) -> None:
-    """Refuse a file that is damaged, or that another program made; neither is written to."""
+    """Raise TargetError for a file that is damaged or that another program made."""
     names = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not {"tirgeo_changes", *(layer.name for layer in _LAYERS)} <= names:
         raise TargetError(
-            f"{path}: a database that tirgeo did not make; give the targets another name"
+            f"{path}: a database that tirgeo did not make; give another file for the targets"
         )
     (fault,) = db.execute("PRAGMA quick_check(1)").fetchone()
     if fault != "ok":
@@ -215,10 +216,10 @@ def _check_tables(db: sqlite3.Connection, path: Path) -> None:
 
 
 def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
-    """Return the targets by number; rows that another program added have no clicks: left out.
+    """Return the targets by number, without rows that another program added without clicks.
 
-    A target whose clicks are gone has one, at its place; names, kinds and notes may be those that
-    a GIS gave it. Raises TargetError for rows that are none of ours.
+    A target that lost its clicks gets one at its place. Names, kinds and notes may have been
+    changed in a GIS. Raises TargetError for rows that tirgeo cannot have written.
     """
     clicks: defaultdict[str, list[Located]] = defaultdict(list)
     own = "id, number, created_ns, changed_ns, name, target_kind, note, aircraft"
@@ -234,8 +235,8 @@ def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
                 number, created_ns, changed_ns = (int(str(value)) for value in row[1:4])
                 name, kind, note, aircraft = (str(word or "") for word in row[4:8])
                 texts = name, kind if kind in KINDS else "other", note, aircraft
-                made = str(row[0]), number, *texts, created_ns, changed_ns
-                targets.append(Target(*made, tuple(places)))
+                own_values = str(row[0]), number, *texts, created_ns, changed_ns
+                targets.append(Target(*own_values, tuple(places)))
     except (TargetError, TypeError, ValueError, AttributeError) as error:
         raise TargetError(f"{path}: {_DAMAGED} ({error})") from None
     return targets

@@ -34,7 +34,7 @@ MOST_NAME, MOST_NOTE, MOST_MARK = 100, 2000, 200
 MOST_PICTURE = 1 << 18
 MOST_CLICKS, MOST_MARKS, MOST_ALTERNATIVES = 50, 10_000, 5
 MOST_CHANGES = 1000  # that can be undone
-#: A click farther from the target is of another one.
+#: A click farther than this from a target belongs to another one.
 MOST_APART_M = 5000.0
 
 _UNDONE = {
@@ -44,22 +44,22 @@ _UNDONE = {
     "delete": "target {} is back",
 }
 _LOG = "INSERT INTO tirgeo_changes (at_ns, action, target, before, undone) VALUES (?, ?, ?, ?, ?)"
-_NEWEST = (
+_NEWEST_CHANGES = (
     "SELECT revision, action, target, before FROM tirgeo_changes WHERE undone = 0 "
     "AND (?1 IS NULL OR target = ?1) ORDER BY revision DESC"
 )
-_TAKEN_BACK = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
+_MARK_UNDONE = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
 _OPEN = "SELECT target, field, text FROM tirgeo_alternatives WHERE settled IS NULL ORDER BY rowid"
-_OF = "settled IS NULL AND target = ? AND field = ? AND text = ?"
-_SETTLE = f"UPDATE tirgeo_alternatives SET settled = ? WHERE {_OF}"  # noqa: S608  our own names
-#: What reading a damaged record raises.
+_ONE_OPEN = "settled IS NULL AND target = ? AND field = ? AND text = ?"
+_SETTLE = f"UPDATE tirgeo_alternatives SET settled = ? WHERE {_ONE_OPEN}"  # noqa: S608  our own names
+#: Errors on reading a damaged record.
 _DAMAGE = (TargetError, KeyError, TypeError, ValueError, AttributeError, RecursionError)
-_LACKING = (
+_WITH_LOST_CLICKS = (
     "SELECT number FROM targets WHERE clicks > "
     "(SELECT count(*) FROM clicks WHERE target = targets.id) ORDER BY number"
 )
-#: Pictures of targets that are deleted, and that no undo can bring back.
-_LOOSE = (
+#: For pictures of deleted targets that no undo can bring back.
+_DROP_PICTURES = (
     "DELETE FROM pictures WHERE target NOT IN (SELECT id FROM targets) "
     "AND target NOT IN (SELECT target FROM tirgeo_changes)"
 )
@@ -80,8 +80,8 @@ class TargetStore:
         self._open = True
         self._file = _identity(self.path)
         self._targets = {target.id: target for target in targets}
-        #: Numbers of targets of which the file had lost clicks when it was opened.
-        self.lost_clicks = [number for (number,) in self._read(_LACKING)]
+        #: Numbers of the targets that lacked clicks in the file when it was opened.
+        self.lost_clicks = [number for (number,) in self._read(_WITH_LOST_CLICKS)]
         last = self._read("SELECT max(revision) FROM tirgeo_changes")
         self.revision = int(last[0][0] or 0)
 
@@ -91,7 +91,7 @@ class TargetStore:
             return sorted(self._targets.values(), key=lambda target: target.number)
 
     def get(self, target_id: str) -> Target:
-        """Return a target. Raises TargetError if there is none, or no longer."""
+        """Return a target. Raises TargetError if it does not exist or was deleted."""
         with self._lock:
             if target_id not in self._targets:
                 raise TargetError("there is no such target; perhaps it was deleted")
@@ -125,10 +125,10 @@ class TargetStore:
                 if picture is not None:
                     put_picture(self._db, target.id, picture)
                 revision = self._log("add", target.id, None, now_ns)
-            return self._kept(target, revision)
+            return self._remember(target, revision)
 
     def refine(self, target_id: str, click: Located, now_ns: int) -> Target:
-        """Add a click to a target, which is then at the average of its clicks."""
+        """Add a click to a target, whose place becomes the average of its clicks."""
         with self._lock:
             before = self.get(target_id)
             if len(before.clicks) >= MOST_CLICKS:
@@ -148,10 +148,10 @@ class TargetStore:
     def edit(
         self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None, **words: str
     ) -> Target:
-        """Change name, kind or note; ``was``: what they were to the writer (None: what they are).
+        """Change name, kind or note; ``was``: the texts that the writer saw (None: the current).
 
-        A field that was changed meanwhile, or whose target was deleted, stays; what was written is
-        kept as an alternative. Raises TargetError also for a deleted target.
+        If a field was changed meanwhile, or its target deleted, it stays and the new text is kept
+        as an alternative. Raises TargetError also for a deleted target.
         """
         most = {"name": MOST_NAME, "note": MOST_NOTE}
         new = {
@@ -162,7 +162,7 @@ class TargetStore:
             before = self._targets.get(target_id)
             if before is None:
                 self._keep(target_id, new, was or {}, now_ns)
-                raise TargetError("it was deleted meanwhile; what was written is kept with it")
+                raise TargetError("it was deleted meanwhile; your text is kept with it")
             changed = {f: text for f, text in new.items() if getattr(before, f) != text}
             late = {f: text for f, text in changed.items() if not _is_still(before, f, was)}
             self._keep(target_id, late, was or {}, now_ns)
@@ -170,20 +170,20 @@ class TargetStore:
             return self._change("edit", before, now_ns, **new) if new else before
 
     def alternatives(self) -> dict[str, list[list[str]]]:
-        """Return fields and texts that are still to be chosen from, by a target's id."""
+        """Return the open alternatives, each a field and a text, by the target's id."""
         texts = defaultdict(list)
         for target_id, field, text in self._read(_OPEN):
             texts[target_id].append([field, text])
         return texts
 
     def leave_out(self, target_id: str, field: str, text: str, now_ns: int) -> Target:
-        """Settle an alternative: the field stays as it is; ``undo`` opens it again."""
+        """Dismiss an alternative: the field stays as it is; ``undo`` opens it again."""
         with self._lock:
             target = self.get(target_id)
             with self._transaction():
                 revision = self._log("edit", target_id, target, now_ns)
                 self._db.execute(_SETTLE, (revision, target_id, field, text))
-            return self._kept(target, revision)
+            return self._remember(target, revision)
 
     def for_others(self) -> list[Target]:
         """Return the targets by number, with the alternatives in their notes."""
@@ -197,24 +197,24 @@ class TargetStore:
     def _keep(
         self, target_id: str, texts: Mapping[str, str], was: Mapping[str, str], now_ns: int
     ) -> None:
-        """Keep alternatives, each in place of one that it was made on."""
+        """Keep texts as alternatives, each in place of the alternative that its writer changed."""
         if not self._read("SELECT 1 FROM tirgeo_changes WHERE target = ? LIMIT 1", target_id):
-            self.get(target_id)  # there never was one
+            self.get(target_id)  # raises: it never existed
         revision = self.revision
         with self._transaction():
             for field, text in texts.items():
                 for older in (text, was.get(field)):
                     place = (target_id, field, older)
-                    self._db.execute(f"DELETE FROM tirgeo_alternatives WHERE {_OF}", place)  # noqa: S608  a constant of ours
+                    self._db.execute(f"DELETE FROM tirgeo_alternatives WHERE {_ONE_OPEN}", place)  # noqa: S608  a constant of ours
                 row = "INSERT INTO tirgeo_alternatives (target, field, text) VALUES (?, ?, ?)"
                 self._db.execute(row, (target_id, field, text))
                 revision = self._log("alternative", target_id, None, now_ns)
             if len(self.alternatives()[target_id]) > MOST_ALTERNATIVES:
-                raise TargetError(f"it has {MOST_ALTERNATIVES} texts to choose from: choose first")
+                raise TargetError(f"it has {MOST_ALTERNATIVES} texts to choose from: choose one")
         self.revision = revision
 
     def delete(self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None) -> None:
-        """Delete a target if its words are what they ``was``; ``undo`` brings all of it back."""
+        """Delete a target if its texts are those that the writer saw; ``undo`` restores it."""
         with self._lock:
             before = self.get(target_id)
             if not all(_is_still(before, field, was) for field in ("name", "kind", "note")):
@@ -226,14 +226,14 @@ class TargetStore:
             self.revision = revision
 
     def undo(self, of: str | None = None) -> str:
-        """Undo the last change that is not undone, or the last ``of`` one target alone.
+        """Undo the newest change not yet undone, of all targets or ``of`` the target with this id.
 
-        Return words for the operator, "" if there is none. Raises TargetError if its record is
-        damaged; the next undo passes over it.
+        Return words for the operator, "" if there is no such change. Raises TargetError if its
+        record is damaged; the next undo skips it.
         """
         with self._lock:
             passed, fault = [], ""
-            for revision, action, target_id, text in self._read(_NEWEST, of):
+            for revision, action, target_id, text in self._read(_NEWEST_CHANGES, of):
                 passed.append((revision,))
                 try:
                     before = _before(self._targets.values(), action, target_id, text)
@@ -244,8 +244,8 @@ class TargetStore:
                     break
                 if before or target_id in self._targets:
                     return self._take_back(passed, action, target_id, before)
-            with self._transaction():  # what is left, another program removed meanwhile
-                self._db.executemany(_TAKEN_BACK, passed)
+            with self._transaction():  # another program removed these targets meanwhile
+                self._db.executemany(_MARK_UNDONE, passed)
             if fault:
                 raise TargetError(fault)
             return ""
@@ -254,16 +254,16 @@ class TargetStore:
         self, changes: list[tuple[int]], action: str, target_id: str, before: Target | None
     ) -> str:
         with self._transaction():
-            self._db.executemany(_TAKEN_BACK, changes)
+            self._db.executemany(_MARK_UNDONE, changes)
             if before is None:
                 remove_target(self._db, target_id)
             else:
                 put_target(self._db, before)
             again = "UPDATE tirgeo_alternatives SET settled = NULL WHERE settled = ?"
             self._db.execute(again, changes[-1])
-            # With what is undone: nothing that was written leaves the file.
+            # The journal keeps the undone state, so no text is lost from the file.
             revision = self._log("undo", target_id, self._targets.get(target_id), None)
-        target = self._kept(before or self._targets[target_id], revision)
+        target = self._remember(before or self._targets[target_id], revision)
         if before is None:
             del self._targets[target_id]
         return _UNDONE[action].format(target.number)
@@ -274,7 +274,7 @@ class TargetStore:
         return bytes(rows[0][0]) if rows else None
 
     def mark(self, text: str, stamp_ns: int) -> None:
-        """Mark a moment."""
+        """Add a mark: a text at a time."""
         text = _text("mark", text, MOST_MARK)
         with self._lock:
             if self._read("SELECT count(*) FROM marks")[0][0] >= MOST_MARKS:
@@ -288,18 +288,18 @@ class TargetStore:
         return self._read("SELECT stamp_ns, text FROM marks")
 
     def switch(self, what: str, on: bool) -> None:
-        """Remember that something that is no target is on, or no longer."""
+        """Keep in the file whether a switch, which concerns no target, is on."""
         with self._lock, self._transaction():
             self._db.execute("DELETE FROM tirgeo_switches WHERE what = ?", (what,))
             if on:
                 self._db.execute("INSERT INTO tirgeo_switches VALUES (?)", (what,))
 
     def switched_on(self) -> list[str]:
-        """Return what is on, also what was on when an earlier run was killed."""
+        """Return the switches that are on, also those of an earlier run that was killed."""
         return [what for (what,) in self._read("SELECT what FROM tirgeo_switches ORDER BY rowid")]
 
     def close(self) -> None:
-        """Close the file: another process may then open it. May be called again."""
+        """Close the file: another process may then open it. May be called several times."""
         with self._lock:
             self._open = False
             self._db.close()
@@ -312,15 +312,15 @@ class TargetStore:
             for field, text in self.alternatives()[before.id]:
                 if field in new and f"\n{text}\n" in f"\n{new[field]}\n":
                     self._db.execute(_SETTLE, (revision, before.id, field, text))
-        return self._kept(after, revision)
+        return self._remember(after, revision)
 
-    def _kept(self, target: Target, revision: int) -> Target:
+    def _remember(self, target: Target, revision: int) -> Target:
         self._targets[target.id] = target
         self.revision = revision
         return target
 
     def _log(self, action: str, target_id: str, before: Target | None, now_ns: int | None) -> int:
-        """Note a change in the journal, of which the newest part is kept; return its revision."""
+        """Add a change to the journal, and drop its oldest ones; return the revision."""
         text = None if before is None else _record(before)
         row = (now_ns, action, target_id, text, action in {"undo", "alternative"})
         revision = int(self._db.execute(_LOG, row).lastrowid or 0)
@@ -328,7 +328,7 @@ class TargetStore:
         self._db.execute("DELETE FROM tirgeo_alternatives WHERE settled <= ?", oldest)
         old = "DELETE FROM tirgeo_changes WHERE revision <= ?"
         if self._db.execute(old, oldest).rowcount:
-            self._db.execute(_LOOSE)
+            self._db.execute(_DROP_PICTURES)
         return revision
 
     @contextlib.contextmanager
@@ -353,7 +353,7 @@ class TargetStore:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return what tells a file from another that takes its name; None if there is none."""
+    """Return the identity (device, inode) of the file at a path; None if there is none."""
     try:
         status = path.stat()
     except OSError:
@@ -369,7 +369,7 @@ def _record(target: Target) -> str:
 
 
 def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> Target | None:
-    """Return the target before a change, None of a new one; raise one of ``_DAMAGE``."""
+    """Return the target before a change, None if that added it; raise one of ``_DAMAGE``."""
     if action not in _UNDONE or (action == "add") != (text is None):
         raise ValueError(action)
     if text is None:
@@ -397,7 +397,7 @@ def _text(what: str, text: str, most: int) -> str:
 
 
 def _is_still(target: Target, field: str, was: Mapping[str, str] | None) -> bool:
-    """Return whether a field is what it was, as it was typed or as it is kept."""
+    """Return whether a field has the text that the writer saw, as typed or as kept."""
     if was is None or field not in was:
         return was is None
     return getattr(target, field) in {was[field], _text(field, was[field], len(was[field]))}
@@ -405,5 +405,5 @@ def _is_still(target: Target, field: str, was: Mapping[str, str] | None) -> bool
 
 def _kind(kind: str) -> str:
     if kind not in KINDS:
-        raise TargetError(f"a target is one of {', '.join(KINDS)}")
+        raise TargetError(f"unknown kind of target; give one of {', '.join(KINDS)}")
     return kind

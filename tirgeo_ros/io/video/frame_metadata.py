@@ -1,10 +1,9 @@
-"""Make the metadata of a picture, what was seen from where, and write it as MISB ST 0601.
+"""Write the metadata of a picture, what it shows and from where, as MISB ST 0601.
 
 A packet is a key, a length and items: tag, length, value, big endian. Numbers are mapped to
-integers. ITEMS holds the items that are known here, with their ranges. An item is left out if its
-value is not known or cannot be expressed: a receiver then knows no more than is known here. The
-error codes that the standard has for some items are not used, because common parsers (klvdata,
-QGIS FMV) lose the whole packet at one.
+integers. ITEMS holds the items that are written, with their ranges. An item is left out if its
+value is unknown or out of range. The standard's error codes for such values are not used, because
+common parsers (klvdata, QGIS FMV) lose the whole packet if it has one.
 """
 
 from __future__ import annotations
@@ -24,12 +23,15 @@ CHECKSUM, TIME, VERSION = 1, 2, 65
 REVISION = 19  # of ST 0601
 _MOST_TEXT = 127  # bytes
 _SHORT = 128  # the smallest length that takes more than one byte
+#: Beyond the range of these items, the same angle goes into the item with the larger range.
+_FULL = {6: 90, 7: 91}
+_CORNERS, _OFFSETS = range(82, 90), range(26, 34)  # tags
 
 Value: TypeAlias = float | int | str
 
 
 class Item(NamedTuple):
-    """Hold what an item is; ``low`` and ``high`` are nan for text and integers.
+    """Define an item; ``low`` and ``high`` are nan for text and integers.
 
     A range from -m to m is mapped to signed integers, whose lowest stands for an error; any other
     to unsigned ones.
@@ -37,7 +39,7 @@ class Item(NamedTuple):
 
     name: str
     unit: str
-    length: int  # bytes; the largest number of them for text
+    length: int  # bytes; for text the most
     low: float = math.nan
     high: float = math.nan
 
@@ -51,7 +53,7 @@ class Item(NamedTuple):
         return self.low == -self.high
 
     def encoded(self, value: Value) -> bytes | None:
-        """Return a value's bytes; None if it is not known (nan) or out of range."""
+        """Return a value's bytes; None if it is unknown (nan) or out of range."""
         if isinstance(value, str):
             return value.encode()[:_MOST_TEXT].decode(errors="ignore").encode() or None
         if math.isnan(self.low):
@@ -123,7 +125,7 @@ ITEMS: Mapping[int, Item] = {
 def packet(time_ns: int, values: Mapping[int, Value]) -> bytes:
     """Return a packet: the time since 1970 first, then version, values by tag and checksum.
 
-    Values are in their items' units, mapped to the nearest step. nan stands for what is not known.
+    Values are in their items' units, mapped to the nearest step; nan is an unknown value.
     """
     first: dict[int, Value] = {TIME: max(time_ns, 0) // 1000, VERSION: REVISION}
     items = b""
@@ -136,7 +138,7 @@ def packet(time_ns: int, values: Mapping[int, Value]) -> bytes:
 
 
 def local_item(tag: int, content: bytes) -> bytes:
-    """Return an item of a local set; tags are below 128, which is one byte."""
+    """Return an item of a local set; the tag is below 128 and so takes one byte."""
     return bytes((tag,)) + ber(len(content)) + content
 
 
@@ -153,15 +155,10 @@ def checksum(head: bytes) -> int:
     return (256 * sum(head[::2]) + sum(head[1::2])) & 0xFFFF
 
 
-#: Beyond the range of these items, the same angle goes into the item with the larger range.
-_FULL = {6: 90, 7: 91}
-_CORNERS, _OFFSETS = range(82, 90), range(26, 34)
-
-
 class FrameMetadata:
     """Make packets for the pictures of one camera.
 
-    ``confidence`` gives the sigmas besides the pose's; it may be renewed. Without
+    ``confidence`` gives the sigmas besides the pose's; it may be replaced. Without
     ``undulation_m``, the height of the geoid above the ellipsoid, there are no heights above sea
     level. ``platform`` names the aircraft; it may be empty.
     """
@@ -175,7 +172,7 @@ class FrameMetadata:
     def packet(self, time_ns: int, sight: Sight | None) -> bytes:
         """Return the packet of a picture that was exposed at ``time_ns``, ns since 1970.
 
-        Without a trusted pose (None) it says the time alone, never an old place.
+        Without a trusted pose (None) it has only the time, never an old place.
         """
         if sight is None:
             return packet(time_ns, {})
@@ -225,12 +222,12 @@ def _place(
 
 
 def _corners(geometry: FrameGeometry) -> dict[int, Value]:
-    """Return the corners by tag, also as offsets from the centre if these reach all of them."""
+    """Return the corners by tag, also as offsets from the centre if all are in range."""
     corners_deg = np.degrees(geometry.corners)
     offsets_deg = corners_deg - np.degrees(geometry.centre[:2])
     offsets_deg[:, 1] = (offsets_deg[:, 1] + 180.0) % 360.0 - 180.0
-    reached = bool((np.abs(offsets_deg) <= ITEMS[_OFFSETS[0]].high).all())
-    near = _by_tag(_OFFSETS, offsets_deg) if reached else {}
+    in_range = bool((np.abs(offsets_deg) <= ITEMS[_OFFSETS[0]].high).all())
+    near = _by_tag(_OFFSETS, offsets_deg) if in_range else {}
     return {**near, **_by_tag(_CORNERS, corners_deg)}
 
 

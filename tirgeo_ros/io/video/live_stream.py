@@ -21,13 +21,13 @@ from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes, require_av
 
-#: A viewer that joins waits for a key frame, so they come often. Seven packets of 188 bytes fit
-#: into the datagram that any network carries whole.
+#: A viewer that joins waits for a key frame, so key frames come often.
 _FORM = Form(
     "mpegts",
     {"preset": "veryfast", "tune": "zerolatency", "crf": "26", "g": "15"},
     {"flush_packets": "1"},
 )
+#: Seven packets of 188 bytes: a datagram of this size needs no fragments on any network.
 _DATAGRAM = {"pkt_size": "1316"}
 _RETRY_S = 1.0
 
@@ -45,7 +45,7 @@ def stream_url(address: str) -> str:
     computer's addresses it is sent.
     """
     try:
-        # It leaves out line breaks without a word.
+        # urlsplit would remove line breaks silently.
         parts = urllib.parse.urlsplit(address if address.isprintable() else "")
         options = dict(urllib.parse.parse_qsl(parts.query, keep_blank_values=True))
         ipaddress.ip_address(options.get("localaddr", "127.0.0.1"))
@@ -66,8 +66,8 @@ def stream_url(address: str) -> str:
 class LiveStream:
     """Send pictures from a thread of its own, the newest first; the caller never waits.
 
-    A picture that comes while the one before waits replaces it. If nothing can be sent (no route,
-    an unknown host), it tries again every second; whether anyone listens does not matter.
+    A picture that comes while an earlier one waits replaces it. If nothing can be sent (no route,
+    an unknown host), it tries again every second. It sends even if nobody receives.
     ``counts``: ``sent``, ``replaced``, ``failed`` (not sent, see ``error``) and ``invalid``
     pictures. ``error`` is the reason why the newest picture was not sent; empty if it was.
     """
@@ -114,7 +114,7 @@ class LiveStream:
         self._drop()
 
     def _next(self) -> _Frame | None:
-        """Return the newest picture as soon as there is one; None when it is closed."""
+        """Wait for a picture and return it; None when the stream is closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._waiting is not None)
             frame, self._waiting = self._waiting, None
@@ -150,7 +150,7 @@ class LiveStream:
 
 
 def _pixels(picture: Pixels | bytes) -> Pixels | None:
-    """Return a picture's pixels (h, w, 3) BGR; None if it is none."""
+    """Return a picture's pixels (h, w, 3) BGR; None if it is invalid."""
     if isinstance(picture, bytes):
         try:
             decoded = unpacked(picture, cv2.IMREAD_COLOR, MOST_OF_VIDEO)

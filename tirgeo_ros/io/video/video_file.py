@@ -19,6 +19,9 @@ _CLOCK_HZ = 90_000
 _FIRST_STEP_NS = 100_000_000
 _SHORTEST_STEP_NS = 100_000  # nine ticks of the clock, so that no two frames share one
 _LONGEST_STEP_NS = 10_000_000_000
+#: With this crf, thin lines of the map still have their colours. A key frame comes at least every
+#: 100 frames. x264's bytes depend on its number of threads, by default on that of the cores.
+_H264 = {"preset": "veryfast", "crf": "26", "g": "100", "threads": "2"}
 
 
 class Form(NamedTuple):
@@ -27,6 +30,14 @@ class Form(NamedTuple):
     container: str
     options: Mapping[str, str]
     container_options: Mapping[str, str]
+
+
+#: By the ending of the file's name. Every browser and player shows 4:2:0 in 8 bit.
+_FORMS: Mapping[str, Form] = {
+    # The index comes first, so that a video plays while it loads.
+    ".mp4": Form("mp4", _H264, {"movflags": "+faststart"}),
+    ".ts": Form("mpegts", _H264, {}),
+}
 
 
 class FrameTimes:
@@ -76,7 +87,7 @@ class Encoder:
 
     If a side has an odd number of pixels, its last pixel is repeated. With ``metadata`` there
     is a data stream of KLV beside the video: then each picture needs its packet, because the
-    container waits for the stream that is behind.
+    container waits for the stream that lags.
     """
 
     @_as_os_errors()
@@ -120,24 +131,12 @@ class Encoder:
 
     @_as_os_errors()
     def close(self) -> None:
-        """Free what it holds; without ``finish`` a file is not complete."""
+        """Close the container; without ``finish`` a file stays incomplete."""
         self._container.close()
 
     def _write(self, frame: Any) -> None:
         for packet in self._video.encode(frame):
             self._container.mux(packet)
-
-
-#: The quality is the one at which thin lines of the map still have their colours. A key frame
-#: comes every 100 frames at most. x264's bytes depend on its number of threads, which by default
-#: follows from the number of cores.
-_H264 = {"preset": "veryfast", "crf": "26", "g": "100", "threads": "2"}
-#: By the ending of the file name. Every browser and player shows 4:2:0 in 8 bit.
-_FORMS: Mapping[str, Form] = {
-    # The index comes first, so that it plays while it loads.
-    ".mp4": Form("mp4", _H264, {"movflags": "+faststart"}),
-    ".ts": Form("mpegts", _H264, {}),
-}
 
 
 @final
@@ -147,8 +146,8 @@ class VideoFile:
     A step between stamps that is not between 0.1 ms and 10 s is replaced by the step before it.
     If a side has an odd number of pixels, its last pixel is repeated. This is a context manager:
     the file gets its name when the block ends without an error; without a frame there is no file.
-    One that is ``growing`` (.ts) has its name from the start and plays as far as it was written.
-    Raise VideoError if it cannot be written or frames change their size.
+    A ``growing`` file (.ts) has its name from the start and plays as far as it is written. Raise
+    VideoError if it cannot be written or frames change their size.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, growing: bool = False) -> None:
@@ -158,7 +157,7 @@ class VideoFile:
         if self.path.suffix.lower() not in _FORMS:
             raise VideoError(f"{path}: the video's name must end with {' or '.join(_FORMS)}")
         if not self.path.parent.is_dir():
-            raise VideoError(f"{self.path}: no such folder {self.path.parent}")
+            raise VideoError(f"{self.path}: no such folder; make it, or give another place")
         check_place(self.path, VideoError)
         part = part_of(self.path).with_suffix(self.path.suffix)
         self._part = self.path if growing else part
@@ -166,7 +165,7 @@ class VideoFile:
             str(self._part).encode()
         except UnicodeEncodeError:
             raise VideoError(
-                f"{self.path}: FFmpeg takes names in UTF-8 alone; give another one"
+                f"{self.path}: the name is not UTF-8, as FFmpeg needs it; give another one"
             ) from None
         require_av(str(path))
         self._shape: tuple[int, ...] | None = None
@@ -185,7 +184,7 @@ class VideoFile:
         return (self.frames - 1) / (time_ns * 1e-9) if time_ns else float("nan")
 
     def add(self, stamp_ns: int, pixels: Pixels, metadata: bytes = b"") -> None:
-        """Append a frame with its metadata: all frames have some, or none has."""
+        """Append a frame with its metadata, which all frames have or none has."""
         self._shape = self._shape or pixels.shape
         if pixels.shape != self._shape:
             raise VideoError(

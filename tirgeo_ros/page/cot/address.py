@@ -1,4 +1,4 @@
-"""Check the parameters of Cursor-on-Target and make PyTAK's settings of them."""
+"""Check the parameters of Cursor-on-Target, and convert them to PyTAK's settings."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _PORTS = {"tcp": 8087, "tls": 8089, "udp": 6969}
 _OPTIONS = {"tls": "name", "udp": "interface"}
 _EXAMPLES = "write tcp://HOST:8087, tls://HOST:8089 or udp://239.2.3.1:6969"
 #: The password that TAK servers give the files for their clients.
-PASSWORD = "atakatak"  # noqa: S105 - everybody's, not a secret
-#: Waits between attempts (s): short, for a team that stands in the field.
+PASSWORD = "atakatak"  # noqa: S105 - the same everywhere, not a secret
+#: Waits between attempts (s): short, because a team in the field is waiting.
 _FIRST_WAIT_S, _LONGEST_WAIT_S, _SETTLED_S = 1, 15, 10
 
 
@@ -40,7 +40,7 @@ def pytak_settings(parameters: CotParameters) -> SectionProxy:
     """Return PyTAK's settings; raise ConfigError that names the parameter and says what to do."""
     url = _checked(parameters.cot)
     host, port = url.hostname, url.port or _PORTS[url.scheme]
-    only = "+wo" if url.scheme == "udp" else ""  # a reader would need the port on this computer
+    only = "+wo" if url.scheme == "udp" else ""  # to receive would need this computer's port
     settings = {
         "COT_URL": f"{url.scheme}{only}://{host}:{port}",
         "TAK_PROTO": "0",
@@ -76,14 +76,14 @@ def pytak_settings(parameters: CotParameters) -> SectionProxy:
 
 
 def _checked(cot: str) -> SplitResult:
-    """Return the parts of an address; raise ConfigError if it is none."""
+    """Return the parts of an address; raise ConfigError if it is not valid."""
     try:
-        # It leaves out line breaks without a word.
+        # urlsplit leaves out line breaks silently.
         url = urlsplit(cot if cot.isprintable() and " " not in cot else "")
-        right = url.scheme in _PORTS and bool(url.hostname) and url.port != 0
+        valid = url.scheme in _PORTS and bool(url.hostname) and url.port != 0
     except ValueError:  # a port that is no number, or too large
-        right = False
-    if not right or url.username or url.fragment or url.path.strip("/"):
+        valid = False
+    if not valid or url.username or url.fragment or url.path.strip("/"):
         raise ConfigError(f"cot: {shown(cot, 200)!r} is no address: {_EXAMPLES}")
     if ":" in (url.hostname or ""):
         raise ConfigError(f"cot: {shown(cot, 200)!r}: write the host's name or IPv4 address")
@@ -108,7 +108,7 @@ def _tls_settings(parameters: CotParameters, name: str | None) -> dict[str, str]
         "PYTAK_TLS_CLIENT_CERT": parameters.certificate,
         "PYTAK_TLS_CLIENT_KEY": parameters.key or parameters.certificate,
         "PYTAK_TLS_CLIENT_CAFILE": parameters.ca or ssl.get_default_verify_paths().cafile or "",
-        # Without one PyTAK fails at a .p12, and OpenSSL asks the terminal for that of a PEM.
+        # Without a password PyTAK fails at a .p12, and OpenSSL asks for a PEM's on the terminal.
         "PYTAK_TLS_CLIENT_PASSWORD": parameters.password or PASSWORD,
         "PYTAK_TLS_CLIENT_CIPHERS": "DEFAULT",  # PyTAK's own choice takes weak ones too
         "PYTAK_TLS_SERVER_EXPECTED_HOSTNAME": name or "",
@@ -118,13 +118,13 @@ def _tls_settings(parameters: CotParameters, name: str | None) -> dict[str, str]
 
 
 def _check_files(parameters: CotParameters, settings: SectionProxy) -> None:
-    """Load the certificates as a connection will; raise ConfigError if that is impossible."""
+    """Load the certificates as a connection does; raise ConfigError if that fails."""
     try:
         if parameters.ca:
             ssl.create_default_context(cafile=parameters.ca)
     except (OSError, ValueError) as error:  # SSLError is an OSError
         raise ConfigError(
-            f"cot_ca: {parameters.ca} is no certificate of an authority in PEM ({error})"
+            f"cot_ca: {parameters.ca} is no certificate in PEM ({error}): give the authority's"
         ) from None
     try:
         get_ssl_ctx(get_tls_config(settings))
@@ -132,12 +132,12 @@ def _check_files(parameters: CotParameters, settings: SectionProxy) -> None:
         reason = error.__cause__ or error
         raise ConfigError(
             f"cot_certificate: {parameters.certificate} cannot be used ({reason}); give a file "
-            "whose name ends in .p12, with the cot_password that it must have, or certificate "
-            "and cot_key in PEM"
+            "named *.p12 and its cot_password (it must have one), or PEM files for "
+            "cot_certificate and cot_key"
         ) from None
 
 
 def endpoint(settings: SectionProxy) -> str:
-    """Return where the settings lead, for a person: ``tls://HOST:PORT``."""
+    """Return the server's address, for a person: ``tls://HOST:PORT``."""
     host, port = pytak.parse_url(settings["COT_URL"])
     return f"{settings['COT_URL'].partition(':')[0].removesuffix('+wo')}://{host}:{port}"

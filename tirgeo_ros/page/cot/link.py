@@ -40,15 +40,15 @@ from tirgeo_ros.io.targets.cot_events import (
 )
 from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
 
-#: Makes an event at a time of sending, ns.
+#: Makes an event for a time of sending (ns).
 Maker = Callable[[int], ET.Element]
-#: Entries that wait at most; each is below 10 kB.
+#: Most entries that wait; each is below 10 kB.
 _MOST = 5000
 #: An aircraft that reports faster is sent once a second.
 _LEAST_STEP_S = 0.8
 #: Deletions that are sent again each minute, for those who missed them.
 _DELETIONS_KEPT = 100
-#: A peer that takes nothing for so long is gone: a cut radio link says nothing of itself.
+#: A peer that takes nothing for so long is gone: a broken radio link gives no error.
 _PATIENCE_S = 10.0
 #: A server refuses a client's certificate after the client has counted itself as connected.
 _REFUSAL_S = 0.5
@@ -58,13 +58,13 @@ _AGAIN_S = 60.0
 _PACE_S = 0.01
 _LOOK_S, _STOP_S, _CHUNK = 0.1, 5.0, 65536
 _DELETED = "-deleted"  # ends the uid of a deletion
-_OF_TLS = (
-    "look at cot_ca, cot_certificate, the port, the clock here and the server's name in cot "
+_TLS_REMEDY = (
+    "check cot_ca, cot_certificate, the port, this clock, and the server's name in cot "
     "(or add ?name=THAT_NAME)"
 )
 #: What an operator can do about an error, of the first kind that fits.
 _REMEDIES = (
-    (ssl.SSLError, _OF_TLS),
+    (ssl.SSLError, _TLS_REMEDY),
     (socket.gaierror, "write its IP address in cot"),
     (ConnectionError, "is the TAK server running, is it tcp or tls there, is the port right?"),
     (OSError, "is this computer in the team's network?"),
@@ -74,27 +74,26 @@ _REMEDIES = (
 class Outbox:
     """Hold the newest event of each object, in the order of sending; safe in all threads.
 
-    Targets and their deletions are kept: they wait again after ``all_again``. Nothing that waits
-    is lost but, counted in ``dropped``, by ``drop`` and by more than _MOST entries: then the
-    oldest goes.
+    Targets and their deletions are kept: they wait again after ``all_again``. A waiting entry is
+    lost only by ``drop``, or as the oldest of more than _MOST entries; ``dropped`` counts both.
     """
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._waiting: dict[str, Maker] = {}
         self._kept: dict[str, Maker] = {}
-        self._gone_out: set[str] = set()  # targets and deletions that the team may have
+        self._team_has: set[str] = set()  # targets and deletions that the team may have
         self._targets: dict[str, Target] | None = None
-        self._flown_s: dict[str, float] = {}  # when each aircraft was taken
-        self.shut = False  # nothing goes out
+        self._taken_s: dict[str, float] = {}  # when the state of each aircraft was taken
+        self.shut = False  # True: nothing is sent
         self.dropped = 0
 
     def __len__(self) -> int:
-        """Return how many wait."""
+        """Return how many entries wait."""
         return len(self._waiting)
 
     def put(self, uid: str, make: Maker, *, keep: bool) -> None:
-        """Send an object's newest event next, instead of an older one that waits."""
+        """Let an object's newest event wait, instead of an older one that waits."""
         with self._lock:
             self._forget(uid)
             self._waiting[uid] = make
@@ -107,15 +106,15 @@ class Outbox:
         now = {target_uid(target): target for target in targets}
         with self._lock:
             if self._targets is None:  # the team may have them from an earlier run
-                self._gone_out.update(now)
+                self._team_has.update(now)
             before, self._targets = self._targets or {}, now
             for uid, target in now.items():
                 if before.get(uid) != target:
-                    self._forget(uid + _DELETED)  # which was undone
+                    self._forget(uid + _DELETED)  # the deletion was undone
                     self.put(uid, partial(target_event, target), keep=True)
             for uid in before.keys() - now.keys():
                 self._forget(uid)
-                if uid in self._gone_out:
+                if uid in self._team_has:
                     self.put(uid, partial(withdrawn_event, before[uid]), keep=False)
                     self.put(uid + _DELETED, partial(deletion_event, before[uid]), keep=True)
             deletions = [uid for uid in self._kept if uid.endswith(_DELETED)]
@@ -123,15 +122,15 @@ class Outbox:
                 del self._kept[uid]
 
     def aircraft(self, aircraft: str, state: AircraftState) -> None:
-        """Take an aircraft's newest state, which is that of now; drop one without a place."""
+        """Take an aircraft's present state; ignore a state without a position."""
         place = state.latitude_deg, state.longitude_deg, state.height_m
         now_s = time.monotonic()
         with self._lock:
-            soon = now_s - self._flown_s.get(aircraft, -math.inf) < _LEAST_STEP_S
+            soon = now_s - self._taken_s.get(aircraft, -math.inf) < _LEAST_STEP_S
             if soon or not all(map(math.isfinite, place)):
                 return
-            self._flown_s[aircraft] = now_s
-        # Its time is that of the state, also if it waits for the network.
+            self._taken_s[aircraft] = now_s
+        # The event has the time of the state, even if it waits for the network.
         uid, now_ns = aircraft_uid(aircraft), time.time_ns()
         self.put(uid, lambda _: aircraft_event(uid, state, now_ns), keep=False)
         looks_at = looks_at_event(uid, state, now_ns)
@@ -139,7 +138,7 @@ class Outbox:
             self.put(f"{uid}-looks-at", lambda _: looks_at, keep=False)
 
     def all_again(self) -> None:
-        """Let all kept entries wait."""
+        """Let all kept entries wait again."""
         with self._lock:
             self._waiting = self._waiting | {
                 uid: make for uid, make in self._kept.items() if uid not in self._waiting
@@ -147,20 +146,20 @@ class Outbox:
             self._bound()
 
     def first(self) -> tuple[str, Maker] | None:
-        """Return what is to be sent next, unless it is shut; it waits until ``sent``."""
+        """Return the next entry to send, None while shut; it waits until ``sent``."""
         with self._lock:
             return None if self.shut else next(iter(self._waiting.items()), None)
 
     def sent(self, uid: str, make: Maker) -> None:
-        """Let an entry wait no more, unless a newer one came meanwhile."""
+        """Remove a sent entry, unless a newer one has replaced it meanwhile."""
         with self._lock:
             if self._waiting.get(uid) is make:
                 del self._waiting[uid]
             if uid in self._kept:
-                self._gone_out.add(uid)
+                self._team_has.add(uid)
 
     def drop(self, uid: str) -> None:
-        """Send no more of an object whose numbers make no event; count it."""
+        """Remove an object whose numbers make no valid event; count it."""
         with self._lock:
             self._forget(uid)
         self.dropped += 1
@@ -176,7 +175,7 @@ class Outbox:
 
 
 def aircraft_uid(aircraft: str) -> str:
-    """Return an aircraft's uid: the same in each run, and of this computer alone."""
+    """Return an aircraft's uid: the same in each run, different on each computer."""
     return f"tirgeo-{uuid.uuid5(uuid.NAMESPACE_OID, f'{uuid.getnode()}/{aircraft}')}"
 
 
@@ -198,8 +197,8 @@ class CotStatus:
 class CotLink:
     """Send Cursor-on-Target from a thread of its own; all methods return at once.
 
-    Raises ConfigError for parameters that cannot work. It is off until ``share(True)``. ``say``
-    gets a line, in that thread, at each change from connected to not connected and back.
+    Raises ConfigError for parameters that cannot work. It is off until ``share(True)``. ``say`` is
+    called with a line, in that thread, each time the connection is made or lost.
     """
 
     def __init__(
@@ -232,7 +231,7 @@ class CotLink:
         self._outbox.shut = not on  # at once, also where the connection takes a moment to end
         if on:
             return f"the team gets targets and aircraft at {self.endpoint}"
-        return "nothing goes to the team; what it has stays on its maps"
+        return "nothing more is sent; what the team has stays on its maps"
 
     def targets(self, targets: Sequence[Target]) -> None:
         """Take the whole list of targets, at the start and at each change of one."""
@@ -255,7 +254,7 @@ class CotLink:
         return CotStatus(self._on, self._connected, len(self._outbox), error)
 
     async def _serve(self) -> None:
-        """Be connected while it is on."""
+        """Keep the connection while sharing is on."""
         sharing: asyncio.Task[None] | None = None
         while not self._ended:
             if self._on and sharing is None:
@@ -279,7 +278,7 @@ class CotLink:
             raise ConnectionError(self._error) from error
         finally:
             self._connected = False
-            self._outbox.all_again()  # what a lost connection took may never have arrived
+            self._outbox.all_again()  # events sent before the loss may never have arrived
 
     def _note_connected(self) -> None:
         self._connected = True
@@ -292,11 +291,11 @@ async def transmit(settings: SectionProxy, outbox: Outbox, connected: Callable[[
     reader, writer = await _patiently(pytak.protocol_factory(settings))
     tasks = [asyncio.create_task(_until_closed(reader))]
     try:
-        plug = writer.get_extra_info("socket") if hasattr(writer, "get_extra_info") else None
-        if plug is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
+        tcp = writer.get_extra_info("socket") if hasattr(writer, "get_extra_info") else None
+        if tcp is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
             # The system ends a connection whose bytes nobody acknowledges.
             patience_ms = round(_PATIENCE_S * 1e3)
-            plug.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, patience_ms)
+            tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, patience_ms)
         await _first_failure(tasks, _REFUSAL_S if reader else 0.0)
         connected()
         sender = pytak.TXWorker(asyncio.Queue(), settings, writer)

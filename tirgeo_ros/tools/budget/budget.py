@@ -1,6 +1,6 @@
-"""Compute the error budget over a camera's picture, its table and maps: ``tirgeo budget``.
+"""Compute the error budget of a camera's picture, as a table and maps: ``tirgeo budget``.
 
-It gives the paper's closed form (Ren et al. 2022, section 3.5, Tables 1 and 2), and a general form
+There is the paper's closed form (Ren et al. 2022, section 3.5, Tables 1 and 2), and a general form
 from the derivative of the ground point with respect to the whole pose, with any lens and
 covariance.
 """
@@ -37,24 +37,32 @@ from tirgeo_ros.io.files.whole_files import (
     write_files,
 )
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.plots import figure, png
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 STEP_PX = 4
+#: Titles of the maps by factor, and the names of the files.
+_TITLES = {
+    "height": "Error on the ground by the camera's height error of {height_error_m:.4g} m",
+    "heading": "Error on the ground by the camera's heading error of {heading_error_deg:.4g} deg",
+    "all": "Error on the ground by all of the pose, time, lens and ground",
+}
+_NAMES = ("budget.csv", *(f"{name}.png" for name in _TITLES))
+_CONTOURS, _LEAST_SPAN_M = 7, 1e-6
 
 
 @dataclass(frozen=True)
 class Setting:
     """Hold the input of a budget. Raise CalibrationError for a view that sees no ground.
 
-    The errors are Table 1 of the paper, and Table 8 for the gimbal.
+    The default errors are those of the paper: Table 1, and Table 8 for the gimbal.
     """
 
     camera: Camera = XT2
     height_m: float = 20.0  # of the camera above the ground
     depression_deg: float = 30.0  # angle of the optical axis below the horizon
-    speed_m_s: float = 3.0  # ahead
+    speed_m_s: float = 3.0  # forward
     east_error_m: float = 1.2846
     north_error_m: float = 0.9342
     height_error_m: float = 2.8017
@@ -74,7 +82,7 @@ class Setting:
                 raise CalibrationError(f"{name} is {value:g}: must be 0 or more")
         if not 0 < self.depression_deg <= 90:
             raise CalibrationError(
-                f"the camera looks down by {self.depression_deg:g} deg: give above 0 to 90"
+                f"the camera looks down by {self.depression_deg:g} deg: must be above 0, up to 90"
             )
 
     @property
@@ -84,8 +92,8 @@ class Setting:
 
     @property
     def covariances_a(self) -> dict[str, Array]:
-        """Return the covariances (6, 6) by factor, along ahead, right, down: m2, phi rad2."""
-        # North is taken as ahead: the sum of both errors does not depend on it.
+        """Return the covariances (6, 6) by factor, along forward, right, down: m2, phi rad2."""
+        # North is taken as forward: the sum of both errors does not depend on the direction.
         sigmas = {
             "position": [self.north_error_m, self.east_error_m, 0, 0, 0, 0],
             "height": [0, 0, self.height_error_m, 0, 0, 0],
@@ -104,8 +112,8 @@ class Setting:
 class Budget:
     """Hold root mean square errors on the ground by factor, over the picture.
 
-    ``closed`` and ``general`` are pictures (rows, columns) in m, one pixel for ``STEP_PX`` pixels
-    of the camera, nan above the horizon. ``closed`` is the paper's form, with a pinhole camera.
+    ``closed`` and ``general`` are pictures (rows, columns) in m, one pixel per ``STEP_PX`` pixels
+    of the camera, nan above the horizon. ``closed`` is the paper's form, for a pinhole camera.
     """
 
     setting: Setting
@@ -115,7 +123,7 @@ class Budget:
     def rows(self) -> list[dict[str, object]]:
         """Return one row per factor and form: middle, mean, median, 95 % and largest error, m.
 
-        The middle is None if it is above the horizon. Raise CalibrationError without any ground.
+        The middle is None if above the horizon. Raise CalibrationError if no pixel sees ground.
         """
         forms = {"closed": self.closed, "general": self.general}
         rows: list[dict[str, object]] = []
@@ -126,7 +134,7 @@ class Budget:
                 picture = pictures[factor]
                 ground = picture[np.isfinite(picture)]
                 if not len(ground):
-                    raise CalibrationError("the camera sees no ground: look further down")
+                    raise CalibrationError("the camera sees no ground: increase the tilt")
                 middle = float(picture[picture.shape[0] // 2, picture.shape[1] // 2])
                 figures = {
                     "middle_m": middle if math.isfinite(middle) else None,
@@ -172,23 +180,14 @@ def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
     height = paper_height_error_m(x_im, y_im, f, alpha, setting.height_error_m)
     heading_rad = math.radians(setting.heading_error_deg)
     heading = paper_heading_error_m(x_im, y_im, f, alpha, setting.height_m, heading_rad)
-    whole = np.hypot(position, height)
+    position_3d = np.hypot(position, height)
     return {
         "position": position,
         "height": height,
-        "position 3d": whole,
+        "position 3d": position_3d,
         "heading": heading,
-        "all of these": np.hypot(whole, heading),
+        "all of these": np.hypot(position_3d, heading),
     }
-
-
-_TITLES = {
-    "height": "Error on the ground by the camera's height error of {height_error_m:.4g} m",
-    "heading": "Error on the ground by the camera's heading error of {heading_error_deg:.4g} deg",
-    "all": "Error on the ground by all of the pose, time, lens and ground",
-}
-_NAMES = ("budget.csv", *(f"{name}.png" for name in _TITLES))
-_CONTOURS, _LEAST_SPAN_M = 7, 1e-6
 
 
 def make_budget(
@@ -199,7 +198,7 @@ def make_budget(
     camera: PathLike | None = None,
     namespace: str = "",
 ) -> dict[str, object]:
-    """Compute the budget; ``values`` are by the names of the fields of Setting.
+    """Compute the budget from ``values``, by the names of Setting's fields.
 
     ``camera``, a calibration file, overrides that of the parameters. Write budget.csv and the maps
     to the folder ``output`` if it is given. Raise CameraError, ConfigError, CalibrationError.
@@ -208,45 +207,45 @@ def make_budget(
     if output is not None:
         outputs = [Path(output) / name for name in _NAMES]
         check_outputs((*paths_of(params), *configs.files), outputs, CalibrationError)
-    lens = given_camera(configs.overlay)
-    whole: dict[str, Any] = {"confidence": configs.overlay.confidence, **values}
-    made = budget(Setting(**whole) if lens is None else Setting(camera=lens, **whole))
+    lens = configured_camera(configs.overlay)
+    inputs: dict[str, Any] = {"confidence": configs.overlay.confidence, **values}
+    errors = budget(Setting(**inputs) if lens is None else Setting(camera=lens, **inputs))
     result: dict[str, object] = {
-        "height_m": made.setting.height_m,
-        "depression_deg": made.setting.depression_deg,
-        "ground_share": float(np.isfinite(made.general["pose"]).mean()),
-        "errors": made.setting.errors,
-        "rows": made.rows(),
+        "height_m": errors.setting.height_m,
+        "depression_deg": errors.setting.depression_deg,
+        "ground_share": float(np.isfinite(errors.general["pose"]).mean()),
+        "errors": errors.setting.errors,
+        "rows": errors.rows(),
     }
     if output is not None:
-        result["output"] = _written(Path(output), made)
+        result["output"] = _written(Path(output), errors)
     return result
 
 
-def _written(folder: Path, made: Budget) -> list[str]:
+def _written(folder: Path, errors: Budget) -> list[str]:
     """Write the table and the maps; return their paths."""
-    rows = made.rows()
+    rows = errors.rows()
     cells = [[f"{v:.4f}" if isinstance(v, float) else v for v in row.values()] for row in rows]
     files: dict[PathLike, str | bytes] = {folder / _NAMES[0]: csv_text([list(rows[0]), *cells])}
     for name, title in _TITLES.items():
-        picture = made.general[name] if name == "all" else made.closed[name]
-        files[folder / f"{name}.png"] = _error_map(picture, title.format(**made.setting.errors))
+        picture = errors.general[name] if name == "all" else errors.closed[name]
+        files[folder / f"{name}.png"] = _error_map(picture, title.format(**errors.setting.errors))
     made_folder(folder, CalibrationError)
     write_files(files, CalibrationError)
     return [os.fspath(path) for path in files]
 
 
 def _error_map(picture: Array, title: str) -> bytes:
-    """Return a PNG of errors (rows, columns), m, over the camera's picture, as Figures 4, 5."""
-    made, axes = figure(6.4, 4.6)
+    """Return a PNG of errors (rows, columns), m, over the camera's picture, as Figures 4 and 5."""
+    plot, axes = figure(6.4, 4.6)
     rows, columns = picture.shape
     extent = (-0.5, columns * STEP_PX - 0.5, rows * STEP_PX - 0.5, -0.5)
-    shown = axes.imshow(np.ma.masked_invalid(picture), extent=extent, cmap="viridis")
+    image = axes.imshow(np.ma.masked_invalid(picture), extent=extent, cmap="viridis")
     middle_u, middle_v = ((np.arange(n) + 0.5) * STEP_PX - 0.5 for n in (columns, rows))
     if np.nanmax(picture) - np.nanmin(picture) > _LEAST_SPAN_M:
         lines = axes.contour(middle_u, middle_v, picture, _CONTOURS, colors="white")
         axes.clabel(lines, fmt="%.3g m")
     axes.set(title=title, xlabel="column, px", ylabel="row, px")
     axes.grid(visible=False)
-    made.colorbar(shown, ax=axes, label="error on the ground, m")
-    return png(made)
+    plot.colorbar(image, ax=axes, label="error on the ground, m")
+    return png(plot)

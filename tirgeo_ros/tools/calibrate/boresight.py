@@ -40,7 +40,7 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import Files, Value
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.presentation.progress import Report, silent
@@ -141,7 +141,7 @@ def _read(
     smooth: bool = False,
 ) -> _ReadFlight:
     """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
-    recorded = Flight(reader, namespace, camera=given_camera(configs.overlay))
+    recorded = Flight(reader, namespace, camera=configured_camera(configs.overlay))
     passes = _passes(recorded, configs, wanted, observed, smooth=smooth)
     recorded.read_all(progress)
     usual = passes.pop("")

@@ -21,33 +21,10 @@ _STATUS_BITS = ("mounted", "busy", "pitch_limited", "roll_limited", "yaw_limited
 #: Fields that are 64 bits wide.
 _DOUBLES = {"lat_rad", "lon_rad", "lat_deg", "lon_deg"}
 _Convert = Callable[[Any], Any]
-
-
-def _m_s(cm_s: Any) -> Any:
-    return [x * 0.01 for x in cm_s] if isinstance(cm_s, tuple) else cm_s / 100
-
-
-def _per_thousand(value: float) -> float:
-    return value / 1000
-
-
-#: Conversions by the last words of the names.
-_UNITS: dict[tuple[str, str], _Convert] = {
-    ("ms", "s"): _per_thousand,
-    ("mm", "m"): _per_thousand,
-    ("mv", "v"): _per_thousand,
-    ("ma", "a"): _per_thousand,
-    ("cmps", "mps"): _m_s,
-    ("rad", "deg"): math.degrees,
-    ("deg", "rad"): math.radians,
-    ("1e7", "deg"): lambda raw: raw / 1e7,
-    ("1e7", "rad"): lambda raw: math.radians(raw / 1e7),
-    ("tag", "index"): int,
-    ("raw", "packed"): lambda _: "x=lon,y=lat",
-}
-#: The fields of a type in their order; of a type that is not here, those of its definition.
-#: ``time_s<time_ms``: computed from a field, by their units; ``health<info:0``: bits of a field,
-#: from the lowest, with a width where it is not 1.
+Record = dict[str, Any]
+#: The fields of a type that are printed, in order; a type that is not here prints all its fields.
+#: ``time_s<time_ms``: computed from field time_ms, by the units; ``health<info:0``: bit 0 of field
+#: info; ``device_status<bits:0:3``: three bits from bit 0.
 _FIELDS: dict[type, str] = {
     parts.Time: "time_ms time_ns time_s<time_ms sync_time_2p5ms sync_tag sync_flag",
     parts.Velocity: "xyz_mps health<info:0",
@@ -70,10 +47,44 @@ _FIELDS: dict[type, str] = {
     parts.HardSync: """time2p5ms time1ns reset_time2p5ms index<tag flag q_wxyz accel_g
         gyro_radps""",
 }
+#: Conversions of topics whose meaning does not follow from their type.
+_TOPICS: dict[str, _Convert] = {
+    "GPS_VELOCITY": lambda v: {"cmps": _printed(v), "mps": _m_s(v)},
+    "RTK_VELOCITY": lambda v: {"cmps": _printed(v), "mps": _m_s(v)},
+    "RTK_YAW": lambda deg: {"deg": deg, "rad": math.radians(deg)},
+    "GIMBAL_STATUS": lambda bits: (
+        {"bits": bits} | {name: bits >> i & 1 for i, name in enumerate(_STATUS_BITS)}
+    ),
+    "HOME_POINT_INFO": list,  # 64 bits wide
+}
+
+
+def _m_s(cm_s: Any) -> Any:
+    return [x * 0.01 for x in cm_s] if isinstance(cm_s, tuple) else cm_s / 100
+
+
+def _per_thousand(value: float) -> float:
+    return value / 1000
+
+
+#: Conversions by units: the last words of the names of source and result.
+_UNITS: dict[tuple[str, str], _Convert] = {
+    ("ms", "s"): _per_thousand,
+    ("mm", "m"): _per_thousand,
+    ("mv", "v"): _per_thousand,
+    ("ma", "a"): _per_thousand,
+    ("cmps", "mps"): _m_s,
+    ("rad", "deg"): math.degrees,
+    ("deg", "rad"): math.radians,
+    ("1e7", "deg"): lambda raw: raw / 1e7,
+    ("1e7", "rad"): lambda raw: math.radians(raw / 1e7),
+    ("tag", "index"): int,
+    ("raw", "packed"): lambda _: "x=lon,y=lat",
+}
 
 
 def _field(spec: str) -> tuple[str, str, _Convert | None]:
-    """Return a field's name, the field that it is computed from, and how; None: as it is."""
+    """Return a field's name, its source field, and the conversion (None: unchanged)."""
     name, _, source = spec.partition("<")
     source, *bits = source.split(":")
     if bits:
@@ -86,20 +97,9 @@ def _field(spec: str) -> tuple[str, str, _Convert | None]:
 
 _PRINTED = {kind: [*map(_field, text.split())] for kind, text in _FIELDS.items()}
 
-#: Topics whose meaning does not follow from their type.
-_TOPICS: dict[str, _Convert] = {
-    "GPS_VELOCITY": lambda v: {"cmps": _printed(v), "mps": _m_s(v)},
-    "RTK_VELOCITY": lambda v: {"cmps": _printed(v), "mps": _m_s(v)},
-    "RTK_YAW": lambda deg: {"deg": deg, "rad": math.radians(deg)},
-    "GIMBAL_STATUS": lambda bits: (
-        {"bits": bits} | {name: bits >> i & 1 for i, name in enumerate(_STATUS_BITS)}
-    ),
-    "HOME_POINT_INFO": list,  # 64 bits wide
-}
-
 
 def push_fields(push: Push) -> dict[str, Any]:
-    """Return the fields of a push: the time of its sending, if it has one, and its topics."""
+    """Return the fields of a push: the time when it was sent, if it has one, and its topics."""
     fields: dict[str, Any] = {}
     if push.time_ms is not None:
         time_s = push.time_ms / 1000
@@ -109,7 +109,7 @@ def push_fields(push: Push) -> dict[str, Any]:
 
 
 def _printed(value: Any, name: str = "") -> Any:
-    """Return a part as JSON holds it; fields that a layout lacks are left out."""
+    """Return a part of a message as values for JSON, without fields that its layout lacks."""
     if hasattr(value, "_fields"):
         fields = {}
         for field, source, convert in _PRINTED.get(type(value)) or map(_field, value._fields):
@@ -123,11 +123,8 @@ def _printed(value: Any, name: str = "") -> Any:
     return float(f"{value:.9g}") if is_single else value
 
 
-Record = dict[str, Any]
-
-
 def packages_of(file: PathLike | None) -> PackageTable:
-    """Return the packages of a YAML file, else the usual ones. Raise DjiError, ConfigError."""
+    """Return the packages of a YAML file, else the default ones. Raise DjiError, ConfigError."""
     return package_table(load_yaml(file), str(file)) if file else PackageTable()
 
 
@@ -147,7 +144,7 @@ class CaptureDump:
     """Read a capture of any size; ``records`` yields its frames in order.
 
     ``packages`` is a YAML file as ``dji.protocol.package_table`` reads it, which replaces the
-    usual packages; ``key`` is 64 hexadecimal digits, for encrypted frames. ``unreadable`` counts
+    default packages; ``key`` is 64 hexadecimal digits, for encrypted frames. ``unreadable`` counts
     broadcasts that fit no layout and pushes that fit no package. Raises DjiError for an invalid
     key or table of packages, ConfigError for a file of packages that cannot be read.
     """
@@ -165,15 +162,15 @@ class CaptureDump:
         return self._reader.counts | {"unreadable": self.unreadable}
 
     def records(self) -> Iterator[Record]:
-        """Yield a record for each frame. Raise DjiError without any, OSError if unreadable."""
+        """Yield a record for each frame. Raise DjiError without frames, OSError if unreadable."""
         yield from map(self._record, frames_in(self._path, self._reader))
         counts = self._reader.counts
         if not counts["bytes"]:
-            raise DjiError(f"{self._path}: empty")
+            raise DjiError(f"{self._path}: the file is empty")
         if not counts["frames"]:
             raise DjiError(
-                f"{self._path}: no frame in {counts['bytes']} bytes: it must be what an "
-                "aircraft's serial port sent, recorded at the right baud rate"
+                f"{self._path}: no frame in {counts['bytes']} bytes: give a recording of an "
+                "aircraft's serial port, made at the right baud rate"
             )
 
     def _record(self, frame: ProtocolFrame) -> Record:

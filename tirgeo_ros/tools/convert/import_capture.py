@@ -32,9 +32,9 @@ from tirgeo_ros.tools.convert.dump import frames_in, packages_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-#: This many new seconds give the time of the capture to some milliseconds.
+#: So many changes of the second give the time of the capture to some milliseconds.
 _SECONDS = 60
-#: Counts of the telemetry that are reported.
+#: Counts of the telemetry that become warnings.
 _UNUSED = {
     "unknown_layout": "broadcasts have an unknown layout",
     "unknown_package": "pushes belong to unknown packages: give --packages",
@@ -43,7 +43,7 @@ _UNUSED = {
 
 
 class CaptureOptions(NamedTuple):
-    """Hold how to read a capture; for empty values dji_node's parameters are used."""
+    """Hold options for reading a capture; dji_node's parameters replace empty values."""
 
     packages: str = ""  # YAML file
     key: str = ""  # 64 hexadecimal digits
@@ -65,17 +65,17 @@ class _Pass:
         self._path = path
 
     def readings(self, progress: Report) -> Iterator[tuple[ProtocolFrame, list[Reading]]]:
-        """Yield each frame and its readings. Raise DjiError without any frame."""
+        """Yield each frame and its readings. Raise DjiError if there is no frame."""
         for frame in frames_in(self._path, self.frames, progress):
             yield frame, self.telemetry.read(frame, self.timeline.now_ns)
         if not self.frames.counts["frames"]:
             raise DjiError(
                 f"{self._path}: no frame in {self.frames.counts['bytes']} bytes: neither a ROS 1 "
-                "bag nor what an aircraft's serial port sent at the right baud rate"
+                "bag nor a recording of an aircraft's serial port at the right baud rate"
             )
 
     def warnings(self, *, has_key: bool) -> Iterator[str]:
-        """Yield what of the capture could not be used."""
+        """Yield a line for each part of the capture that could not be used."""
         frames = self.frames.counts
         if frames["encrypted"] and not has_key:
             yield f"{frames['encrypted']} frames are encrypted: give --key"
@@ -87,9 +87,8 @@ class _Pass:
                 yield f"{self.telemetry.counts[name]} {what}"
         if self.timeline.restarts:
             yield (
-                f"the aircraft's clock started again {self.timeline.restarts} times: what follows "
-                "is stamped as if it had been off for one second; split the file there if it was "
-                "longer"
+                f"the aircraft's clock started again {self.timeline.restarts} times: later stamps "
+                "count each pause as one second; split the file there if the pause was longer"
             )
 
 
@@ -117,7 +116,7 @@ def import_capture(
         raise DjiError("; ".join((f"{path}: its frames contain no flight data", *complaints)))
     if timeline.newest_ns is None:
         raise DjiError(
-            f"{path}: it has no time of the aircraft: enable the time stamp in "
+            f"{path}: it lacks the aircraft's time: enable the time stamp in "
             "the broadcast or in a subscription package"
         )
     return {
@@ -157,7 +156,7 @@ def _seconds(path: Path, options: CaptureOptions, tick_ns: int) -> WholeSeconds:
     seconds = WholeSeconds()
     run = _Pass(path, options, CaptureTimeline(), tick_ns)
     for frame, readings in run.readings(silent):
-        # after a restart the offset is another
+        # A restart changes the offset.
         if seconds.number >= _SECONDS or (run.timeline.restarts and seconds.number):
             break
         words = _date_and_time(frame, run.table) if readings else None

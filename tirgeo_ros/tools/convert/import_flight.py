@@ -50,17 +50,17 @@ def import_flight(
     """Import a flight and return what was read and written.
 
     ``source`` is a ROS 1 bag of DJI's wrapper, a capture of the aircraft's serial port, or one or
-    several logs of one flight, recognised by their content; or a bag of either ROS, whose topics
-    ``mapped`` names. ``params`` is a ROS 2 parameter YAML with those of dji_node; ``namespace`` is
+    several logs of one flight, recognised by their content; or a bag of ROS 1 or ROS 2 whose
+    topics ``mapped`` names. ``params`` is a YAML file with dji_node's parameters; ``namespace`` is
     that of the bag's topics and of the written ones; ``pictures`` is for DJI's bags, ``capture``
-    for captures, ``logs`` for logs, ``columns`` for those that are CSV. In the result ``warning``
-    is None or a warning. A file gets its name only when it is complete. Raise BagError, DjiError,
+    for captures, ``logs`` for logs, ``columns`` for logs in CSV. In the result ``warning`` is None
+    or a warning. The output gets its name only when it is complete. Raise BagError, DjiError,
     LogError, ConfigError.
     """
     paths = [Path(source)] if isinstance(source, str | os.PathLike) else list(map(Path, source))
     tables = list(map(Path, columns))
     if mapped.pairs and len(paths) > 1:
-        raise BagError(f"{paths[1]}: --map-topic is for one bag")
+        raise BagError(f"{paths[1]}: --map-topic is for one bag: import this one alone")
     forms = [None] if mapped.pairs else forms_of(paths, tables)
     files = [(path, form) for path, form in zip(paths, forms, strict=True) if form is not None]
     is_ros1 = not files and not mapped.pairs and _is_ros1(paths[0], namespace)
@@ -93,7 +93,7 @@ def import_flight(
 
 
 def _is_ros1(path: Path, namespace: str) -> bool:
-    """Return whether a file is a ROS 1 bag; False: a capture. Raise BagError if it is neither."""
+    """Return True for a ROS 1 bag, False for a capture. Raise BagError for anything else."""
     if path.is_dir():
         other = "a directory; give a ROS 1 bag or a capture of the serial port"
         raise BagError(f"{path}: {_of_ros2(path, namespace) if is_bag(path) else other}")
@@ -108,7 +108,7 @@ def _is_ros1(path: Path, namespace: str) -> bool:
         if head.startswith(mark):
             raise BagError(f"{path}: {kind}")
     if _SOF not in head and all(byte >= 32 or byte in b"\t\n\r\f" for byte in head):
-        raise BagError(f"{path}: text of no known log: docs/import.md lists the known ones")
+        raise BagError(f"{path}: a text, but no known log: docs/import.md lists the known logs")
     return False
 
 

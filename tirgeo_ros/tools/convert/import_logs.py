@@ -1,4 +1,4 @@
-"""Import logs of other makers: those that belong to one flight become one bag, by their stamps."""
+"""Import logs of other makers: merge those of one flight, by their stamps, into one bag."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
 
-#: After this time with all topics a filter lacks nothing but a heading, and takes one: its
-#: ``alignment.wait_s``, and a window of data.
-_ASKED_NS = 7_000_000_000
-#: Keys of a columns file that a finding on the IMU is about.
+#: The given heading is set so long after the last topic has begun: by then (``alignment.wait_s``
+#: and a window of data) a filter lacks only a heading.
+_HEADING_AFTER_NS = 7_000_000_000
+#: Finding on the IMU -> key of the columns file to correct.
 _KEYS = {
     "force_unit": "imu.accel.unit",
     "gyro_unit": "imu.gyro.unit",
@@ -51,7 +51,7 @@ _POSITIONS = ("rtk/fix", "gps/fix")
 
 @dataclass
 class Log:
-    """Hold a log that was read; ``spans`` are its topics, each with first and last stamp (ns)."""
+    """Hold a log that was read; ``spans`` has first and last stamp (ns) of each topic."""
 
     path: Path
     form: str
@@ -87,18 +87,20 @@ class Log:
 
 
 def forms_of(paths: Sequence[Path], columns: Sequence[Path]) -> list[Form | None]:
-    """Return the form of each file; None: none of the logs. Raise LogError if several are given.
+    """Return the form of each file; None if it is no log. Raise LogError for a None among several.
 
-    The files of columns are for the CSVs, in their order; one alone is for all of them.
+    The files of columns are for the CSV files, in order; a single one is for all of them.
     """
     forms = [form_of(path, columns=bool(columns)) for path in paths]
     if None in forms and len(paths) > 1:
-        raise LogError(f"{paths[forms.index(None)]}: no log that can be merged: import it alone")
+        raise LogError(f"{paths[forms.index(None)]}: not a log to be merged: import it alone")
     tables = forms.count(CSV)
     if columns and not tables:
         raise LogError(f"{columns[0]}: --columns is for CSV files, and there is none")
     if len(columns) not in {0, 1, tables}:
-        raise LogError(f"{len(columns)} --columns for {tables} CSV files: give one for each")
+        raise LogError(
+            f"{len(columns)} --columns for {tables} CSV files: give one, or one for each"
+        )
     return forms
 
 
@@ -124,8 +126,8 @@ def import_logs(
     if not samples:
         raise LogError(f"{logs[0].path}: nothing in it can be used: {_refusals(logs[0])}")
     if options.set_heading_rad is not None:
-        begun_ns = max(span[0] for log in logs for span in log.spans.values())
-        samples.append(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
+        last_begin_ns = max(span[0] for log in logs for span in log.spans.values())
+        samples.append(SetHeading(last_begin_ns + _HEADING_AFTER_NS, options.set_heading_rad, 0.0))
     samples.sort(key=lambda sample: sample.stamp_ns)
     for number, sample in enumerate(samples):
         sink.write(sample)
@@ -144,7 +146,7 @@ def import_logs(
 
 
 def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
-    """Return the options with undulation and baseline of the parameters."""
+    """Return the options, completed with undulation and baseline from the parameters."""
     if options.geoid_undulation_m is None and not math.isnan(config.geoid_undulation_m):
         options = replace(options, geoid_undulation_m=config.geoid_undulation_m)
     baseline_b, degrees = config.aircraft.baseline_b, config.aircraft.baseline_deg
@@ -155,9 +157,9 @@ def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
 
 
 def _read(path: Path, form: Form, options: LogOptions) -> Log:
-    """Read a log; refuse its impossible samples, and those of another time; sort the others.
+    """Read a log; refuse impossible samples and those with outlying stamps; sort the others.
 
-    Samples whose stamps jump alone would mislead where they are sorted in.
+    A sample with an outlying stamp would be sorted to a wrong place.
     """
     contents = form.read(path, options)
     by_topic: defaultdict[str, list[tuple[int, SensedSample]]] = defaultdict(list)
@@ -176,7 +178,7 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
         stamps_ns = stamps_ns[~alone]
         spans[topic] = int(stamps_ns.min()), int(stamps_ns.max())
         if alone.any():
-            contents.refused[topic, "its time jumps alone"] += int(alone.sum())
+            contents.refused[topic, "its stamp is an outlier"] += int(alone.sum())
         if back := int((np.diff(stamps_ns) < 0).sum()):
             contents.notes.append(
                 f"{topic}: its time goes back {back} times; it is sorted by time"
@@ -203,14 +205,14 @@ def _meet(span: tuple[int, int], other: tuple[int, int]) -> bool:
 def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
     """Leave out a topic that an earlier log has for the same time.
 
-    Two receivers on one topic would be one that jumps between two places.
+    Two receivers on one topic would look like one that jumps between two places.
     """
     for place, log in enumerate(logs):
         for topic, span in list(log.spans.items()):
             same = [earlier for earlier in logs[:place] if topic in earlier.spans]
             before = next((earlier for earlier in same if _meet(span, earlier.spans[topic])), None)
             if before is not None:
-                log.leave_out(topic, f"{before.path}, named before, has it")
+                log.leave_out(topic, f"{before.path}, named earlier, has it")
 
 
 def _check_common_time(logs: Sequence[Log]) -> None:
@@ -230,7 +232,7 @@ def _check_common_time(logs: Sequence[Log]) -> None:
                 for each, (begun, ended) in zip(used, times, strict=True)
             )
             raise LogError(
-                f"no time in common: {spans}: is one in another time scale or zone "
+                f"no time in common: {spans}; is one in another time scale or zone "
                 "(--utc-offset), or of another flight?"
             )
 
@@ -242,7 +244,7 @@ def _refusals(log: Log) -> str:
 
 
 def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
-    """Yield what was refused, what is missing, and what is measured at another antenna."""
+    """Yield warnings of refused samples, missing topics and positions of the wrong antenna."""
     for log in logs:
         if log.contents.refused:
             yield f"{log.path}: refused {_refusals(log)}"
@@ -250,6 +252,6 @@ def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
             yield from () if rover_first else (f"{log.path}: {_ROVER}",)
     topics = {topic for log in logs for topic in log.spans}
     if "imu/data" not in topics:
-        yield "no imu/data: nothing can be filtered without; give a log with an IMU beside it"
+        yield "no imu/data: the filter needs it; give a log with an IMU too"
     if not topics & {*_POSITIONS}:
-        yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions beside it"
+        yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions too"

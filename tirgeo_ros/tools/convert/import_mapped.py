@@ -35,7 +35,7 @@ from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
-#: What is suggested where a topic has a fitting type and one of the words in its name.
+#: Topic of the contract -> words: a bag's topic with a fitting type and one of them is suggested.
 _SUGGESTED: Mapping[str, tuple[str, ...]] = {
     "imu/data": ("",),
     "rtk/fix": ("rtk",),
@@ -51,6 +51,28 @@ _SUGGESTED: Mapping[str, tuple[str, ...]] = {
 
 #: Returns the sample of a message that was recorded at a time (ns).
 Converter = Callable[[Any, int], SensedSample]
+_NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+#: Type -> what a person should know of the way in which its messages are read.
+_REMARKS = {
+    "geometry_msgs/msg/TwistStamped": "it has no covariance, and is taken as east, north, up",
+    "nav_msgs/msg/Odometry": (
+        "its velocity is rotated by its orientation, whose frame is taken as east, north, up: "
+        "do not map wheel odometry, which begins with heading 0"
+    ),
+    "std_msgs/msg/Float64": (
+        "degrees, clockwise from north, stamped when recorded; do not map an autopilot's compass, "
+        "which is no heading of two antennas"
+    ),
+}
+#: Gravity is the mean force for so long at the start: an aircraft stands or flies steadily then.
+_GRAVITY_NS = 2_000_000_000
+_LEAST_SAMPLES, _MOST_SAMPLES = 20, 2000
+#: No aircraft stands or flies steadily so steep; wrong axes turn gravity by 90 deg.
+_STEEP_RAD = math.radians(45)
+_FIX = "sensor_msgs/msg/NavSatFix"
+#: The lowest status of NavSatFix with which rtk/fix is used.
+_LEAST_RTK = 1
+_MOST_NAMED = 5
 
 
 def _twist(source: Source) -> Converter:
@@ -85,8 +107,7 @@ def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
     return HeadingSample(log_time_ns, math.radians(float(msg.data) % 360.0), 0.0)
 
 
-_NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-#: Topic -> type of other messages than its own -> their converter.
+#: Topic -> other type than its own that fits -> converter of its messages.
 CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
     **{
         source.topic: {
@@ -96,18 +117,6 @@ CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
         for source in (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
     },
     Source.RTK_HEADING.topic: {"std_msgs/msg/Float64": _compass},
-}
-#: What a person should know of messages that are converted, or taken as they are.
-_REMARKS = {
-    "geometry_msgs/msg/TwistStamped": "it has no covariance, and is taken as east, north, up",
-    "nav_msgs/msg/Odometry": (
-        "its velocity is turned by its orientation, whose frame is taken as east, north, up: a "
-        "wheel's odometry, which begins with heading 0, is none"
-    ),
-    "std_msgs/msg/Float64": (
-        "degrees, clockwise from north, stamped when recorded; an autopilot's own compass is no "
-        "heading of two antennas"
-    ),
 }
 
 
@@ -121,19 +130,19 @@ def asked_topics(
 ) -> dict[str, list[str]]:
     """Return the bag's topic -> topics of the contract, for pairs (topic, topic of the contract).
 
-    ``there`` are the bag's topics with their types. Raise BagError for a topic that is absent or
-    does not fit, or two for one.
+    ``there`` has the bag's topics with their types. Raise BagError for a topic that is absent or
+    does not fit, and for two topics mapped to one.
     """
     by_name = {name.strip("/"): name for name in there}
     mapped: dict[str, list[str]] = {}
     for asked, topic in pairs:
         name, types = by_name.get(asked.strip("/")), types_of(topic)
         if name is None or there[name] not in types:
-            kind = "not there" if name is None else f"of type {there[name]}"
+            kind = "not in the bag" if name is None else f"of type {there[name]}"
             fitting = ", ".join(own for own, typename in there.items() if typename in types)
             raise BagError(
-                f"{where}: {asked} is {kind}; {topic} takes {' or '.join(types)}: "
-                f"{fitting or 'no topic of the bag'}"
+                f"{where}: {asked} is {kind}; {topic} takes {' or '.join(types)}, "
+                f"the type of {fitting or 'no topic of the bag'}"
             )
         if any(topic in topics for topics in mapped.values()):
             raise BagError(f"{where}: two topics for {topic}: give one")
@@ -142,9 +151,9 @@ def asked_topics(
 
 
 def suggested(there: Mapping[str, str]) -> str:
-    """Return options that map a bag's topics, as far as types and names tell; else "".
+    """Return options that map a bag's topics, as types and names suggest; "" without any.
 
-    Each topic is suggested once: for the one of the contract that is named as it, or the first.
+    A topic of the contract gets the bag's topic with its name, or the first of a fitting type.
     """
     left, options = dict(there), []
     for topic, words in _SUGGESTED.items():
@@ -157,18 +166,11 @@ def suggested(there: Mapping[str, str]) -> str:
     return " ".join(options)
 
 
-#: Gravity is seen in the mean of the first seconds: an aircraft begins at rest, or flies steadily.
-_SEEN_NS = 2_000_000_000
-_LEAST_SAMPLES, _MOST_SAMPLES = 20, 2000
-#: No aircraft stands or flies steadily as steep; wrong axes turn it by 90 deg.
-_STEEP_RAD = math.radians(45)
-
-
 class ImuMounting:
-    """Turn an IMU's samples to ``base_link``, and watch where gravity is at the beginning.
+    """Rotate an IMU's samples to ``base_link``, and check where gravity is at the beginning.
 
     ``rpy_deg`` turns the IMU's axes as ``aircraft.imu_rpy_deg`` does: roll, pitch, yaw about
-    forward, left, up. ``aircraft`` is what the flight's parameters say of the aircraft.
+    forward, left, up. ``aircraft`` has the flight's parameters of the aircraft.
     """
 
     def __init__(self, rpy_deg: tuple[float, ...], aircraft: AircraftConfig) -> None:
@@ -183,7 +185,7 @@ class ImuMounting:
         The attitude of ``sensor_msgs/Imu`` is that of the IMU.
         """
         self._begun_ns = self._begun_ns or sample.stamp_ns
-        early = sample.stamp_ns - self._begun_ns <= _SEEN_NS
+        early = sample.stamp_ns - self._begun_ns <= _GRAVITY_NS
         if early and len(self._forces_i) < _MOST_SAMPLES and not fault_of(sample):
             self._forces_i.append(sample.specific_force_b)
         if self._rotation_bi is None:
@@ -196,7 +198,7 @@ class ImuMounting:
 
     @property
     def doubt(self) -> str:
-        """Return in one line where gravity is, if it is not on +z; else an empty string."""
+        """Return a line that says where gravity is if not on +z, else an empty string."""
         if len(self._forces_i) < _LEAST_SAMPLES:
             return ""
         force_i = force_b = np.mean(self._forces_i, axis=0)
@@ -215,12 +217,6 @@ class ImuMounting:
             "beginning, not on +z: the IMU's axes are not those of base_link: give --imu-rpy "
             f"{roll} {pitch} YAW (gravity does not show YAW)"
         )
-
-
-_FIX = "sensor_msgs/msg/NavSatFix"
-#: Status of NavSatFix from which on rtk/fix is used.
-_LEAST_RTK = 1
-_MOST_NAMED = 5
 
 
 class MappedTopics(NamedTuple):
@@ -256,7 +252,7 @@ class _Stream(TopicCount):
         return super().result() | {"because": self.reason or None, "lag_s": self.lag_s}
 
     def notes(self, undulation_m: float | None) -> Iterator[str]:
-        """Yield what the messages leave open, and how they are taken."""
+        """Yield how messages are read where they leave it open."""
         if remark := _REMARKS.get(self.typename):
             yield f"{self.topic}: {remark}"
         if self.without_stamp:
@@ -264,7 +260,7 @@ class _Stream(TopicCount):
         if self.best_status is not None and undulation_m is None:
             yield (
                 f"{self.topic}: altitudes are taken as above the ellipsoid, as the message is "
-                "defined (above the sea: --geoid-undulation M)"
+                "defined; if they are above the sea, give --geoid-undulation M"
             )
 
     def warnings(self) -> Iterator[str]:
@@ -274,12 +270,12 @@ class _Stream(TopicCount):
         if not self.messages:
             yield f"{self.topic}: no message"
         if jumps := lone_stamps(self.lags_ns).sum():
-            yield f"{self.topic}: {jumps} stamps jump alone: the filter leaves them out"
+            yield f"{self.topic}: {jumps} stamps are outliers: the filter leaves them out"
         best = _LEAST_RTK if self.best_status is None else self.best_status
         if self.feeds[0] == Source.RTK_POSITION.topic and best < _LEAST_RTK:
             yield (
-                f"{self.topic}: no message has status 1 (float) or 2 (fixed), from which on "
-                "rtk/fix is used: map it to gps/fix"
+                f"{self.topic}: no message has status 1 (float) or 2 (fixed), which rtk/fix "
+                "needs: map it to gps/fix"
             )
 
 
@@ -338,7 +334,7 @@ class _Import:
             if self._undulation_m is not None:
                 decoded.altitude += self._undulation_m
                 data = decoded
-        if sample is own:  # as it came
+        if sample is own:  # not converted
             self._sink.pass_on(log_time_ns, contract, data)
         else:
             self._sink.write(sample, log_time_ns)
@@ -351,7 +347,7 @@ class _Import:
         if far:
             yield (
                 f"stamps are far from the times of recording ({', '.join(far)}) and are kept: "
-                "topics whose numbers differ have different clocks"
+                "topics with different numbers have different clocks"
             )
         if self.mounting.doubt:
             yield self.mounting.doubt
@@ -364,7 +360,7 @@ def import_mapped(
     aircraft: AircraftConfig,
     progress: Report,
 ) -> dict[str, Any]:
-    """Import the topics that are named; return what to report of them. Raise BagError."""
+    """Import the topics of ``mapped``; return what to report of them. Raise BagError."""
     bag = any_bag(path)
     run = _Import(bag, sink, mapped, aircraft)
     run.run(progress)
@@ -382,7 +378,7 @@ def import_mapped(
 
 
 def what_can_be_mapped(path: Path, namespace: str) -> str:
-    """Return what to do with a bag without named topics: options, or why there are none.
+    """Return what to do with a bag without --map-topic: the options, or why there are none.
 
     Raise BagError if it cannot be read.
     """
@@ -391,7 +387,7 @@ def what_can_be_mapped(path: Path, namespace: str) -> str:
         return "it needs no import: give it to tirgeo process"
     options = suggested(topics)
     if options:
-        return f"say what its topics are, as {options}"
+        return f"name its topics, for example {options}"
     named = [f"{topic} ({kind})" for topic, kind in topics.items()]
     more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
     return (

@@ -33,12 +33,12 @@ class Pictures(NamedTuple):
 class _Topic(TopicCount):
     """Count a topic's messages of one type."""
 
-    expected: str = ""  # type
+    expected: str = ""  # type that the wrapper publishes
 
     @property
     def complaint(self) -> str | None:
         """Return what is wrong with the topic, in words, or None."""
-        if self.refused and self.typename != self.expected:  # the wrapper never publishes it so
+        if self.refused and self.typename != self.expected:  # not from the wrapper
             return f"{self.topic}: {self.refused} of type {self.typename}, not {self.expected}"
         return super().complaint
 
@@ -50,14 +50,14 @@ class _Topic(TopicCount):
 class _Import:
     """Convert a bag's messages to readings and pass them to a sink.
 
-    Raise BagError if the bag has no topic of the wrapper (in this namespace), several aircraft, or
-    not the pictures that are asked for.
+    Raise BagError if the bag has no topic of the wrapper (in this namespace), has several aircraft
+    or lacks the pictures that are asked for.
     """
 
     def __init__(self, bag: Ros1Bag, namespace: str, pictures: Pictures) -> None:
         self.bag = bag
         self.topics: dict[tuple[str, str], _Topic] = {}
-        self.passed = _passed(bag, pictures)  # topic -> topic of the contract
+        self.copied = _copied(bag, pictures)  # topic -> topic of the contract
         self.names = _wrapper_topics(bag, namespace)  # topic -> its name in the wrapper
         self.decoder = Ros1Decoder(survey(self._first()))
 
@@ -72,7 +72,7 @@ class _Import:
     def run(self, sink: ImportSink, progress: Report) -> None:
         """Read the whole bag."""
         begun_ns, ended_ns = self.bag.span_ns
-        for message in self.bag.messages({*self.names, *self.passed}):
+        for message in self.bag.messages({*self.names, *self.copied}):
             progress((message.log_time_ns - begun_ns) * 1e-9, (ended_ns - begun_ns) * 1e-9)
             topic = self._topic(message)
             topic.messages += 1
@@ -85,7 +85,7 @@ class _Import:
 
     def _take(self, message: Ros1Message, sink: ImportSink) -> None:
         """Convert a message. Raise MessageError if it cannot be used."""
-        contract = self.passed.get(message.topic)
+        contract = self.copied.get(message.topic)
         if contract is not None:
             arrival_ns = self.decoder.arrival_ns(message.log_time_ns)
             sink.pass_on(arrival_ns, contract, self.bag.cdr(message))
@@ -100,7 +100,7 @@ class _Import:
     def _topic(self, message: Ros1Message) -> _Topic:
         key = message.topic, message.typename
         if key not in self.topics:
-            contract = self.passed.get(message.topic)
+            contract = self.copied.get(message.topic)
             if contract is None:
                 typename, feeds, _ = TOPICS[self.names[message.topic]]
             else:
@@ -109,7 +109,7 @@ class _Import:
         return self.topics[key]
 
     def warnings(self) -> list[str]:
-        """Return what is missing, refused or doubtful."""
+        """Return a line for each thing that is missing, refused or doubtful."""
         topics = self.topics.values()
         good = {self.names.get(each.topic) for each in topics if each.messages > each.refused}
         absent = [name for name in NEEDED if name not in good]
@@ -131,10 +131,10 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
     if not aircraft:
         where = f" in namespace {namespace}" if namespace else ""
         options = suggested(bag.topics())
-        mend = f"; say what its topics are, as {options}" if options else ""
+        hint = f"; name its topics, for example {options}" if options else ""
         raise BagError(
             f"{bag.path}: no topic of DJI's wrapper ({'/imu, '.join(WRAPPERS)}/imu ...){where}; "
-            f"it has {', '.join(list(bag.topics())[:5]) or 'none'}{mend}"
+            f"it has {', '.join(list(bag.topics())[:5]) or 'none'}{hint}"
         )
     if len(aircraft) > 1:
         raise BagError(
@@ -144,8 +144,8 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
     return next(iter(aircraft.values()))
 
 
-def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
-    """Return the bag's topic -> topic of the contract. Raise BagError if not as asked for."""
+def _copied(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
+    """Return topic of pictures -> topic of the contract. Raise BagError if one does not fit."""
     types = {name.strip("/"): kind for name, kind in bag.topics().items()}
     kind = types.get(pictures.image.strip("/"))
     image = next((name for name in PICTURES if TOPIC_TYPES[name] == kind), PICTURES[0])
@@ -161,11 +161,11 @@ def import_ros1(
     bag = Ros1Bag(path)
     run = _Import(bag, namespace, pictures)
     run.run(sink, progress)
-    taken = {*run.names, *run.passed}
+    read = {*run.names, *run.copied}
     return {
         "kind": "ros1",
         "topics": [topic.result() for _, topic in sorted(run.topics.items())],
-        "not_read": {topic: kind for topic, kind in bag.topics().items() if topic not in taken},
+        "not_read": {topic: kind for topic, kind in bag.topics().items() if topic not in read},
         "warnings": run.warnings(),
         "error": None if bag.damage is None else f"{path}: {bag.damage}",
     }

@@ -14,7 +14,7 @@ from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
 from tirgeo_ros.tools.replay.registration import resolved
 
-#: Samples that wait for others of the same instant are out of order by less than this.
+#: A sample that waits for others of its instant is out of order by less than this.
 _DISORDER_NS = 1_000_000_000
 
 
@@ -29,11 +29,11 @@ class Written:
 
 @dataclass
 class TopicCount:
-    """Count the messages of a bag's topic that become those of topics of the contract."""
+    """Count the messages of a bag's topic, from which topics of the contract are made."""
 
     topic: str
     typename: str
-    feeds: tuple[str, ...]
+    feeds: tuple[str, ...]  # topics of the contract
     messages: int = 0
     refused: int = 0
     reason: str = ""  # of the first refused message

@@ -15,7 +15,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.evaluate.experiment import (
     Experiment,
     MethodSetup,
@@ -118,7 +118,7 @@ def evaluate(
     setups = method_setups(params, boresight, dem, ground_height, namespace, heights_m, camera)
     last = setups[-1]  # the checks use its parameters
     overlay, reader = last.configs.overlay, BagReader(bag)
-    style, lens = (overlay.style, overlay.label_field), given_camera(overlay)
+    style, lens = (overlay.style, overlay.label_field), configured_camera(overlay)
     layers = load_layers(overlay.map, *style, network=overlay.network) if overlay.map else None
     opened = OpenedFlight(reader, last.configs, files, namespace, [])
     checks = FlightChecks(opened, ground=last.ground, layers=layers or None, camera=lens)

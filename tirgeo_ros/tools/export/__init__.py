@@ -2,5 +2,5 @@
 
 #: The products by the names that ``--only`` takes; ``export.py`` makes them.
 PRODUCTS = ("ortho", "mosaic", "stills", "vectors", "subtitles")
-#: Those of them that need rasterio and the ground.
+#: The products that need rasterio and the height of the ground.
 RASTERS = ("ortho", "mosaic")

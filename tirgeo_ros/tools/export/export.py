@@ -1,7 +1,7 @@
 """Make products of a recorded flight: the work of ``tirgeo export``.
 
-The flight is registered first, as every command does it. Then the pictures with a trusted pose
-are read, in order, and each is given to all products.
+The flight is registered first, as in every command. Then the pictures with a trusted pose are
+read, in order, and each is passed to all products.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ from tirgeo_ros.tools.export.vectors import Vectors
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import open_flight
 
-_FIRST = 20.0  # per cent of the work: the registration
+#: Files of the products directly in the folder.
+FILES = ("mosaic.tif", "flight.gpkg", "flight.srt", "summary.json")
+_REGISTRATION = 20.0  # per cent of the work
 
 
 class Product(Protocol):
@@ -44,11 +46,7 @@ class Product(Protocol):
         """Take the next frame."""
 
     def finish(self) -> dict[str, object]:
-        """Write what is left; return what was made, for the summary."""
-
-
-#: Files of the products directly in ``folder``.
-FILES = ("mosaic.tif", "flight.gpkg", "flight.srt", "summary.json")
+        """Write the remaining files; return the product's entry in the summary."""
 
 
 def export(
@@ -72,34 +70,34 @@ def export(
 
     ``only`` names products: all by default. ``smooth``: poses from all measurements, also later
     ones. ``targets`` is a file of targets for the layers. Pictures that cannot be used are
-    counted with the reason. Raise BagError, CameraError, ConfigError, ElevationError,
+    counted by reason. Raise BagError, CameraError, ConfigError, ElevationError,
     ExportError, MapError, TargetError.
     """
     wanted, window = only or PRODUCTS, window or Window()
     places = [Path(folder) / name for name in FILES]
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
     inputs = [targets] if targets is not None else []
-    given = (bag_in, places, params, namespace, options)
-    opened = open_flight(*given, inputs=inputs, error=MapError)
+    arguments = bag_in, places, params, namespace, options
+    opened = open_flight(*arguments, inputs=inputs, error=MapError)
     if not {*RASTERS}.isdisjoint(wanted):
         imported_rasterio("orthophotos and mosaics need", MapError)
     pictures = FlightPictures(opened.reader, namespace)
     chosen = pictures.chosen(window)
-    flight = register(opened, chosen, _part(progress, 0.0, _FIRST), smooth=smooth)
-    made, lattice = _rasters(flight, rasters or RasterOptions(), Path(folder), wanted)
+    flight = register(opened, chosen, _part(progress, 0.0, _REGISTRATION), smooth=smooth)
+    products, lattice = _rasters(flight, rasters or RasterOptions(), Path(folder), wanted)
     dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     if "stills" in wanted:
-        made["stills"] = Stills(Path(folder) / "stills", dji.geoid_undulation_m)
+        products["stills"] = Stills(Path(folder) / "stills", dji.geoid_undulation_m)
     if "vectors" in wanted:
         sources = targets, opened.configs.overlay.confidence, flight.states.get
-        made["vectors"] = Vectors(places[1], window.every_s, *sources)
+        products["vectors"] = Vectors(places[1], window.every_s, *sources)
     if "subtitles" in wanted:
         times = pictures.stamps_ns, window.every_s
-        made["subtitles"] = Subtitles(places[2], *times, dji.geoid_undulation_m)
-    for frame in frames(pictures, flight, _part(progress, _FIRST, 100.0)):
-        for product in made.values():
+        products["subtitles"] = Subtitles(places[2], *times, dji.geoid_undulation_m)
+    for frame in frames(pictures, flight, _part(progress, _REGISTRATION, 100.0)):
+        for product in products.values():
             product.take(frame)
-    written = lattice | {name: product.finish() for name, product in made.items()}
+    written = lattice | {name: product.finish() for name, product in products.items()}
     result = _summary(flight, opened.reader, os.fspath(folder), len(chosen), written)
     write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
     return result

@@ -1,4 +1,4 @@
-"""Choose pictures of a flight, register them, and read them with all that a product needs."""
+"""Choose pictures of a flight, register them, and read them with the data of their products."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -31,13 +31,21 @@ from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import PICTURES, Registered, Sample, resolved
 
+#: Why a picture has no pose.
+_WHY_NOT = {
+    Miss.EMPTY: "no pose near the exposure",
+    Miss.TOO_OLD: "before the first pose",
+    Miss.TOO_NEW: "after the last pose",
+    Miss.GAP: "no pose near the exposure",
+}
+
 
 class Window(NamedTuple):
-    """Hold which pictures are wanted: seconds after the first message, and at most one in each."""
+    """Hold which pictures are wanted; times are seconds after the first message."""
 
     from_s: float = 0.0
     to_s: float = math.inf
-    every_s: float = 0.0  # 0: all
+    every_s: float = 0.0  # at most one picture in each interval of this length; 0: all
 
 
 class Chosen(NamedTuple):
@@ -53,19 +61,19 @@ class FlightPictures:
     def __init__(self, reader: BagReader, namespace: str) -> None:
         self._reader, self._cdr = reader, Cdr()
         names = {topic: resolved(topic, namespace) for topic in PICTURES}
-        there = [topic for topic, name in names.items() if name in reader.topics()]
-        if not there:
+        present = [topic for topic, name in names.items() if name in reader.topics()]
+        if not present:
             hint = "" if namespace else "; give --namespace if the topics have one"
             absent = " or ".join(names.values())
             raise BagError(f"{reader.path}: needed topic absent: {absent}{hint}")
-        self._topic, self._name = there[0], names[there[0]]
+        self._topic, self._name = present[0], names[present[0]]
 
     @cached_property
     def _times_ns(self) -> list[tuple[int, int]]:
         """Return the log time and the stamp of each picture; the bag is read once for them."""
         times_ns = []
         for message in self._messages():
-            stamp_ns = 0  # a picture without, or without a header, has that of its arrival
+            stamp_ns = 0  # without a stamp or a header, a picture gets its log time
             with suppress(MessageError):
                 stamp_ns = header_stamp_ns(message.data)
             times_ns.append((message.log_time_ns, stamp_ns or message.log_time_ns))
@@ -78,7 +86,7 @@ class FlightPictures:
 
     def chosen(self, window: Window) -> list[Chosen]:
         """Return the pictures in a window, the first in each interval of ``every_s``."""
-        found: list[Chosen] = []
+        pictures: list[Chosen] = []
         first_ns, newest = self._reader.span_ns[0], None
         for number, (log_time_ns, stamp_ns) in enumerate(self._times_ns):
             since_s = (log_time_ns - first_ns) * 1e-9
@@ -87,8 +95,8 @@ class FlightPictures:
             interval = number if window.every_s <= 0 else since_s // window.every_s
             if since_s >= window.from_s and interval != newest:
                 newest = interval
-                found.append(Chosen(number, stamp_ns))
-        return found
+                pictures.append(Chosen(number, stamp_ns))
+        return pictures
 
     def read(self, numbers: Collection[int]) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
         """Yield the pictures of these numbers, in order; an error for one that is damaged."""
@@ -105,14 +113,6 @@ class FlightPictures:
 
     def _messages(self) -> Iterator[BagMessage]:
         return self._reader.messages([self._name])
-
-
-_WHY_NOT = {
-    Miss.EMPTY: "no pose near the exposure",
-    Miss.TOO_OLD: "before the first pose",
-    Miss.TOO_NEW: "after the last pose",
-    Miss.GAP: "no pose near the exposure",
-}
 
 
 class Posed(NamedTuple):
@@ -139,18 +139,18 @@ class RegisteredFlight(NamedTuple):
 def register(
     opened: OpenedFlight, chosen: Sequence[Chosen], progress: Report, *, smooth: bool = False
 ) -> RegisteredFlight:
-    """Read and check the flight. Raise BagError without a pose; CameraError, ElevationError."""
+    """Find the poses of pictures. Raise BagError without any; CameraError, ElevationError."""
     reader, namespace, overlay = opened.reader, opened.namespace, opened.configs.overlay
-    ground, lens = ground_of(overlay), given_camera(overlay)
+    ground, lens = ground_of(overlay), configured_camera(overlay)
     checks = FlightChecks(opened, ground=ground, camera=lens, pictures=True)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
-    exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in chosen]
+    exposures_ns = [exposure_ns(each.stamp_ns, overlay.video_latency_s) for each in chosen]
     bodies = _Bodies(exposures_ns)
     watchers = bodies.watch, checks.watch
     poses = flight.registered(
         opened.configs.ekf, opened.configs.gimbal, exposures_ns, *watchers, smooth=smooth
     )
-    bodies.flown = poses
+    bodies.flight_poses = poses
     flight.read_all(progress)
     posed: dict[int, Posed] = {}
     refused: Counter[str] = Counter()
@@ -166,8 +166,8 @@ def register(
     if not posed or poses.plane is None:
         why = ", ".join(refused) or "none was recorded then (--from, --to)"
         state = f"; the filter is {status.state.value} at the end"
-        none = f"{reader.path}: none of {len(chosen)} pictures has a trusted pose: {why}{state}"
-        raise BagError(none)
+        start = f"{reader.path}: none of {len(chosen)} pictures has a trusted pose"
+        raise BagError(f"{start}: {why}{state}")
     findings = checks.findings()
     summary = {
         "method": status.method,
@@ -188,7 +188,7 @@ class _Bodies:
         self._waiting = sorted(instants_ns, reverse=True)
         self._recent: PoseBuffer[BodyPose] = PoseBuffer()
         self._poses: dict[int, BodyPose | Miss] = {}
-        self.flown: FlightPoses | None = None
+        self.flight_poses: FlightPoses | None = None
         self.states: dict[int, str] = {}
 
     def watch(self, _sample: Sample, registered: Registered) -> None:
@@ -198,18 +198,18 @@ class _Bodies:
         while self._waiting and self._waiting[-1] <= registered.body.stamp_ns:
             instant_ns = self._waiting.pop()
             self._poses[instant_ns] = self._recent.at(instant_ns)
-            if self.flown is not None:
-                status = self.flown.registration.navigation.status()
+            if self.flight_poses is not None:
+                status = self.flight_poses.registration.navigation.status()
                 self.states[instant_ns] = status.state.value
 
     def at(self, instant_ns: int) -> BodyPose | Miss:
-        """Return the pose at an instant, or why there was none."""
+        """Return the pose at an instant, or why there is none."""
         return self._poses.get(instant_ns, Miss.TOO_NEW)
 
 
 @dataclass(frozen=True)
 class ExportFrame:
-    """Hold a picture as recorded, where the camera was, and the ground below."""
+    """Hold a picture as recorded, with the poses at its exposure and the ground."""
 
     number: int  # of the picture in the flight, from 0
     stamp_ns: int  # of the picture's header

@@ -34,12 +34,14 @@ from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.io.pictures.geotiff import RasterForm, RasterPart, write_cog
 from tirgeo_ros.tools.export.frames import ExportFrame
 
-#: Ground that is seen flatter than this is left out: there, 1 m of height moves it by 3.7 m.
+#: Ground that is seen at a smaller angle is left out: there, 1 m of height moves it by 3.7 m.
 GRAZING_DEG = 15.0
 #: Sizes of pixels, times a power of ten.
 _STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 _FAR = 1 << 40  # pixels of the lattice, more than around the earth
 _LOOKED_AT = 200  # pictures from which the pixel size is derived, spread over the flight
+#: Of tiles in memory. A picture covers some ten tiles of 3 MB.
+_MOST_BYTES = 128_000_000
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,10 @@ class RasterOptions:
     """Hold what the user may set for rasters."""
 
     crs: str | None = None  # None: the UTM zone of the place
-    gsd_m: float | None = None  # size of a pixel; None: by the pictures' own
+    gsd_m: float | None = None  # size of a pixel; None: derived from the pictures
     grazing_deg: float = GRAZING_DEG
-    nearest: bool = False  # values of the video as they are: no means, no feathering
-    #: Degrees Celsius are 16-bit values times the first plus the second; None: as they are.
+    nearest: bool = False  # values stay those of the video: no means, no feathering
+    #: Degrees Celsius are 16-bit values times the first plus the second; None: no conversion.
     degrees: tuple[float, float] | None = None
 
 
@@ -63,7 +65,7 @@ class RasterSetup:
     options: RasterOptions
 
     def view(self, frame: ExportFrame) -> FrameView:
-        """Return a frame as seen from the lattice; raise MapError for degrees of 8 bits."""
+        """Return a frame's view of the lattice; raise MapError for ``degrees`` of 8-bit video."""
         options = self.options
         if options.degrees is not None and frame.pixels.dtype != np.uint16:
             raise MapError(
@@ -81,16 +83,16 @@ def raster_setup(
     plane: TangentPlane,
     ground: Ground,
 ) -> RasterSetup:
-    """Return the setup for these poses. Raise MapError for ``crs``, or where no ground is seen."""
+    """Return the setup for these poses. Raise MapError for ``crs``, or if no ground is seen."""
     some = poses[:: math.ceil(len(poses) / _LOOKED_AT)]
-    latitude, longitude, _ = plane.geodetic_from_ned(np.array([one.position_n for one in some]))
+    latitude, longitude, _ = plane.geodetic_from_ned(np.array([pose.position_n for pose in some]))
     projected = Plane(options.crs, np.degrees(np.stack([longitude, latitude], axis=1)))
     pixel_m = options.gsd_m
     if pixel_m is None:
         grazing_rad = math.radians(options.grazing_deg)
-        seen = [(pose, seeds(camera, pose, plane, ground)) for pose in some]
-        every = [level_gsd_m(camera, pose, plane, at_n, grazing_rad) for pose, at_n in seen]
-        gsd_m = np.concatenate(every)
+        points = [(pose, seeds(camera, pose, plane, ground)) for pose in some]
+        sizes_m = [level_gsd_m(camera, pose, plane, at_n, grazing_rad) for pose, at_n in points]
+        gsd_m = np.concatenate(sizes_m)
         gsd_m = gsd_m[np.isfinite(gsd_m)]
         if not gsd_m.size:
             raise MapError(
@@ -108,15 +110,11 @@ def _rounded(length_m: float) -> float:
     return float(f"{step * power:.6g}")
 
 
-#: Of tiles in memory. A picture covers some ten tiles of 3 MB.
-_MOST_BYTES = 128_000_000
-
-
 class TileStore:
-    """Give tiles by their keys, new ones empty; ``bands`` of values each.
+    """Keep tiles of ``bands`` bands by their keys; a new tile is empty.
 
-    Those beyond 128 MB wait in files of a hidden folder below ``folder``, which goes with
-    ``clear``, at the latest when the program ends.
+    Tiles beyond 128 MB are kept in a hidden folder below ``folder``, which ``clear`` removes, at
+    the latest the end of the program.
     """
 
     def __init__(self, folder: Path, bands: int) -> None:
@@ -127,7 +125,7 @@ class TileStore:
         self._disk: tempfile.TemporaryDirectory[str] | None = None
 
     def tile(self, key: TileKey) -> MosaicTile:
-        """Return a tile to look at or to add to, until the next one is asked for."""
+        """Return a tile for reading or adding; it is valid until the next call."""
         tile = self._tiles.pop(key, None)
         if tile is None and key in self.keys:
             with np.load(self._path(key)) as arrays:
@@ -157,7 +155,7 @@ class TiledRaster:
     def __init__(self, setup: RasterSetup, folder: Path, *, hard: bool) -> None:
         self._setup, self._folder, self._hard = setup, folder, hard
         self._store: TileStore | None = None
-        #: Column and row of the lattice of the first pixel that was seen, and behind the last.
+        #: Column and row on the lattice of the first pixel seen, and of the one after the last.
         self._first, self._end = np.full(2, _FAR), np.full(2, -_FAR)
         self._dtype = np.dtype(np.uint8)
 
@@ -168,7 +166,7 @@ class TiledRaster:
         return width, height
 
     def add(self, frame: ExportFrame) -> None:
-        """Add what a frame shows; all frames have values of the same kind."""
+        """Add what a frame shows of the ground; all frames have values of the same kind."""
         if self._store is None:
             self._dtype = frame.pixels.dtype
             self._store = TileStore(self._folder, 3 if frame.pixels.ndim == 3 else 1)
@@ -181,7 +179,7 @@ class TiledRaster:
             self._end = np.maximum(self._end, [left + columns[-1] + 1, top + rows[-1] + 1])
 
     def write(self, path: Path, tags: Mapping[str, str]) -> None:
-        """Write a Cloud-Optimised GeoTIFF of what was seen, if any; forget it. Raise MapError."""
+        """Write the seen pixels, if any, as a Cloud-Optimised GeoTIFF. Raise MapError."""
         if self._store is None or not self.size[0]:
             return
         pixel_m, celsius = self._setup.tiles.pixel_m, self._setup.options.degrees is not None
@@ -201,18 +199,18 @@ class TiledRaster:
         self._store.clear()
 
     def _parts(self, store: TileStore) -> Iterator[RasterPart]:
-        """Yield the tiles from north to south and west to east, cut to what was seen."""
+        """Yield the tiles from north to south and west to east, cut to the seen pixels."""
         width, height = self.size
         for key in sorted(store.keys, key=lambda key: key[::-1]):
             values, seen = store.tile(key).values()
             left, top = (np.array(key) * TILE_PX - self._first).tolist()
             columns = slice(max(-left, 0), min(width - left, TILE_PX))
             rows = slice(max(-top, 0), min(height - top, TILE_PX))
-            part = self._written(values[rows, columns]), seen[rows, columns]
+            part = self._file_values(values[rows, columns]), seen[rows, columns]
             yield RasterPart(left + columns.start, top + rows.start, *part)
 
-    def _written(self, values: Floats) -> npt.NDArray[Any]:
-        """Return values (h, w, bands) as they stand in the file: red first, or degrees."""
+    def _file_values(self, values: Floats) -> npt.NDArray[Any]:
+        """Return values (h, w, bands) for the file: red first, or degrees."""
         degrees = self._setup.options.degrees
         if degrees is not None:
             return values.astype(float) * degrees[0] + degrees[1]
@@ -263,7 +261,7 @@ class Mosaic:
         self._last_ns = frame.pose.stamp_ns
 
     def finish(self) -> dict[str, object]:
-        """Write the file; raise MapError. Without a frame that sees ground there is none."""
+        """Write the file if a frame shows ground; raise MapError."""
         width, height = self._raster.size
         if not width:
             return {"width": 0, "height": 0}

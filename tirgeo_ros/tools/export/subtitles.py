@@ -17,7 +17,7 @@ from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.io.video.video_file import FrameTimes
 from tirgeo_ros.tools.export.frames import ExportFrame
 
-#: A picture that comes later than so many intervals after the one before is not the next one.
+#: If the time between two pictures is longer than so many intervals, a picture is missing.
 _LATE = 1.5
 
 
@@ -28,8 +28,8 @@ class Subtitles:
     from the first of them, as in the video. Each picture that is taken begins a cue, which ends
     with the next one. They are expected every ``every_s`` seconds (0: all of the flight): if the
     next is missing, the cue ends with its picture. ``undulation_m`` of the geoid makes ``abs_alt``
-    the height above sea level; without it, it is ellipsoidal. Raises ExportError naming a file
-    that cannot be written.
+    the height above sea level; without it ``abs_alt`` is ellipsoidal. Raises ExportError naming a
+    file that cannot be written.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Subtitles:
         self._cues.append(self._lines(frame))
 
     def finish(self) -> dict[str, object]:
-        """Write the file; none without a cue."""
+        """Write the file, if there is a cue."""
         text = ""
         for cue, (number, following) in enumerate(pairwise([*self._numbers, -1])):
             begin_ns, end_ns = self._times_ns[number : number + 2]
@@ -86,7 +86,7 @@ class Subtitles:
 
 
 def _begins(stamps_ns: Sequence[int]) -> list[int]:
-    """Return when each picture begins in the video, ns, and when the last one ends."""
+    """Return the time at which each picture begins in the video, ns, and the end of the last."""
     times = FrameTimes()
     begins = [times.at(stamp) for stamp in stamps_ns]
     last = begins[-1:]

@@ -72,7 +72,7 @@ TRACK_POINTS = Layer(
     "the aircraft, at its IMU, when pictures were taken; ellipsoidal heights",
 )
 _CONFIDENCE = ConfidenceConfig()
-#: The track is broken where there is no point for so many intervals, or seconds if that is longer.
+#: The track is broken where points are so many intervals apart, or seconds if that is longer.
 _INTERVALS, _LONGEST_S = 2.5, 2.0
 
 
@@ -81,8 +81,8 @@ class Vectors:
 
     Each picture that is taken gives an outline and a point of the track. They are expected every
     ``every_s`` seconds (0: all of the flight): where they are missing, the track is broken.
-    ``targets`` is a file of targets; without one there are no layers of them. ``confidence`` gives
-    the sigmas besides the pose's. ``state_at`` returns the filter's state at a time of exposure
+    ``targets`` is a file of targets; without it, their layers are absent. ``confidence`` gives the
+    sigmas other than the pose's. ``state_at`` returns the filter's state at a time of exposure
     (ns). Raises ExportError and TargetError naming the file.
     """
 
@@ -119,9 +119,9 @@ class Vectors:
         if len(outline_n) < 3:
             self._without_ground += 1
             return
-        # From the last point to the first: the picture's rim runs clockwise.
+        # Reversed, because the outline runs clockwise around the picture.
         latitude, longitude, _ = frame.plane.geodetic_from_ned(outline_n[::-1])
-        # Beyond 180 deg where the outline lies across that meridian.
+        # Longitudes go beyond 180 deg if the outline lies across that meridian.
         positions = np.degrees(np.stack([np.unwrap(longitude), latitude], axis=1))
         self._rows[FOOTPRINTS.name].append((positions, self._footprint_row(frame)))
 
@@ -138,9 +138,9 @@ class Vectors:
                 }
                 self._rows[TRACK.name].append((places, row))
         write_layers(self._path, [(layer, self._rows[layer.name]) for layer in self._layers])
-        made: dict[str, object] = {"file": str(self._path)}
-        made |= {name: len(rows) for name, rows in self._rows.items()}
-        return made | {"pictures_without_ground": self._without_ground}
+        result: dict[str, object] = {"file": str(self._path)}
+        result |= {name: len(rows) for name, rows in self._rows.items()}
+        return result | {"pictures_without_ground": self._without_ground}
 
     def _footprint_row(self, frame: ExportFrame) -> dict[str, object]:
         pose, plane, ground = frame.pose, frame.plane, frame.ground

@@ -14,7 +14,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import Files
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -44,7 +44,7 @@ def check(
     reader, configs, overlay = opened.reader, opened.configs, opened.configs.overlay
     findings: list[Finding] = []
     ground = try_load(findings, "dem", lambda: ground_of(overlay))
-    lens = try_load(findings, "camera", lambda: given_camera(overlay))
+    lens = try_load(findings, "camera", lambda: configured_camera(overlay))
     layers = try_load_map(findings, overlay, overlay.map, used=True)
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens, pictures=True)
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}

@@ -131,7 +131,7 @@ class FlightChecks:
             has_camera=camera is not None,
             wants_pictures=pictures,
         )
-        pictured = recording.there.intersection((*PICTURES, *GIMBAL))
+        pictured = recording.present.intersection((*PICTURES, *GIMBAL))
         unused = ParameterFile(opened.params).elsewhere(namespace)
         self.at_start = [
             *recording_findings(recording),

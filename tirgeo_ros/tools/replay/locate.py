@@ -21,7 +21,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
 from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
@@ -60,7 +60,7 @@ def locate_pixels(
     ground = ground_of(overlay)
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
-    lens, unread = given_camera(overlay), list[Finding]()
+    lens, unread = configured_camera(overlay), list[Finding]()
     layers = try_load_map(unread, overlay, overlay.map, used=False)
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens)
     checks.at_start += unread

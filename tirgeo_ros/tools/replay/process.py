@@ -26,7 +26,7 @@ from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameters.parameter_file import Files
-from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import finding_items, summary
@@ -105,7 +105,7 @@ def process(
 def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
     """Choose the topics, load the map on its ground, and set up the checks."""
     reader, configs, namespace = opened.reader, opened.configs, opened.namespace
-    config, camera = configs.overlay, given_camera(configs.overlay)
+    config, camera = configs.overlay, configured_camera(configs.overlay)
     needed = {"pictures": draws, "camera": camera is None, "gimbal": images}
     method, composition = configs.ekf.method, configs.gimbal.composition
     topics = inputs_of(reader, method, composition, namespace, **needed)

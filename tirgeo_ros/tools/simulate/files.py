@@ -36,7 +36,7 @@ from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.sensors import Epochs
 from tirgeo_ros.tools.simulate.survey import frames, sightings, surveyed
 
-#: An operator clicks on a target so long after a picture shows it best.
+#: An operator clicks on a target this long after the picture that shows it best.
 _CLICK_AFTER_NS = 1_000_000_000
 
 NAMES = (
@@ -55,7 +55,7 @@ Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
 
 
 def _write(path: Path, streams: Sequence[Any], window: range, progress: Report) -> dict[str, int]:
-    """Merge streams and write what is in the window (ns); return the number of messages by topic.
+    """Merge streams, write the messages in the window (ns), return their number by topic.
 
     Messages of equal times keep the order of the streams.
     """
@@ -111,7 +111,7 @@ def _pictures(
 def _clicked(
     messages: Messages, flight: SimulatedFlight, window: range, targets: Sequence[Target]
 ) -> Iterator[Outgoing]:
-    """Yield an operator's clicks on targets in pictures of the window."""
+    """Yield an operator's clicks on targets, in pictures of the window."""
     for click in sightings(flight, flight.scenario.video.camera, targets):
         if click.stamp_ns in window:
             message = messages.pixel(click.stamp_ns, click.u, click.v)
@@ -124,7 +124,7 @@ def _true_body(messages: Messages, flight: SimulatedFlight, window: range) -> It
     rows = zip(truth.stamp_ns, *(x.tolist() for x in places), truth.velocity_n, strict=True)
     yield window.start, "tirgeo/origin", messages.origin(plane, window.start)
     for k, (stamp_ns, lat, lon, height, velocity_n) in enumerate(rows):
-        if stamp_ns not in window:  # also for the order: none comes before the origin
+        if stamp_ns not in window:  # so that no message precedes the origin
             continue
         solution = NavSolution(
             *(stamp_ns, lat, lon, height, velocity_n),
@@ -152,10 +152,10 @@ def simulate(
     images: bool = True,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
+    """Fly a scenario and write the files NAMES to ``out_dir``; a seed gives the same bytes.
 
-    ``start_s`` and ``duration_s`` cut bags and observations, and nothing else; without ``images``
-    there are no pictures or clicks. Return a summary. Raise ScenarioError, BagError, SurveyError.
+    ``start_s`` and ``duration_s`` cut only bags and observations. Without ``images`` there are no
+    pictures or clicks. Return a summary. Raise ScenarioError, BagError, SurveyError.
     """
     outputs = [Path(out_dir) / name for name in (*NAMES, "dem.asc", "dem.prj")]
     check_outputs([scenario_path], outputs, ScenarioError)
@@ -169,8 +169,8 @@ def simulate(
     lowest_m = -float(flight.truth.position_p[:, 2].max())
     if relief.highest_m > lowest_m - _CLEAR_M:
         raise ScenarioError(
-            f"park: its ground rises to {relief.highest_m:.1f} m, and the flight is as low as "
-            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg less"
+            f"park: the ground rises to {relief.highest_m:.1f} m, and the flight is as low as "
+            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above the ground, or reduce park.slope_deg"
         )
     folder = made_folder(out_dir, ScenarioError)
     texts = {
@@ -205,13 +205,13 @@ def simulate(
 
 
 def _window(scenario: Scenario, path: PathLike, start_s: float, duration_s: float | None) -> range:
-    """Return the log times (ns) that are written. Raise ScenarioError outside the flight."""
+    """Return the range of written log times (ns). Raise ScenarioError outside the flight."""
     if duration_s is None:
         duration_s = scenario.duration_s - start_s
     end_s = start_s + duration_s
     if not (start_s >= 0 and duration_s > 0 and end_s <= scenario.duration_s + 1e-9):  # nor nan
         raise ScenarioError(
-            f"{path}: no {duration_s:g} s from {start_s:g} s on in a flight of "
+            f"{path}: {duration_s:g} s from {start_s:g} s on are not within the flight of "
             f"{scenario.duration_s:g} s; change the start or the duration"
         )
     start_ns = scenario.start_ns + round(start_s * 1e9)
@@ -225,7 +225,7 @@ def parameters_text(scenario: Scenario) -> str:
     imu = {name: plain(value) for name, value in noise if name not in _PRIORS}
     joints: dict[str, object] = {} if order == USUAL_ORDER else {"joint_order": order}
     straight = not any(scenario.gimbal.boresight_rpy_deg)
-    # For ground that is not level the user gives --dem.
+    # For sloping ground the user gives --dem.
     ground = {} if scenario.park.slope_deg else {"ground_height_m": site.ground_height_m}
     undulation = {"geoid_undulation_m": site.geoid_undulation_m}
     places = values_of(scenario.aircraft).items()

@@ -42,7 +42,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class SimulatedFlight:
-    """Hold a flown scenario."""
+    """Hold a simulated flight."""
 
     scenario: Scenario
     seed: int
@@ -72,7 +72,7 @@ def fly(scenario: Scenario, seed: int | None = None) -> SimulatedFlight:
         *barometer_samples(scenario, seed, trajectory),
         *gimbal_samples(scenario, seed, trajectory, pilot, gimbal),
     ]
-    samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first among equals
+    samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first if equal
     motion = trajectory.motion(epochs.t_s)
     place = motion.position_p, motion.velocity_p, motion.rotation_pb
     states = *geodetic_state(trajectory.plane, *place), *trajectory.inertial(motion)

@@ -1,8 +1,8 @@
 """Lay out a park of flower beds on level or sloping ground; write its map and elevation model.
 
-There are shapes with corners, paths, hydrants, and things that no map has. Coordinates are metres
-north and east of the site's origin, on its plane; heights are above that plane, and 0 at its
-origin. The same scenario and seed give the same park.
+There are beds with corners, paths, hydrants, and lamps, which are not in the map. Coordinates are
+metres north and east of the site's origin, on its plane; heights are above that plane. The same
+scenario and seed give the same park.
 """
 
 from __future__ import annotations
@@ -20,7 +20,17 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario import ParkScenario
 
-_NODE_DEG = 1e-5  # of the elevation model: 1.1 m along a meridian
+_NODE_DEG = 1e-5  # spacing of the elevation model: 1.1 m along a meridian
+#: Text of a ``.prj`` file beside an elevation model in WGS84 degrees.
+WGS84_TEXT = (
+    'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
+    'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]\n'
+)
+_FLOWERS = (
+    *("Peony", "Iris", "Päonie", "牡丹", "Lavande d'été", "Chrysanthemum", "芍药"),
+    "Grünfläche",
+)
+_WIDE_M, _NARROW_M = 4.0, 1.6  # paths
 
 Floats = npt.NDArray[np.floating]
 
@@ -39,7 +49,7 @@ class Relief:
 
     @property
     def is_level(self) -> bool:
-        """Return whether it is the plane of the site."""
+        """Return whether the ground is the plane of the site."""
         return not any(self._rise)
 
     def places(self, level: Array) -> Array:
@@ -47,9 +57,9 @@ class Relief:
         return np.column_stack([level, -level @ self._rise])
 
     def descent(self, position_p: Floats, rays_p: Floats) -> tuple[Floats, Floats]:
-        """Return a point's (3,) height over the ground, m, and how much of it rays lose (N,).
+        """Return a point's (3,) height over the ground, m, and the descent of rays (N,).
 
-        A ray (N, 3) meets the ground at its own length times height over loss.
+        A ray (N, 3) from the point meets the ground at ``height / descent`` times its length.
         """
         # Python floats keep arrays in single precision, which is much faster.
         north, east = self._rise
@@ -80,18 +90,6 @@ def elevation_text(relief: Relief, plane: TangentPlane) -> str:
 
 #: The level ground of the paper's flight.
 LEVEL = Relief(ParkScenario())
-#: Text of a ``.prj`` file beside an elevation model in WGS84 degrees.
-WGS84_TEXT = (
-    'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
-    'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]\n'
-)
-
-
-_FLOWERS = (
-    *("Peony", "Iris", "Päonie", "牡丹", "Lavande d'été", "Chrysanthemum", "芍药"),
-    "Grünfläche",
-)
-_WIDE_M, _NARROW_M = 4.0, 1.6  # paths
 
 
 class Bed(NamedTuple):
@@ -112,7 +110,7 @@ class ParkPath(NamedTuple):
 
 
 class Lamp(NamedTuple):
-    """Hold a hot, round object that no map has."""
+    """Hold a hot, round object that is not in the map."""
 
     center: Array  # (2,) north, east
     radius_m: float
@@ -143,7 +141,7 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
             ends[:, axis] = k
             width_m = _NARROW_M if k % every else _WIDE_M
             paths.append(ParkPath(f"{word}{k + 1}", corner + cell * ends, width_m))
-    hydrants: dict[str, Array] = {}  # beside every other crossing of a wide path
+    hydrants: dict[str, Array] = {}  # beside every second crossing of a wide path
     for row in range(0, rows + 1, 2):
         for column in range(row % 4 // 2, columns + 1, 3):
             center = np.array([south + row * cell + 2.6, west + column * cell + 2.4])
@@ -232,7 +230,7 @@ def collection(features: Sequence[Mapping[str, object]]) -> str:
 def point_feature(
     properties: Mapping[str, object], place: Array, plane: TangentPlane, relief: Relief
 ) -> dict[str, object]:
-    """Return a Point on the ground at north, east (2,)."""
+    """Return a GeoJSON Point on the ground at north, east (2,)."""
     return _feature(properties, "Point", _positions(place[None, :], plane, relief)[0])
 
 

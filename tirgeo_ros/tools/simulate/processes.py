@@ -27,13 +27,13 @@ def generator(seed: int, name: str) -> np.random.Generator:
 class Spline:
     """Evaluate a uniform B-spline of degree 7 that smooths its control points.
 
-    Outside its knots the first and the last control point are held.
+    Before its first and after its last control point it is constant.
     """
 
-    def __init__(self, control: Array, spacing_s: float) -> None:
+    def __init__(self, points: Array, spacing_s: float) -> None:
         """Take control points (N, k) at times 0, spacing_s, 2 spacing_s, ..."""
-        self.control, self.spacing_s = np.asarray(control, float), spacing_s
-        padded = np.pad(self.control, ((DEGREE, DEGREE), (0, 0)), "edge")
+        self.points, self.spacing_s = np.asarray(points, float), spacing_s
+        padded = np.pad(self.points, ((DEGREE, DEGREE), (0, 0)), "edge")
         # A basis function has its middle (DEGREE + 1) / 2 knots after its first one.
         knots = np.arange(len(padded) + DEGREE + 1.0) - DEGREE - (DEGREE + 1) / 2
         self._spline = BSpline(knots * spacing_s, padded, DEGREE)
@@ -55,8 +55,8 @@ def gauss_markov(
 ) -> Array:
     """Return (count, k) samples of k stationary first-order Gauss-Markov processes.
 
-    ``time_s`` (k,) are correlation times and ``std`` (k,) standard deviations. This is the exact
-    discrete form of a driving noise of ``std * sqrt(2 / time_s)``.
+    ``time_s`` (k,) are correlation times and ``std`` (k,) standard deviations. The samples are the
+    exact discrete form for a driving noise of ``std * sqrt(2 / time_s)``.
     """
     decay: Array = np.exp(-step_s / np.asarray(time_s, float))
     shocks: Array = rng.standard_normal((count, len(decay))) * np.asarray(std, float)
@@ -68,11 +68,11 @@ def gauss_markov(
 def smooth_noise(
     rng: np.random.Generator, duration_s: float, time_s: float, std: npt.ArrayLike
 ) -> Spline:
-    """Return k Gauss-Markov processes, ``std`` (k,), of one correlation time, smoothed."""
+    """Return k smoothed Gauss-Markov processes, ``std`` (k,), of one correlation time."""
     sigmas, spacing_s = np.asarray(std, float), time_s / 6
     count = math.ceil(duration_s / spacing_s) + 2
-    control = gauss_markov(rng, count, spacing_s, np.full(len(sigmas), time_s), sigmas)
-    return Spline(control, spacing_s)
+    points = gauss_markov(rng, count, spacing_s, np.full(len(sigmas), time_s), sigmas)
+    return Spline(points, spacing_s)
 
 
 def scaled_noise(
@@ -82,4 +82,4 @@ def scaled_noise(
     wanted = np.atleast_1d(np.asarray(rms, float))
     noise = smooth_noise(rng, duration_s, time_s, np.ones(len(wanted)))
     values = noise(np.arange(0.0, duration_s, min(0.05, duration_s / 100)))
-    return Spline(noise.control * wanted / np.sqrt(np.mean(values**2, axis=0)), noise.spacing_s)
+    return Spline(noise.points * wanted / np.sqrt(np.mean(values**2, axis=0)), noise.spacing_s)

@@ -1,9 +1,9 @@
 """Render what a thermal camera sees of the park: paint the ground, place targets, take pictures.
 
-It is night after a warm day: paving and kerbs are warm, grass is cool, beds are either. Copies of
-lower resolution serve for what is far away. A pixel shows a target by the share of its ground that
-the target covers. So one smaller than a pixel is correspondingly faint, and its middle is where
-the camera projects it. Lens, blur and noise are those of the true camera.
+It is night after a warm day: paving and kerbs are warm, grass is cool, beds are warm or cool. For
+distant ground there are copies of lower resolution. The share of a pixel that a target covers
+determines the pixel's grey level. So a target smaller than a pixel is faint, and its middle is
+where the camera projects it. Lens, blur and noise are those of the true camera.
 """
 
 from __future__ import annotations
@@ -33,9 +33,28 @@ _PAVING, _KERB, _SOIL = 158.0, 192.0, 118.0
 _BED_SPAN, _HOT = 58.0, 150.0
 _KERB_M, _SLAB_M = 0.2, 2.0
 _LEVELS = 4
-_SHIFT = 4  # drawing to a sixteenth of a cell
-#: Size of grain (m) and its standard deviation (grey levels), from weather to tufts.
+_SHIFT = 4  # positions are drawn in sixteenths of a cell
+#: Size of grain (m) and its standard deviation (grey levels), the largest first.
 _GRAINS = ((40.0, 5.0), (9.0, 5.0), (2.5, 4.0), (0.7, 4.0), (0.2, 4.0))
+
+# Targets.
+
+#: Ranges for seeded targets: contrast to the grass (K) and size (m).
+_SEEDED = {
+    "person": ((10.0, 14.0), (0.45, 0.55)),
+    "fire": ((300.0, 500.0), (1.0, 3.0)),
+    "vehicle": ((3.0, 6.0), (4.3, 4.7)),
+}
+_VEHICLE_WIDTH = 2.0 / 4.5  # per length
+_PARTS = 8  # of a pixel, in each direction
+_COARSEST_M = 5.0  # pixels that cover more ground than this show no target
+_OFFSETS = (np.arange(_PARTS, dtype=np.float32) + 0.5) / _PARTS - 0.5
+
+# Pictures.
+
+#: For 16 bits: a scene uses a small part of the range, as with a radiometric camera.
+COUNTS_OF_0, COUNTS_PER_GREY = 20000.0, 16.0
+_FAR_M = 2000.0  # ground at a greater depth is not visible
 
 
 class Ground(NamedTuple):
@@ -91,7 +110,7 @@ class _Canvas:
         self.north_edge_m = north + scenario.margin_m
         self.west_edge_m = west - scenario.margin_m
         side = 2 * scenario.margin_m
-        # Whole cells at every level, so that the levels are exactly aligned.
+        # Every level has whole cells, so that the levels are exactly aligned.
         step = 2 ** (_LEVELS - 1)
         rows = step * round((north - south + side) / self.resolution_m / step)
         columns = step * round((east - west + side) / self.resolution_m / step)
@@ -105,7 +124,7 @@ class _Canvas:
         return np.asarray(cells, np.int32)
 
     def fill(self, rings: Sequence[Array], grey: float) -> None:
-        """Fill the first ring, without the other rings inside it."""
+        """Fill the first ring; the other rings are holes in it."""
         cells = [self._cells(ring) for ring in rings]
         cv2.fillPoly(self.grey, cells, grey, cv2.LINE_AA, _SHIFT)
 
@@ -134,18 +153,6 @@ def _textured(grey: Pixels, scenario: ParkScenario, seed: int) -> Pixels:
     return np.asarray(np.clip(total, 0, 255), np.uint8)
 
 
-#: Ranges for seeded targets: contrast to the grass (K) and size (m).
-_SEEDED = {
-    "person": ((10.0, 14.0), (0.45, 0.55)),
-    "fire": ((300.0, 500.0), (1.0, 3.0)),
-    "vehicle": ((3.0, 6.0), (4.3, 4.7)),
-}
-_VEHICLE_WIDTH = 2.0 / 4.5  # per length
-_PARTS = 8  # of a pixel, in each direction
-_COARSEST_M = 5.0  # pixels that cover more ground than this show no target
-_OFFSETS = (np.arange(_PARTS, dtype=np.float32) + 0.5) / _PARTS - 0.5
-
-
 @dataclass(frozen=True, eq=False)
 class Target:
     """Hold a warm object on the ground: a square, for a fire a disc, for a vehicle a rectangle."""
@@ -158,7 +165,7 @@ class Target:
     heading_rad: float
 
     def covers(self, along: Floats, across: Floats) -> npt.NDArray[np.bool_]:
-        """Return whether it covers places: m along and across its heading, from its middle."""
+        """Return whether it covers places, m from its middle along and across its heading."""
         if self.kind == "fire":
             return np.asarray(along**2 + across**2 < (self.size_m / 2) ** 2)
         width_m = self.size_m * (_VEHICLE_WIDTH if self.kind == "vehicle" else 1)
@@ -180,7 +187,7 @@ def targets_of(scenario: Scenario, seed: int) -> list[Target]:
             # Each target has its own generator, so that one more does not move the others.
             rng = generator(seed, f"{kind} {number + 1}")
             heading = rng.uniform(0.0, 2 * math.pi)
-            drawn = [*rng.uniform(low, high), *(rng.uniform(*of) for of in _SEEDED[kind])]
+            drawn = [*rng.uniform(low, high), *(rng.uniform(*limits) for limits in _SEEDED[kind])]
             row = np.array(rows[number] if number < len(rows) else drawn)
             warmer_k, size_m = row[2:].tolist()
             name = f"{kind} {number + 1}"
@@ -192,13 +199,13 @@ def targets_text(targets: list[Target], plane: TangentPlane, relief: Relief = LE
     """Return the targets as GeoJSON points with ``id``, ``kind``, contrast (K) and size (m)."""
     features = []
     for target in targets:
-        about: dict[str, object] = {
+        properties: dict[str, object] = {
             "id": target.id,
             "kind": target.kind,
             "warmer_k": round(target.warmer_k, 3),
             "size_m": round(target.size_m, 3),
         }
-        features.append(point_feature(about, target.center, plane, relief))
+        features.append(point_feature(properties, target.center, plane, relief))
     return collection(features)
 
 
@@ -211,7 +218,7 @@ def draw_targets(picture: Floats, targets: Sequence[Target], north: Floats, east
         return
     middle = slice(picture.shape[1] // 2, picture.shape[1] // 2 + 2)
     ground = north[:, middle], east[:, middle]
-    sides = [np.hypot(*(np.gradient(of, axis=axis) for of in ground)) for axis in (0, 1)]
+    sides = [np.hypot(*(np.gradient(axis_m, axis=axis) for axis_m in ground)) for axis in (0, 1)]
     pixel_m = (sides[0] + sides[1])[:, :1]  # longest extent of a pixel of each row
     for target in targets:
         reach_m = pixel_m + target.size_m
@@ -234,17 +241,12 @@ def _share(target: Target, north: Floats, east: Floats) -> Floats:
 
 
 def _in_parts(values: Floats) -> Floats:
-    """Return values (parts, parts, h, w) over each pixel, linear there."""
+    """Interpolate values (h, w) at the parts of each pixel: (parts, parts, h, w)."""
     by_row, by_column = np.gradient(values)
     rows, columns = np.meshgrid(_OFFSETS, _OFFSETS, indexing="ij")
     return np.asarray(
         values + rows[..., None, None] * by_row + columns[..., None, None] * by_column
     )
-
-
-#: For 16 bits: a scene uses a small part of the range, as with a radiometric camera.
-COUNTS_OF_0, COUNTS_PER_GREY = 20000.0, 16.0
-_FAR_M = 2000.0
 
 
 class Renderer:
@@ -258,7 +260,7 @@ class Renderer:
         targets: Sequence[Target] = (),
         relief: Relief = LEVEL,
     ) -> None:
-        """Compute the ray of every pixel once; the targets stand on the ground."""
+        """Compute the ray of every pixel once."""
         self._shape = camera.height, camera.width
         self._targets = targets
         self._relief = relief
@@ -277,9 +279,9 @@ class Renderer:
         rays_p = self._rays_c @ matrix_from_quat(q_pc).T.astype(np.float32)
         # Single precision is enough: 1e-5 m at some 100 m.
         place = position_p.astype(np.float32)
-        height, loss = self._relief.descent(place, rays_p)
-        on_ground = loss > height / _FAR_M
-        depth = np.asarray(height / np.where(on_ground, loss, np.float32(1)), np.float32)
+        height, descent = self._relief.descent(place, rays_p)
+        on_ground = descent > height / _FAR_M
+        depth = np.asarray(height / np.where(on_ground, descent, np.float32(1)), np.float32)
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
         middle = slice(self._shape[1] // 2, None, self._shape[1])

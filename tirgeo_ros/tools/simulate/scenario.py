@@ -39,23 +39,23 @@ class RouteScenario:
 
     shape: str = param("lawnmower", "lawnmower, hover or figure_eight", choices=SHAPES)
     height_above_ground_m: float = param(20.0, "height of the IMU", ("m", 2, 500))
-    speed_m_s: float = param(3.0, "cruise", ("m/s", 0.1, 25))
-    acceleration_m_s2: float = param(1.5, "largest", ("m/s2", 0.1, 10))
+    speed_m_s: float = param(3.0, "cruise speed", ("m/s", 0.1, 25))
+    acceleration_m_s2: float = param(1.5, "largest acceleration", ("m/s2", 0.1, 10))
     turn_radius_m: float = param(4.2, "radius of a turn", ("m", 0.5, 500))
-    yaw_rate_deg_s: float = param(35.0, "of turns on the spot", ("deg/s", 1, 150))
+    yaw_rate_deg_s: float = param(35.0, "rate of turns on the spot", ("deg/s", 1, 150))
     hover_s: float = param(4.0, "hover before the start", ("s", 0, 600))
-    heading_deg: float = param(20.0, "first heading", ("deg", -360, 360))
+    heading_deg: float = param(20.0, "initial heading", ("deg", -360, 360))
     legs: int = param(5, "legs of a lawnmower, or loops of a figure eight", ("", 1, 1000))
     leg_length_m: float = param(42.0, "length of a leg", ("m", 1, 5000))
     leg_spacing_m: float = param(15.0, "distance between legs", ("m", 1, 1000))
-    hold_error_m: float = param(0.1, "off the route, per axis, rms", ("m", 0, 10))
+    hold_error_m: float = param(0.1, "error off the route, per axis, rms", ("m", 0, 10))
 
 
 @dataclass(frozen=True, slots=True)
 class WindScenario:
     """Hold the wind; the aircraft leans against its drag."""
 
-    mean_m_s: tuple[float, ...] = param((1.5, -1.0), "north, east", ("m/s", -100, 100))
+    mean_m_s: tuple[float, ...] = param((1.5, -1.0), "mean, north, east", ("m/s", -100, 100))
     gust_m_s: float = _m_s(1.0, "standard deviation of gusts, per axis")
     drag_1_s: float = param(0.15, "drag deceleration per airspeed", ("1/s", 0, 5))
 
@@ -65,9 +65,9 @@ class ImuScenario:
     """Hold the autopilot's inertial sensor."""
 
     rate_hz: float = param(100.0, "samples per second", ("Hz", 50, 400))
-    gyro_turn_on_bias_rad_s: float = param(3e-4, "sigma", ("rad/s", 0, 1))
-    accel_turn_on_bias_m_s2: float = param(1e-2, "sigma", ("m/s2", 0, 10))
-    noise_scale: float = param(1.0, "of all random errors; 0 = a perfect IMU", ("", 0, 100))
+    gyro_turn_on_bias_rad_s: float = param(3e-4, "sigma of the bias", ("rad/s", 0, 1))
+    accel_turn_on_bias_m_s2: float = param(1e-2, "sigma of the bias", ("m/s2", 0, 10))
+    noise_scale: float = param(1.0, "factor on all random errors; 0 = perfect IMU", ("", 0, 100))
     noise: ImuNoiseConfig = group(ImuNoiseConfig)
 
 
@@ -80,7 +80,7 @@ class RtkScenario:
     position_sigma_m: tuple[float, ...] = _m((0.01, 0.01, 0.02), "north, east, down")
     velocity_sigma_m_s: tuple[float, ...] = _m_s((0.02, 0.02, 0.02), "north, east, down")
     lever_arm_m: tuple[float, ...] = _arm((-0.10, 0.32, 0.38), "first antenna from the IMU")
-    second_antenna_m: tuple[float, ...] = _arm((0.90, 0.32, 0.38), "the other from the IMU")
+    second_antenna_m: tuple[float, ...] = _arm((0.90, 0.32, 0.38), "second antenna from the IMU")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class HeadingScenario:
     """Hold the heading of the two antennas."""
 
     sigma_deg: float = param(0.4, "white noise", ("deg", 0, 90))
-    step_deg: float = param(1.0, "rounded to this; 0 = not rounded", ("deg", 0, 90))
+    step_deg: float = param(1.0, "step of rounding; 0 = not rounded", ("deg", 0, 90))
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,21 +126,21 @@ class GimbalScenario:
     """Hold the gimbal, which follows the nose and keeps the camera nearly level."""
 
     rate_hz: float = param(50.0, "samples per second", ("Hz", 1, 400))
-    joint_order: str = param(USUAL_ORDER, "aircraft to camera", choices=JOINT_ORDERS)
+    joint_order: str = param(USUAL_ORDER, "joints from aircraft to camera", choices=JOINT_ORDERS)
     pitch_deg: float = param(-30.0, "commanded camera pitch", ("deg", -90, 30))
-    pitch_step_deg: float = param(0.0, "change of it, in a second", ("deg", -90, 90))
-    pitch_step_s: float = param(0.0, "when that begins", ("s", 0, 7200))
-    lag_s: float = param(0.35, "with which it follows the nose", ("s", 0.02, 60))
-    #: Camera roll and pitch from the commanded ones, not reported (Table 8).
+    pitch_step_deg: float = param(0.0, "change of that pitch, in a second", ("deg", -90, 90))
+    pitch_step_s: float = param(0.0, "time at which the change begins", ("s", 0, 7200))
+    lag_s: float = param(0.35, "time constant of following the nose", ("s", 0.02, 60))
+    #: Errors of the camera's roll and pitch against the commanded ones, not reported (Table 8).
     error_rms_deg: tuple[float, ...] = param((0.2704, 0.4839), "roll, pitch", ("deg", 0, 30))
-    #: Reported camera heading less the true one by the autopilot's north: it drifts and jumps.
-    north_bias_deg: float = param(0.0, "at the start", ("deg", -180, 180))
-    north_drift_deg_s: float = param(0.0, "rate of that bias", ("deg/s", -1, 1))
-    north_step_deg: float = param(0.0, "jump of that bias", ("deg", -180, 180))
-    north_step_s: float = param(0.0, "when it jumps", ("s", 0, 7200))
+    #: Bias of the reported camera heading against the autopilot's north, which drifts and jumps.
+    north_bias_deg: float = param(0.0, "bias at the start", ("deg", -180, 180))
+    north_drift_deg_s: float = param(0.0, "drift rate of the bias", ("deg/s", -1, 1))
+    north_step_deg: float = param(0.0, "jump of the bias", ("deg", -180, 180))
+    north_step_s: float = param(0.0, "time of the jump", ("s", 0, 7200))
     encoder_sigma_deg: float = param(0.02, "noise of a joint angle", ("deg", 0, 10))
     lever_arm_m: tuple[float, ...] = _arm((0.08, 0.0, -0.25), "pivot from the IMU")
-    camera_offset_m: tuple[float, ...] = _arm((0.05, 0.02, -0.01), "camera from pivot, its axes")
+    camera_offset_m: tuple[float, ...] = _arm((0.05, 0.02, -0.01), "from pivot, camera axes")
     #: True mounting error about the camera's forward, left, up; not in params.yaml.
     boresight_rpy_deg: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "roll, pitch, yaw", ("deg", -45, 45)
@@ -154,12 +154,12 @@ class GimbalScenario:
 
 @dataclass(frozen=True, slots=True)
 class SiteScenario:
-    """Hold the site: the origin of the plane in which the truth is given."""
+    """Hold the site: the origin of the plane that the truth refers to."""
 
     latitude_deg: float = param(39.85, "latitude", ("deg", -89, 89))
     longitude_deg: float = param(116.70, "longitude", ("deg", -180, 180))
     ground_height_m: float = param(11.5, "ellipsoidal", ("m", -500, 9000))
-    geoid_undulation_m: float = param(-9.0, "of the sea level", ("m", -120, 100))
+    geoid_undulation_m: float = param(-9.0, "sea level above ellipsoid", ("m", -120, 100))
 
     @property
     def plane(self) -> TangentPlane:
@@ -172,20 +172,20 @@ class SiteScenario:
 class VideoScenario:
     """Hold the thermal camera, by default that of Table 9, and its pictures."""
 
-    width: int = param(640, "of a picture", ("px", 16, 4096))
-    height: int = param(512, "of a picture", ("px", 16, 4096))
+    width: int = param(640, "width of a picture", ("px", 16, 4096))
+    height: int = param(512, "height of a picture", ("px", 16, 4096))
     focal_px: tuple[float, ...] = param((XT2.fx, XT2.fy), "fx, fy", ("px", 1, 1e5))
     principal_px: tuple[float, ...] = param((XT2.cx, XT2.cy), "cx, cy", ("px", -1e4, 1e4))
     #: If not 0: square pixels around the middle, in place of focal_px and principal_px.
-    fov_deg: float = param(0.0, "field of view across", ("deg", 0, 140))
+    fov_deg: float = param(0.0, "horizontal field of view", ("deg", 0, 140))
     distortion: tuple[float, ...] = param(
         XT2.distortion, "k1, k2, p1, p2, k3, ...", ("", -100, 100), sizes=(0, 4, 5, 8)
     )
     #: 8 is thermal/image_raw/compressed (JPEG), 16 is thermal/image_raw (mono16).
-    bits: int = param(8, "of a pixel: 8 or 16", ("", 8, 16))
+    bits: int = param(8, "bits of a pixel: 8 or 16", ("", 8, 16))
     rate_hz: float = param(9.0, "frames per second", ("Hz", 0.1, 60))
     latency_s: float = param(0.05, "stamp minus exposure", ("s", 0, 2))
-    jpeg_quality: int = param(65, "of thermal/image_raw/compressed", ("", 1, 100))
+    jpeg_quality: int = param(65, "quality of the JPEG", ("", 1, 100))
     blur_px: float = param(0.7, "standard deviation of the optics' blur", ("px", 0, 9))
     noise_grey: float = param(1.0, "sigma of a pixel, grey levels", ("", 0, 50))
     vignetting: float = param(0.06, "loss of contrast in the corners", ("", 0, 1))
@@ -202,32 +202,32 @@ class VideoScenario:
 
 @dataclass(frozen=True, slots=True)
 class ParkScenario:
-    """Hold where the flower beds lie, from the site's origin, and how finely they are painted."""
+    """Hold the places of flower beds, from the site's origin, and how the ground is painted."""
 
     north_m: tuple[float, ...] = param((-76.0, 106.0), "edges of the beds", ("m", -1e4, 1e4))
     east_m: tuple[float, ...] = param((-36.0, 104.0), "edges of the beds", ("m", -1e4, 1e4))
     cell_m: float = param(14.0, "each bed lies in a square of this side", ("m", 6, 100))
     margin_m: float = param(50.0, "grass painted around the beds", ("m", 0, 2000))
-    resolution_m: float = param(0.05, "of the painted ground", ("m", 0.01, 1))
-    slope_deg: float = param(0.0, "the ground rises by this", ("deg", 0, 30))
-    uphill_deg: float = param(0.0, "towards here, from north", ("deg", -360, 360))
+    resolution_m: float = param(0.05, "cell of the painted ground", ("m", 0.01, 1))
+    slope_deg: float = param(0.0, "slope of the ground", ("deg", 0, 30))
+    uphill_deg: float = param(0.0, "direction uphill, from north", ("deg", -360, 360))
 
 
 #: Targets at given places, as rows of north, east (m), warmer than grass by (K), size (m).
 _targets: Any = partial(
-    param, description="of four", within=("", -1e4, 1e4), sizes=tuple(range(0, 401, 4))
+    param, description="rows of four", within=("", -1e4, 1e4), sizes=tuple(range(0, 401, 4))
 )
 
 
 @dataclass(frozen=True, slots=True)
 class SceneScenario:
-    """Hold what a search looks for, warmer than the ground."""
+    """Hold the targets of a search, which are warmer than the ground."""
 
-    people: int = param(0, "at seeded places, in addition to the given ones", ("", 0, 100))
+    people: int = param(0, "number at random places, in addition to people_at", ("", 0, 100))
     people_at: tuple[float, ...] = _targets((31.0, 41.0, 12.0, 0.5))
-    fires: int = param(0, "at seeded places", ("", 0, 100))
+    fires: int = param(0, "number at random places", ("", 0, 100))
     fires_at: tuple[float, ...] = _targets(())
-    vehicles: int = param(0, "at seeded places", ("", 0, 100))
+    vehicles: int = param(0, "number at random places", ("", 0, 100))
     vehicles_at: tuple[float, ...] = _targets(())
 
 
@@ -237,8 +237,8 @@ class SurveyScenario:
 
     points: int = param(20, "control points", ("", 1, 1000))
     views: int = param(3, "clicks on each, in as many frames", ("", 1, 100))
-    #: No clicks earlier: a filter needs some time.
-    after_s: float = param(20.0, "of the first click", ("s", 0, 7200))
+    #: There are no earlier clicks: a filter needs some time.
+    after_s: float = param(20.0, "time of the first click", ("s", 0, 7200))
     sigma_m: tuple[float, ...] = param((0.01, 0.01, 0.02), "north, east, down", ("m", 0, 100))
     click_sigma_px: float = param(0.5, "error of a click, per axis", ("px", 0, 50))
     #: An operator clicks between these rows, and at least this far from the left and right edge.
@@ -252,7 +252,7 @@ class Scenario:
     """Hold the parameters of a whole flight."""
 
     name: str = param("paper_flight", "name of the flight")
-    seed: int = param(2205, "of all random numbers", ("", 0, 2**31))
+    seed: int = param(2205, "seed of all random numbers", ("", 0, 2**31))
     start_utc: str = param("2021-10-20T12:00:00Z", "first instant, ISO 8601")
     duration_s: float = param(107.0, "length of the flight", ("s", 1, 7200))
     site: SiteScenario = group(SiteScenario)
@@ -272,7 +272,7 @@ class Scenario:
 
     @property
     def aircraft(self) -> AircraftConfig:
-        """Return the places of antennas, gimbal and camera as the nodes' parameters."""
+        """Return the positions of antennas, gimbal and camera as parameters of the nodes."""
         return AircraftConfig(
             rtk_antenna_m=self.rtk.lever_arm_m,
             second_antenna_m=self.rtk.second_antenna_m,
@@ -293,9 +293,9 @@ class Scenario:
             ) from None
         start = start if start.tzinfo else start.replace(tzinfo=timezone.utc)
         second = int(start.timestamp())
-        # A ROS stamp holds 2**31 - 1; the rest is for late arrivals.
+        # A ROS stamp has at most 2**31 - 1 s; the ten seconds are for late arrivals.
         if not 0 <= second <= 2**31 - 10 - self.duration_s:
-            raise ScenarioError(f"start_utc: {self.start_utc} is outside 1970 to 2038")
+            raise ScenarioError(f"start_utc: {self.start_utc} must be in 1970 to 2038")
         return second * 1_000_000_000
 
 
@@ -314,7 +314,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
 
 
 def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
-    """Return a scenario from dotted values, the others at their defaults; raise ScenarioError."""
+    """Return a scenario from values by dotted keys; others get defaults; raise ScenarioError."""
     try:
         scenario = config_from(Scenario, values, where)
     except ConfigError as error:
@@ -327,7 +327,7 @@ def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
 
 
 def _check(scenario: Scenario) -> None:
-    """Raise ScenarioError for what a range of one parameter cannot express."""
+    """Raise ScenarioError for values that fail a check beyond the range of one parameter."""
     _ = scenario.start_ns
     try:
         _ = scenario.aircraft.baseline_b, scenario.video.camera

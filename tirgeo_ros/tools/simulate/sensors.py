@@ -51,6 +51,10 @@ from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_st
 _HEADING_TIME_S, _TILT_TIME_S = 30.0, 10.0
 #: Error of a barometer by wind and rotor wash: rms, as a height, and correlation time.
 _WASH_M, _WASH_TIME_S = 0.5, 20.0
+#: Correlation time of the camera's roll and pitch errors.
+ERROR_TIME_S = 2.5
+_KNOT_S = 0.05  # of the spline of the camera's heading
+_TILTING_S = 1.0  # duration of a change of the commanded pitch
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 Arrival = tuple[int, Sample]
@@ -91,7 +95,7 @@ class Autopilot:
 def imu_samples(
     scenario: Scenario, seed: int, trajectory: Trajectory, pilot: Autopilot, bias: ImuBias
 ) -> list[Arrival]:
-    """Return ``imu/data``: force and rate with white noise and bias; the autopilot's attitude."""
+    """Return ``imu/data``: force and rate with noise and bias, and the autopilot's attitude."""
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
     motion = trajectory.motion(epochs.t_s)
     force, rate = trajectory.inertial(motion)
@@ -163,7 +167,7 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
 
 
 def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
-    """Return ``baro/pressure``: the standard atmosphere's at a height with errors; or nothing."""
+    """Return ``baro/pressure``: standard pressures at heights with errors; [] without a rate."""
     barometer = scenario.barometer
     if not barometer.rate_hz:
         return []
@@ -201,8 +205,8 @@ def _fixes(
     """Return position and velocity with errors (2, N, 3), and their sigmas (2, 3), NED."""
     lat, lon, height, velocity_n = at_antenna
     north, east, down = errors_n[0].T
-    # Errors are metres, the site some hundred metres: one point's radii are accurate to 1e-5 of
-    # the error.
+    # Errors are some metres, and the site is some hundred metres wide: the radii of one point are
+    # accurate to 1e-5 of the error.
     meridian, transverse = radii_of_curvature(float(lat[0]))
     lon = wrap_pi(lon + east / ((transverse + height) * np.cos(lat)))
     places = np.stack([lat + north / (meridian + height), lon, height - down], -1).tolist()
@@ -226,7 +230,7 @@ class ImuBias:
 
 
 def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
-    """Return a constant turn-on bias plus a Gauss-Markov part of Table 5's size and time."""
+    """Return a constant turn-on bias plus a Gauss-Markov part by Table 5 (sigma and time)."""
     noise, step_s = scenario.noise, 1 / scenario.rate_hz
     rng = generator(seed, "imu bias")
     turn_on = rng.standard_normal((2, 3))
@@ -249,12 +253,6 @@ def imu_white(scenario: ImuScenario, seed: int, count: int) -> tuple[Array, Arra
     return draws[0] * np.array(walks[0]), draws[1] * np.array(walks[1])
 
 
-#: Correlation time of the camera's roll and pitch errors.
-ERROR_TIME_S = 2.5
-_KNOT_S = 0.05
-_TILTING_S = 1.0  # duration of a change of the commanded pitch
-
-
 class SimulatedGimbal:
     """Compute the true attitude and position of the camera as functions of time.
 
@@ -263,14 +261,14 @@ class SimulatedGimbal:
     """
 
     def __init__(self, scenario: Scenario, seed: int, trajectory: Trajectory) -> None:
-        """Draw the camera's drift and let its heading follow that of the flight."""
+        """Draw the camera's drift, and let its heading follow that of the aircraft."""
         self._scenario, self._places = scenario.gimbal, scenario.aircraft
         self._trajectory = trajectory
         boresight = quat_from_euler(*scenario.gimbal.boresight_rpy_rad)
         self._q_gc = quat_multiply(boresight, Q_BODY_OPTICAL)
         knots_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
         nose = trajectory.motion(knots_s).heading_rad
-        kept = math.exp(-_KNOT_S / scenario.gimbal.lag_s)  # of the lag, from knot to knot
+        kept = math.exp(-_KNOT_S / scenario.gimbal.lag_s)  # share of the lag after one knot
         lagging = lfilter([1 - kept], [1.0, -kept], nose, zi=[kept * nose[0]])[0]
         self._heading = Spline(lagging[:, None], _KNOT_S)
         rms = np.radians(scenario.gimbal.error_rms_deg)
@@ -309,7 +307,7 @@ def gimbal_samples(
     """Return ``gimbal/joint_states`` and ``gimbal/attitude``, which arrive without delay.
 
     The reported attitude has the commanded roll and pitch; its heading is the autopilot's plus the
-    encoders' angle and the north bias.
+    encoders' yaw and the north bias.
     """
     epochs = Epochs.at_rate(scenario, scenario.gimbal.rate_hz)
     motion = trajectory.motion(epochs.t_s)
@@ -320,11 +318,11 @@ def gimbal_samples(
     joints = joint_angles(rotation_bg, scenario.gimbal.joint_order) + noise
     nose = pilot.euler_rad(motion, trajectory.rotation_nb(motion))[:, 2]
     camera = euler_from_matrix(rotation_pg)[:, 2]
-    aside = camera - euler_from_matrix(motion.rotation_pb)[:, 2] + noise[:, 0]
+    encoder_yaw = camera - euler_from_matrix(motion.rotation_pb)[:, 2] + noise[:, 0]
     config, t_s = scenario.gimbal, epochs.t_s
     bias_deg = config.north_bias_deg + config.north_drift_deg_s * t_s
     bias_deg = bias_deg + config.north_step_deg * (t_s >= config.north_step_s)
-    heading = nose + aside + np.radians(bias_deg)
+    heading = nose + encoder_yaw + np.radians(bias_deg)
     reported = quat_from_euler(0.0, gimbal.commanded_pitch_rad(epochs.t_s), heading)
     samples: list[Arrival] = []
     for stamp, (yaw, roll, pitch), q_ng in zip(epochs.stamp_ns, joints, reported, strict=True):

@@ -1,7 +1,7 @@
 """Survey control points on corners of flower beds, and simulate an operator's clicks on them.
 
 As in section 5.1 of Ren et al. 2022, each point is measured with RTK and clicked in several
-pictures in which it is near enough to be seen well.
+pictures that show it from near enough.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tirgeo_ros.tools.simulate.sensors import Epochs
 
 @dataclass(frozen=True)
 class Views:
-    """Hold where points, for example corners of beds, are in every picture."""
+    """Hold the pixels of points, for example corners of beds, in every picture."""
 
     corners_p: Array  # (C, 3) m, on the plane of the site
     t_s: Array  # (F,) exposures of F pictures
@@ -41,7 +41,7 @@ def surveyed(
 ) -> tuple[list[SurveyPoint], list[Observation]]:
     """Return control points of a flight, and the clicks on them in order of their stamps.
 
-    Raise ScenarioError if too few corners are seen often enough.
+    Raise ScenarioError if too few corners are visible in enough pictures.
     """
     config = flight.scenario.survey
     level = np.concatenate([bed.outline for bed in park.beds])
@@ -51,7 +51,7 @@ def surveyed(
     if len(candidates) < config.points:
         raise ScenarioError(
             f"survey.points: {config.points} are wanted, but only {len(candidates)} corners are "
-            f"seen well {config.views} times; fly longer or ask for fewer"
+            f"seen well {config.views} times; fly longer or set fewer points"
         )
     chosen = _spread(views.corners_p, candidates, config.points)
     chosen.sort(key=lambda corner: clicked[corner][0])
@@ -64,7 +64,7 @@ def surveyed(
         for frame in rng.choice(clicked[corner], config.views, replace=False).tolist():
             u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
             clicks.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
-    return points, sorted(clicks, key=_when)
+    return points, sorted(clicks, key=_by_stamp)
 
 
 def frames(flight: SimulatedFlight) -> Iterator[tuple[int, float]]:
@@ -78,10 +78,10 @@ def frames(flight: SimulatedFlight) -> Iterator[tuple[int, float]]:
 def sightings(
     flight: SimulatedFlight, camera: Camera, targets: Sequence[Target]
 ) -> list[Observation]:
-    """Return a click on each target for each pass through the area that an operator clicks in.
+    """Return a click on each target for each pass through the part of the picture for clicks.
 
-    It is the pixel nearest to the picture's middle, without an error. Clicks are in order of their
-    stamps.
+    A pass is clicked without error, in the picture with the target nearest to the middle. Clicks
+    are in order of their stamps.
     """
     if not targets:
         return []
@@ -95,7 +95,7 @@ def sightings(
             best = frames[int(np.argmin(off_middle[frames, k]))]
             u, v = views.uv[best, k].tolist()
             clicks.append(Observation(target.id, views.stamp_ns[best], u, v))
-    return sorted(clicks, key=_when)
+    return sorted(clicks, key=_by_stamp)
 
 
 def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
@@ -116,12 +116,12 @@ def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     return Views(corners_p, t_s, stamp_ns, uv, good)
 
 
-def _when(click: Observation) -> tuple[int, str]:
+def _by_stamp(click: Observation) -> tuple[int, str]:
     return click.stamp_ns, click.id
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
-    """Return pictures in which a corner is well seen, each ``apart_s`` after the one before."""
+    """Return pictures that show a corner well, each at least ``apart_s`` after the previous."""
     frames: list[int] = []
     for frame in np.flatnonzero(views.good[:, corner]).tolist():
         if not frames or views.t_s[frame] - views.t_s[frames[-1]] >= config.apart_s:
@@ -130,7 +130,7 @@ def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
 
 
 def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:
-    """Choose ``count`` candidates far apart: each next is the farthest from all before."""
+    """Choose ``count`` candidates far apart: each is the farthest from all chosen before it."""
     places = corners_p[candidates]
     chosen = [int(np.argmin(places[:, 1]))]
     distance = np.linalg.norm(places - places[chosen[0]], axis=1)

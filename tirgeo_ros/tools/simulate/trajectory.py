@@ -1,8 +1,8 @@
 """Simulate the true motion of the aircraft on its route, and a perfect IMU on the rotating earth.
 
 Position and heading are splines with six continuous derivatives; roll and pitch follow from the
-thrust that acceleration and drag need. Here ``p`` is the tangent plane at the site (its north,
-east, down). It is fixed to the earth, so earth rate, Coriolis and gravity are exact.
+thrust that acceleration and drag need. ``p`` denotes north, east, down of the tangent plane at the
+site. It is fixed to the earth, so earth rate, Coriolis force and gravity are exact.
 """
 
 from __future__ import annotations
@@ -24,7 +24,11 @@ from tirgeo_ros.tools.simulate.scenario import RouteScenario, Scenario
 Route = tuple[Array, Array]  # (N, 2) north and east in m; (N,) heading in rad, unwrapped
 Piece = tuple[float, float]  # length in m, turn over it in rad (clockwise positive)
 
-_STEP_M = 0.02
+_STEP_M = 0.02  # of a point on the route
+_KNOT_S = 0.4
+_HOLD_TIME_S, _GUST_TIME_S = 4.0, 2.0  # correlation times
+# Only for the tilt of the aircraft; the IMU measures the ellipsoid's gravity.
+_GRAVITY_P = np.array([0.0, 0.0, 9.8])
 
 
 def route(scenario: RouteScenario, times_s: Array) -> Route:
@@ -57,14 +61,14 @@ def _hover(scenario: RouteScenario, times_s: Array) -> Route:
     turning_s = 90.0 / scenario.yaw_rate_deg_s
     period_s = turning_s + max(scenario.hover_s, 1.0)
     count = np.floor(times_s / period_s)
-    rest = times_s - count * period_s - (period_s - turning_s)
-    done = np.clip(rest / turning_s, 0.0, 1.0)
+    turned_s = times_s - count * period_s - (period_s - turning_s)
+    done = np.clip(turned_s / turning_s, 0.0, 1.0)
     headings = np.where(count % 2 == 0, done, 1.0 - done) * math.pi / 2
     return np.zeros((len(times_s), 2)), headings
 
 
 def _flown(pieces: list[Piece], scenario: RouteScenario, times_s: Array) -> Route:
-    """Fly along straight and round pieces, slower in turns, after the first hover."""
+    """Fly along straight and round pieces, slower in turns, after an initial hover."""
     counts = [max(1, round(length / _STEP_M)) for length, _ in pieces if length > 0]
     pieces = [piece for piece in pieces if piece[0] > 0]
     step = np.repeat([p[0] / n for p, n in zip(pieces, counts, strict=True)], counts)
@@ -79,7 +83,7 @@ def _flown(pieces: list[Piece], scenario: RouteScenario, times_s: Array) -> Rout
 
 
 def _passing_times(step: Array, bend: Array, scenario: RouteScenario) -> Array:
-    """Return the times (N + 1,), s, at which each point of the path is passed, rest to rest."""
+    """Return the times (N + 1,), s, at which each point is passed, from rest to rest."""
     with np.errstate(divide="ignore"):
         turning = np.sqrt(scenario.acceleration_m_s2 * step / np.abs(bend))
     limit = np.minimum(scenario.speed_m_s, turning)
@@ -98,12 +102,6 @@ _SHAPES: dict[str, Callable[[RouteScenario, Array], Route]] = {
     "hover": _hover,
     "figure_eight": _figure_eight,
 }
-
-
-_KNOT_S = 0.4
-_HOLD_TIME_S, _GUST_TIME_S = 4.0, 2.0  # correlation times
-# For the lean only; the IMU measures the ellipsoid's gravity.
-_GRAVITY_P = np.array([0.0, 0.0, 9.8])
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ class Motion:
 
 
 class Trajectory:
-    """Compute a flight as a function of time."""
+    """Compute the motion of a flight as a function of time."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         """Plan the route and draw the gusts and the autopilot's position errors."""
@@ -180,7 +178,7 @@ class Trajectory:
     def rotation_nb(self, motion: Motion) -> Array:
         """Return the rotations (N, 3, 3) from body to north, east, down at the aircraft.
 
-        Near a pole those axes differ from the site's.
+        Near a pole these axes differ from those of the site.
         """
         lat, lon, _ = self.plane.geodetic_from_ned(motion.position_p)
         return np.asarray(_local_axes(self.plane, lat, lon) @ motion.rotation_pb)
@@ -206,7 +204,7 @@ def geodetic_state(
 
 
 def _tilt(thrust: Array, thrust_rate: Array, yaw: Array, yaw_rate: Array) -> tuple[Array, Array]:
-    """Return roll and pitch (N, 2) that point the body's up along ``thrust``, and their rates."""
+    """Return roll and pitch (N, 2) that turn the body's up axis to ``thrust``, and the rates."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     north, east, down = -thrust.T
     north_rate, east_rate, down_rate = -thrust_rate.T

@@ -76,10 +76,10 @@ export const store = new Store({
   /** @type {{min: number, max: number, attribution: string} | null} */
   tiles: null,
   most: { name: 0, note: 0 }, // characters that the server takes
-  current: "", // id of the aircraft that is looked at
+  current: "", // id of the aircraft that is selected
   states: {}, // newest state message of each aircraft
   /** @type {Record<string, import("./checks/verdict.js").Verdict>} */
-  verdicts: {}, // of each aircraft, by all that this page knows
+  verdicts: {}, // of each aircraft, from all that this page knows
   tracks: {}, // whole track of each aircraft: [[latitude, longitude], ...]
   /** @type {Target[]} */
   targets: [],
@@ -97,7 +97,7 @@ export const store = new Store({
   soundAllowed: false, // browsers allow sound after the first press
 });
 
-/** @returns {any} the newest state of the aircraft that is looked at, or null */
+/** @returns {any} the newest state of the selected aircraft, or null */
 export function currentState() {
   return store.get("states")[store.get("current")] ?? null;
 }

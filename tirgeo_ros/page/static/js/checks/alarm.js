@@ -3,7 +3,7 @@
 import { button, byId, element, icon, setText } from "../shell/dom.js";
 import { store } from "../store.js";
 
-const REPEAT_MS = 4200; // also between two alarms; over 4 s however late a tone begins
+const REPEAT_MS = 4200; // also between two alarms; over 4 s even if a tone begins late
 const BEEPS_HZ = [880, 660, 880];
 const BEEP_S = 0.16;
 
@@ -12,10 +12,10 @@ const BEEP_S = 0.16;
 /** @type {AudioContext | undefined} */
 let audio;
 let soundedAt = -REPEAT_MS;
-/** @type {Set<string>} keys of alarms that last and were silenced */
+/** @type {Set<string>} keys of alarms that still last and were silenced */
 let silenced = new Set();
 
-/** Builds the banner and keeps watch. */
+/** Builds the banner, and updates it with each verdict. */
 export function buildAlarm() {
   const words = element("strong", {});
   const hint = element("span", { class: "hint" });
@@ -45,7 +45,7 @@ export function buildAlarm() {
   setInterval(update, 500); // repeats the sound
 }
 
-/** @returns {Shown[]} what the banner has to say, of all aircraft; the lost connection once */
+/** @returns {Shown[]} verdicts with a text, of all aircraft; a lost connection only once */
 function shown() {
   const { verdicts, aircraft } = store.values;
   const all = aircraft.map((/** @type {import("../store.js").Aircraft} */ { id, name }) => {
@@ -66,7 +66,7 @@ function hintOf(sounding) {
   return store.get("soundAllowed") ? "" : "press anywhere for sound";
 }
 
-/** Sounds at the beginning of an alarm and again while it lasts. @returns {boolean} if any does */
+/** Sounds when an alarm begins and again while it lasts. @returns {boolean} whether one sounds */
 function sound() {
   const keys = alarms().map(({ key }) => key);
   silenced = new Set(keys.filter((key) => silenced.has(key))); // one that ended may sound again
@@ -78,7 +78,7 @@ function sound() {
   return true;
 }
 
-/** Takes the first press as the permission that browsers want. */
+/** Allows sound: browsers require a press before. */
 function allowSound() {
   audio ??= new AudioContext();
   if (audio.state === "suspended") audio.resume();

@@ -1,4 +1,4 @@
-/** The checks: the findings with their mends, and the numbers behind them. */
+/** The checks: the findings with their remedies, and the numbers of the state. */
 
 import { byId, element, icon, setText } from "../shell/dom.js";
 import { age, capital, plain } from "../shell/words.js";
@@ -11,7 +11,7 @@ const ICONS = { bad: "stop", caution: "warning", good: "good", "": "note" };
 
 const NUMBERS = Object.values(READINGS);
 
-/** Builds the panel and keeps it as the newest state says. */
+/** Builds the panel, and updates it with each state. */
 export function buildChecks() {
   const top = element("header", { class: "list-head" }, element("h2", { text: "Checks" }));
   const findings = element("ol", { class: "findings" });
@@ -35,7 +35,7 @@ export function buildChecks() {
   });
 }
 
-/** @param {HTMLElement} list @param {string} words @returns {HTMLElement} the value's place */
+/** @param {HTMLElement} list @param {string} words @returns {HTMLElement} the value's element */
 function cell(list, words) {
   const value = element("dd", {});
   list.append(element("div", {}, element("dt", { text: words }), value));
@@ -75,7 +75,7 @@ function showFindings(list, findings) {
   list.replaceChildren(...(findings.length ? findings.map(finding) : go ? [fine] : []));
 }
 
-/** @param {any} found  {severity, subject, evidence, parameter, remedy} */
+/** @param {any} row  {severity, subject, evidence, parameter, remedy} */
 function finding({ severity, subject, evidence, parameter, remedy }) {
   const tone = judged.toneOf(severity);
   const words = element(

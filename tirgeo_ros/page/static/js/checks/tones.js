@@ -11,22 +11,12 @@ const BAD_POSITION_M = 5.0;
 const LATE_S = 1.0;
 const GONE_S = 3.0;
 
-/** Severities as findings have them: by name, or by rank. */
-const TONES = {
-  stop: "bad",
-  error: "bad",
-  caution: "caution",
-  warning: "caution",
-  note: "",
-  2: "bad",
-  1: "caution",
-  0: "",
-};
+/** Tones by the severity of a finding. */
+const TONES = { STOP: "bad", CAUTION: "caution", NOTE: "" };
 
-/** @param {any} severity @returns {Tone} */
+/** @param {string} severity @returns {Tone} */
 export function toneOf(severity) {
-  const key = typeof severity === "string" ? severity.toLowerCase() : severity;
-  return /** @type {any} */ (TONES)[key] ?? "";
+  return /** @type {any} */ (TONES)[severity] ?? "";
 }
 
 /** @param {any} state @returns {Tone} of the navigation */

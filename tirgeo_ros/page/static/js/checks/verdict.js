@@ -1,26 +1,26 @@
-/** One verdict on each aircraft: the server's, and first what only this screen can know. */
+/** The verdict on each aircraft: a fault that only this screen sees, else the server's. */
 
 import { store } from "../store.js";
 import { stageOf } from "../video/stages.js";
 
 /**
- * @typedef {object} Verdict  kind: what it is about, the same while its text counts seconds
+ * @typedef {object} Verdict  kind: its subject, the same while its text counts seconds
  * @property {string} word  GO, CAUTION, NO GO, ...
  * @property {import("./tones.js").Tone} tone
  * @property {string} kind
- * @property {string} text  for the operator; empty: the word says it, or the checks do
+ * @property {string} text  for the operator; empty if the word or the checks say it
  * @property {string} more  for the engineer
  * @property {boolean} alarm
  */
 
 const LOOK_MS = 100;
-const NO_VIDEO_MS = 1250; // longer than the server waits: what ended there is the nearer cause
-const LONGEST_STEP_MS = 400; // in a longer one this page did not run: what came meanwhile waits
+const NO_VIDEO_MS = 1250; // longer than the server's limits: its fault is nearer the cause
+const LONGEST_STEP_MS = 400; // in a longer one this page did not run: messages still wait
 const STATE_MS = 1200; // states come at 5 Hz
 
 /** @type {Verdict} */
 const UNKNOWN = { word: "NO DATA", tone: "", kind: "", text: "", more: "", alarm: false };
-/** @type {Map<string, {value: any, ms: number}>} the newest of each thing, and since when */
+/** @type {Map<string, {value: any, ms: number}>} the newest of each stream, and its age */
 const newest = new Map();
 let lookedAt = performance.now();
 
@@ -34,7 +34,7 @@ export function watchVerdicts() {
   }, LOOK_MS);
 }
 
-/** @returns {Verdict} on the aircraft that is looked at */
+/** @returns {Verdict} on the selected aircraft */
 export function currentVerdict() {
   return store.get("verdicts")[store.get("current")] ?? UNKNOWN;
 }

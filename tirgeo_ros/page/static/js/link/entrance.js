@@ -1,4 +1,4 @@
-/** The entrance: hands over the token of the address bar, and says what to do without one. */
+/** The entrance: gives the server the token of the address bar, or asks for one. */
 
 import { byId, element } from "../shell/dom.js";
 import { capital } from "../shell/words.js";
@@ -21,9 +21,9 @@ export async function enter() {
 /** @returns {Promise<string>} why this browser may not come in; "" if it may */
 async function refusalNow() {
   const answer = await reach(async () => {
-    const found = await fetch("/enter");
-    if (found.status === 429 || found.status >= 500) throw new Error("later");
-    return found;
+    const response = await fetch("/enter");
+    if (response.status === 429 || response.status >= 500) throw new Error("later");
+    return response;
   });
   return answer.ok ? "" : "This page needs a token.";
 }
@@ -42,7 +42,7 @@ async function handOver(token) {
 }
 
 /**
- * Asks until the server can be reached.
+ * Repeats a request until the server can be reached.
  * @param {() => Promise<Response>} request
  * @returns {Promise<Response>}
  */

@@ -1,10 +1,10 @@
-/** Requests to the server and their answers, over connections that come and go. */
+/** Requests to the server and their answers, over connections that may be lost. */
 
 const ANSWER_MS = 10000; // a recording may take seconds to begin
 
 /**
  * @typedef {{ok: boolean, reason?: string, lost?: boolean, again?: boolean}
- *   & Record<string, any>} Answer  again: the request was sent before, so it may be old
+ *   & Record<string, any>} Answer  again: the request was sent twice, so the answer may be old
  * @typedef {{message: Record<string, any>, keep: boolean, sent: boolean,
  *   again: boolean, resolve: (answer: Answer) => void, timer?: number}} Pending
  */
@@ -73,16 +73,16 @@ export class Requests {
     if (pending) this.finish(pending, { ...message, again: pending.again });
   }
 
-  /** Sends what was kept again, in its order. */
+  /** Sends all kept requests again, in their order. */
   reconnected() {
     for (const pending of [...this.pending.values()]) this.dispatch(pending);
   }
 
-  /** Ends what cannot be sent again. */
+  /** Ends the requests that must not be sent again. */
   disconnected() {
-    const reason = "the connection was lost before the answer: look whether it was done";
+    const reason = "the connection was lost before the answer: check whether it was done";
     for (const pending of [...this.pending.values()]) {
-      pending.again ||= pending.sent; // then its answer may be of then
+      pending.again ||= pending.sent; // then its answer may be of that first time
       pending.sent = false;
       if (!pending.keep) this.finish(pending, { ok: false, lost: true, reason });
     }

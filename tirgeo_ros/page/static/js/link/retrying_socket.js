@@ -57,7 +57,7 @@ export class RetryingSocket {
     this.socket?.send(text);
   }
 
-  /** Gives up a connection from which nothing comes any more, and opens a new one. */
+  /** Gives up a silent connection, and opens a new one. */
   restart() {
     this.drop();
     if (this.wanted) this.again();
@@ -89,7 +89,7 @@ export class RetryingSocket {
 
   again() {
     const doubled = Math.min(FIRST_WAIT_MS * 2 ** this.failures, LONGEST_WAIT_MS);
-    const wait = doubled * (0.8 + 0.4 * Math.random()); // many tablets must not come as one
+    const wait = doubled * (0.8 + 0.4 * Math.random()); // many tablets must not come at once
     this.failures += 1;
     clearTimeout(this.timer);
     this.timer = setTimeout(this.retry, wait);

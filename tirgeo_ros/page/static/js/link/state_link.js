@@ -1,11 +1,11 @@
-/** The connection for states, targets and requests: what comes in goes into the store. */
+/** The connection for states, targets and requests: messages received go into the store. */
 
 import { store } from "../store.js";
 import { enter } from "./entrance.js";
 import { Requests } from "./requests.js";
 import { RetryingSocket } from "./retrying_socket.js";
 
-const SILENCE_MS = 1500; // then the server is asked whether it is there
+const SILENCE_MS = 1500; // then a request tests whether the server answers
 const DEAD_MS = 4500;
 
 const socket = new RetryingSocket("/state", { received, lost });
@@ -14,7 +14,11 @@ const requests = new Requests((text) => {
   socket.send(text);
   return true;
 });
-let heardAt = 0;
+let receivedAt = 0;
+/** @type {Map<string, import("../store.js").Target> | null} a list with parts to come */
+let coming = null;
+/** @type {Promise<void> | null} */
+let entering = null;
 
 /** Opens the connection, and keeps it open. */
 export function startLink() {
@@ -32,7 +36,7 @@ export function ask(type, fields, options) {
 
 /** @param {string} text */
 function received(text) {
-  heardAt = performance.now();
+  receivedAt = performance.now();
   const message = JSON.parse(text);
   if (message.type === "hello") welcomed(message);
   else if (message.type === "targets") targetsOf(message);
@@ -48,9 +52,6 @@ function welcomed({ role, aircraft, kinds, tiles, most }) {
   store.set({ role, aircraft, kinds, tiles, most, current, link });
   requests.reconnected();
 }
-
-/** @type {Map<string, import("../store.js").Target> | null} */
-let coming = null;
 
 /** @param {any} message  a part of all targets, begun by `whole`, or of those that changed */
 function targetsOf({ whole, more, targets, gone }) {
@@ -75,12 +76,9 @@ function stateOf(message) {
   store.set(changes);
 }
 
-/** @type {Promise<void> | null} */
-let entering = null;
-
 /** @param {number} retryAt */
 function lost(retryAt) {
-  // A server that was started again may have other tokens: then it is the entrance that is wanted.
+  // A server that was started again may have other tokens: then the entrance asks for one.
   entering ??= enter().finally(() => {
     entering = null;
     socket.retry();
@@ -89,10 +87,10 @@ function lost(retryAt) {
   store.set({ link: { phase: "lost", retryAt }, states: {} });
 }
 
-/** Finds connections that are dead without a word, as when the network has gone. */
+/** Finds connections that are dead without an error, as when the network is gone. */
 function watchSilence() {
   if (!socket.open) return;
-  const silence = performance.now() - heardAt;
+  const silence = performance.now() - receivedAt;
   if (silence > DEAD_MS) socket.restart();
   else if (silence > SILENCE_MS) requests.ask("measure", { from: [0, 0], to: [0, 0] });
 }

@@ -62,9 +62,9 @@ export function buildAircraft(map) {
 }
 
 /**
- * Puts the aircraft that is looked at in the middle.
+ * Puts the selected aircraft in the middle.
  * @param {any} map
- * @param {number} allowed  share of the map by which it may be off: a map that stands is calmer
+ * @param {number} allowed  share of the map by which it may be off, so that the map seldom moves
  */
 export function centre(map, allowed = 0) {
   const place = store.get("states")[store.get("current")]?.position?.slice(0, 2);

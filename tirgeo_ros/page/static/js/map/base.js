@@ -1,4 +1,4 @@
-/** What lies under everything on the map: the vector map, its labels, and tiles, if any. */
+/** The lowest layers of the map: the vector map, its labels, and tiles, if any. */
 
 import { element, setText } from "../shell/dom.js";
 import { store } from "../store.js";
@@ -11,7 +11,7 @@ const [LETTER_PX, LINE_PX] = [6.8, 17];
 const LEAST_PX = 30; // what is smaller on the screen gets no label
 
 /**
- * Draws the base and keeps it.
+ * Draws the base, and updates it.
  * @param {any} map  Leaflet's
  * @param {() => void} ready  called when the vector map is there
  */
@@ -41,14 +41,14 @@ export function buildBase(map, ready) {
   });
   store.watch(["theme"], () => vector.setStyle(featureStyle));
   map.on("moveend", () => {
-    if (store.get("tiles") && !tiles) tiles = addTiles(map); // not before a place is known
+    if (store.get("tiles") && !tiles) tiles = addTiles(map); // not before the map has a place
     label(map, vector, labels);
   });
   return vector;
 }
 
 /**
- * Adds the tiles of an MBTiles file, below all lines; nearer than its deepest they are enlarged.
+ * Adds the tiles of an MBTiles file, below all lines; above its largest zoom they are enlarged.
  * @param {any} map @returns {any}
  */
 function addTiles(map) {
@@ -62,24 +62,24 @@ function addTiles(map) {
 /**
  * @param {any} vector
  * @param {string} aircraft
- * @returns {Promise<boolean>} whether it answered; an aircraft without a map has an empty one
+ * @returns {Promise<boolean>} whether the server answered; an aircraft may have an empty map
  */
 async function load(vector, aircraft) {
   try {
     const answer = await fetch(`/map/${encodeURIComponent(aircraft)}`);
     const text = answer.ok ? await answer.text() : "";
     vector.clearLayers();
-    const found = text ? JSON.parse(text) : null;
-    if (found) vector.addData(found);
-    vector.simplified = found?.simplified ?? "";
+    const features = text ? JSON.parse(text) : null;
+    if (features) vector.addData(features);
+    vector.simplified = features?.simplified ?? "";
     return answer.ok || answer.status === 404;
   } catch {
-    return false; // asked again after the next reconnection
+    return false; // requested again after the next reconnection
   }
 }
 
 /**
- * Writes the names of what is in view, as many as do not cover each other.
+ * Writes the names of features in view, as many as do not cover each other.
  * @param {any} map @param {any} vector @param {any} labels
  */
 function label(map, vector, labels) {
@@ -98,7 +98,7 @@ function label(map, vector, labels) {
   });
 }
 
-/** @param {any} map @param {any} layer @returns {boolean} points always are, from near */
+/** @param {any} map @param {any} layer @returns {boolean} for a label; points only if near */
 function isLargeEnough(map, layer) {
   if (layer.getLatLng) return map.getZoom() > LABELS_FROM_ZOOM + 1;
   const { min, max } = L.bounds(

@@ -13,8 +13,8 @@ const WATER = /water|lake|pond|river|stream|hydrant|well|pump/i;
 const WAYS = /path|road|street|track|way|rail|lane/i;
 
 /**
- * Returns Leaflet's style of a feature of the vector map. The files are of many makers: the kind
- * is guessed from all short values, and whatever is unknown gets a quiet line.
+ * Returns Leaflet's style of a feature of the vector map. The files are of many makers, so the kind
+ * is guessed from all short values; an unknown kind gets a thin line.
  * @param {any} feature
  */
 export function featureStyle(feature) {

@@ -1,4 +1,4 @@
-/** Leaflet, which is a plain script that leaves `L` behind: taken from there in this one place. */
+/** Leaflet, a plain script that sets the global `L`: only this module reads that. */
 
 import "../../vendor/leaflet/leaflet.js";
 

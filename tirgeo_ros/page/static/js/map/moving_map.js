@@ -15,8 +15,8 @@ const FIRST_ZOOM = 18;
  */
 export function buildMap(where) {
   const holder = element("div", { id: "map", role: "application", "aria-label": "Moving map" });
-  const said = element("div", { class: "map-said", role: "status", hidden: true });
-  byId("map-area").append(holder, said);
+  const status = element("div", { class: "map-said", role: "status", hidden: true });
+  byId("map-area").append(holder, status);
   const map = L.map(holder, {
     preferCanvas: true,
     attributionControl: false,
@@ -27,7 +27,7 @@ export function buildMap(where) {
     zoomAnimation: true,
   }).setView([0, 0], FIRST_ZOOM);
   L.control.scale({ imperial: false, maxWidth: 140 }).addTo(map);
-  const measure = buildMeasuring(map, (words) => tell(said, words));
+  const measure = buildMeasuring(map, (words) => tell(status, words));
   const vector = buildBase(map, () => comeToPlace(map, vector));
   const pressed = (/** @type {number} */ latitude, /** @type {number} */ longitude) =>
     store.get("measuring") ? measure([latitude, longitude]) : where(latitude, longitude);
@@ -42,14 +42,14 @@ export function buildMap(where) {
   stayRight(map, holder);
 }
 
-/** @param {HTMLElement} said @param {string} words */
-function tell(said, words) {
-  setText(said, words);
-  said.hidden = !words;
+/** @param {HTMLElement} status @param {string} words */
+function tell(status, words) {
+  setText(status, words);
+  status.hidden = !words;
 }
 
 /**
- * Goes to the vector map while no aircraft is known.
+ * Shows the vector map while the selected aircraft has no position.
  * @param {any} map
  * @param {any} vector
  */
@@ -98,7 +98,7 @@ function fitAll(map, vector) {
   if (bounds.isValid()) map.fitBounds(bounds, { padding: [50, 50], maxZoom: 20 });
 }
 
-/** Lays the map out again whenever its box changes, and shows a target on demand. */
+/** Lays the map out again each time its box changes, and shows a target on demand. */
 function stayRight(/** @type {any} */ map, /** @type {HTMLElement} */ holder) {
   new ResizeObserver(() => {
     map.invalidateSize({ animate: false });

@@ -9,7 +9,7 @@ import L from "./leaflet.js";
 
 /**
  * @typedef {import("../store.js").Target} Target
- * @typedef {Target & {theme: string, chosen: boolean}} Shown  what the layers are made of
+ * @typedef {Target & {theme: string, chosen: boolean}} Shown  all that its layers depend on
  */
 
 /**

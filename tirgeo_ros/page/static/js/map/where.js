@@ -26,7 +26,7 @@ export async function where(latitude_deg, longitude_deg) {
   }
 }
 
-/** @param {number} time  of the try: a later refusal says only that the place has left */
+/** @param {number} time  number of the try: only the first refusal is shown */
 function refused(time, reason = "") {
   if (time === 0) toast(`Not in the video: ${reason}`, { tone: "bad", milliseconds: 4000 });
 }

@@ -10,7 +10,7 @@ import { changeTheme } from "./settings.js";
 
 const SHOWN = ["rtk", "heading_sigma", "height", "heading", "speed"].map((name) => READINGS[name]);
 
-/** Builds the bar and keeps it as the store says. */
+/** Builds the bar, and updates it with the store. */
 export function buildBar() {
   byId("stages").before(aircraftSwitch());
   byId("bar").append(
@@ -35,19 +35,19 @@ export function buildBar() {
 
 /** @returns {HTMLElement} */
 function verdictButton() {
-  const made = button("", "–", () => store.set({ tab: "checks" }), {
+  const node = button("", "–", () => store.set({ tab: "checks" }), {
     id: "verdict",
     title: "Show the checks",
   });
   store.watch(["verdicts", "current"], () => {
     const { tone, word } = currentVerdict();
-    made.dataset.tone = tone;
-    setText(made.querySelector(".words"), word);
+    node.dataset.tone = tone;
+    setText(node.querySelector(".words"), word);
   });
-  return made;
+  return node;
 }
 
-/** @returns {HTMLElement} which aircraft is looked at, if there are several */
+/** @returns {HTMLElement} selects the aircraft, if there are several */
 function aircraftSwitch() {
   const holder = element("div", { id: "aircraft", role: "radiogroup", "aria-label": "Aircraft" });
   store.watch(["aircraft", "current"], () => {
@@ -91,68 +91,68 @@ function role() {
 
 /** @returns {HTMLElement} */
 function recordButton() {
-  const made = button("record", "Record", record, { id: "record", class: "operator-only" });
+  const node = button("record", "Record", record, { id: "record", class: "operator-only" });
   store.watch(["states", "current", "asked"], () => {
     const on = Boolean(currentState()?.recording);
-    showCommand(made, "record", on, on ? "REC" : "Record");
+    showCommand(node, "record", on, on ? "REC" : "Record");
   });
-  return made;
+  return node;
 }
 
 /** @returns {HTMLElement} */
 function shareButton() {
-  const made = button("share", "Share", share, {
+  const node = button("share", "Share", share, {
     id: "share",
     class: "operator-only wide-only",
     title: "Share the targets with the team, by Cursor-on-Target",
   });
   store.watch(["states", "current", "asked"], () => {
     const { tone, words } = sharingWords(currentState()?.sharing);
-    made.dataset.tone = tone;
-    showCommand(made, "share", Boolean(currentState()?.sharing?.on), words);
+    node.dataset.tone = tone;
+    showCommand(node, "share", Boolean(currentState()?.sharing?.on), words);
   });
-  return made;
+  return node;
 }
 
 /**
  * Shows a command that is on or off, or waits for its answer; it keeps the keyboard's focus then.
- * @param {HTMLButtonElement} made @param {string} type @param {boolean} on @param {string} words
+ * @param {HTMLButtonElement} node @param {string} type @param {boolean} on @param {string} words
  */
-function showCommand(made, type, on, words) {
+function showCommand(node, type, on, words) {
   const waits = store.get("asked").includes(type);
-  made.setAttribute("aria-pressed", String(on));
-  made.setAttribute("aria-busy", String(waits));
-  made.setAttribute("aria-disabled", String(waits));
-  setText(made.querySelector(".words"), waits ? "Wait…" : words);
+  node.setAttribute("aria-pressed", String(on));
+  node.setAttribute("aria-busy", String(waits));
+  node.setAttribute("aria-disabled", String(waits));
+  setText(node.querySelector(".words"), waits ? "Wait…" : words);
 }
 
 /** @returns {HTMLElement} */
 function nightButton() {
-  const made = button("night", "", changeTheme, {
+  const node = button("night", "", changeTheme, {
     id: "night",
     class: "wide-only",
     label: "Red night mode",
   });
   store.watch(["theme"], () =>
-    made.setAttribute("aria-pressed", String(store.get("theme") === "red")),
+    node.setAttribute("aria-pressed", String(store.get("theme") === "red")),
   );
-  return made;
+  return node;
 }
 
 /** @returns {HTMLElement} */
 function soundButton() {
-  const made = button("sound", "", () => store.set({ sound: !store.get("sound") }), {
+  const node = button("sound", "", () => store.set({ sound: !store.get("sound") }), {
     id: "sound",
     label: "Alarm sound",
   });
   store.watch(["sound"], () => {
     const on = store.get("sound");
-    setIcon(made, on ? "sound" : "mute");
-    made.setAttribute("aria-pressed", String(on));
-    made.setAttribute(
+    setIcon(node, on ? "sound" : "mute");
+    node.setAttribute("aria-pressed", String(on));
+    node.setAttribute(
       "aria-label",
       on ? "Alarm sound is on: silence it" : "Alarm sound is off: switch it on",
     );
   });
-  return made;
+  return node;
 }

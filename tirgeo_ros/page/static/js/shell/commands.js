@@ -1,4 +1,4 @@
-/** Commands of the operator that are no target's: record, mark, share. */
+/** The operator's commands that concern no target: record, mark, share. */
 
 import { ask } from "../link/state_link.js";
 import { currentState, mayChange, store } from "../store.js";
@@ -8,7 +8,7 @@ import { capital } from "./words.js";
 /**
  * @param {string} type
  * @param {Record<string, any>} fields
- * @param {string} done  said if the server says nothing itself
+ * @param {string} done  shown if the answer has no text
  */
 async function command(type, fields, done) {
   const asked = store.get("asked");

@@ -1,4 +1,4 @@
-/** Makes elements. Text only ever becomes text: nothing here or elsewhere sets innerHTML. */
+/** Makes elements. Text is always set as text: no module sets innerHTML. */
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -11,24 +11,24 @@ const SVG = "http://www.w3.org/2000/svg";
  */
 
 /**
- * Makes an element; what is not in Properties is set as an attribute (true: without a value).
+ * Makes an element; other names than those of Properties are set as attributes (true: no value).
  * @param {string} tag
  * @param {Properties & Record<string, any>} properties
  * @param {...(Node | string | null)} children
  * @returns {any}
  */
 export function element(tag, properties = {}, ...children) {
-  const made = document.createElement(tag);
+  const node = document.createElement(tag);
   const { class: classes, text, on = {}, data = {}, ...attributes } = properties;
-  if (classes) made.className = classes;
-  if (text !== undefined) made.textContent = text;
-  for (const [event, listener] of Object.entries(on)) made.addEventListener(event, listener);
-  Object.assign(made.dataset, data);
+  if (classes) node.className = classes;
+  if (text !== undefined) node.textContent = text;
+  for (const [event, listener] of Object.entries(on)) node.addEventListener(event, listener);
+  Object.assign(node.dataset, data);
   for (const [name, value] of Object.entries(attributes)) {
-    if (value !== false && value !== null) made.setAttribute(name, value === true ? "" : value);
+    if (value !== false && value !== null) node.setAttribute(name, value === true ? "" : value);
   }
-  made.append(...children.filter((child) => child !== null));
-  return made;
+  node.append(...children.filter((child) => child !== null));
+  return node;
 }
 
 /**
@@ -75,7 +75,7 @@ export function button(iconName, words, pressed, { label, on = {}, ...properties
 }
 
 /**
- * Sets the text if it differs, so that nothing is laid out or read aloud again for nothing.
+ * Sets the text only if it differs, so that the same text is not laid out or read aloud again.
  * @param {Element | null} node
  * @param {string} text
  */
@@ -84,7 +84,7 @@ export function setText(node, text) {
 }
 
 /**
- * Shows one text at a time; a newer one replaces it, and `milliseconds` hide it.
+ * Hides a node after `milliseconds`, unless this was called for it again meanwhile.
  * @param {HTMLElement} node
  * @param {number} milliseconds
  */

@@ -1,4 +1,4 @@
-/** The menu: what has no room in the bar of a small screen, and what is seldom wanted. */
+/** The menu: commands without room in the bar of a small screen, and those seldom needed. */
 
 import { beep } from "../checks/alarm.js";
 import { store } from "../store.js";

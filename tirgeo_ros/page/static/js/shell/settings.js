@@ -5,7 +5,7 @@ import { store } from "../store.js";
 const KEPT = ["theme", "sound", "kind"];
 const PLACE = "tirgeo";
 
-/** Takes what was kept, and keeps what changes. */
+/** Loads the kept settings, and keeps each change. */
 export function keepSettings() {
   store.set(kept());
   store.watch(["theme"], () => {
@@ -24,9 +24,9 @@ export function keepSettings() {
 /** @returns {Record<string, any>} */
 function kept() {
   try {
-    const found = JSON.parse(localStorage.getItem(PLACE) ?? "{}");
+    const saved = JSON.parse(localStorage.getItem(PLACE) ?? "{}");
     return Object.fromEntries(
-      KEPT.filter((name) => name in found).map((name) => [name, found[name]]),
+      KEPT.filter((name) => name in saved).map((name) => [name, saved[name]]),
     );
   } catch {
     return {};

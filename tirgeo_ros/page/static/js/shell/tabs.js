@@ -1,4 +1,4 @@
-/** The tabs: targets and checks, and the map where it has no place of its own. */
+/** The tabs: targets and checks; and the map on screens without a part for it. */
 
 import { currentVerdict } from "../checks/verdict.js";
 import { currentState, store } from "../store.js";
@@ -10,26 +10,26 @@ const TABS = [
   ["checks", "checks", "Checks"],
 ];
 
-/** Builds the tabs and shows the part that is chosen. */
+/** Builds the tabs, and shows the chosen part. */
 export function buildTabs() {
-  const made = TABS.map(([tab, symbol, words]) => {
-    const one = button(symbol, words, () => store.set({ tab }), { role: "tab", data: { tab } });
-    one.append(element("span", { class: "count", hidden: true }));
-    return one;
+  const nodes = TABS.map(([tab, symbol, words]) => {
+    const node = button(symbol, words, () => store.set({ tab }), { role: "tab", data: { tab } });
+    node.append(element("span", { class: "count", hidden: true }));
+    return node;
   });
-  byId("tabs").append(...made);
+  byId("tabs").append(...nodes);
   store.watch(["tab"], () => {
     const tab = store.get("tab");
     document.body.dataset.tab = tab;
     byId("targets").hidden = tab === "checks";
     byId("checks").hidden = tab !== "checks";
     byId("panel").scrollTo(0, 0);
-    made.forEach((one) => one.setAttribute("aria-selected", String(one.dataset.tab === tab)));
+    nodes.forEach((node) => node.setAttribute("aria-selected", String(node.dataset.tab === tab)));
   });
-  store.watch(["targets"], () => count(made[0], store.get("targets").length, ""));
+  store.watch(["targets"], () => count(nodes[0], store.get("targets").length, ""));
   store.watch(["states", "verdicts", "current"], () => {
     const { findings = [] } = currentState() ?? {};
-    count(made[2], findings.length, currentVerdict().tone);
+    count(nodes[2], findings.length, currentVerdict().tone);
   });
 }
 

@@ -32,7 +32,7 @@ export function distance(metres) {
   return metres >= 100 ? `${metres.toFixed(0)} m` : `${metres.toFixed(1)} m`;
 }
 
-/** @param {number} metres  digits that the size deserves */
+/** @param {number} metres @returns {string} with fewer digits for large sizes */
 function size(metres) {
   return metres >= 10 ? metres.toFixed(0) : metres.toFixed(1);
 }

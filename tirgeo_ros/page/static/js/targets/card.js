@@ -1,4 +1,4 @@
-/** The card of one target: all that is known of it, and all that can be done with it. */
+/** The card of one target: all its data, and the commands for it. */
 
 import { button, byId, element, setText } from "../shell/dom.js";
 import { called, dateAndTime, ellipse, quantity } from "../shell/words.js";
@@ -9,7 +9,7 @@ import { badge, kindButton } from "./symbols.js";
 
 /** @typedef {import("../store.js").Target} Target */
 
-/** Builds the place of the card, and fills it whenever a target is selected. */
+/** Builds the card's holder, and fills it each time a target is selected. */
 export function buildCard() {
   const holder = element("div", { id: "target-card", hidden: true });
   byId("targets").append(holder);
@@ -22,7 +22,7 @@ export function buildCard() {
   });
   store.watch(["targets", "drafts", "link", "role"], () => {
     if (store.get("selected") && !targetOf(store.get("selected"))) {
-      /** @type {HTMLElement} */ (document.activeElement).blur(); // what is being typed is sent
+      /** @type {HTMLElement} */ (document.activeElement).blur(); // sends a text being typed
       store.set({ selected: null });
     }
     update();
@@ -33,7 +33,7 @@ export function buildCard() {
  * Fills the card.
  * @param {HTMLElement} holder
  * @param {Target} first
- * @returns {() => void} shows the newest of the target without touching what is being typed
+ * @returns {() => void} shows the target's newest data, but keeps the text that is being typed
  */
 function fill(holder, first) {
   const now = () => targetOf(first.id) ?? first;
@@ -76,9 +76,9 @@ function kindButtons(now) {
   return { node, update };
 }
 
-/** @param {() => Target} now @returns {Part} name and note, saved when left */
+/** @param {() => Target} now @returns {Part} name and note, saved when a field is left */
 function texts(now) {
-  /** @type {Record<string, {shown: string, was: string}>} what each field was filled with */
+  /** @type {Record<string, {shown: string, was: string}>} each field's text when it was filled */
   const filled = {};
   const save = (/** @type {"name" | "note"} */ key) => (/** @type {Event} */ event) => {
     const value = /** @type {HTMLInputElement} */ (event.target).value.trim();
@@ -100,7 +100,7 @@ function texts(now) {
     "aria-label": "Note",
     on: { change: save("note") },
   });
-  const said = element("p", { class: "said", role: "status" });
+  const status = element("p", { class: "said", role: "status" });
   const fields = /** @type {const} */ ([
     { field: name, key: "name" },
     { field: note, key: "note" },
@@ -118,17 +118,17 @@ function texts(now) {
         words ||= `Changed elsewhere meanwhile: ${shown || "emptied"}. Yours is kept beside it`;
       }
     }
-    setText(said, words);
-    said.hidden = !words;
+    setText(status, words);
+    status.hidden = !words;
   };
   name.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
     if (event.key === "Enter") name.blur();
   });
   name.addEventListener("input", () => dropDraft(now().id));
-  return { node: element("div", { class: "texts" }, name, note, said), update };
+  return { node: element("div", { class: "texts" }, name, note, status), update };
 }
 
-/** @param {() => Target} now @returns {Part} what two wrote at once: an operator chooses */
+/** @param {() => Target} now @returns {Part} texts that two users wrote at once, to choose from */
 function choices(now) {
   const node = element("div", { class: "choices" });
   const update = () => {
@@ -171,7 +171,7 @@ function stateOfDraft(id) {
     : "Not saved yet: it is sent as soon as the connection is back";
 }
 
-/** @param {() => Target} now @returns {Part} where it is, and how sure that is */
+/** @param {() => Target} now @returns {Part} the place of the target, and its accuracy */
 function place(now) {
   const rows = coordinateRows(() => now().coordinates);
   const fact = (/** @type {string} */ words, /** @type {(target: Target) => string} */ text) => {
@@ -181,8 +181,8 @@ function place(now) {
   const facts = [
     fact(
       "95 % ellipse",
-      ({ ellipse: found, clicks }) =>
-        `${ellipse(found)}${clicks > 1 ? `, ${clicks} presses` : ""}`,
+      ({ ellipse: axes, clicks }) =>
+        `${ellipse(axes)}${clicks > 1 ? `, ${clicks} presses` : ""}`,
     ),
     fact("Height above sea level", ({ height_msl_m: height }) => quantity(height, 1, "m")),
     fact("Height above ellipsoid", ({ height_m: height }) => quantity(height, 1, "m")),

@@ -1,4 +1,4 @@
-/** Changes of targets: sent until confirmed, kept in the form till then, undone by one press. */
+/** Changes of targets: sent and kept in the form until confirmed; one press undoes them. */
 
 import { ask } from "../link/state_link.js";
 import { toast } from "../shell/toast.js";
@@ -9,7 +9,7 @@ import { store, targetOf } from "../store.js";
 /** @typedef {"name" | "kind" | "note"} Field */
 
 /**
- * What was typed and is not confirmed: target id -> its fields, and what became of them.
+ * What was typed and is not confirmed: target id -> its fields, requests open, and a refusal.
  * @typedef {{fields: Record<string, string>, open: number, refusal: string}} Draft
  */
 
@@ -32,7 +32,7 @@ export function shownOf(target, key) {
   return draftOf(target.id).fields[key] ?? target[key];
 }
 
-/** @param {Target} target @param {Field} key @returns {string} what an edit begins with */
+/** @param {Target} target @param {Field} key @returns {string} the text that an edit begins with */
 export function baseOf(target, key) {
   return draftOf(target.id).refusal ? target[key] : shownOf(target, key);
 }
@@ -42,7 +42,7 @@ export function baseOf(target, key) {
  * @param {Target} target
  * @param {Field} key
  * @param {string} value
- * @param {string} base  what the operator began with
+ * @param {string} base  the text that the operator began with
  */
 export async function edit(target, key, value, base = baseOf(target, key)) {
   const { id, number } = target;
@@ -53,7 +53,7 @@ export async function edit(target, key, value, base = baseOf(target, key)) {
   const newest = (/** @type {Target} */ one) => (one.id === id ? answer.target : one);
   if (answer.ok && !answer.again) store.set({ targets: store.get("targets").map(newest) });
   const now = draftOf(id);
-  const deleted = !answer.ok && !targetOf(id); // what was written is kept with it
+  const deleted = !answer.ok && !targetOf(id); // undoing the deletion brings the text back
   const refusal = answer.ok || deleted ? "" : (answer.reason ?? "");
   setDraft(id, { ...now, open: now.open - 1, refusal });
   const late = answer.target?.alternatives.some(([field]) => field === key);
@@ -83,7 +83,7 @@ export async function remove(target) {
   const base = (/** @type {Field} */ key) => baseOf(target, key);
   const was = { name: base("name"), kind: base("kind"), note: base("note") };
   const answer = await ask("delete", { id: target.id, was }, { keep: true });
-  const gone = !targetOf(target.id); // by an earlier try whose answer was lost
+  const gone = !targetOf(target.id); // deleted by an earlier try whose answer was lost
   if (answer.ok || gone) changed(`Target ${target.number} deleted`, target.id);
   else toast(`Target ${target.number} not deleted: ${answer.reason}`, { tone: "bad" });
 }
@@ -101,7 +101,7 @@ async function takeBack(which) {
 }
 
 /**
- * Says what changed, with the way back: others may have changed other targets since.
+ * Says what changed, with an undo of that target: others may have changed other targets since.
  * @param {string} words
  * @param {string} id  of the target
  */

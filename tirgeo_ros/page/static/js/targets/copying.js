@@ -1,7 +1,7 @@
 /** Copies text, also where browsers give no clipboard: on plain http from another computer. */
 
 /**
- * Copies the text of a node; where that is refused it stays selected for the hand.
+ * Copies the text of a node; if that is refused, leaves it selected, to be copied by hand.
  * @param {Element} node
  * @returns {Promise<boolean>} whether the text is in the clipboard
  */
@@ -11,7 +11,7 @@ export async function copy(node) {
       await navigator.clipboard.writeText(node.textContent ?? "");
       return true;
     } catch {
-      // without the permission: the old way
+      // no permission: copy the old way
     }
   }
   window.getSelection()?.selectAllChildren(node);

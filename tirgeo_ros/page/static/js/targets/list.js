@@ -17,7 +17,9 @@ const FORMATS = [
 
 /** @typedef {import("../store.js").Target} Target */
 
-/** Builds the list and keeps it as the store says. */
+const keptRows = new Kept(row, (/** @type {HTMLElement} */ gone) => gone.remove());
+
+/** Builds the list, and updates it with the store. */
 export function buildList() {
   const count = element("h2", {});
   const exports = exportRow();
@@ -53,15 +55,13 @@ function exportRow() {
   return element("div", { class: "exports", hidden: true }, ...links);
 }
 
-const made = new Kept(row, (/** @type {HTMLElement} */ gone) => gone.remove());
-
 /** @param {HTMLElement} count @param {HTMLElement} rows */
 function show(count, rows) {
   /** @type {Target[]} */
   const targets = store.get("targets");
   count.textContent = targets.length === 1 ? "1 target" : `${targets.length} targets`;
   const newestFirst = [...targets].reverse().map((one) => ({ ...one, ...draftOf(one.id).fields }));
-  const items = made.of(newestFirst);
+  const items = keptRows.of(newestFirst);
   rows.querySelector(".nothing")?.remove();
   (items.length ? items : [nothing()]).forEach((item, place) => {
     if (rows.children[place] !== item) rows.insertBefore(item, rows.children[place] ?? null);

@@ -16,7 +16,7 @@ export function badge({ number, kind }) {
 /**
  * @param {string} kind
  * @param {() => void} pressed
- * @param {Record<string, string>} attributes  that say whether it is the chosen one
+ * @param {Record<string, string>} attributes  that say whether this kind is chosen
  * @returns {HTMLButtonElement}
  */
 export function kindButton(kind, pressed, attributes) {

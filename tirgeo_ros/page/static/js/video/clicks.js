@@ -1,4 +1,4 @@
-/** A press on the video becomes a target, or the reason why not, there and then. */
+/** Makes a target of a press on the video, or shows there why it cannot. */
 
 import { ask } from "../link/state_link.js";
 import { capital, ellipse } from "../shell/words.js";
@@ -12,13 +12,13 @@ import { changed } from "../targets/changes.js";
  * @param {Stage} stage
  * @param {number} u
  * @param {number} v
- * @param {string} stampNs  of the picture that was on the screen when the finger came down
+ * @param {string} stampNs  of the picture on the screen at the beginning of the press
  */
 export async function pressed(stage, u, v, stampNs) {
   const { marks, aircraft } = stage;
   store.set({ current: aircraft.id });
   if (!mayChange()) {
-    marks.refused(u, v, "You look on as a viewer: operators set targets.");
+    marks.refused(u, v, "You are a viewer: only operators set targets.");
     return;
   }
   marks.locating(u, v);

@@ -61,7 +61,7 @@ export class VideoFeed {
 
   /** @param {ArrayBuffer} data */
   received(data) {
-    this.waiting = data; // an older one that still waits is skipped: the newest wins
+    this.waiting = data; // replaces an older one that still waits
     if (!this.decoding) this.decodeNext();
   }
 

@@ -4,7 +4,7 @@ const SLOP_PX = 14; // a gloved finger rolls by some millimetres
 
 /**
  * @typedef {object} Gestures
- * @property {() => any} down  called at the moment of the press; what it returns goes to `press`
+ * @property {() => any} down  called when the press begins; its result goes to `press`
  * @property {(x: number, y: number, down: any) => void} press
  * @property {(dx: number, dy: number) => void} pan
  * @property {(factor: number, x: number, y: number) => void} zoom

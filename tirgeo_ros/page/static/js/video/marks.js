@@ -1,10 +1,10 @@
-/** Marks over the video: the cross of a press with its answer, and the ring of "where". */
+/** Marks over the video: the cross of a press with its answer, and the ring at a map's place. */
 
 import { element, hideAfter, setText } from "../shell/dom.js";
 
 const ANSWER_MS = 4000;
 const REFUSAL_MS = 9000;
-const RING_MS = 1200; // it is set again while it is wanted
+const RING_MS = 1200; // where.js sets it again before
 
 /** @typedef {import("./view.js").PictureView} PictureView */
 
@@ -62,12 +62,12 @@ export class Marks {
   /** @param {HTMLElement} mark @param {number} u @param {number} v */
   put(mark, u, v) {
     mark.hidden = false;
-    hideAfter(mark, 20000); // replaced by the answer's own; an answer always comes
+    hideAfter(mark, 20000); // the answer, which always comes, sets a shorter time
     this.places.set(mark, { u, v });
     this.lay(mark);
   }
 
-  /** Lays all marks again after a zoom, a pan or another size of the window. */
+  /** Places all marks again after a zoom, a pan or a new size of the window. */
   layAll() {
     for (const mark of this.places.keys()) this.lay(mark);
   }
@@ -82,7 +82,7 @@ export class Marks {
   }
 
   /**
-   * Lays the words beside the cross, wholly inside the video.
+   * Places the words beside the cross, wholly inside the video.
    * @param {number} x
    * @param {number} y
    */

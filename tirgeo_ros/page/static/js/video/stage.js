@@ -1,4 +1,4 @@
-/** One aircraft's video: canvas, marks, and words that cannot be missed. */
+/** One aircraft's video: canvas, marks, and warnings over the picture. */
 
 import { element, setText } from "../shell/dom.js";
 import { store } from "../store.js";
@@ -65,7 +65,7 @@ export class Stage {
   /** @returns {import("./gestures.js").Gestures} */
   gestures() {
     return {
-      down: () => this.frame?.stampNs ?? null, // of the picture that the finger meant
+      down: () => this.frame?.stampNs ?? null, // of the picture on the screen at that moment
       press: (x, y, stampNs) => this.pressed(x, y, stampNs),
       pan: (dx, dy) => this.changed(() => this.view.panBy(dx, dy)),
       zoom: (factor, x, y) => this.changed(() => this.view.zoomAt(factor, x, y)),
@@ -120,7 +120,7 @@ export class Stage {
     this.changed(() => this.view.setBox(width, height));
   }
 
-  /** Follows the video, or not: a tile that nobody sees takes no bandwidth. @param {boolean} on */
+  /** Starts or stops the video: a hidden tile takes no bandwidth. @param {boolean} on */
   follow(on) {
     this.root.hidden = !on;
     if (on && !store.get("still")) this.feed.start();
@@ -135,22 +135,22 @@ export class Stage {
     else this.feed.start();
   }
 
-  /** @returns {number | null | undefined} when the newest picture came; null: none is awaited */
+  /** @returns {number | null | undefined} when the newest picture came; null: none is expected */
   get watched() {
     if (this.still || this.root.hidden || document.hidden) return null;
     return this.feed.arrivedAt || undefined;
   }
 
-  /** Says over the picture what is wrong with it and how old it is; called every 200 ms. */
+  /** Writes over the picture what is wrong with it and how old it is; called every 200 ms. */
   tell() {
     const state = store.get("states")[this.aircraft.id] ?? null;
     const stillS = this.still ? this.feed.ageS : null;
     const why = store.get("verdicts")[this.aircraft.id]?.text ?? "";
-    const told = wordsOver({ ageS: this.feed.ageS, stillS, why });
-    this.root.dataset.tone = told?.tone ?? "good";
-    this.words.hidden = !told;
-    setText(this.title, told?.title ?? "");
-    setText(this.detail, told?.detail ?? "");
+    const warning = wordsOver({ ageS: this.feed.ageS, stillS, why });
+    this.root.dataset.tone = warning?.tone ?? "good";
+    this.words.hidden = !warning;
+    setText(this.title, warning?.title ?? "");
+    setText(this.detail, warning?.detail ?? "");
     this.recording.hidden = !state?.recording;
     this.tellLatency(state);
   }

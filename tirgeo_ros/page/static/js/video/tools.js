@@ -1,4 +1,4 @@
-/** The row under the video: kind of the next target, still picture, zoom; or what is refined. */
+/** The row under the video: kind of the next target (or the target refined), still, zoom. */
 
 import { button, byId, element, icon, setIcon, setText } from "../shell/dom.js";
 import { called } from "../shell/words.js";
@@ -9,7 +9,7 @@ import { stageOf } from "./stages.js";
 const NEXT_ZOOM = 2;
 const LAST_ZOOM = 4;
 
-/** Builds the row and keeps it as the store says. */
+/** Builds the row, and updates it with the store. */
 export function buildTools() {
   const kinds = element("div", {
     class: "kinds operator-only",
@@ -43,18 +43,18 @@ function refineWords(target) {
 
 /** @returns {HTMLElement} */
 function still() {
-  const made = button("still", "still", () => store.set({ still: !store.get("still") }), {
+  const node = button("still", "still", () => store.set({ still: !store.get("still") }), {
     class: "kind",
     id: "still",
     "aria-label": "Still picture",
   });
   store.watch(["still"], () => {
     const on = store.get("still");
-    made.setAttribute("aria-pressed", String(on));
-    setIcon(made, on ? "live" : "still");
-    setText(made.querySelector(".words"), on ? "live" : "still");
+    node.setAttribute("aria-pressed", String(on));
+    setIcon(node, on ? "live" : "still");
+    setText(node.querySelector(".words"), on ? "live" : "still");
   });
-  return made;
+  return node;
 }
 
 /** @returns {HTMLElement} zooms in by steps, and out again: for gloves that cannot pinch */

@@ -49,7 +49,7 @@ export class PictureView {
   /**
    * @param {number} x  CSS pixels from the box's left upper corner
    * @param {number} y
-   * @returns {{u: number, v: number} | null} null beside the picture
+   * @returns {{u: number, v: number} | null} null outside the picture
    */
   toPicture(x, y) {
     const { left, top } = this.rectangle;
@@ -74,7 +74,7 @@ export class PictureView {
   }
 
   /**
-   * Zooms, and keeps what is at (x, y) there.
+   * Zooms about the place (x, y) of the box.
    * @param {number} factor @param {number} x @param {number} y
    */
   zoomAt(factor, x, y) {
@@ -91,7 +91,7 @@ export class PictureView {
     this.middle = [0.5, 0.5];
   }
 
-  /** Holds the picture so that no empty space appears beside it which need not be there. */
+  /** Moves the picture so that there is empty space only if the picture is smaller than the box. */
   keepInside() {
     const { width, height } = this.rectangle;
     const keep = (/** @type {number} */ middle, /** @type {number} */ share) =>

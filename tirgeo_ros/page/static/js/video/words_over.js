@@ -1,4 +1,4 @@
-/** What stands over a video, from how old it is and what is wrong: plain functions. */
+/** The warning over a video, by its age and its fault: plain functions. */
 
 import { age } from "../shell/words.js";
 
@@ -6,12 +6,12 @@ const FROZEN_S = 1.0;
 const SLOW_MS = 250;
 const LATE_MS = 600;
 
-/** @typedef {{tone: "old" | "still", title: string, detail: string}} Told */
+/** @typedef {{tone: "old" | "still", title: string, detail: string}} Warning */
 
 /**
- * Returns what to say over the picture, or null. Why there is no map stands in the picture itself.
- * @param {{ageS: number, stillS: number | null, why: string}} seen
- * @returns {Told | null}
+ * Returns the warning over the picture, or null. The picture itself says why it has no map.
+ * @param {{ageS: number, stillS: number | null, why: string}} video
+ * @returns {Warning | null}
  */
 export function wordsOver({ ageS, stillS, why }) {
   if (stillS !== null && Number.isFinite(stillS)) {
