@@ -158,7 +158,7 @@ def test_launch_gives_every_node_the_inputs_other_names(launch_file, flight, tmp
     assert on_bag["bag_player"].remappings == [("/clock", "clock"), *renamed]
     path = tmp_path / "remap.yaml"
     path.write_text("imu: mavros/imu/data\n")
-    with pytest.raises(ValueError, match=r"^argument remap:=.*remap.yaml: imu: no input of tirg"):
+    with pytest.raises(ValueError, match=r"^argument remap:=.*remap.yaml: imu: not an input of t"):
         launched(launch_file, remap=str(path))
 
 

@@ -29,7 +29,7 @@ ASKED = {"m": 0.02, "deg": 0.1, "ms": 3.0}
 
 
 def errors(result):
-    """Found less planted by parameter, in its unit."""
+    """Return estimate minus truth by parameter, in its unit."""
     planted = dict(zip(PARAMETERS, truth(), strict=True))
     return {
         name: item["found"] - planted[name] / PER_UNIT[item["unit"]]
@@ -113,16 +113,16 @@ def test_a_hover_is_refused_with_what_to_fly(tmp_path, capsys):
     out = tmp_path / "out.yaml"
     assert command(["calibrate", "aircraft", str(flight), "-o", str(out)]) == 1
     message_text = capsys.readouterr().err
-    assert "shows no parameter: antenna_forward (aircraft.rtk_antenna_m)" in message_text
+    assert "determines no parameter: antenna_forward (aircraft.rtk_antenna_m)" in message_text
     assert "fly legs in several directions" in message_text
     assert message_text.count("\n") == 1
     assert not out.exists()
 
 
-def test_what_a_bag_lacks_is_named(tmp_path):
+def test_a_missing_topic_is_named(tmp_path):
     samples = [s for s in aircraft_samples(2, 10.0) if isinstance(s, ImuSample | HeadingSample)]
     flight = write_samples(tmp_path / "in.mcap", samples)
-    with pytest.raises(BagError, match="needed topic absent: /rtk/fix; is there a"):
+    with pytest.raises(BagError, match="needed topic absent: /rtk/fix; give --namesp"):
         calibrate_aircraft(flight)
     short = write_samples(tmp_path / "short.mcap", aircraft_samples(2, 10.0))
     with pytest.raises(CalibrationError, match=r"only 10\.0 s of imu/data without a gap"):
@@ -132,7 +132,7 @@ def test_what_a_bag_lacks_is_named(tmp_path):
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_real_walk_shows_velocities_that_are_late(shared, tmp_path):
-    """They are differences over its 0.25 s: half of that behind."""
+    """The receiver's velocities are differences over 0.25 s, so they are half of that late."""
     path = shared / "real_flights" / "walk_0827.mcap"
     if not path.exists():
         pytest.skip(f"no {path}")

@@ -1,4 +1,4 @@
-"""tirgeo calibrate boresight over simulated flights: what is planted is found, or refused."""
+"""tirgeo calibrate boresight over simulated flights: planted errors are found, or refused."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Flown:
 
 
 def planted(folder, seed, now, **changes):
-    """A simulated flight with what the requirement plants."""
+    """A simulated flight with the errors that the requirement names."""
     tree = yaml.safe_load(SCENARIO.read_text())
     given = {"gimbal.boresight_rpy_deg": [1.0, -0.8, 1.5], "video.latency_s": 0.07}
     for name, value in {**given, **changes}.items():
@@ -113,7 +113,7 @@ def held(flown):
     return flown.calibrate(out="held.yaml", hold=["gimbal_north"])
 
 
-def test_what_was_found_makes_poses_that_have_no_more_of_it(flown, held):
+def test_poses_with_the_estimates_have_no_more_error(flown, held):
     again = flown.calibrate(None, "held.yaml", out="again.yaml", hold=["gimbal_north"])
     # the model of the fit against the flight read anew with its result: float32 messages apart,
     # they differ by the picture of a moment's interpolation
@@ -124,7 +124,7 @@ def test_what_was_found_makes_poses_that_have_no_more_of_it(flown, held):
         assert abs(item["found"] - item["before"]) < 0.02 * item["sigma"]
 
 
-def test_the_file_is_what_the_nodes_take_and_says_how_well(flown, held):
+def test_nodes_accept_the_file_and_its_head_has_the_sigmas(flown, held):
     path = flown.folder / "held.yaml"
     outcome = held["parameters"]
     gimbal = load_config(path, "gimbal_node", GimbalConfig)
@@ -162,15 +162,15 @@ def test_wrong_and_unknown_observations_are_named(flown):
     )
 
 
-def test_what_cannot_be_told_apart_is_refused_and_nothing_written(flown):
+def test_inseparable_parameters_are_refused_and_nothing_is_written(flown):
     wanted = ["roll", "pitch", "yaw", "latency", "gimbal_north"]
     with pytest.raises(CalibrationError, match=r"flight.mcap: .*yaw and gimbal_north cannot be"):
         flown.calibrate(estimate=wanted, out="refused.yaml")
     assert not (flown.folder / "refused.yaml").exists()
 
 
-def test_the_verbs_know_the_names():
-    """They are spelled there to start quickly."""
+def test_the_verbs_have_the_same_names():
+    """The verbs repeat them, so that they start without the heavy modules."""
     assert boresight._NAMES == PARAMETERS
     assert boresight._NAMES[:5] == (*USUAL, IF_DETERMINED)
     assert tuple(HOLDS) == aircraft._NAMES
@@ -206,7 +206,7 @@ def test_a_ground_of_an_elevation_model_has_no_height_to_find(tmp_path, sample):
         calibrate_boresight(*inputs, tmp_path / "y.yaml", params=params)
 
 
-def test_half_of_the_points_serves_the_other_by_encoders(tmp_path):
+def test_half_of_the_points_calibrates_the_other_half_by_encoders(tmp_path):
     """Within 0.1 deg, 10 ms and 0.25 m on the ground."""
     flown = planted(tmp_path, 1, "{composition: encoders}\n")
     used, unused = flown.halves()
@@ -253,8 +253,8 @@ def test_a_ground_height_is_found_if_asked_for(tmp_path):
     assert item["sigma"] < 0.2
 
 
-def test_what_is_held_wrong_shows_in_the_residuals(flown):
+def test_a_wrong_held_parameter_shows_in_the_residuals(flown):
     with pytest.raises(
-        CalibrationError, match=r"yaw, latency: residuals \d+.\d times .* what is held right"
+        CalibrationError, match=r"yaw, latency: .* residuals are \d+.\d times .* the held param"
     ):
         flown.calibrate(estimate=["yaw", "latency"], out="refused.yaml")

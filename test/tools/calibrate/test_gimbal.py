@@ -16,7 +16,7 @@ from tirgeo_ros.core.calibration.checkerboard import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
-from tirgeo_ros.tools.calibrate.board_pictures import Taken, thinned
+from tirgeo_ros.tools.calibrate.board_pictures import Picture, thinned
 from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal
 from tirgeo_ros.tools.cli.main import main
 
@@ -91,7 +91,7 @@ def test_pictures_with_a_calibration_file_and_the_command(video, tmp_path, capsy
     assert text.index("pitch") < text.index("yaw") < text.index("roll")
 
 
-def test_what_is_missing_is_told(video, tmp_path):
+def test_missing_inputs_are_named(video, tmp_path):
     stamps, images, _ = video
     picture = tmp_path / "a.png"
     picture.write_bytes(b"")
@@ -124,7 +124,7 @@ def test_a_damaged_bag_is_used_as_far_as_it_can_be_read(video, tmp_path, capsys)
     damage(bag, segments)
     assert main(words) == 1
     reports = capsys.readouterr()
-    assert "wall.mcap: no /thermal/camera_info in what can be read; give --camera" in reports.err
+    assert "wall.mcap: no message of /thermal/camera_info can be read; give --ca" in reports.err
     assert (reports.out, reports.err.count("\n")) == ("", 1)
 
 
@@ -139,8 +139,8 @@ def damage(bag, segments):
 @pytest.mark.parametrize(("fps", "rate", "expected"), [(30, 10, 20), (9, 10, 18), (25, 10, 20)])
 def test_videos_are_thinned_evenly(fps, rate, expected):
     stamps = [round(n * 1e9 / fps) for n in range(2 * fps)]
-    kept = list(thinned((Taken(str(s), s, None) for s in stamps), rate))
+    kept = list(thinned((Picture(str(s), s, None) for s in stamps), rate))
     assert abs(len(kept) - expected) <= 1
 
     back = [stamp * 1_000_000 for stamp in (0, 100, 200, 0, 100, 200)]  # it does not stop there
-    assert len(list(thinned((Taken(str(s), s, None) for s in back), 10))) >= 5
+    assert len(list(thinned((Picture(str(s), s, None) for s in back), 10))) >= 5

@@ -67,7 +67,7 @@ def test_the_densities_of_a_flight_are_found(found):
     assert (result["flying_s"], result["resting_s"], result["warning"]) == (90, 0, None)
 
 
-def test_ekf_node_takes_what_it_writes_as_a_floor(found):
+def test_ekf_node_accepts_the_written_file_as_a_floor(found):
     folder, result = found
     imu = ParameterFile(folder / "imu.yaml").config("ekf_node", EkfConfig).imu
     written = [*imu.angle_random_walk, *imu.velocity_random_walk]
@@ -120,13 +120,13 @@ def test_lost_samples_are_warned_of(tmp_path):
     keep = np.random.default_rng(6).random(len(values)) > 0.015
     stamps = START_NS + np.arange(len(values), dtype=np.int64) * (1_000_000_000 // RATE_HZ)
     result = calibrate_imu(imu_bag(tmp_path / "a.mcap", values[keep], stamps_ns=stamps[keep]))
-    assert f"{(~keep)[:-1].sum()} samples beside" in result["warning"]
+    assert f"{(~keep)[:-1].sum()} samples are missing" in result["warning"]
 
 
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        (flown(7, 15), "15 s are too short; 20 s of flight are needed"),
+        (flown(7, 15), "record of 15 s is too short; 20 s of flight are needed"),
         (at_rest(7, 60), r"lies still for 60 of 60 s: no flight; use tirgeo calibrate allan"),
         (flown(7, 30) * [1, 0, 1, 1, 1, 1], "gyro y: never changes"),
     ],
@@ -161,7 +161,7 @@ def test_stamps_beyond_use_are_refused(tmp_path):
         ]
         > 30
     )
-    with pytest.raises(BagError, match="is not there"):
+    with pytest.raises(BagError, match="is absent"):
         calibrate_imu(tmp_path / "a.mcap", namespace="uav1")
 
 
@@ -176,7 +176,7 @@ def test_real_flights_are_as_measured_elsewhere(shared):
     np.testing.assert_allclose(np.median(medians, axis=0), table, rtol=0.12)
 
 
-def test_steps_of_a_walker_are_no_noise(shared):
+def test_steps_of_a_walker_do_not_count_as_noise(shared):
     result = calibrate_imu(shared / "real_flights" / "walk_0827.mcap")
     table = [1.5e-3, 1.4e-3, 3.5e-4, 0.005, 0.006, 0.011]
     # Gaits differ: the table is of the mean power, which is up to a quarter more than usual.
@@ -190,7 +190,7 @@ def test_steps_of_a_walker_are_no_noise(shared):
     "name", ["p4rtk_horizontal_09", "p4rtk_horizontal_24_differenced_velocity", "walk_0827"]
 )
 @pytest.mark.long
-def test_what_is_written_makes_no_flight_worse(name, shared, tmp_path):
+def test_the_written_parameters_make_no_flight_worse(name, shared, tmp_path):
     bag = shared / "real_flights" / f"{name}.mcap"
     calibrate_imu(bag, tmp_path / "imu.yaml")
     samples = samples_of(bag)
@@ -206,8 +206,8 @@ def test_what_is_written_makes_no_flight_worse(name, shared, tmp_path):
     assert sum(cut.within(3) for cut in cuts[1]) >= sum(cut.within(3) for cut in cuts[0])
 
 
-def test_the_noise_at_rest_is_not_gone_below(tmp_path):
-    """A sensor that is noisier than configured says so where it lies still."""
+def test_densities_are_never_below_the_noise_at_rest(tmp_path):
+    """A sensor that is noisier than configured shows this at rest."""
     rest = at_rest(9, 30) + 5 * (at_rest(10, 30) - [0, 0, 0, 0, 0, 9.8])
     rest[:, 3:] = at_rest(11, 30)[:, 3:]
     result = calibrate_imu(imu_bag(tmp_path / "a.mcap", np.concatenate([rest, flown(9, 30)])))

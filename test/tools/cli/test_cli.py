@@ -44,7 +44,7 @@ def raising(error):
 
 
 def test_a_result_is_a_line_for_each_key_in_words(run_verb):
-    """As ``process`` prints: what reports a problem first. Names of topics and files stay."""
+    """As ``process`` prints: problems are first. Names of topics and files are not changed."""
     result = {"frames_drawn": 3, "rms": {"heading_deg": 0.25, "rtk/fix_m": 1}, "no": None}
     result |= {"smoothed": False, "notes": [], "latency_ms": [1.5, 2.0], "not_used": {"late": 2}}
     code, out, err = run_verb(lambda _: result)
@@ -79,7 +79,7 @@ def test_json_is_one_object_with_null_for_nan(run_verb):
 
 
 def test_errors_are_one_line_of_the_verb(run_verb, tmp_path):
-    """Ours with 1, the machine's with the file's name, and Ctrl-C with 130."""
+    """Tirgeo's errors with code 1, the system's with the file's name, and Ctrl-C with 130."""
     absent = tmp_path / "none"
     for work, expected, said in (
         (raising(BagError("a.mcap: not an\nMCAP file")), 1, "a.mcap: not an\\nMCAP file"),
@@ -98,7 +98,7 @@ def test_a_bug_keeps_its_traceback(run_verb):
     ("argv", "message"),
     [([], "VERB"), (["fly"], "invalid choice: 'fly'"), (["work", "-x"], "unrecognized arguments")],
 )
-def test_wrong_use_is_2(monkeypatch, capsys, argv, message):
+def test_wrong_use_has_exit_code_2(monkeypatch, capsys, argv, message):
     monkeypatch.setattr(command, "verbs", lambda: [verb(lambda _: 0)])
     with pytest.raises(SystemExit) as left:
         command.main(argv)
@@ -131,21 +131,21 @@ _BORESIGHT = "calibrate boresight a.mcap --survey s --observations o -o y"
         ("process a -o b --parms=c", "(did you mean --params?)"),
         ("locate a -o b --method ekf_headin", "(did you mean ekf_heading?)"),
         *(
-            (f"import a.bin -o b.mcap --start-time {t}", f"{t}: no time from 1970 to 2038, as")
+            (f"import a.bin -o b.mcap --start-time {t}", f"{t}: give a time from 1970 to 2038")
             for t in ("2100-01-01", "1969-12-31", "noon")
         ),
-        ("cut a.mcap -o b.mcap --to 1e300", "--to: 1e300: neither seconds nor a time"),
+        ("cut a.mcap -o b.mcap --to 1e300", "--to: 1e300: not seconds, nor a time as"),
         ("export a.mcap -o b --degrees nan 0", "--degrees: invalid number value: 'nan'"),
         ("export a.mcap -o b --degrees 0 1", "--degrees: SCALE must not be 0"),
         ("export a.mcap -o b --gsd inf", "--gsd: invalid number value: 'inf'"),
         ("process a b -o out.mcap", "several flights need a folder, not out.mcap"),
         ("process a b -o out --workers 0", "--workers must be 1 or more"),
-        ("process a b -o out --workers 2 --scheduler a:1", "is not for --scheduler"),
-        ("process a b -o out --video out.mp4", "--video of several flights is one of .mp4, .ts"),
+        ("process a b -o out --workers 2 --scheduler a:1", "cannot be used with --scheduler"),
+        ("process a b -o out --video out.mp4", "--video out.mp4: give one of .mp4, .ts for"),
         ("process a -o b --workers 2", "--workers and --scheduler are for several flights"),
         ("process a -o b --scheduler a:1", "--workers and --scheduler are for several flights"),
         ("process a -o b --video", "--video needs a name, as OUT.mp4"),
-        (f"{_BORESIGHT} --estimate roll --hold roll", "roll: either --estimate or --hold"),
+        (f"{_BORESIGHT} --estimate roll --hold roll", "roll: name it in --estimate or in --hold"),
         (f"{_BORESIGHT} --estimate ,", "nothing to estimate"),
         ("calibrate imu a.mcap --from 10 --to 5", "--from must be 0 or more, and less than --to"),
     ],

@@ -1,4 +1,4 @@
-"""A calibration file stands in place of the bag's, in every command and in the parameters."""
+"""A calibration file replaces the bag's, in every command and in the parameters."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def lens(tmp_path_factory):
     return path
 
 
-def test_process_draws_with_it(flight, lens, sample, tmp_path):
+def test_process_draws_with_the_given_camera(flight, lens, sample, tmp_path):
     given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
     (tmp_path / "xt2.yaml").write_text(camera_yaml(XT2), encoding="utf-8")
     drawn = []
@@ -57,7 +57,7 @@ def test_process_draws_with_it(flight, lens, sample, tmp_path):
     assert 0 < drawn[0] < 0.8 * drawn[1]  # a quarter of the ground, each line twice as long
 
 
-def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
+def test_locate_takes_the_camera_from_the_parameters(flight, lens, sample, tmp_path):
     """The middle of the picture is where it was; beside it the ground is half as far away."""
     begun_ns = BagReader(flight).span_ns[0]
     rows = [f"{k},{begun_ns + 8_700_000_000},{u},{XT2.cy}" for k, u in enumerate((XT2.cx, 500))]
@@ -83,7 +83,7 @@ def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
 
 @pytest.mark.parametrize("verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow)])
 def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys):
-    """It would put each pixel elsewhere, and say so with a small ellipse."""
+    """It would locate each pixel wrongly, with a small ellipse."""
     half = replace(XT2, width=320, height=256)
     (tmp_path / "half.yaml").write_text(camera_yaml(half), encoding="utf-8")
     given = ["--camera", tmp_path / "half.yaml", "--params", sample / "params.yaml"]

@@ -143,7 +143,7 @@ def test_a_pipe_a_device_or_a_folder_is_no_place_for_a_file(tmp_path, capsys, ve
     assert path.is_fifo()
 
 
-def test_what_the_parameters_name_is_not_replaced(tmp_path, capsys):
+def test_files_in_the_parameters_are_not_replaced(tmp_path, capsys):
     """Maps, their companions, style sheets, elevation models, calibrations."""
     names = {"map": "park.shp", "style": "s.yaml", "dem": "d.tif", "camera": "c.yaml"}
     lines = [f"    {key}: {tmp_path / name}\n" for key, name in names.items()]
@@ -216,7 +216,7 @@ def frames(video, count=40):
 
 
 def test_a_video_whose_disk_is_full_for_a_moment(tmp_path):
-    """What failed once is told, though later there is room again."""
+    """An earlier failure is reported, although there is room again later."""
     path = tmp_path / "out.mp4"
     path.write_bytes(b"what was there")
 
@@ -233,8 +233,8 @@ def test_a_video_whose_disk_is_full_for_a_moment(tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["out.mp4"]
 
 
-def test_a_name_that_is_no_utf8(tmp_path, capsys):
-    """FFmpeg alone takes none; all else does."""
+def test_a_name_that_is_not_utf8(tmp_path, capsys):
+    """Only FFmpeg refuses such names."""
     name = os.fsdecode(os.fsencode(tmp_path) + b"/\xff")
     with pytest.raises(VideoError, match=r"\.mp4: the name is not UTF-8, as FFmpeg needs it"):
         VideoFile(f"{name}.mp4")
@@ -246,7 +246,7 @@ def test_a_name_that_is_no_utf8(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_result_with_a_name_that_is_no_utf8(sample, tmp_path):
+def test_a_result_with_a_name_that_is_not_utf8(sample, tmp_path):
     folder = os.fsencode(tmp_path)
     Path(os.fsdecode(folder + b"/\xff.mcap")).symlink_to(sample / "flight.mcap")
     command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", "calibrate", "imu"]

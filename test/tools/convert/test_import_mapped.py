@@ -252,7 +252,7 @@ def test_a_bag_without_pairs_is_answered_with_options(tmp_path, capsys):
     assert "it needs no import: give it to tirgeo process" in capsys.readouterr().err
 
 
-_PAIR = "not FROM=TO, TO one of imu/data, rtk/fix"
+_PAIR = "give FROM=TO, TO one of imu/data, rtk/fix"
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def test_the_boresight_file_overrides_the_parameters(result):
     assert turned.ekf.method == "ekf_heading"
     text = verdict(result.methods)
     assert text.startswith("0 of 24 lie in their ellipse of 95 %, ")
-    assert "in common: run calibrate boresight; are all heights ellipsoidal" in text
+    assert "m north: run calibrate boresight; check that all heights are ell" in text
     honest = verdict(result.methods[:-1])
     assert re.fullmatch(r"2\d of 24 lie in .* 95 %, 0[.]\d\d m off on average \(.*\)", honest)
 
@@ -188,7 +188,7 @@ def test_a_method_without_its_topic_or_that_never_starts_is_missing_and_the_othe
     bag = rewritten(sample / "flight.mcap", tmp_path / "short.mcap", seconds=0.5)
     result = evaluate(bag, *files(sample)[1:], params=params)
     assert [each.method for each in result.methods] == ["raw", "rtk"]
-    assert result.missing["ekf"].startswith("no camera pose could be made: ")
+    assert result.missing["ekf"].startswith("no camera pose could be computed: ")
     assert "no observation could be located: no trusted pose" in result.error
     numbers = summary(result)
     assert numbers["methods"]["raw"]["rmse_m"] is None
@@ -209,7 +209,7 @@ def test_no_method_at_all_is_an_error(sample, params, tmp_path):
         evaluate(*files(sample), namespace="uav1")
 
 
-def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
+def test_mismatches_of_observations_and_survey_are_noted(sample, tmp_path):
     bag = rewritten(sample / "flight.mcap", tmp_path / "raw.mcap", without=RTK)
     observed = load_observations(sample / "observations.csv")
     odd = Observation(
@@ -220,10 +220,8 @@ def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
     save_survey(tmp_path / "survey.csv", load_survey(sample / "survey.geojson"))
     result = evaluate(bag, tmp_path / "survey.csv", tmp_path / "seen.csv")
     notes = "\n".join(result.notes)
-    assert (
-        "1 of 27 observations are of points that are not in the survey, and left out: Q7" in notes
-    )
-    assert "1 of 27 observations have no picture's stamp: they are up to 0.004 s" in notes
+    assert "1 of 27 observations are left out: their points are not in the survey: Q7" in notes
+    assert "1 of 27 observations have the stamp of no picture: they are up to 0.004 s" in notes
     assert "7 surveyed points were never observed: P03, P04, P05, P17, P18 and 2 more" in notes
     assert sum(point["observations"] for point in summary(result)["points"].values()) == 26
 

@@ -100,7 +100,7 @@ def test_camera_shift_is_the_ground_error():
     assert not any(item.is_inside for item in result)  # of centimetres
 
 
-def test_what_cannot_be_located_has_its_reason_and_the_unsurveyed_is_left_out(tmp_path):
+def test_refused_points_have_a_reason_and_unsurveyed_ones_are_left_out(tmp_path):
     survey, observed = flown(*some_points(3))
     unknown = Observation("nobody", observed[0].stamp_ns, 320.0, 256.0)
     too_late = Observation("P0", 60_000_000_000, 320.0, 256.0)

@@ -18,7 +18,7 @@ COUNT = 24
 
 
 def method(*, sigma_m, pictures=COUNT, error_m=3.0):
-    """A method's points, each as far off to the east as told, with circles of a sigma."""
+    """A method's points, each with an error to the east and a circular sigma."""
     located = [
         LocatedPoint(
             *(f"P{k}", k % pictures, (0.0, 0.0), np.zeros(2), 0.0, np.array([error_m, 0.0])),
@@ -41,10 +41,10 @@ def method(*, sigma_m, pictures=COUNT, error_m=3.0):
         ),
         (
             {"sigma_m": 0.1},
-            r"0 of 24 .* average, \+3\.00 m east and \+0\.00 m north .* boresight.*",
+            r"0 of 24 .* error of \+3\.00 m east and \+0\.00 m north.* boresight.*",
         ),
         ({"sigma_m": 0.1, "pictures": 1}, r"0 of 24 .* 3\.00 m off on average \(ekf\)"),
-        ({"sigma_m": 0.1, "error_m": 430e3}, "the observed points lie 430 km from where .*"),
+        ({"sigma_m": 0.1, "error_m": 430e3}, "the observed .* 430 km from the surveyed .*"),
     ],
 )
 def test_the_verdict_says_whether_errors_are_as_predicted(points, text):
@@ -72,7 +72,7 @@ def test_the_columns_of_table_6_give_table_7():
         assert np.mean(list(column.values())) == pytest.approx(TABLE_6_AVERAGE_M[method], abs=0.01)
 
 
-def test_only_points_that_both_have_are_compared():
+def test_only_points_of_both_methods_are_compared():
     first = {"a": 3.0, "b": 5.0, "c": 4.0, "only here": 900.0}
     second = {"c": 2.5, "b": 2.0, "a": 2.0, "only there": 0.0}
     (result,) = paired_tests({"x": first, "y": second})
@@ -91,10 +91,10 @@ def test_only_points_that_both_have_are_compared():
     [
         ({"a": 1.0}, {"b": 1.0}, 0, None, "fewer than 2 points"),
         ({"a": 3.0, "b": 1.0}, {"a": 1.0}, 1, 2.0, "fewer than 2 points"),
-        ({"a": 0.3, "b": 0.1}, {"a": 0.2, "b": 0.0}, 2, 0.1, "all differences are alike"),
+        ({"a": 0.3, "b": 0.1}, {"a": 0.2, "b": 0.0}, 2, 0.1, "all differences are equal"),
     ],
 )
-def test_what_no_test_can_be_made_of_has_no_p_value(first, second, points, mean, note):
+def test_too_few_or_equal_differences_have_no_p_value(first, second, points, mean, note):
     (result,) = paired_tests({"x": first, "y": second})  # a RuntimeWarning is an error here
     assert (result.points, result.t, result.p_value, result.note) == (points, None, None, note)
     assert result.mean_difference_m == (None if mean is None else pytest.approx(mean))

@@ -153,8 +153,8 @@ def test_the_profile_of_one_machine_is_the_other_with_less_reach():
         assert (narrowed.tag, texts[0].strip()) == (item.tag, texts[1].strip())
 
 
-def test_what_cannot_be_shown_is_refused(tmp_path):
-    with pytest.raises(GraphError, match=r"gave no tirgeo/overlay/image"):
+def test_impossible_demonstrations_are_refused(tmp_path):
+    with pytest.raises(GraphError, match=r"has no tirgeo/overlay/image"):
         make_pictures(tmp_path / "run.mcap", tmp_path, 0)
     path = write(tmp_path / "a.mcap", [("/clock", MESSAGES.clock(5), 5)])
     with pytest.raises(BagError, match=r"needed topic absent: /imu/data, /thermal/camera_info"):

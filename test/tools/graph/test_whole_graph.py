@@ -24,7 +24,7 @@ from tirgeo_ros.tools.replay.registration import INPUTS
 
 
 class ReplacedError(Exception):
-    """This process would be another one now."""
+    """Report that this process would have been replaced."""
 
 
 @pytest.fixture
@@ -124,7 +124,7 @@ def test_the_page_comes_at_its_own_address_or_that_of_the_parameters(become, cap
 
 
 @pytest.mark.parametrize("verb", ["run", "demo"])
-def test_events_without_a_page_and_a_namespace_that_is_none_are_wrong_use(verb, become, capsys):
+def test_events_without_a_page_and_an_invalid_namespace_are_wrong_use(verb, become, capsys):
     with pytest.raises(SystemExit, match="2"):
         become("--namespace", "uav 1")
     assert "--namespace uav 1: use letters" in capsys.readouterr().err
@@ -133,7 +133,7 @@ def test_events_without_a_page_and_a_namespace_that_is_none_are_wrong_use(verb, 
     assert "--cot is for the operator's page: give --page too" in capsys.readouterr().err
 
 
-def test_what_runs_is_on_stdout_for_programs(become, capsys, monkeypatch):
+def test_the_nodes_names_are_on_stdout_for_programs(become, capsys, monkeypatch):
     become("--json")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     become()
@@ -160,14 +160,14 @@ def test_the_file_of_other_names_for_mavros():
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "no lines as imu/data: mavros/imu/data"),
-        ("/imu/data: a", "/imu/data: no input of tirgeo: use imu/data, rtk/fix"),
-        ("imu/data: 7", "imu/data: 7 is no topic's name"),
-        ("imu/data: a b", "imu/data: 'a b' is no topic's name"),
+        ("", "write lines as imu/data: mavros/imu/data"),
+        ("/imu/data: a", "/imu/data: not an input of tirgeo: use imu/data, rtk/fix"),
+        ("imu/data: 7", "imu/data: 7 is not the name of a topic"),
+        ("imu/data: a b", "imu/data: 'a b' is not the name of a topic"),
         ("imu/data: a: b", "line 1"),
     ],
 )
-def test_what_is_no_remap_is_named(tmp_path, text, reason):
+def test_an_invalid_remap_is_named(tmp_path, text, reason):
     path = tmp_path / "remap.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError) as raised:

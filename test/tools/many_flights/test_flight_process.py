@@ -51,7 +51,7 @@ def killer(folder, times):
 
 
 @pytest.mark.slow
-def test_a_killed_process_is_begun_again(task, sample, tmp_path):
+def test_a_killed_process_is_started_again(task, sample, tmp_path):
     report, killed = killer(tmp_path, 1)
     record = run_flight(task, lambda: False, report)
     assert len(killed) == 1
@@ -82,8 +82,8 @@ def painters_of(number):
 
 @pytest.mark.slow
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: no process for pictures")
-def test_a_flight_whose_picture_process_is_killed_is_begun_again(sample, tmp_path):
-    """That process is the one with most memory, which a system without memory kills first."""
+def test_a_flight_whose_picture_process_is_killed_is_started_again(sample, tmp_path):
+    """This process has the most memory, so a system that is short of it kills it first."""
     bag = rewritten(sample / "flight.mcap", tmp_path / "flight.mcap", seconds=4.0)
     task = task_of(bag, sample, tmp_path)
     task.options.update(images=True, map=str(sample / "map.geojson"))

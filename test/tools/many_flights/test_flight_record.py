@@ -81,7 +81,7 @@ def changed_flight(folder):
     ],
     ids=["flight", "parameters", "new file", "output", "no output"],
 )
-def test_a_change_makes_it_anew(made, tmp_path, monkeypatch, change):
+def test_a_changed_input_needs_a_new_run(made, tmp_path, monkeypatch, change):
     task, record = made
     assert not is_done(record, task(method="rtk"))
     with monkeypatch.context() as other:
@@ -92,7 +92,7 @@ def test_a_change_makes_it_anew(made, tmp_path, monkeypatch, change):
     assert not is_done(record, task())
 
 
-def test_other_files_are_passed_over(made, tmp_path):
+def test_other_files_are_ignored(made, tmp_path):
     season = '{"season": {"name": "x"}}'
     for text in ("", "{", "[]", "3", "{}", '{"season": {}}', season, "[" * 99999):
         (tmp_path / "out/other.json").write_text(text)

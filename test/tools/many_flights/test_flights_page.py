@@ -73,7 +73,7 @@ def test_the_page_is_whole_in_itself(tmp_path):
     assert "flights 0" in words(Page((tmp_path / "index.html").read_text()))
 
 
-def test_a_flight_is_told_as_its_record_has_it():
+def test_a_row_has_the_contents_of_its_record():
     result = words(Page(html(record("a", findings=[finding("stop"), finding("note")]))))
     for text in (
         "2026-05-01 10:00",
@@ -128,7 +128,7 @@ def test_a_flight_without_a_pose_and_one_of_hours():
     assert "None" not in result
 
 
-def test_what_another_version_tells_differently_is_a_dash():
+def test_a_value_of_another_version_is_a_dash():
     other = record("a", verdicts={"radar swallowed": 3}, states_s={"dreaming": 4, "running": 6})
     with pytest.raises(ValueError, match="swallowed"):
         html(other)

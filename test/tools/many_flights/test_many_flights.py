@@ -67,7 +67,7 @@ def test_links_in_a_loop_and_pipes_fail_alone(flights, run, tmp_path, capsys):
     ]
 
 
-def test_what_is_done_is_kept_and_a_folder_is_one_runs(season, flights, run, capsys):
+def test_finished_flights_are_kept_and_a_folder_has_one_run(season, flights, run, capsys):
     folder, _, _ = season
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*.mcap")}
     assert run(flights, folder, "--json") == 0
@@ -125,7 +125,7 @@ def test_pictures_and_videos_have_the_bytes_that_they_have_alone(sample, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_an_end_leaves_what_is_done_and_nothing_unfinished(sample, words, tmp_path, number):
+def test_an_end_leaves_finished_files_only(sample, words, tmp_path, number):
     """The second flight is in work when the command is ended."""
     bags = [tmp_path / name for name in ("first.mcap", "second.mcap")]
     rewritten(sample / "flight.mcap", bags[0], seconds=3.0)

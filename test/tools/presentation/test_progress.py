@@ -1,4 +1,4 @@
-"""The progress bar: silent where nobody looks, there from the first message, gone at the end."""
+"""The progress bar: only on a terminal, from the first message on, erased at the end."""
 
 from __future__ import annotations
 

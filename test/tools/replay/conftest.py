@@ -1,4 +1,4 @@
-"""What process makes of the first seconds of the sample flight."""
+"""Outputs of process for the first seconds of the sample flight."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tirgeo_ros.tools.replay.process import process
 
 @pytest.fixture(scope="session")
 def whole(cut, options, tmp_path_factory):
-    """The cut with everything that can be asked for: folder and summary."""
+    """The cut with all outputs: folder and summary."""
     folder = tmp_path_factory.mktemp("whole")
     files = {"raw_images": True, "video": folder / "out.mp4"}
     return folder, process(cut, folder / "out.mcap", **files, **options)

@@ -21,7 +21,7 @@ NOTE = Finding("vibration", Severity.NOTE, "it shakes", "imu/data", "dampen it")
 
 
 class Group:
-    """Stands in for a group of checks: counts its calls and finds what it is told to."""
+    """Stands in for a group of checks: counts its calls and returns given findings."""
 
     def __init__(self, found=()):
         self.calls = Counter()
@@ -53,7 +53,7 @@ def given(sample, *more):
     return [*("--params", str(sample / "params.yaml")), *map(str, more)]
 
 
-def test_a_good_flight_goes(sample, capsys):
+def test_a_good_flight_has_the_verdict_go(sample, capsys):
     files = given(sample, "--map", sample / "map.geojson")
     assert main(["check", str(sample / "flight.mcap"), *files]) == 0
     out, err = capsys.readouterr()
@@ -153,7 +153,7 @@ def test_a_damaged_bag_is_checked_as_far_as_it_goes(short, tmp_path):
     assert result["checked"]["topics"]["imu/data"]["messages"] > 0
 
 
-def test_process_tells_of_them_and_writes_the_same(short, sample, stand_ins, tmp_path, capsys):
+def test_process_reports_checks_and_writes_the_same(short, sample, stand_ins, tmp_path, capsys):
     outs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     text = []
     for out, found in zip(outs, ([], [STOP, CAUTION, NOTE]), strict=True):
@@ -172,10 +172,10 @@ def test_process_tells_of_them_and_writes_the_same(short, sample, stand_ins, tmp
 
 
 @pytest.mark.parametrize("composition", ["auto", "encoders"])
-def test_process_shows_the_checks_what_it_does_not_use(
+def test_process_passes_unused_inputs_to_the_checks(
     composition, short, sample, stand_ins, tmp_path
 ):
-    """Of 50 reported attitudes a second some; lens, pictures and map although none is drawn."""
+    """The checks get some of 50 attitudes a second, and lens, pictures and map without drawing."""
     params = tmp_path / "more.yaml"
     params.write_text(f"/**/gimbal_node:\n  ros__parameters: {{composition: {composition}}}\n")
     files = {"params": [sample / "params.yaml", params], "map": sample / "map.geojson"}
@@ -186,7 +186,7 @@ def test_process_shows_the_checks_what_it_does_not_use(
     assert stand_ins["Map"].calls["map"] == 1
 
 
-def test_a_fault_of_a_check_is_told_and_changes_nothing(
+def test_a_fault_of_a_check_is_reported_and_changes_nothing(
     short, sample, stand_ins, tmp_path, monkeypatch
 ):
     files = {"params": sample / "params.yaml", "images": False}
@@ -206,7 +206,7 @@ def test_a_fault_of_a_check_is_told_and_changes_nothing(
 
 
 @pytest.mark.parametrize("verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow)])
-def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, capsys):
+def test_locate_and_evaluate_report_findings(verb, sample, stand_ins, tmp_path, capsys):
     stand_ins["Gimbal"].found = [STOP, CAUTION, NOTE]
     words = located_or_evaluated(verb, sample, tmp_path)
     arguments = [*map(str, words), *given(sample), "--json"]

@@ -182,7 +182,7 @@ def test_a_split_bag_and_one_that_is_damaged(tmp_path):
     assert [*BagReader(tmp_path / "part.mcap").messages()][:100] == MESSAGES[50:150]
 
 
-def test_what_is_no_ros_message_is_kept_too(tmp_path):
+def test_messages_of_other_encodings_are_kept_too(tmp_path):
     source, out = tmp_path / "a.mcap", tmp_path / "part.mcap"
     with source.open("wb") as file:
         writer = McapWriter(file)
@@ -208,9 +208,9 @@ def test_a_part_from_the_start_needs_nothing_carried(bag, tmp_path):
     ]
 
 
-def test_what_cannot_be_cut(bag, tmp_path):
+def test_impossible_cuts_are_refused(bag, tmp_path):
     for times in ({"begin": 5.0}, {"end": datetime(2020, 1, 1, tzinfo=timezone.utc)}):
-        with pytest.raises(BagError, match="nothing between these times: the flight is"):
+        with pytest.raises(BagError, match="no message between these times: the flight is"):
             cut(bag, tmp_path / "part.mcap", **times)
     assert [*tmp_path.iterdir()] == []
 

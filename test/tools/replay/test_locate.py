@@ -147,7 +147,7 @@ def test_nothing_located_is_a_failure_with_an_output(sample, tmp_path, capsys):
         ({"namespace": "uav7"}, BagError, "needed topic absent: /uav7/imu/data"),
     ],
 )
-def test_what_cannot_be_done_leaves_no_output(sample, tmp_path, monkeypatch, options, error, said):
+def test_a_refused_call_leaves_no_output(sample, tmp_path, monkeypatch, options, error, said):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(error, match=said):
         locate(sample, "out.geojson", **options)

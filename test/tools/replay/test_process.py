@@ -118,7 +118,7 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     assert topics == {*GLOBAL, *(f"/uav1/tirgeo/{name}" for name in WITHOUT_PICTURES)}
     outcome = data_of(tmp_path / "out.mcap", f"/uav1{CAMERA_POSE}")
     assert outcome == data_of(poses_only[0], CAMERA_POSE)
-    with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*is there a --namespace"):
+    with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*give --namespace"):
         process(moved, tmp_path / "none.mcap", images=False, **options)
 
 
@@ -181,7 +181,7 @@ def test_six_lines_of_a_good_flight(result):
         ),
     ],
 )
-def test_what_is_wrong_stands_first_with_a_mark(result, change, line):
+def test_lines_with_a_problem_are_first_and_marked(result, change, line):
     lines = six_lines(result | change).splitlines()
     assert line in lines[0]
     assert [text[0] for text in lines] == ["!", *"     "]
@@ -195,7 +195,7 @@ def test_the_same_bytes_from_a_recording_in_parts(cut, whole, options, tmp_path)
     assert (tmp_path / "out.mcap").read_bytes() == (whole[0] / "out.mcap").read_bytes()
 
 
-def test_an_absent_part_is_told(cut, options, tmp_path, capsys):
+def test_an_absent_part_is_reported(cut, options, tmp_path, capsys):
     messages = list(BagReader(cut).messages())
     folder = record(tmp_path / "bag", [messages[:600], messages[600:]])
     (folder / "bag_1.mcap").unlink()

@@ -71,14 +71,14 @@ def test_a_log_time_after_2038_costs_its_message_alone(cut, sample, tmp_path, ca
             ALL_RTK,
             "ekf",
             "has no /rtk/fix, /rtk/vel: continuing without it",
-            f"{', '.join(ALL_RTK)}; it flies on ordinary GPS",
+            f"{', '.join(ALL_RTK)}; the filter uses ordinary GPS",
         ),
     ],
 )
-def test_the_method_is_that_of_what_the_bag_holds(
+def test_the_method_fits_the_topics_of_the_bag(
     cut, sample, tmp_path, absent, method, warning, note
 ):
-    """An aid that the method misses is a warning; the filter aligns by what there is."""
+    """An aid that the method lacks is a warning; the filter aligns with the available aids."""
     bag = rewritten(cut, tmp_path / "in.mcap", without=absent)
     params = [sample / "params.yaml", soon(tmp_path / "soon.yaml")]
     summary = process(bag, tmp_path / "out.mcap", params=params, images=False)
@@ -97,7 +97,7 @@ def soon(path):
 
 
 def test_poses_of_the_body_need_no_gimbal(cut, options, tmp_path, poses_only):
-    """The odometry is the same to the last bit; camera poses there are none."""
+    """The odometry is the same to the last bit; there are no camera poses."""
     gimbal = ("/gimbal/joint_states", "/gimbal/attitude")
     bag = rewritten(cut, tmp_path / "in.mcap", without=gimbal)
     summary = process(bag, tmp_path / "out.mcap", images=False, **options)
@@ -138,7 +138,7 @@ def test_samples_without_a_stamp_are_of_their_arrival_less_the_delay(
 
 
 def test_frames_without_a_stamp_are_of_their_arrival(cut, options, whole, tmp_path):
-    """Of stamp 0 one of all was a frame; now each is drawn that is drawn with a stamp."""
+    """The same frames are drawn as with stamps; once, all with stamp 0 counted as one frame."""
     bag = rewritten(cut, tmp_path / "in.mcap", lambda item: unstamped(item, (IMAGES,)))
     summary = process(bag, tmp_path / "out.mcap", **options)
     arrivals = [item.log_time_ns for item in BagReader(cut).messages([IMAGES])]
@@ -233,7 +233,7 @@ def test_damaged_bag_is_processed_as_far_as_it_goes(cut, options, tmp_path, caps
     assert summary["written"][CAMERA_POSE] > 50
 
 
-def test_no_bag_no_map_no_sense(cut, options, tmp_path):
+def test_unusable_inputs_and_options_are_refused(cut, options, tmp_path):
     out = tmp_path / "out.mcap"
     text = tmp_path / "text.mcap"
     text.write_text("no bag at all")

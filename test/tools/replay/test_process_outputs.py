@@ -106,7 +106,7 @@ def test_a_packet_to_each_frame_at_its_exposure(film, cut):
     assert times == [(stamp - LATENCY_NS) // 1000 for stamp in stamps]
 
 
-def test_everything_of_drawn_frames_and_nothing_of_others(film):
+def test_drawn_frames_have_all_metadata_and_others_only_the_time(film):
     summary, result = film
     tags = [values_in(entry).keys() - {2} for entry in result.packets]
     assert [entry for entry in tags if entry] == [DRAWN] * summary["overlay"]["drawn"]
@@ -178,7 +178,7 @@ def test_a_click_in_the_bag_becomes_a_point(clicked, options, tmp_path):
 
 
 def test_an_elevation_model_stands_before_the_parameters_height(clicked, options, tmp_path):
-    """A level one, ellipsoidal, 2 m above it."""
+    """The model is level, ellipsoidal, 2 m above the parameter's height."""
     rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
     params, dem = options["params"], tmp_path / "dem.tif"
     ground_m = load_config(params, "overlay_node", OverlayConfig).ground_height_m

@@ -17,7 +17,7 @@ from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process
 
 
-def test_poses_alone_differ_and_are_more_certain(nine_s, params, tmp_path):
+def test_only_poses_differ_and_they_are_more_certain(nine_s, params, tmp_path):
     given = {"params": params, "images": False}
     both = {
         name: process(nine_s, tmp_path / f"{name}.mcap", **given, smooth=name == "smoother")
@@ -64,7 +64,7 @@ def test_progress_covers_both_passes(nine_s):
 
 
 @pytest.mark.slow
-def test_every_verb_takes_it(sample, tmp_path):
+def test_every_verb_has_the_option(sample, tmp_path):
     flight, params = sample / "flight.mcap", sample / "params.yaml"
     points = sample / "survey.geojson", sample / "observations.csv"
     out, options = tmp_path / "points.geojson", {"params": params, "smooth": True}
@@ -73,7 +73,7 @@ def test_every_verb_takes_it(sample, tmp_path):
         locate_pixels(flight, points[1], out, method="rtk", **options)
     result = summary(evaluate(flight, *points, **options))
     assert result["smoothed"]
-    assert any(note.startswith("raw and rtk are as they are") for note in result["notes"])
+    assert any(note.startswith("raw and rtk are not smoothed") for note in result["notes"])
     usual = [flight, "--survey", points[0], "--observations", points[1], "--params", params]
     args = ("calibrate", "boresight", *usual, "-o", tmp_path / "boresight.yaml", "--smooth")
     assert main([str(item) for item in args]) == 0

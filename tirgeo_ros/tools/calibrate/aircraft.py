@@ -51,79 +51,22 @@ from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.registration import Sample, resolved
 
 _NEEDED = ("imu/data", "rtk/fix")
-_LEAST_S = 20.0
-
-
-class _Samples:
-    """Take the usable samples of a flight; no two measurements of one source and stamp."""
-
-    topics: Collection[str] = (*_NEEDED, "rtk/vel", "rtk/heading")
-
-    def __init__(self) -> None:
-        self.imu: list[ImuSample] = []
-        self.aids: dict[object, Aiding] = {}
-        self.left_out: Counter[str] = Counter()
-        self._repeats = DuplicateDetector()
-
-    def take(self, sample: Sample) -> None:
-        """Take a sample of ``topics``, in order of arrival."""
-        if not isinstance(sample, ImuSample | PositionSample | VelocitySample | HeadingSample):
-            return
-        if fault_of(sample):
-            self.left_out["invalid samples"] += 1
-        elif isinstance(sample, ImuSample):
-            if self.imu and sample.stamp_ns <= self.imu[-1].stamp_ns:
-                self.left_out["samples of imu/data out of order"] += 1
-            else:
-                self.imu.append(sample)
-        elif self._repeats.compared(sample) is not Same.MEASUREMENT:
-            self.aids.setdefault((sample.source, sample.stamp_ns), sample)
-
-
-def _read(
-    reader: BagReader, namespace: str, max_gap_s: float
-) -> tuple[Recorded, float, list[str]]:
-    """Read a bag once; return the longest part of its IMU's record without a gap.
-
-    With its length (s), and notes on what was left out.
-
-    Raise BagError if a needed topic is absent, CalibrationError if the part is too short.
-    """
-    flight, samples = Flight(reader, namespace, needs_camera=False), _Samples()
-    for topic in _NEEDED:
-        if not flight.has(topic):
-            hint = "" if namespace else "; is there a --namespace?"
-            raise BagError(
-                f"{reader.path}: needed topic absent: {resolved(topic, namespace)}{hint}"
-            )
-    flight.add(samples.topics, samples.take)
-    flight.read_all(silent)
-    if flight.refused:
-        samples.left_out["unreadable messages"] = flight.refused
-    notes = [f"left out: {number} {what}" for what, number in samples.left_out.items()]
-    begin, end = longest_piece(samples.imu, max_gap_s) if samples.imu else (0, 0)
-    piece = samples.imu[begin:end]
-    seconds = (piece[-1].stamp_ns - piece[0].stamp_ns) * 1e-9 if piece else 0.0
-    if seconds < _LEAST_S:
-        raise CalibrationError(
-            f"{reader.path}: only {seconds:.1f} s of imu/data without a gap; record a flight of "
-            "three minutes with turns"
-        )
-    if len(piece) < len(samples.imu):
-        notes.append(f"imu/data has gaps: the longest part, {seconds:.0f} s, is used")
-    return Recorded(piece, list(samples.aids.values())), seconds, notes
-
-
+_LEAST_S = 20.0  # a shorter record is refused
 #: Names of ``hold`` and the parameters that each holds.
 HOLDS = {
     "antenna": PARAMETERS[ANTENNA],
     "baseline": ("baseline_azimuth",),
     **{name: (name,) for name in ("position_delay", "velocity_delay", "heading_delay")},
     "level": LEVEL,
-    # Holds the delay of its positions, so that the IMU's delay is estimated instead.
+    # The delay of RTK positions is held, and the IMU's delay is estimated instead.
     "rtk": ("rtk",),
 }
-_USUAL_RUNS = 18
+#: Node and name of the parameter of each value; with ``hold`` rtk, position_delay is imu.delay_s.
+KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
+    LEVEL, "aircraft.imu_rpy_deg"
+)
+_LENGTH_M = 1.0  # length that is written for a baseline whose length is not configured
+_USUAL_RUNS = 18  # runs of the filter that a fit usually needs, for the progress bar
 
 
 def calibrate_aircraft(
@@ -165,21 +108,73 @@ def calibrate_aircraft(
     return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
 
 
+class _Samples:
+    """Collect a flight's usable samples; of measurements with one source and stamp, the first."""
+
+    topics: Collection[str] = (*_NEEDED, "rtk/vel", "rtk/heading")
+
+    def __init__(self) -> None:
+        self.imu: list[ImuSample] = []
+        self.aids: dict[object, Aiding] = {}
+        self.left_out: Counter[str] = Counter()
+        self._repeats = DuplicateDetector()
+
+    def take(self, sample: Sample) -> None:
+        """Take a sample of ``topics``, in order of arrival."""
+        if not isinstance(sample, ImuSample | PositionSample | VelocitySample | HeadingSample):
+            return
+        if fault_of(sample):
+            self.left_out["invalid samples"] += 1
+        elif isinstance(sample, ImuSample):
+            if self.imu and sample.stamp_ns <= self.imu[-1].stamp_ns:
+                self.left_out["samples of imu/data out of order"] += 1
+            else:
+                self.imu.append(sample)
+        elif self._repeats.compared(sample) is not Same.MEASUREMENT:
+            self.aids.setdefault((sample.source, sample.stamp_ns), sample)
+
+
+def _read(
+    reader: BagReader, namespace: str, max_gap_s: float
+) -> tuple[Recorded, float, list[str]]:
+    """Read a bag once; return the longest part of it whose IMU samples have no gap.
+
+    Return also the length of the part (s), and notes on what was left out. Raise BagError if a
+    needed topic is absent, CalibrationError if the part is too short.
+    """
+    flight, samples = Flight(reader, namespace, needs_camera=False), _Samples()
+    for topic in _NEEDED:
+        if not flight.has(topic):
+            hint = "" if namespace else "; give --namespace if the topics have one"
+            raise BagError(
+                f"{reader.path}: needed topic absent: {resolved(topic, namespace)}{hint}"
+            )
+    flight.add(samples.topics, samples.take)
+    flight.read_all(silent)
+    if flight.refused:
+        samples.left_out["unreadable messages"] = flight.refused
+    notes = [f"left out: {number} {what}" for what, number in samples.left_out.items()]
+    begin, end = longest_piece(samples.imu, max_gap_s) if samples.imu else (0, 0)
+    piece = samples.imu[begin:end]
+    seconds = (piece[-1].stamp_ns - piece[0].stamp_ns) * 1e-9 if piece else 0.0
+    if seconds < _LEAST_S:
+        raise CalibrationError(
+            f"{reader.path}: only {seconds:.1f} s of imu/data without a gap; record a flight of "
+            "three minutes with turns"
+        )
+    if len(piece) < len(samples.imu):
+        notes.append(f"imu/data has gaps: the longest part, {seconds:.0f} s, is used")
+    return Recorded(piece, list(samples.aids.values())), seconds, notes
+
+
 def _check_determined(fitted: AircraftFit) -> None:
-    """Raise CalibrationError, with each reason once, for a fit that has no parameter."""
+    """Raise CalibrationError, with each reason once, if a fit determined no parameter."""
     if not fitted.determined:
         names: dict[str, list[str]] = {}
         for name, reason in fitted.undetermined.items():
             names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
-        named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
-        raise CalibrationError(f"the flight shows no parameter: {named}")
-
-
-#: Node and name of the parameter that holds each value; positions' with ``hold`` rtk: imu.delay_s.
-KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
-    LEVEL, "aircraft.imu_rpy_deg"
-)
-_LENGTH_M = 1.0  # of a baseline whose length is not configured
+        named = "; ".join(f"{', '.join(group)}: {reason}" for reason, group in names.items())
+        raise CalibrationError(f"the flight determines no parameter: {named}")
 
 
 def _result(
@@ -218,7 +213,7 @@ def _add_level(
 ) -> Array:
     """Add the level to ``estimates`` or ``reasons``; return the IMU's turn about x, y, FRD, rad.
 
-    Zero where the flight does not determine it.
+    The turn is zero about an axis for which the flight does not determine it.
     """
     turn = np.zeros(2)
     if level is None:
@@ -227,7 +222,7 @@ def _add_level(
     for k, (name, sign) in enumerate(zip(LEVEL, (1.0, -1.0), strict=True)):
         sigma = float(level.sigma_rad[k])
         if sigma > LEVEL_LIMIT_RAD:
-            reasons[name] = f"known to {math.degrees(sigma):.2g} deg only; fly {LEVEL_ADVICE}"
+            reasons[name] = f"sigma is {math.degrees(sigma):.2g} deg; fly {LEVEL_ADVICE}"
             continue
         turn[k] = level.angles_rad[k]
         estimates[name] = estimate(KEYS[name], "deg", 0.0, sign * turn[k], sigma)
@@ -237,7 +232,7 @@ def _add_level(
 def _places(
     config: EkfConfig, values: Array, determined: Collection[str], turn: Array
 ) -> dict[str, Value]:
-    """Return the aircraft's parameters; ``turn`` (3,) takes vectors onto the body axes, FRD."""
+    """Return the aircraft's parameters; ``turn`` (3,) rotates vectors to the body axes, FRD."""
     aircraft = config.aircraft
     placed: dict[str, Value] = {}
     rotation, is_turned = matrix_from_rotvec(turn), bool(turn.any())
@@ -289,12 +284,12 @@ def _notes(aircraft: AircraftConfig, fitted: AircraftFit) -> list[str]:
     if "baseline_azimuth" in fitted.determined:
         if aircraft.baseline_b is None:
             notes.append(
-                f"headings do not determine how far apart the antennas are: {_LENGTH_M:g} m is "
-                "written"
+                "headings do not determine the distance between the antennas: "
+                f"{_LENGTH_M:g} m is written"
             )
         notes.append(
-            "aircraft.second_antenna_m corrects headings where the aircraft's messages "
-            "are read (dji_node, tirgeo import); those in this bag stay as they are"
+            "aircraft.second_antenna_m corrects headings when the aircraft's messages "
+            "are read (dji_node, tirgeo import); the headings in this bag stay as they are"
         )
     worst, nis = max(fitted.after.nis().items(), key=lambda item: item[1])
     if nis > 2.0:

@@ -48,8 +48,8 @@ from tirgeo_ros.tools.replay.registration import resolved
 
 LEAST_REST_S = 60.0  # a shorter rest does not determine the noise
 _NAMED = 3  # intervals that a refusal lists
-_MISFIT = 2.0
-_LONG_S = 1.0  # averaging times that are not affected by a sensor's own filter
+_MISFIT = 2.0  # a larger misfit causes a warning
+_LONG_S = 1.0  # from this averaging time on, a sensor's own filter has no effect
 _HEAD = """\
 Noise of the IMU in {name}: {hours:.2f} h at {rate:.2f} Hz, by tirgeo calibrate allan.
 
@@ -75,7 +75,7 @@ def calibrate_allan(
     """Estimate the noise of an IMU at rest between two times (s) since its first message.
 
     Write parameters for ekf_node and a plot (beside ``output`` as ``.png`` unless named), both or
-    none. Raise BagError, and CalibrationError, as for a record in which the IMU moved.
+    none. Raise BagError, and CalibrationError, for example if the IMU moved in the record.
     """
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
     check_outputs([bag], (output, picture), CalibrationError)
@@ -111,16 +111,16 @@ def _curve(read: ReadImu, seconds: Seconds) -> AllanCurve:
     check_alive(read.where, curve.variances)
     if curve.span_s < LEAST_REST_S:
         raise CalibrationError(
-            f"{read.where}: {curve.span_s:.0f} s without a gap are too short for the "
+            f"{read.where}: {curve.span_s:.0f} s without a gap are too short to determine the "
             "noise; record hours at rest"
         )
     return curve
 
 
 def _check_rest(reader: BagReader, seconds: Seconds, from_s: float) -> None:
-    """Raise CalibrationError where the IMU moved, with the longest rest.
+    """Raise CalibrationError if the IMU moved; the message names the longest rest.
 
-    Times are since the first message, as for ``--from`` and ``--to``.
+    Its times are since the first message, as for ``--from`` and ``--to``.
     """
     moved = [Interval(*(from_s + edge for edge in interval)) for interval in movements(seconds)]
     if not moved:
@@ -133,8 +133,8 @@ def _check_rest(reader: BagReader, seconds: Seconds, from_s: float) -> None:
     if end_s - begin_s >= LEAST_REST_S:
         advice = f"take the longest rest, --from {begin_s} --to {end_s}"
     raise CalibrationError(
-        f"{reader.path}: the IMU moved at {named}{more}: noise measured across this is wrong; "
-        f"{advice}"
+        f"{reader.path}: the IMU moved at {named}{more}: the noise cannot be measured across "
+        f"these times; {advice}"
     )
 
 
@@ -157,17 +157,17 @@ def _parameters(fits: Sequence[NoiseFit]) -> dict[str, Value]:
 def _axis(name: str, fit: NoiseFit) -> dict[str, Any]:
     """Return the result of an axis in SI units; None for a term that is not significant."""
 
-    def term(key: str, it: Term) -> dict[str, float | None]:
-        sigma = None if it.value is None else it.sigma
-        return {key: it.value, f"{key}_sigma": sigma, f"{key}_upper": it.upper}
+    def numbers(key: str, term: Term) -> dict[str, float | None]:
+        sigma = None if term.value is None else term.sigma
+        return {key: term.value, f"{key}_sigma": sigma, f"{key}_upper": term.upper}
 
     return {
         "axis": name,
-        **term("random_walk", fit.white),
-        **term("bias_instability", fit.flicker),
+        **numbers("random_walk", fit.white),
+        **numbers("bias_instability", fit.flicker),
         "minimum": fit.minimum,
         "minimum_at_s": fit.minimum_at_s,
-        **term("rate_random_walk", fit.walk),
+        **numbers("rate_random_walk", fit.walk),
         "bias_sigma": fit.bias.sigma,
         "correlation_time_s": fit.bias.time_s,
         "bias_observed": fit.bias.observed,
@@ -210,8 +210,8 @@ def _drift_warnings(seconds: Seconds) -> Iterator[str]:
     ]
     if named:
         yield (
-            f"{', '.join(named)}: drifts steadily, perhaps by temperature; it is removed before "
-            "the fit; let the IMU warm up for half an hour first"
+            f"{', '.join(named)}: drifts steadily, perhaps with temperature; the drift is removed "
+            "before the fit; let the IMU warm up for half an hour first"
         )
 
 
@@ -219,27 +219,27 @@ def _fit_warnings(fits: Sequence[NoiseFit]) -> Iterator[str]:
     short = channel_names(not fit.bias.observed for fit in fits)
     if short:
         yield (
-            f"too short for the bias of {short}: the parameters hold an upper bound and the "
-            "record's length; record longer"
+            f"the record is too short for the bias of {short}: the parameters hold an upper bound "
+            "and the record's length; record longer"
         )
     poor = channel_names(fit.misfit > _MISFIT or fit.shortest_s > _LONG_S for fit in fits)
     if poor:
         yield (
-            f"the curve of {poor} is not a sum of these noises, perhaps by vibration or the "
-            "sensor's own filter: look at the plot"
+            f"the curve of {poor} does not fit the noise model, perhaps because of vibration or "
+            "the sensor's own filter: look at the plot"
         )
 
 
 def allan_png(curve: AllanCurve, fits: Sequence[NoiseFit]) -> bytes:
     """Return a PNG: deviations with 95 % bands, fit, its asymptotes and the filter's model."""
-    made, panels = axis_panels("Allan deviation", UNITS, "averaging time [s]")
+    chart, panels = axis_panels("Allan deviation", UNITS, "averaging time [s]")
     for panel, fit in zip(panels.flat, fits, strict=True):
         _draw_deviation(panel, curve, fit)
     for row, three in zip(panels, (fits[:3], fits[3:]), strict=True):
         measured = np.sqrt(np.concatenate([fit.variances for fit in three]))
         row[0].set_ylim(0.5 * measured.min(), 2 * measured.max())
     panels.flat[0].legend(loc="upper right", fontsize=8)
-    return png(made)
+    return png(chart)
 
 
 def _draw_deviation(axis: Any, curve: AllanCurve, fit: NoiseFit) -> None:

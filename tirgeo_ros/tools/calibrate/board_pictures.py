@@ -30,8 +30,8 @@ UNREADABLE = Refused(RefusalReason.UNREADABLE, "it is not a picture of 8 or 16 b
 _ANY_DEPTH = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
 
 
-class Taken(NamedTuple):
-    """Hold a picture; its pixels are None if it cannot be read."""
+class Picture(NamedTuple):
+    """Hold one picture; its pixels are None if it cannot be read."""
 
     name: str
     stamp_ns: int | None  # of a picture from a bag
@@ -39,7 +39,7 @@ class Taken(NamedTuple):
 
 
 def opened(inputs: Sequence[Path], namespace: str) -> tuple[list[Path], BoardVideo | None]:
-    """Return the files to read, and the video if they are a bag.
+    """Return the files to read, and the video if the only input is a bag.
 
     Raise CalibrationError for a bag among other inputs, or inputs without pictures; BagError.
     """
@@ -50,7 +50,7 @@ def opened(inputs: Sequence[Path], namespace: str) -> tuple[list[Path], BoardVid
 
 
 def files_of(paths: Sequence[Path]) -> list[Path]:
-    """Return the picture files: those given, and those in folders in the order of their numbers.
+    """Return the picture files: the given ones, and those in folders, sorted by their numbers.
 
     Raise CalibrationError for a path that does not exist, or a folder without pictures.
     """
@@ -59,7 +59,7 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
         if path.is_dir():
             inside = [file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES]
             if not inside:
-                raise CalibrationError(f"{path}: no pictures in it ({' '.join(_SUFFIXES)})")
+                raise CalibrationError(f"{path}: no pictures in it; use {' '.join(_SUFFIXES)}")
             files += sorted(inside, key=by_numbers)
         elif path.is_file():
             files.append(path)
@@ -68,7 +68,7 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken]:
+def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Picture]:
     """Yield the pictures of files, in order: (h, w) uint8 or uint16, or (h, w, 3) uint8.
 
     They are named by file name, or by path if two files have the same name. Raise
@@ -84,9 +84,9 @@ def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken
             except ValueError as error:
                 raise CalibrationError(f"{path}: {error}") from None
         if pixels is not None and pixels.ndim == 3 and pixels.dtype == np.uint16:
-            pixels = pixels[..., 0]  # written as colour by a program that knows no 16 bit grey
+            pixels = pixels[..., 0]  # 16 bit grey, written as colour by a program that lacks it
         readable = pixels is not None and pixels.dtype in (np.uint8, np.uint16)
-        yield Taken(path.name if short else str(path), None, pixels if readable else None)
+        yield Picture(path.name if short else str(path), None, pixels if readable else None)
 
 
 class BoardVideo:
@@ -101,13 +101,13 @@ class BoardVideo:
         names = {resolved(topic, namespace): topic for topic in PICTURES}
         present_names = [name for name in names if present.get(name) == TOPIC_TYPES[names[name]]]
         if not present_names:
-            hint = "" if namespace else "; is there a --namespace?"
+            hint = "" if namespace else "; give --namespace if the topics have one"
             raise BagError(f"{bag}: needed topic absent: {' or '.join(names)}{hint}")
         self._pictures, self._contract = present_names[0], names[present_names[0]]
         self._info = resolved(_CAMERA_INFO, namespace)
         self._cdr = Cdr()
 
-    def pictures(self, progress: Report) -> Iterator[Taken]:
+    def pictures(self, progress: Report) -> Iterator[Picture]:
         """Yield all pictures, in order; call ``progress`` with seconds."""
         first_ns, last_ns = self.reader.span_ns
         for message in self.reader.messages([self._pictures]):
@@ -116,9 +116,9 @@ class BoardVideo:
                 decoded = self._cdr.deserialize(message.data, message.typename)
                 stamp_ns = convert.stamp_ns(decoded)
                 pixels = convert.pixels(self._contract, decoded)
-                yield Taken(f"{stamp_ns / 1e9:.3f}", stamp_ns, pixels)
+                yield Picture(f"{stamp_ns / 1e9:.3f}", stamp_ns, pixels)
             except TirgeoError:
-                yield Taken(f"{message.log_time_ns / 1e9:.3f}", None, None)
+                yield Picture(f"{message.log_time_ns / 1e9:.3f}", None, None)
 
     def camera(self) -> Camera:
         """Return the camera of the first ``thermal/camera_info``. Raise BagError, CameraError."""
@@ -127,42 +127,43 @@ class BoardVideo:
         message = next(iter(self.reader.messages([self._info])), None)
         if message is None:
             raise BagError(
-                f"{self.reader.path}: no {self._info} in what can be read; give --camera"
+                f"{self.reader.path}: no message of {self._info} can be read; give --camera"
             )
         decoded = self._cdr.deserialize(message.data, message.typename)
         return convert.camera(decoded, self._info)
 
 
-def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
+def sharpest(pictures: Iterator[Picture], every_s: float) -> Iterator[Picture]:
     """Yield the sharpest picture of each ``every_s`` of a video, and all unreadable ones."""
-    best: Taken | None = None
+    best: Picture | None = None
     most, begun_ns = 0.0, 0
-    for taken in pictures:
-        if taken.pixels is None or taken.stamp_ns is None:
-            yield taken
+    for picture in pictures:
+        if picture.pixels is None or picture.stamp_ns is None:
+            yield picture
             continue
-        if best is not None and not 0 <= taken.stamp_ns - begun_ns < every_s * 1e9:
+        if best is not None and not 0 <= picture.stamp_ns - begun_ns < every_s * 1e9:
             yield best
             best = None
         # The mean square gradient of the slightly smoothed picture: noise counts little.
-        calm = cv2.GaussianBlur(grey_of(taken.pixels).astype(np.float32), (0, 0), 1.0)
-        score = float(sum((np.diff(calm, axis=axis) ** 2).mean() for axis in (0, 1)))
+        smooth = cv2.GaussianBlur(grey_of(picture.pixels).astype(np.float32), (0, 0), 1.0)
+        score = float(sum((np.diff(smooth, axis=axis) ** 2).mean() for axis in (0, 1)))
         if best is None:
-            begun_ns, most = taken.stamp_ns, -1.0
+            begun_ns, most = picture.stamp_ns, -1.0
         if score > most:
-            most, best = score, taken
+            most, best = score, picture
     if best is not None:
         yield best
 
 
-def thinned(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
+def thinned(pictures: Iterator[Picture], rate_hz: float) -> Iterator[Picture]:
     """Yield ``rate_hz`` pictures a second of a video, evenly spaced, and all unreadable ones."""
     step_ns = 1e9 / rate_hz
     due_ns = -math.inf
-    for taken in pictures:
-        if taken.stamp_ns is None:
-            yield taken
-        elif not due_ns - 2 * step_ns < taken.stamp_ns < due_ns:
-            late = not 0 <= taken.stamp_ns - due_ns < step_ns  # or the first, or the clock was set
-            due_ns = (taken.stamp_ns if late else due_ns) + step_ns
-            yield taken
+    for picture in pictures:
+        if picture.stamp_ns is None:
+            yield picture
+        elif not due_ns - 2 * step_ns < picture.stamp_ns < due_ns:
+            # Begin the steps anew at the first picture, after a gap, and after a clock was set.
+            anew = not 0 <= picture.stamp_ns - due_ns < step_ns
+            due_ns = (picture.stamp_ns if anew else due_ns) + step_ns
+            yield picture

@@ -52,10 +52,13 @@ USUAL = ("roll", "pitch", "yaw", "latency")
 IF_DETERMINED = "gimbal_north"
 #: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
 CLICK_SIGMA_PX = 1.0
-_STEP_RAD = math.radians(1.0)  # of a parameter that acts before the pose is computed
+_STEP_RAD = math.radians(1.0)  # step of a parameter that acts before the pose is computed
+#: Residuals larger than expected by this factor cause a note.
+_MUCH = 2.0
+_UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
 _FOLLOWED = (
-    "gimbal_north is followed by the flight's own readings (gimbal_node north.*), so there is "
-    "nothing to estimate; leave it out"
+    "gimbal_node estimates gimbal_north during this flight (parameters north.*), so there is "
+    "nothing left to estimate; leave it out"
 )
 
 
@@ -76,10 +79,11 @@ def calibrate_boresight(
 ) -> dict[str, object]:
     """Estimate parameters from a flight over surveyed points and write them; return a summary.
 
-    ``estimate`` are names of ``core.calibration.boresight_model.PARAMETERS``; None: USUAL, and
-    IF_DETERMINED if the flight can determine it. Those in ``hold`` keep the values in ``params``.
-    ``smooth``: camera poses from all measurements, also later ones. Raise
-    CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.
+    ``estimate`` lists names of ``core.calibration.boresight_model.PARAMETERS``; None: USUAL, and
+    IF_DETERMINED if the flight can determine it. Parameters in ``hold`` keep their values in
+    ``params``. ``smooth``: camera poses from all measurements, also later ones. Raise
+    CalibrationError if the flight does not determine a parameter, BagError, ConfigError,
+    SurveyError.
     """
     options, inputs = {"camera": camera}, (survey, observations)
     opened = open_flight(
@@ -103,7 +107,7 @@ def calibrate_boresight(
 
 @dataclass(frozen=True)
 class _ReadFlight:
-    """Hold a flight that went through the filter, and the observations of its points."""
+    """Hold a flight with its computed poses, and the observations of its points."""
 
     flight: SightedFlight
     plane: TangentPlane
@@ -112,7 +116,7 @@ class _ReadFlight:
     lost: int  # observations of pictures without a pose
     ground_m: float  # median height of the points seen, ellipsoidal; nan without any
     by_encoders: bool
-    follows_north: bool  # the composer used its own estimates of the gimbal's north
+    follows_north: bool  # the composer estimated the gimbal's north during the flight
 
     @property
     def notes(self) -> list[str]:
@@ -143,13 +147,14 @@ def _read(
     usual = passes.pop("")
     if usual.plane is None:
         raise CalibrationError(
-            f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' says why"
+            f"{reader.path}: the filter computed no pose for this flight; run 'tirgeo process' "
+            "to see why"
         )
     composer = usual.registration.composer
     follows_north = not composer.sees_joints and composer.counts.get("north_used", 0) > 0
-    # Joint angles, or the flight's own readings, give the north without this uncertainty.
-    shown = composer.sees_joints or follows_north
-    north = 0.0 if shown else math.radians(configs.gimbal.north.sigma_deg) ** 2
+    # Joint angles, or estimates during the flight, give the north without this uncertainty.
+    has_north = composer.sees_joints or follows_north
+    variance = 0.0 if has_north else math.radians(configs.gimbal.north.sigma_deg) ** 2
     flight = SightedFlight(
         camera=recorded.camera,
         poses=usual.at,
@@ -158,7 +163,7 @@ def _read(
         camera_offset_g=configs.gimbal.aircraft.camera_from_pivot_g,
         click_sigma_px=click_sigma_px,
         stepped={name: Stepped(each.at, _STEP_RAD) for name, each in passes.items()},
-        north_variance=north,
+        north_variance=variance,
     )
     points = {point.id: point for point in survey}
     surveyed = [observation for observation in observed if observation.id in points]
@@ -199,7 +204,7 @@ def _passes(
     at_ns = [exposure_ns(observation.stamp_ns, latency_s) for observation in observed]
     passes = {"": recorded.registered(ekf, gimbal, at_ns, smooth=smooth)}
     if "gimbal_north" in wanted:
-        # Only one of the two has an effect: that of the composition in use.
+        # Only the parameter of the composition in use has an effect.
         step_deg = math.degrees(_STEP_RAD)
         north = replace(gimbal.north, bias_deg=gimbal.north.bias_deg + step_deg)
         stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + step_deg)
@@ -210,7 +215,7 @@ def _passes(
 def _wanted(
     estimate: Sequence[str] | None, hold: Collection[str], configs: NodeConfigs
 ) -> list[str]:
-    """Return the parameters to estimate. Raise CalibrationError for those that cannot be."""
+    """Return the parameters to estimate. Raise CalibrationError if one cannot be estimated."""
     asked = (*USUAL, IF_DETERMINED) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
     if "ground_height" in wanted and configs.overlay.dem:
@@ -222,7 +227,7 @@ def _wanted(
 
 
 def _fit(read: _ReadFlight, wanted: list[str], *, strict: bool) -> tuple[BoresightFit, list[str]]:
-    """Return the fit, and notes on what was left out of it; ``strict``: leave nothing out.
+    """Return the fit, and notes on parameters that it left out; ``strict``: leave out none.
 
     Raise CalibrationError if a parameter is not determined well enough.
     """
@@ -244,10 +249,10 @@ def _fit(read: _ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Boresig
             _refuse(foreseen_doubt(others))
             ambiguity = foreseen_doubt(wanted, UNASKED_SHARE)
             if ambiguity is not None:
-                why = "this flight leaves too much uncertain for it"
+                why = "with it, this flight would leave the other parameters too uncertain"
                 if IF_DETERMINED in ambiguity.names:
-                    why = f"{ambiguity.reason}; the boresight includes its error, and holds for "
-                    why += "this tilt only"
+                    why = f"{ambiguity.reason}; the boresight includes the error of north, and is "
+                    why += "right at this tilt only"
         if why:
             wanted = others
             key = key_of(IF_DETERMINED, read.by_encoders)
@@ -257,9 +262,9 @@ def _fit(read: _ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Boresig
     ambiguity = doubt(wanted, fitted.covariance)
     if ambiguity is not None and fitted.noise_factor > 1:
         raise CalibrationError(
-            f"{', '.join(ambiguity.names)}: residuals {fitted.noise_factor:.1f} times as large as "
-            "clicks and poses are expected to be off leave too much unexplained: are lens, "
-            "survey, lever arms and what is held right?"
+            f"{', '.join(ambiguity.names)}: too uncertain, because residuals are "
+            f"{fitted.noise_factor:.1f} times as large as the sigmas of clicks and poses predict: "
+            "check lens, survey, lever arms and the held parameters"
         )
     _refuse(ambiguity)
     return fitted, notes
@@ -270,13 +275,8 @@ def _refuse(ambiguity: Ambiguity | None) -> None:
         raise CalibrationError(str(ambiguity))
 
 
-#: Residuals larger than expected by this factor cause a note.
-_MUCH = 2.0
-_UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
-
-
 def key_of(name: str, by_encoders: bool) -> str:
-    """Return node and name of the parameter that holds one of PARAMETERS."""
+    """Return node and name of the parameter for one of PARAMETERS."""
     return {
         "latency": "overlay_node video_latency_s",
         "gimbal_north": f"gimbal_node {'yaw_zero_deg' if by_encoders else 'north.bias_deg'}",
@@ -359,7 +359,7 @@ def _nodes(
         nodes.setdefault(node, {})[name] = values[key]
     for node, own in nodes.items():
         config = configs.gimbal if node == "gimbal_node" else configs.overlay
-        config_from(type(config), {**values_of(config), **own}, "what was found")
+        config_from(type(config), {**values_of(config), **own}, "the estimates")
     return nodes
 
 
@@ -371,12 +371,14 @@ def _notes(numbers: Mapping[str, Any], nodes: Mapping[str, Mapping[str, Value]])
     ]
     if numbers["noise_factor"] > _MUCH:
         notes.append(
-            f"residuals are {numbers['noise_factor']:.1f} times as large as clicks and poses are "
-            "expected to be off, and the sigmas that much larger: check lens, survey, lever arms"
+            f"residuals are {numbers['noise_factor']:.1f} times as large as the sigmas of clicks "
+            "and poses predict, so all sigmas are multiplied by this: check lens, survey, lever "
+            "arms"
         )
     if "north.bias_deg" in nodes.get("gimbal_node", {}):
         notes.append(
-            "set gimbal_node north.sigma_deg to what the bias may change by the next flight"
+            "set gimbal_node north.sigma_deg to the change of the bias that you expect until the "
+            "next flight"
         )
     return notes
 

@@ -27,7 +27,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import (
     UNREADABLE,
-    Taken,
+    Picture,
     opened,
     pictures_of_files,
     thinned,
@@ -37,12 +37,12 @@ from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 AXES = ("roll", "pitch", "yaw")
-_FEWEST = 10
+_FEWEST = 10  # pictures with the board that are needed
 #: With more than this share of pictures without a board, the numbers may not represent the video.
 _MANY_LOST = 0.2
 #: Share of an axis's standard deviation from the picture's noise that causes a warning.
 _NOISY = 0.5
-_MOST_RMS_PX = 1.5
+_MOST_RMS_PX = 1.5  # a pose with a larger reprojection error is refused
 
 
 class BoardAttitudes(NamedTuple):
@@ -67,9 +67,9 @@ def calibrate_gimbal(
 ) -> dict[str, object]:
     """Measure the standard deviation of a camera's roll, pitch and yaw; return a summary.
 
-    ``inputs`` is a bag, of which ``rate_hz`` pictures a second are used, or pictures that were
-    taken at this rate. ``camera`` is a calibration file; without one the bag's own is used. Write
-    the time series (CSV) if asked. Raise CalibrationError, CameraError, BagError.
+    ``inputs`` is a bag, from which ``rate_hz`` pictures a second are used, or pictures that were
+    taken at this rate. ``camera`` is a calibration file; None: the bag's camera. Write the time
+    series (CSV) to ``output``, if given. Raise CalibrationError, CameraError, BagError.
     """
     paths, video = opened(inputs, namespace)
     check_outputs((*paths, camera), (output,), CalibrationError)
@@ -78,19 +78,19 @@ def calibrate_gimbal(
         lens = video.camera() if camera is None else load_camera(camera)
     elif camera is not None:
         pictures = (
-            taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
-            for number, taken in enumerate(pictures_of_files(paths, progress))
+            picture._replace(stamp_ns=round(number * 1e9 / rate_hz))
+            for number, picture in enumerate(pictures_of_files(paths, progress))
         )
         lens = load_camera(camera)
     else:
-        raise CalibrationError("gimbal: pictures have no camera calibration; give --camera")
+        raise CalibrationError("gimbal: picture files have no camera calibration; give --camera")
     attitudes, lost = _attitudes(pictures, board, lens)
     files = [(output, lambda: _csv(attitudes))]
     return written(files, _summary(attitudes, lost), video.reader if video else None)
 
 
 def _attitudes(
-    pictures: Iterator[Taken], board: Checkerboard, camera: Camera
+    pictures: Iterator[Picture], board: Checkerboard, camera: Camera
 ) -> tuple[BoardAttitudes, dict[str, Refused]]:
     """Return the camera's attitude in each picture with the board, and the refused pictures.
 
@@ -106,7 +106,8 @@ def _attitudes(
         if pixels.shape[:2] != (camera.height, camera.width):
             raise CalibrationError(
                 f"{name}: the picture has {pixels.shape[1]}x{pixels.shape[0]} pixels, the "
-                f"camera's calibration {camera.width}x{camera.height}"
+                f"camera's calibration {camera.width}x{camera.height}; give the calibration of "
+                "these pictures"
             )
         detected = find_board(pixels, board)
         if isinstance(detected, BoardSighting):
@@ -114,13 +115,13 @@ def _attitudes(
             if pose is not None and pose.rms_px <= _MOST_RMS_PX:
                 rows.append((name, stamp_ns, *camera_angles(pose), pose.rms_px))
                 continue
-            error = "none" if pose is None else f"error {pose.rms_px:.1f} px"
+            error = "no pose" if pose is None else f"error {pose.rms_px:.1f} px"
             detected = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
         lost[name] = detected
     if len(rows) < _FEWEST:
         raise CalibrationError(
             f"gimbal: {len(rows)} pictures of {len(lost) + len(rows)} show the board, {_FEWEST} "
-            f"are needed: {reasons(lost) or 'take a longer video'}"
+            f"are needed: {reasons(lost) or 'record a longer video'}"
         )
     names, stamps_ns, angles, sigmas, errors = zip(*rows, strict=True)
     return BoardAttitudes(
@@ -147,8 +148,8 @@ def _summary(attitudes: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str
     noisy = [AXES[k] for k in np.flatnonzero(noise > _NOISY * std)]
     if noisy:
         notes.append(
-            f"much of the {' and '.join(noisy)} comes from the picture's "
-            "noise: let the board fill more of the picture, seen at an angle"
+            f"much of the standard deviation of {' and '.join(noisy)} comes from the picture's "
+            "noise: let the board fill more of the picture, and view it at an angle"
         )
     return {
         "pictures": total,

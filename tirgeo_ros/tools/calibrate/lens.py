@@ -26,7 +26,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import (
     UNREADABLE,
-    Taken,
+    Picture,
     opened,
     pictures_of_files,
     sharpest,
@@ -35,13 +35,12 @@ from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_MOST_VIEWS = 60  # in the fit: the most different ones
-_EVERY_S = 0.5  # of a video the sharpest picture in each interval of this length is used
+_MOST_VIEWS = 60  # a fit takes the most different views, up to this number
+_EVERY_S = 0.5  # the sharpest picture in each interval of a video is used
 _CELLS = (8, 6)  # cells of the picture; a good set of views has corners in most of them
-_FEW_VIEWS = 10
-_LEAST_COVERED = 0.7
-_LOW_TILT_DEG = 15.0
-_ARROW = 0.02  # length of a usual error's arrow as a share of the picture's width
+#: A smaller number of views, share of cells covered, or largest tilt causes a warning.
+_FEW_VIEWS, _LEAST_COVERED, _LOW_TILT_DEG = 10, 0.7, 15.0
+_ARROW = 0.02  # length of the arrow of an rms error, as a share of the picture's width
 
 
 def calibrate_lens(
@@ -86,11 +85,11 @@ def calibrate_lens(
 
 
 def _sightings(
-    pictures: Iterator[Taken], board: Checkerboard
+    pictures: Iterator[Picture], board: Checkerboard
 ) -> tuple[dict[str, BoardSighting], dict[str, Refused], tuple[int, int]]:
-    """Return the boards detected, why the other pictures are refused, and the (width, height).
+    """Return the detected boards, the refused pictures, and the pictures' (width, height).
 
-    Pictures of another size than most are refused, and blurred or repeated views.
+    Refuse pictures of another size than most, and blurred or repeated views.
     """
     views: dict[str, BoardSighting] = {}
     refused: dict[str, Refused] = {}
@@ -123,12 +122,11 @@ def _summary(fit: LensFit, views: Mapping[str, BoardSighting]) -> dict[str, obje
     covered = len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
     number, tilt_deg = len(fit.errors_px), float(np.degrees(fit.tilt_rad))
     notes = {
-        f"{number} views are few: take 20": number < _FEW_VIEWS,
+        f"{number} views are too few: take 20": number < _FEW_VIEWS,
         f"the views cover {100 * covered:.0f} % of the picture: take some at its edges and "
         "corners": covered < _LEAST_COVERED,
-        f"the board is tilted by {tilt_deg:.0f} deg at most: tilt it by 20 to 45, all ways": (
-            tilt_deg < _LOW_TILT_DEG
-        ),
+        f"the board is tilted by {tilt_deg:.0f} deg at most: tilt it by 20 to 45 deg, in all "
+        "directions": tilt_deg < _LOW_TILT_DEG,
     }
     return {
         "views": number,
@@ -145,8 +143,8 @@ def _summary(fit: LensFit, views: Mapping[str, BoardSighting]) -> dict[str, obje
 
 
 def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
-    """Return a PNG: all corners on the frame with errors enlarged."""
-    made, frame = figure(8.0, 6.8)
+    """Return a PNG of all corners in the frame, with their errors enlarged."""
+    chart, frame = figure(8.0, 6.8)
     width, height = fit.camera.width, fit.camera.height
     scale = _ARROW * width / max(fit.rms_px, 1e-3)
     for number, (name, errors) in enumerate(fit.errors_px.items()):
@@ -159,4 +157,4 @@ def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
     frame.set(xlabel="column, px", ylabel="row, px")
     frame.set_title(f"Corners of {len(fit.errors_px)} views, errors enlarged {scale:.0f} times")
     frame.legend(loc="lower right", frameon=True)
-    return png(made)
+    return png(chart)

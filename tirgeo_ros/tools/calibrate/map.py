@@ -24,13 +24,124 @@ from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
 
-#: What reading coordinates raises where there are none.
+#: Errors of reading coordinates from a value that is not a position.
 _NO_POSITIONS = (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError)
-_LEFT_OUT = ("crs", "bbox")  # these refer to other coordinates
+_LEFT_OUT = ("crs", "bbox")  # members of a feature that refer to its pixels
+_GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
+_LEAST_GROSS_PX = 0.1  # a smaller residual is no mistake: nobody clicks more precisely
+_NAMED = 5  # most points in a warning
+
+
+def calibrate_map(
+    vectors: PathLike,
+    points: PathLike,
+    output: PathLike,
+    *,
+    survey: PathLike | None = None,
+    order: int = 3,
+    crs: str | None = None,
+) -> dict[str, object]:
+    """Georeference features in pixels (GeoJSON) by control points; write GeoJSON in WGS84.
+
+    ``points`` is a file ``id,column,row``, to be used with ``survey``, or a ``.points`` file of
+    QGIS. Return a summary. Raise SurveyError, MapError, CalibrationError.
+    """
+    check_outputs((vectors, points, survey), (output,), MapError)
+    marks = load_control_points(points, survey)
+    plane = Plane(crs, marks.degrees)
+    try:
+        transform, residuals = fit_polynomial(marks.pixels, plane.metres(marks.degrees), order)
+    except CalibrationError as error:
+        raise CalibrationError(f"{points}: {error}") from None
+    features = _features(vectors, transform)
+    degrees = plane.degrees(transform(features.pixels))
+    outside = ~transform.inside(features.pixels)
+    write_files({output: features.geojson(degrees)}, MapError)
+    jacobian = transform.jacobian(marks.pixels.mean(axis=0)[None])[0]
+    warnings = _warnings(marks, transform, residuals, features, outside)
+    return {
+        "output": [os.fspath(output)],
+        "order": order,
+        "crs": plane.name,
+        "points": len(marks.names),
+        "mean_residual_px": float(residuals.lengths_px.mean()),
+        "rms_residual_px": float(rms(residuals.lengths_px)),
+        "mean_residual_m": float(residuals.lengths_m.mean()),
+        "rms_residual_m": float(rms(residuals.lengths_m)),
+        "rms_left_out_m": float(rms(residuals.left_out_m)),
+        "sigma_m": residuals.sigma_m,
+        "pixel_m": math.sqrt(abs(float(np.linalg.det(jacobian)))),  # at the points' mean
+        "features": features.count,
+        "features_outside": features.features_with(outside),
+        "residuals": _rows(marks, residuals),
+        "warning": "; ".join(warnings) or None,
+    }
+
+
+def _features(path: PathLike, transform: PolynomialTransform) -> PixelFeatures:
+    """Return the features of a file; raise CalibrationError if the polynomial folds over."""
+    features = PixelFeatures(path)
+    folded = transform.folded(features.pixels)
+    if folded.any():
+        raise CalibrationError(
+            f"{path}: the polynomial folds over at {features.features_with(folded)} of "
+            f"{features.count} features, far from the control points; measure points there, "
+            "leave these features out or lower --order"
+        )
+    return features
+
+
+def _warnings(
+    marks: ControlPoints,
+    transform: PolynomialTransform,
+    residuals: Residuals,
+    features: PixelFeatures,
+    outside: BoolArray,
+) -> Iterator[str]:
+    if outside.any():
+        times = math.sqrt(float(transform.leverage(features.pixels[outside]).max()))
+        sigma = f": up to {residuals.sigma_m * times:.2g} m (one sigma) by the points' own errors"
+        worst = "" if math.isnan(residuals.sigma_m) else f"{sigma} alone"
+        yield (
+            f"{features.features_with(outside)} of {features.count} features reach outside "
+            f"the hull of the control points, where the polynomial diverges{worst}"
+        )
+    if math.isnan(residuals.sigma_m):
+        yield (
+            f"{len(marks.names)} points leave no redundancy at order {transform.order}: "
+            "their residuals are zero whatever their errors; measure more points"
+        )
+    else:
+        # Residuals comparable between points: near the hull, a point pulls the fit to itself.
+        scaled = np.sqrt(residuals.lengths_m * residuals.left_out_m)
+        far = (scaled > _GROSS * np.median(scaled)) & (residuals.lengths_px > _LEAST_GROSS_PX)
+        gross = [
+            f"{marks.names[k]} ({residuals.left_out_m[k]:.2g} m)"
+            for k in np.argsort(-scaled).tolist()
+            if far[k]
+        ]
+        if gross:
+            named = ", ".join(gross[:_NAMED])
+            yield f"points that do not fit the others: {named}; check their ids and pixels"
+    if marks.unused:
+        some = ", ".join(marks.unused[:_NAMED])
+        more = f" and {len(marks.unused) - _NAMED} more" if len(marks.unused) > _NAMED else ""
+        yield f"points in only one of the two files, not used: {some}{more}"
+
+
+def _rows(marks: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
+    """Return the residuals of each point by column."""
+    names = ("column", "row", "x_m", "y_m", "column_px", "row_px", "length_m", "length_px")
+    lengths = residuals.lengths_m, residuals.lengths_px, residuals.left_out_m
+    table = np.column_stack([marks.pixels, residuals.metres, residuals.pixels, *lengths])
+    return [
+        {"id": point} | dict(zip((*names, "left_out_m"), row, strict=True))
+        for point, row in zip(marks.names, table.tolist(), strict=True)
+    ]
 
 
 class PixelFeatures:
-    """Hold a FeatureCollection in pixels. Raises MapError naming file and feature."""
+    """Hold a FeatureCollection in pixels. Raise MapError naming file and feature."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
@@ -39,7 +150,7 @@ class PixelFeatures:
                 self._features = self._read()
                 self.pixels, self._owners = self._positions()
         except MemoryError:
-            raise MapError(f"{path}: does not fit into memory; split it") from None
+            raise MapError(f"{path}: does not fit into memory; split the file") from None
 
     def _read(self) -> list[dict[str, Any]]:
         try:
@@ -111,116 +222,3 @@ def _mapped(geometry: Any, change: Callable[[Any], Any]) -> Any:
         parts = [_mapped(part, change) for part in geometry["geometries"]]
         return {"type": "GeometryCollection", "geometries": parts}
     return {"type": geometry["type"], "coordinates": each(geometry["coordinates"])}
-
-
-_GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
-_LEAST_GROSS_PX = 0.1  # nobody clicks a point better: smaller residuals are rounding
-_NAMED = 5
-
-
-def calibrate_map(
-    vectors: PathLike,
-    points: PathLike,
-    output: PathLike,
-    *,
-    survey: PathLike | None = None,
-    order: int = 3,
-    crs: str | None = None,
-) -> dict[str, object]:
-    """Georeference features in pixels (GeoJSON) by control points; write GeoJSON in WGS84.
-
-    ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. Return a
-    summary. Raise SurveyError, MapError, CalibrationError.
-    """
-    check_outputs((vectors, points, survey), (output,), MapError)
-    marks = load_control_points(points, survey)
-    plane = Plane(crs, marks.degrees)
-    try:
-        transform, residuals = fit_polynomial(marks.pixels, plane.metres(marks.degrees), order)
-    except CalibrationError as error:
-        raise CalibrationError(f"{points}: {error}") from None
-    features = _features(vectors, transform)
-    degrees = plane.degrees(transform(features.pixels))
-    outside = ~transform.inside(features.pixels)
-    write_files({output: features.geojson(degrees)}, MapError)
-    jacobian = transform.jacobian(marks.pixels.mean(axis=0)[None])[0]
-    warnings = _warnings(marks, transform, residuals, features, outside)
-    return {
-        "output": [os.fspath(output)],
-        "order": order,
-        "crs": plane.name,
-        "points": len(marks.names),
-        "mean_residual_px": float(residuals.lengths_px.mean()),
-        "rms_residual_px": float(rms(residuals.lengths_px)),
-        "mean_residual_m": float(residuals.lengths_m.mean()),
-        "rms_residual_m": float(rms(residuals.lengths_m)),
-        "rms_left_out_m": float(rms(residuals.left_out_m)),
-        "sigma_m": residuals.sigma_m,
-        "pixel_m": math.sqrt(abs(float(np.linalg.det(jacobian)))),  # in the middle of the points
-        "features": features.count,
-        "features_outside": features.features_with(outside),
-        "residuals": _rows(marks, residuals),
-        "warning": "; ".join(warnings) or None,
-    }
-
-
-def _features(path: PathLike, transform: PolynomialTransform) -> PixelFeatures:
-    """Return the features of a file; raise CalibrationError where the polynomial turns over."""
-    features = PixelFeatures(path)
-    folded = transform.folded(features.pixels)
-    if folded.any():
-        raise CalibrationError(
-            f"{path}: the polynomial turns over at {features.features_with(folded)} of "
-            f"{features.count} features, far from the control points; measure points there, "
-            "leave these features out or lower --order"
-        )
-    return features
-
-
-def _warnings(
-    marks: ControlPoints,
-    transform: PolynomialTransform,
-    residuals: Residuals,
-    features: PixelFeatures,
-    outside: BoolArray,
-) -> Iterator[str]:
-    if outside.any():
-        times = math.sqrt(float(transform.leverage(features.pixels[outside]).max()))
-        sigma = f": up to {residuals.sigma_m * times:.2g} m (one sigma) by the points' own errors"
-        worst = "" if math.isnan(residuals.sigma_m) else f"{sigma} alone"
-        yield (
-            f"{features.features_with(outside)} of {features.count} features reach outside "
-            f"the hull of the control points, where the polynomial diverges{worst}"
-        )
-    if math.isnan(residuals.sigma_m):
-        yield (
-            f"{len(marks.names)} points leave no redundancy at order {transform.order}: "
-            "residuals of zero mean nothing; measure more"
-        )
-    else:
-        # A residual over its expected scatter: near the hull a point pulls the fit to itself.
-        fair = np.sqrt(residuals.lengths_m * residuals.left_out_m)
-        far = (fair > _GROSS * np.median(fair)) & (residuals.lengths_px > _LEAST_GROSS_PX)
-        gross = [
-            f"{marks.names[k]} ({residuals.left_out_m[k]:.2g} m)"
-            for k in np.argsort(-fair).tolist()
-            if far[k]
-        ]
-        if gross:
-            named = ", ".join(gross[:_NAMED])
-            yield f"points that do not fit the others: {named}; look for mistakes"
-    if marks.unused:
-        some = ", ".join(marks.unused[:_NAMED])
-        more = f" and {len(marks.unused) - _NAMED} more" if len(marks.unused) > _NAMED else ""
-        yield f"in only one of the two files, and not used: {some}{more}"
-
-
-def _rows(marks: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
-    """Return the residuals of each point by column."""
-    names = ("column", "row", "x_m", "y_m", "column_px", "row_px", "length_m", "length_px")
-    lengths = residuals.lengths_m, residuals.lengths_px, residuals.left_out_m
-    table = np.column_stack([marks.pixels, residuals.metres, residuals.pixels, *lengths])
-    return [
-        {"id": point} | dict(zip((*names, "left_out_m"), row, strict=True))
-        for point, row in zip(marks.names, table.tolist(), strict=True)
-    ]

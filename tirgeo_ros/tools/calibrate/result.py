@@ -1,4 +1,4 @@
-"""Hold, print and write what a calibration has estimated, in one form for all of them.
+"""Hold, print and write the estimates of a calibration, in one form for all calibrations.
 
 An estimate is a mapping with ``key`` (node and name of the parameter that holds it), ``unit``
 (deg, ms or m) and, in this unit, ``before``, ``found`` and ``sigma``.
@@ -16,7 +16,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 
-#: Unit -> how many of it make one rad, s or m.
+#: Unit -> how many units make one rad, s or m.
 PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
 _DIGITS = {"deg": 3, "ms": 1, "m": 3}
 _COLUMNS = ("before", "found", "sigma")
@@ -32,7 +32,7 @@ class Result(NamedTuple):
     notes: list[str]
 
     def yaml(self, command: str, bag: PathLike, lines: Sequence[str]) -> str:
-        """Return the parameter file; ``lines`` and the notes are its head."""
+        """Return the parameter file; its head comment has ``lines`` and the notes."""
         first = f"Written by 'tirgeo calibrate {command}' from {os.fspath(bag)}."
         head = "\n".join([first, *lines, *(f"note: {note}" for note in self.notes)])
         return parameters_yaml(self.nodes, head)
@@ -45,7 +45,7 @@ def estimate(key: str, unit: str, *numbers: float) -> dict[str, Any]:
 
 
 def estimates_table(estimates: Estimates) -> list[str]:
-    """Return the lines of a table: a parameter each."""
+    """Return the lines of a table with a row for each parameter."""
     lines = [f"{'parameter':<18}{''.join(f'{name:>10}' for name in _COLUMNS)}       key"]
     for name, row in estimates.items():
         numbers = "".join(f"{row[key]:>10.{_DIGITS[row['unit']]}f}" for key in _COLUMNS)
@@ -64,10 +64,10 @@ def written(
     numbers: Mapping[str, object],
     reader: BagReader | None,
 ) -> dict[str, object]:
-    """Write those of the files that have a name, all or none; return the command's result.
+    """Write the files whose name is not None, all or none; return the command's result.
 
-    A file is its name and what makes its contents. ``reader`` is that of the bag, if there is one:
-    its damage is the result's ``error``. Raise CalibrationError.
+    ``files`` are pairs of a name and a function that returns the contents. If the bag of
+    ``reader`` is damaged, that is the result's ``error``. Raise CalibrationError.
     """
     contents = {path: content() for path, content in files if path is not None}
     write_files(contents, CalibrationError)

@@ -10,8 +10,8 @@ a description, and ``example:``. It has::
 
     def describe(result: dict[str, object]) -> str: ...  # optional: the result for a person
 
-``_verb`` says what an option is, has those that verbs share, and calls the tool that does the
-work. ``main`` adds ``--json`` to every verb, runs it and handles its result and errors:
+``_verb`` defines what an option is, and the options that verbs share; it adds ``--json`` to every
+verb, and calls the tool that does the work. ``main`` runs a verb, and handles result and errors:
 
 - A ``dict`` from ``run`` is the result. It is printed by ``describe`` (else one line per key) or,
   with ``--json``, as one JSON object: NaN and infinities as null, arrays as lists, paths as

@@ -17,26 +17,16 @@ from tirgeo_ros.core.types.errors import nearest
 from tirgeo_ros.tools.presentation.progress import Progress
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"  # noqa: SLF001  its only name
-#: Names (with spaces), metavar (None: a flag), help, and more keywords of ``add_argument``. A
-#: value is a Path unless ``type`` or ``choices`` says otherwise.
+#: Names separated by spaces, metavar (None: a flag), help, and more keywords of ``add_argument``.
+#: The type of a value is Path unless ``type`` or ``choices`` says otherwise.
 Option: TypeAlias = tuple[Any, ...]
 
 T = TypeVar("T")
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
+WORD, NEEDED = {"type": str}, {"required": True}
 
-
-def number(text: str) -> float:
-    """Return a number; nan and infinity are none. A type of option."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
-NUMBER, WORD, NEEDED = {"type": number}, {"type": str}, {"required": True}
-
-#: What a bag may be.
+#: Options that several verbs have, and their help.
 ANY_BAG = "a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
 FLIGHT: tuple[Option, ...] = (("bag", "BAG", f"the recorded flight: {ANY_BAG}"),)
 _NAMESPACE = "namespace of the aircraft's topics in the bag, as uav1; default: none"
@@ -52,14 +42,10 @@ PARAMETERS = (
     ),
     *NAMESPACE,
 )
-_METHOD = "%(choices)s; default: that of --params, else ekf_heading, or ekf without rtk/heading"
+_METHOD = "%(choices)s; default: as in --params, else ekf_heading, or ekf without rtk/heading"
 METHOD: tuple[Option, ...] = (("--method", "M", _METHOD, {"choices": METHODS}),)
-_SMOOTH = "poses from all measurements, also later ones: better, above all without RTK; slower"
+_SMOOTH = "use later measurements too: slower, but better poses, above all without RTK"
 SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
-GROUND: tuple[Option, ...] = (
-    ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
-    ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
-)
 SURVEY: tuple[Option, ...] = (
     ("--survey", "GCPS", "GeoJSON, or CSV id,lat,lon,h", NEEDED),
     ("--observations", "CSV", "id,stamp_ns,u,v: the picture's header stamp, column, row", NEEDED),
@@ -74,18 +60,22 @@ WINDOW: tuple[Option, ...] = (
     (
         "--to",
         "S",
-        "end, in seconds after the first message; default: that of the bag",
+        "end, in seconds after the first message; default: the end of the bag",
         {"dest": "to_s", "type": float, "default": math.inf},
     ),
 )
 _PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag with thermal video"
 _BOARD = "inner corners of the board, as 9x6: one fewer than squares in each direction"
-BOARD: tuple[Option, ...] = (
-    ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),
-    *NAMESPACE,
-    ("--board", "COLUMNSxROWS", _BOARD, WORD | NEEDED),
-    ("--square", "M", "side of a square, m", NUMBER | NEEDED),
-)
+_PAGE = "serve the operator's page, at HOST:PORT; default: as in --params, else 127.0.0.1:8080"
+_COT = "with --page: address for Cursor-on-Target, as tcp://HOST:8087; switch it on at the page"
+
+
+def number(text: str) -> float:
+    """Return a finite number. Raise ValueError for nan and infinity; a type of option."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
 
 
 def page_address(text: str) -> str:
@@ -101,8 +91,18 @@ def page_address(text: str) -> str:
     return text
 
 
-_PAGE = "serve the operator's page, at HOST:PORT; default: 127.0.0.1:8080, or as --params says"
-_COT = "with --page: where it sends Cursor-on-Target, as tcp://HOST:8087, once it is switched on"
+#: Options whose types are the two functions above.
+NUMBER = {"type": number}
+GROUND: tuple[Option, ...] = (
+    ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
+    ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
+)
+BOARD: tuple[Option, ...] = (
+    ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),
+    *NAMESPACE,
+    ("--board", "COLUMNSxROWS", _BOARD, WORD | NEEDED),
+    ("--square", "M", "side of a square, m", NUMBER | NEEDED),
+)
 PAGE: tuple[Option, ...] = (
     ("--page", "ADDRESS", _PAGE, {"nargs": "?", "const": "", "type": page_address}),
     ("--cot", "ADDRESS", _COT, WORD),
@@ -110,15 +110,15 @@ PAGE: tuple[Option, ...] = (
 
 
 def utc_time(text: str) -> datetime:
-    """Return a written time (ISO 8601); one without a zone is UTC. Raise ValueError."""
-    # Python 3.10 reads fractions of three or six digits alone.
-    whole = re.sub(r"[.,](\d{1,6})\d*", lambda found: f".{found[1]:0<6}", text.removesuffix("Z"))
+    """Return a time from ISO 8601 text; without a zone it is UTC. Raise ValueError."""
+    # Python 3.10 reads only fractions of three or six digits.
+    whole = re.sub(r"[.,](\d{1,6})\d*", lambda match: f".{match[1]:0<6}", text.removesuffix("Z"))
     time = datetime.fromisoformat(whole)
     return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
 
 
 class Parser(argparse.ArgumentParser):
-    """Parse as argparse does, and say which name is nearest to one that is not known."""
+    """Parse as argparse does, and suggest the nearest name for an unknown one."""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -126,18 +126,18 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")
 
     def refuse(self, words: list[str]) -> None:
-        """End with usage and exit code 2, for words that are left over."""
+        """Exit with usage and exit code 2 because of unknown words."""
         options = [word.partition("=")[0] for word in words if word.startswith("-")]
         hint = nearest(options[0], self._option_string_actions) if options else ""
         self.error(f"unrecognized arguments: {' '.join(words)}{hint}")
 
 
 class UsageError(Exception):
-    """Report arguments whose error argparse alone cannot see: usage and exit code 2."""
+    """Report wrong arguments that argparse accepts: ends with usage and exit code 2."""
 
 
 def check_page(args: argparse.Namespace) -> None:
-    """Raise UsageError for options among ``PAGE`` that need another one."""
+    """Raise UsageError if ``--cot`` is given without ``--page``."""
     if args.cot and args.page is None:
         raise UsageError("--cot is for the operator's page: give --page too")
 
@@ -153,7 +153,7 @@ def verbs_of(package: ModuleType) -> list[ModuleType]:
 
 
 def add_verb(subparsers: Subparsers, module: ModuleType) -> Parser:
-    """Add and return the parser of a verb's module, with what all verbs share."""
+    """Add the parser of a verb's module, with the option ``--json``, and return it."""
     help_line, _, rest = (module.__doc__ or "").partition("\n\n")
     description, example, examples = rest.partition("example:\n")
     parser = subparsers.add_parser(
@@ -197,30 +197,31 @@ def call(
     keywords: str,
     **more: object,
 ) -> T:
-    """Call a tool with a progress bar; pass on arguments by their names, separated by spaces.
+    """Call a tool with a progress bar and with the values of the named arguments.
 
-    ``first`` are positional, ``keywords`` keyword arguments; ``doing`` is the bar's text, with a
-    comma and the unit if it has one. Raise UsageError for two grounds, or an empty window.
+    ``first`` names the positional and ``keywords`` the keyword arguments, separated by spaces;
+    ``doing`` is the bar's text, then a comma and the unit if there is one. Raise UsageError if
+    both a DEM and a ground height are given, or the window of time is empty.
     """
-    given = vars(args)
-    if given.get("dem") is not None and given.get("ground_height") is not None:
+    values = vars(args)
+    if values.get("dem") is not None and values.get("ground_height") is not None:
         raise UsageError("give either --dem or --ground-height, not both")
-    if "from_s" in given and not 0 <= args.from_s < args.to_s:
+    if "from_s" in values and not 0 <= args.from_s < args.to_s:
         raise UsageError("--from must be 0 or more, and less than --to")
-    named = {name: given[name] for name in keywords.split()}
+    named = {name: values[name] for name in keywords.split()}
     what, _, unit = doing.partition(", ")
     with Progress(what, unit=unit) as bar:
-        return tool(*(given[name] for name in first.split()), **named, **more, progress=bar)
+        return tool(*(values[name] for name in first.split()), **named, **more, progress=bar)
 
 
 def names_of(permitted: tuple[str, ...]) -> Callable[[str], list[str]]:
-    """Return a type of option: names with commas, each of them ``permitted``."""
+    """Return a type of option: a list of ``permitted`` names, separated by commas."""
 
     def names(text: str) -> list[str]:
         chosen = [name.strip() for name in text.split(",") if name.strip()]
         for name in chosen:
             if name not in permitted:
-                raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(permitted)}")
+                raise argparse.ArgumentTypeError(f"unknown {name}: use {', '.join(permitted)}")
         return chosen
 
     return names

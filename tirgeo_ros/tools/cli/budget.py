@@ -1,8 +1,8 @@
 """Compute the ground errors that errors of the pose cause.
 
-The error budget over the picture: root mean square errors on level ground for each factor, by the
-closed form of Ren et al. 2022 (section 3.5, a pinhole camera) and by the full covariance of the
-pose, with the lens. Errors, view and camera that are not given are those of the paper.
+Computes the error budget over the picture: root mean square errors on level ground for each
+factor, by the closed form of Ren et al. 2022 (section 3.5, a pinhole camera) and by the full
+covariance of the pose, with the lens. Defaults of errors, view and camera are those of the paper.
 
 example:
   tirgeo budget --height 60 --tilt 45 -o budget
@@ -21,19 +21,19 @@ _VALUES = (
     ("--height", "M", "height of the camera above the ground", "height_m"),
     ("--tilt", "DEG", "angle of the optical axis below the horizon", "depression_deg"),
     ("--speed", "M_S", "speed over ground, for errors of time", "speed_m_s"),
-    ("--east-error", "M", "of the camera's position", "east_error_m"),
-    ("--north-error", "M", "of the camera's position", "north_error_m"),
-    ("--height-error", "M", "of the camera's position", "height_error_m"),
-    ("--heading-error", "DEG", "of the camera's attitude", "heading_error_deg"),
-    ("--roll-error", "DEG", "of the camera's attitude", "roll_error_deg"),
-    ("--pitch-error", "DEG", "of the camera's attitude", "pitch_error_deg"),
+    ("--east-error", "M", "error of the camera's position", "east_error_m"),
+    ("--north-error", "M", "error of the camera's position", "north_error_m"),
+    ("--height-error", "M", "error of the camera's position", "height_error_m"),
+    ("--heading-error", "DEG", "error of the camera's attitude", "heading_error_deg"),
+    ("--roll-error", "DEG", "error of the camera's attitude", "roll_error_deg"),
+    ("--pitch-error", "DEG", "error of the camera's attitude", "pitch_error_deg"),
 )
 OPTIONS = (
-    ("-o --output", "DIR", "for CSV and maps (PNG)"),
+    ("-o --output", "DIR", "folder for CSV and maps (PNG)"),
     *PARAMETERS,
     *((*option, NUMBER | {"dest": name}) for *option, name in _VALUES),
 )
-_WIDE = 1e6  # m: larger values do not fit the columns with their millimetres
+_WIDE = 1e6  # m: larger values do not fit into the columns with three decimals
 _COLUMNS = ("middle", "mean", "median", "percentile 95", "largest")
 
 

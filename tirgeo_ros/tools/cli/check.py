@@ -1,8 +1,8 @@
 r"""Find what is wrong with a flight's set-up and sensors.
 
-Looks for signs, units, axes, stamps, lever arms, lens, ground and map that are wrong. Prints each
-fault with its evidence, the parameter or topic to look at and how to mend it, the worst first,
-then what was checked. Exit code 1 if a flight must not begin with this set-up.
+Looks for wrong signs, units, axes, stamps, lever arms, lens, ground and map. Prints each fault
+with its evidence, the parameter or topic to look at and how to mend it, the worst first, then
+what was checked. The exit code is 1 if a flight must not begin with this set-up.
 
 example:
   tirgeo check bags/sample/flight.mcap --params bags/sample/params.yaml \

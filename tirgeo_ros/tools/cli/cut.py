@@ -1,9 +1,9 @@
 """Cut a part out of a recorded flight.
 
-Copies the messages of all topics, as they are, into a new bag (MCAP). Latched topics (origin,
-static transforms, robot description) and a calibration that was sent once are carried: their last
-message before the part is written at its beginning. The filter aligns anew in a part: begin it
-20 s earlier where the poses of the first seconds count.
+Copies the messages of all topics, as they are, into a new bag (MCAP). The last message before the
+part is written at its beginning for latched topics (origin, static transforms, robot description)
+and for a calibration that was sent once. The filter aligns anew in a part: begin it 20 s earlier
+if you need the poses of its first seconds.
 
 example:
   tirgeo cut bags/sample/flight.mcap -o part.mcap --from 10 --to 20
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from tirgeo_ros.tools.replay.cut import Instant
 
 _MOST_S = 1e9  # 30 years: no flight is longer, and its nanoseconds are whole
+_FROM = "begin, in seconds after the first message, or UTC as 2024-06-11T07:44:39"
+_TO = "end, in the same forms; default: the end of the bag"
 
 
 def instant(text: str) -> Instant:
-    """Return seconds, or a time; one without a zone is UTC. A type of option."""
+    """Return seconds or a time, which is UTC without a zone; a type of option."""
     with suppress(ValueError):
         if 0 <= float(text) < _MOST_S:
             return float(text)
     with suppress(ValueError):
         return utc_time(text)
-    raise argparse.ArgumentTypeError(f"{text}: neither seconds nor a time as 2024-06-11T07:44:39")
+    raise argparse.ArgumentTypeError(f"{text}: not seconds, nor a time as 2024-06-11T07:44:39")
 
 
-_FROM = "begin, in seconds after the first message, or UTC as 2024-06-11T07:44:39"
-_TO = "end, likewise; default: that of the bag"
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "OUT", "the new bag (.mcap)", NEEDED),

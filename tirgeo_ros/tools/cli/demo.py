@@ -1,11 +1,11 @@
 """Run the whole node graph on the sample flight.
 
-Starts every node as a process of its own, over DDS in a domain of its own, plays a bag through
-them in real time and leaves overlay.mp4, still.png, summary.json, the recording and the logs.
-Needs ROS 2 Jazzy or its wheels.
+Starts every node as a process of its own, with a DDS domain of its own, plays a bag to them in
+real time and writes overlay.mp4, still.png, summary.json, the recording and the logs. Needs ROS 2
+Jazzy or its wheels.
 
 With --page the operator's page shows the flight, which is played again and again until Ctrl-C;
-its targets and recordings are then what is left in the folder.
+the folder then has only the page's targets and recordings.
 
 example:
   tirgeo demo -o demo
@@ -24,12 +24,12 @@ from tirgeo_ros.tools.presentation.progress import Progress, three
 
 _SERIAL = "simulate the aircraft's serial port: DJI's protocol to dji_node over a pseudo-terminal"
 OPTIONS = (
-    ("-o --output", "DIR", "default: %(default)s", {"default": Path("demo")}),
+    ("-o --output", "DIR", "folder for the files (%(default)s)", {"default": Path("demo")}),
     ("--bag", "BAG", f"another flight: {ANY_BAG}"),
-    ("--rate", "X", "times real time", NUMBER | {"default": 1.0}),
-    ("--params", "YAML", "default: beside the bag"),
-    ("--map", "MAP", "default: beside the bag"),
-    ("--method", "M", "%(choices)s", {"choices": METHODS}),
+    ("--rate", "X", "speed of playing, times real time", NUMBER | {"default": 1.0}),
+    ("--params", "YAML", "parameters; default: params.yaml beside the bag, if there"),
+    ("--map", "MAP", "the map; default: map.geojson beside the bag, if there"),
+    ("--method", "M", "method of the filter: %(choices)s", {"choices": METHODS}),
     ("--serial", None, _SERIAL),
     *PAGE,
 )
@@ -48,8 +48,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     if args.serial and args.rate != 1:
         raise UsageError("--serial runs in real time: leave --rate out")
     check_page(args)
-    given = (args.bag, args.output, args.params, args.map, args.method, args.rate)
-    setup = demo_setup(*given, serial=args.serial)
+    options = (args.bag, args.output, args.params, args.map, args.method, args.rate)
+    setup = demo_setup(*options, serial=args.serial)
     domain = setup.environment["ROS_DOMAIN_ID"]
     sys.stderr.write(f"the nodes use ROS_DOMAIN_ID={domain} on this machine only\n")
     if args.page is not None:
@@ -76,13 +76,13 @@ def describe(result: dict[str, Any]) -> str:
         "",
         f"look at  {result['video']}",
         f"    and  {result['still']}",
-        _seen(result),
+        _what_to_see(result),
     ]
     return "\n".join(lines)
 
 
-def _seen(result: dict[str, Any]) -> str:
-    """Return what is to be seen there."""
+def _what_to_see(result: dict[str, Any]) -> str:
+    """Return what the video and the still should show."""
     drawn = result["overlay"].get("drawn", 0)
     if not drawn:
         return "no frame shows the map; each frame says why"

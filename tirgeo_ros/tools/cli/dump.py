@@ -1,12 +1,12 @@
 """Print the frames of a capture of the aircraft's serial port.
 
-Prints one JSON object for each frame on stdout (--json or not): offset and header, its kind, and
-its contents, raw values beside SI values; fields that cannot be read are empty, NaN and infinities
-null. One line of counts goes to stderr. Bytes outside frames are skipped and counted: a capture
-may begin and end within a frame, and a cable may lose bytes. So the exit code is 0 if there is a
-frame, else 1.
+Prints one JSON object for each frame on stdout (--json or not): offset, header, kind and contents,
+with raw and SI values; fields that cannot be read are empty, NaN and infinities are null. Prints
+one line of counts on stderr. Bytes outside frames are skipped and counted, because a capture may
+begin and end within a frame, and a cable may lose bytes. The exit code is 0 if there is a frame,
+else 1.
 
-The contents of a subscription package are taken from --packages, else they are the usual five of
+--packages tells the contents of the subscription packages; by default they are the usual five of
 DJI's ROS wrapper.
 
 example:
@@ -29,7 +29,7 @@ import sys
 from tirgeo_ros.tools.cli._verb import WORD, Option
 from tirgeo_ros.tools.presentation.results import plain
 
-#: Of ``import`` too.
+#: Options for captures, which ``import`` has too.
 CAPTURE: tuple[Option, ...] = (
     ("--packages", "YAML", "contents of the subscription packages"),
     ("--key", "HEX", "application key, for encrypted frames", WORD | {"default": ""}),
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 def _line(record: dict[str, object]) -> str:
     try:
         return json.dumps(record, allow_nan=False)
-    except ValueError:  # a NaN: rare, so searching for it first would cost more
+    except ValueError:  # a NaN, which is rare: looking for it each time would cost more
         return json.dumps(plain(record), allow_nan=False)
 
 

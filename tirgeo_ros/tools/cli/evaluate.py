@@ -1,11 +1,11 @@
 r"""Measure a flight's ground accuracy against surveyed points, by method.
 
-The paper's experiment: locates every observed control point under the methods raw, rtk, ekf and
-ekf_heading, and calibrated (ekf_heading with the boresight file) where one is given. Prints each
-point's error, their means and the paired t-test between the methods, and writes report.html with
-the error vectors, observations.csv and result.json. A method is left out if the bag lacks its
-topics. Without --dem and --ground-height the ground is the parameters', else the median of the
-observed points' heights.
+Repeats the paper's experiment: locates every observed control point under the methods raw, rtk,
+ekf and ekf_heading and, with --boresight, calibrated (ekf_heading with the boresight file). Prints
+each point's error, their means and the paired t-test between the methods, and writes report.html
+with the error vectors, observations.csv and result.json. A method is left out if the bag lacks its
+topics. Without --dem and --ground-height the ground is that of the parameters, else the median of
+the observed points' heights.
 
 example:
   tirgeo evaluate bags/sample/flight.mcap --survey bags/sample/survey.geojson \
@@ -21,9 +21,9 @@ from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, NEEDED, PARAMETERS, SMOOT
 OPTIONS = (
     *FLIGHT,
     *SURVEY,
-    ("-o --output", "DIR", "for the report and its files", NEEDED),
+    ("-o --output", "DIR", "folder for the report and its files", NEEDED),
     *PARAMETERS,
-    ("--boresight", "YAML", "what calibrate boresight has written"),
+    ("--boresight", "YAML", "file that tirgeo calibrate boresight wrote"),
     *SMOOTH,
     *GROUND,
     ("--truth", "BAG", "truth.mcap of a simulated flight: adds the errors of the aircraft's pose"),

@@ -1,9 +1,9 @@
 r"""Make products of a flight for GIS, photogrammetry and players.
 
-Registers the flight, and lays its pictures on the ground: each as an orthophoto (ortho), and all
-as one mosaic with the best view on top. Both are Cloud-Optimised GeoTIFFs. stills have position
-and angles in EXIF and XMP; vectors are footprints, track and targets in one GeoPackage; subtitles
-(SRT) say where the camera was. Pictures without a trusted pose are left out and counted.
+Registers the flight and rectifies its pictures to the ground: each as an orthophoto (ortho), and
+all as one mosaic with the best view on top. Both are Cloud-Optimised GeoTIFFs. stills have
+position and angles in EXIF and XMP; vectors are footprints, track and targets in one GeoPackage;
+subtitles (SRT) have the camera's position. Pictures without a trusted pose are only counted.
 
 example:
   tirgeo export bags/sample/flight.mcap -o products --params bags/sample/params.yaml
@@ -32,10 +32,10 @@ from tirgeo_ros.tools.cli._verb import (
 from tirgeo_ros.tools.export import PRODUCTS
 
 _ONLY = {"type": names_of(PRODUCTS)}
-_EVERY = "at most one picture in each interval of so many seconds; 0: all (default: %(default)g)"
+_EVERY = "use at most one picture in each interval of S seconds; 0: all (default: %(default)g)"
 _DEGREES = "degrees Celsius = 16-bit value x SCALE + OFFSET, as 0.04 -273.15; default: values stay"
-_GRAZING = "leave out ground that is seen flatter than this (default: %(default)g)"
-_TARGETS = "targets to put into flight.gpkg: a GeoPackage of the page or of tirgeo locate"
+_GRAZING = "leave out ground that is seen at a smaller angle (default: %(default)g)"
+_TARGETS = "targets for flight.gpkg, from a GeoPackage of the page or of tirgeo locate"
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "DIR", "folder for the products; replaces an earlier run's", NEEDED),
@@ -45,10 +45,10 @@ OPTIONS = (
     *GROUND,
     *WINDOW,
     ("--every", "S", _EVERY, NUMBER | {"default": 1.0}),
-    ("--only", "NAMES", f"of {', '.join(PRODUCTS)}; default: all", _ONLY),
+    ("--only", "NAMES", f"products to make, of {', '.join(PRODUCTS)}; default: all", _ONLY),
     ("--targets", "FILE", _TARGETS),
     ("--crs", "CRS", "projected system of the rasters; default: the UTM zone of the place", WORD),
-    ("--gsd", "M", "size of the rasters' pixels; default: by the pictures' own", NUMBER),
+    ("--gsd", "M", "pixel size of the rasters; default: by that of the pictures", NUMBER),
     ("--grazing", "DEG", _GRAZING, NUMBER | {"default": 15.0}),
     ("--nearest", None, "keep the video's own values: no means, and no feathering in the mosaic"),
     ("--degrees", ("SCALE", "OFFSET"), _DEGREES, NUMBER | {"nargs": 2}),

@@ -11,8 +11,8 @@ captures.
 Logs: CSV (with --columns, of which config/columns has a template), RTKLIB .pos, u-blox UBX
 (NAV-PVT, NAV-RELPOSNED), PX4 ULog, ArduPilot DataFlash, subtitles of DJI's cameras (SRT). Several
 of one flight are merged by their time stamps; a topic that two of them have for the same time
-comes from the first. What a log does not tell is asked for. docs/import.md and
-docs/import_autopilots.md tell what comes out of each.
+comes from the first. An error names the option for a value that a log lacks. docs/import.md and
+docs/import_autopilots.md describe the result for each kind of log.
 
 example:
   tirgeo import flight.bag -o flight.mcap --params params.yaml
@@ -44,6 +44,24 @@ from tirgeo_ros.tools.cli._verb import NEEDED, NUMBER, WORD, Option, UsageError,
 from tirgeo_ros.tools.cli.dump import CAPTURE
 from tirgeo_ros.tools.presentation.results import table
 
+_FILES = "logs of one flight, or one bag or serial capture"
+_TIME = "UTC of the first message or record, as 2024-06-11T07:44:39; default: the receivers' date"
+_NAMESPACE = "namespace of the aircraft's topics in a ROS 1 bag, and in the new bag; default: none"
+_MAP = "a topic of the bag, and tirgeo's topic that it becomes; may be repeated"
+_RPY = "with --map-topic: rotation of the IMU's axes relative to base_link, deg"
+_TOPIC = WORD | {"default": ""}
+_BASELINE = (
+    "length between the two antennas: headings with another are refused; default: from "
+    "aircraft.rtk_antenna_m to aircraft.second_antenna_m. Without those it lies along the nose"
+)
+_GEOID = "height of sea level above the ellipsoid; default: geoid_undulation_m of --params"
+_ROVER = "the first antenna is the rover's, the second the moving base's; default: the reverse"
+_COLUMNS = "meaning of a CSV's columns: one file for all, or one for each"
+_OFFSET = "offset from UTC of local times without a zone, east positive"
+_SCALE = "scale of the times if a .pos does not tell it: %(choices)s"
+_DATUM = "datum of heights if the log does not tell it: %(choices)s"
+_HEADING = "heading of the nose 7 s after all topics have begun, from true north, clockwise"
+
 
 def offset_s(text: str) -> int:
     """Return seconds of an offset from UTC, as +02:00; a type of option."""
@@ -55,31 +73,12 @@ def offset_s(text: str) -> int:
         raise argparse.ArgumentTypeError(f"{text}: not an offset as +02:00 or -03:30") from None
 
 
-_FILES = "logs of one flight, or one bag or serial capture"
-_TIME = "UTC of the first message or record, as 2024-06-11T07:44:39; default: the receivers' date"
-_NAMESPACE = "namespace of the aircraft's topics in a ROS 1 bag, and in the new bag; default: none"
-_MAP = "topic of a bag, and the topic of tirgeo that it becomes; may be repeated"
-_RPY = "with --map-topic: rotation of the IMU's axes relative to base_link, deg"
-_TOPIC = WORD | {"default": ""}
-_BASELINE = (
-    "between the two antennas: headings with another length are refused; default: from "
-    "aircraft.rtk_antenna_m to aircraft.second_antenna_m. Without those it lies along the nose"
-)
-_GEOID = "height of sea level above the ellipsoid; default: geoid_undulation_m of --params"
-_ROVER = "the first antenna is the rover's, the second the moving base's; default: the reverse"
-_DATUM = "what heights are above where the log does not tell it: %(choices)s"
-_HEADING = "of the nose 7 s after all topics have begun, from true north, clockwise"
 LOGS: tuple[Option, ...] = (
-    ("--columns", "YAML", "what a CSV's columns mean; one, or one for each", {"action": "append"}),
+    ("--columns", "YAML", _COLUMNS, {"action": "append"}),
     ("--takeoff-height", "M", "ellipsoidal height of the take-off, for heights above it", NUMBER),
     ("--height", "DATUM", _DATUM, {"choices": ("ellipsoidal", "msl", "takeoff")}),
-    ("--utc-offset", "+HH:MM", "of local times without a zone, east positive", {"type": offset_s}),
-    (
-        "--time-scale",
-        "SCALE",
-        "of times where a .pos does not tell it: %(choices)s",
-        {"choices": ("gpst", "utc")},
-    ),
+    ("--utc-offset", "+HH:MM", _OFFSET, {"type": offset_s}),
+    ("--time-scale", "SCALE", _SCALE, {"choices": ("gpst", "utc")}),
     ("--baseline", "M", _BASELINE, NUMBER),
     ("--rover-first", None, _ROVER),
     ("--set-heading", "DEG", _HEADING, NUMBER),
@@ -128,17 +127,17 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _mapped_topics(args: argparse.Namespace) -> Any:
-    """Return what --map-topic and the options beside it say. Raise UsageError."""
+    """Return the topics and options of --map-topic. Raise UsageError."""
     from tirgeo_ros.tools.convert.import_mapped import MappedTopics  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.replay.registration import INPUTS  # noqa: PLC0415 heavy
 
     if args.map_topic and (args.image_topic or args.camera_info_topic):
         raise UsageError(
-            "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw, "
-            "thermal/image_raw/compressed or thermal/camera_info"
+            "--image-topic and --camera-info-topic are for DJI's bags: use --map-topic "
+            "TOPIC=thermal/image_raw, thermal/image_raw/compressed or thermal/camera_info"
         )
-    given = {option: getattr(args, option[2:].replace("-", "_")) for option, *_ in LOGS}
-    of_logs = [o for o, value in given.items() if value is not None and value is not False]
+    values = {option: getattr(args, option[2:].replace("-", "_")) for option, *_ in LOGS}
+    of_logs = [o for o, value in values.items() if value is not None and value is not False]
     if args.map_topic and of_logs:
         raise UsageError(f"{of_logs[0]} is for logs, not for --map-topic")
     if args.imu_rpy and not args.map_topic:
@@ -148,7 +147,7 @@ def _mapped_topics(args: argparse.Namespace) -> Any:
         topic, _, contract = text.partition("=")
         contract = contract.strip("/")
         if not topic.strip("/") or contract not in INPUTS:
-            raise UsageError(f"--map-topic {text}: not FROM=TO, TO one of {', '.join(INPUTS)}")
+            raise UsageError(f"--map-topic {text}: give FROM=TO, TO one of {', '.join(INPUTS)}")
         pairs.append((topic, contract))
     rpy_deg = tuple(args.imu_rpy or (0.0, 0.0, 0.0))
     return MappedTopics(tuple(pairs), rpy_deg, args.geoid_undulation)
@@ -162,11 +161,11 @@ def _utc_ns(text: str) -> int:
         time_ns = round(utc_time(text).timestamp() * 1e6) * 1000
         if 0 <= time_ns < LAST_NS:
             return time_ns
-    raise UsageError(f"--start-time {text}: no time from 1970 to 2038, as 2024-06-11T07:44:39")
+    raise UsageError(f"--start-time {text}: give a time from 1970 to 2038, as 2024-06-11T07:44:39")
 
 
 def describe(result: dict[str, Any]) -> str:
-    """Return the tables of inputs and outputs."""
+    """Return tables of the inputs and outputs, counts and notes."""
     parts = _inputs(result)
     rows = [("topic out", "messages", "from (UTC)", "seconds")]
     for topic, written in result["written"].items():

@@ -1,7 +1,7 @@
 r"""Locate pixels of a flight's pictures on the ground.
 
-Each point comes with its ellipse of 95 %. A pixel is given by its picture's stamp; one that cannot
-be located is written with its reason. ce and le of Cursor-on-Target are CE90 and LE90.
+Writes each point with its 95 % ellipse. A pixel is named by its picture's stamp, column and row.
+If it cannot be located, the reason is written. ce and le of Cursor-on-Target are CE90 and LE90.
 
 example:
   tirgeo locate bags/sample/flight.mcap --pixels bags/sample/observations.csv -o points.geojson \
@@ -14,10 +14,9 @@ import argparse
 
 from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, METHOD, NEEDED, PARAMETERS, SMOOTH, call
 
-_PIXELS = "a line id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row"
+_PIXELS = "a head id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row"
 _OUTPUT = (
-    "points and ellipses; by its ending .geojson, .kml, .gpx, .csv, .gpkg, or .xml for "
-    "Cursor-on-Target"
+    "file for points and ellipses: .geojson, .kml, .gpx, .csv, .gpkg, or .xml for Cursor-on-Target"
 )
 OPTIONS = (
     *FLIGHT,

@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UsageError as error:
         args.verb_parser.error(str(error))
     except BrokenPipeError:
-        # The reader (head, less) has gone: print no more, not even when Python flushes at exit.
+        # The reader (head, less) has ended: print no more, not even when Python flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except (TirgeoError, OSError) as error:
@@ -98,7 +98,7 @@ def console() -> NoReturn:
         sys.stdout.reconfigure(errors="backslashreplace")
     # As in the nodes: small matrices gain nothing from threads, and idle threads spin.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Tirgeo's own errors say the same in one line.
+    # Tirgeo reports in one line what OpenCV would log.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     sys.exit(main())
 
@@ -112,7 +112,7 @@ def unwind_on_signals() -> None:
 
 
 def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
-    # A lost terminal sends two: do not interrupt the clean-up.
+    # A lost terminal sends two signals: the second must not interrupt the clean-up.
     for again in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(again, signal.SIG_IGN)
     raise SystemExit(128 + number)

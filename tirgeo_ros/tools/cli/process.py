@@ -4,11 +4,11 @@ Runs filter, gimbal composition and overlay over a bag, faster than real time, a
 output topic of the nodes to a new bag. The same input gives the same bytes. A damaged bag is
 processed as far as it can be read (exit code 1).
 
-Several flights, or a folder as output, make a season: DIR gets NAME.mcap and NAME.json of each
-flight and the page index.html. Each flight has a process of its own; what an earlier run has done
-from the same files with the same options is kept. A flight that fails stops no other (exit code
-1). With --scheduler the workers of a Dask cluster process them; flights, files and DIR must be on
-a file system that all of them share, under the same names.
+Several flights, or one with a folder as output, are processed into the folder: it gets NAME.mcap
+and NAME.json of each flight and the page index.html. Each flight has a process of its own; flights
+that an earlier run has processed from the same files with the same options are kept. If a flight
+fails, the others go on (exit code 1). With --scheduler the workers of a Dask cluster process the
+flights; flights, files and DIR must be on a file system that all share, under the same names.
 
 example:
   tirgeo process bags/sample/flight.mcap -o out.mcap --params bags/sample/params.yaml \
@@ -35,13 +35,13 @@ from tirgeo_ros.tools.cli._verb import (
     call,
 )
 
-_OUTPUT = "the new bag; of several flights, or with an existing folder or DIR/, the folder"
+_OUTPUT = "the new bag; for several flights (or with an existing folder or DIR/) the folder"
 _VIDEO = (
-    "the overlay as a video: .mp4 (H.264), or .ts (H.264 with KLV metadata); of "
-    "several flights the ending alone, or nothing for .mp4"
+    "the overlay as a video: .mp4 (H.264), or .ts (H.264 with KLV metadata); for "
+    "several flights only the ending, or nothing for .mp4"
 )
-_WORKERS = "of several flights: processes at a time; default: the number of cores"
-_SCHEDULER = "of several flights: use the Dask cluster of this scheduler, as tcp://HOST:8786"
+_WORKERS = "for several flights: processes at a time; default: the number of cores"
+_SCHEDULER = "for several flights: use the Dask cluster of this scheduler, as tcp://HOST:8786"
 OPTIONS = (
     ("bag", "FLIGHT", f"the recorded flights: {ANY_BAG}", {"nargs": "+"}),
     ("-o --output", "OUT", _OUTPUT, WORD | NEEDED),
@@ -49,9 +49,9 @@ OPTIONS = (
     *METHOD,
     *SMOOTH,
     *GROUND,
-    ("--map", "MAP", "the map; without it no overlay"),
-    ("--no-images", None, "poses only, no overlay"),
-    ("--raw-images", None, "write the overlay raw as well"),
+    ("--map", "MAP", "the map to draw; without it there is no overlay"),
+    ("--no-images", None, "compute only poses, no overlay"),
+    ("--raw-images", None, "write the overlay also as raw images"),
     ("--video", "OUT.mp4", _VIDEO, {"nargs": "?", "const": Path()}),
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
@@ -63,7 +63,7 @@ _ENDINGS = (".mp4", ".ts")
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Process the flight or the flights; return a summary."""
     if args.no_images and (args.video or args.raw_images):
-        raise UsageError("--no-images excludes --video and --raw-images")
+        raise UsageError("--no-images cannot be used with --video or --raw-images")
     if len(args.bag) > 1 or args.output.endswith("/") or Path(args.output).is_dir():
         return _many_flights(args)
     from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
@@ -82,9 +82,9 @@ def _many_flights(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.many_flights.many_flights import process_flights  # noqa: PLC0415 heavy
 
     if args.workers is not None and (args.workers < 1 or args.scheduler):
-        raise UsageError("--workers must be 1 or more, and is not for --scheduler")
+        raise UsageError("--workers must be 1 or more, and cannot be used with --scheduler")
     if Path(args.output).suffix == ".mcap" and not Path(args.output).is_dir():
-        raise UsageError(f"several flights need a folder, not {args.output}: -o DIR")
+        raise UsageError(f"several flights need a folder, not {args.output}: give -o DIR")
     more = {"images": not args.no_images, "video": _ending(args.video)}
     names = f"{_NAMES} workers scheduler"
     return call(process_flights, args, "processing, flights", "bag output", names, **more)
@@ -98,12 +98,12 @@ def _ending(video: Path | None) -> str:
         return _ENDINGS[0]
     if str(video) not in _ENDINGS:
         listed = ", ".join(_ENDINGS)
-        raise UsageError(f"--video of several flights is one of {listed}, and not {video}")
+        raise UsageError(f"--video {video}: give one of {listed} for several flights")
     return str(video)
 
 
 def describe(result: Mapping[str, Any]) -> str:
-    """Return some lines for a person."""
+    """Return the result in a few lines for a person."""
     if "flights" in result:
         from tirgeo_ros.tools.many_flights.many_flights import summary_lines  # noqa: PLC0415 heavy
 

@@ -1,10 +1,11 @@
-"""Run the whole node graph in one process, where no ros2 command is.
+"""Run the whole node graph in one process, on a machine without the ros2 command.
 
-Live, or with --bag in simulated time until the bag ends. The nodes, their topics and their
+Runs live, or with --bag in simulated time until the bag ends. The nodes, their topics and their
 parameters are those of the launch file, and ROS_DOMAIN_ID applies: rviz, Foxglove and recorders
-see and feed every topic. With --bag only this machine reaches the nodes. Ctrl-C ends all. A node
-that fails ends the others, with exit code 1. With --page the operator's page shows video, targets
-and map in any browser; if it ends later it is started again. Needs ROS 2 Jazzy or its wheels.
+can read and publish every topic. With --bag only this machine reaches the nodes. Ctrl-C ends all
+nodes. If a node fails, all end with exit code 1. With --page the operator's page shows video,
+targets and map in any browser; if viewer_node ends, it is started again. Needs ROS 2 Jazzy or its
+wheels.
 
 example:
   tirgeo run --map park.geojson --params my_aircraft.yaml
@@ -28,26 +29,26 @@ _NAMESPACE = "namespace of the aircraft, as uav1; default: none"
 _NAMES = re.compile(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 OPTIONS = (
     ("--bag", "IN", "flight to play instead of a live aircraft; the graph ends with it"),
-    ("--map", "MAP", "the map to draw; default: that of --params"),
+    ("--map", "MAP", "the map to draw; default: the map of --params"),
     *PARAMS,
     ("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),
     *PAGE,
-    ("--remap", "YAML", "inputs that have other names in your graph, as config/mavros.yaml"),
+    ("--remap", "YAML", "file of the inputs that have other names, as config/mavros.yaml"),
     ("--no-dji", None, "without dji_node: other drivers publish the aircraft's topics"),
 )
 
 
 def run(args: argparse.Namespace) -> NoReturn:
-    """Say what runs, and become the process that runs it."""
+    """Print the names of the nodes, and become the process that runs them."""
     from tirgeo_ros.tools.graph.whole_graph import WholeGraph  # noqa: PLC0415 heavy
 
     if not _NAMES.fullmatch(args.namespace):
         raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
     check_page(args)
     params = args.params or ()
-    given = args.bag, args.map, params, args.namespace
+    inputs = args.bag, args.map, params, args.namespace
     page = {"page": args.page, "cot": args.cot}
-    graph = WholeGraph(*given, dji=not args.no_dji, **page, remap=args.remap)
+    graph = WholeGraph(*inputs, dji=not args.no_dji, **page, remap=args.remap)
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     if args.json:
         print(json.dumps({"nodes": graph.nodes, "ros_domain_id": domain}), flush=True)

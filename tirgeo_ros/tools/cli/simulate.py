@@ -16,8 +16,8 @@ from tirgeo_ros.tools.cli._verb import NEEDED, NUMBER, UsageError, call
 
 OPTIONS = (
     ("scenario", "SCENARIO", "YAML file"),
-    ("-o --output", "DIR", "for the files", NEEDED),
-    ("--seed", "N", "instead of the scenario's", {"type": int}),
+    ("-o --output", "DIR", "folder for the files", NEEDED),
+    ("--seed", "N", "seed to use instead of the scenario's", {"type": int}),
     ("--start", "S", "write from this second on", NUMBER | {"default": 0.0}),
     ("--duration", "S", "seconds to write; default: to the end", NUMBER),
     ("--no-images", None, "no video: quick"),

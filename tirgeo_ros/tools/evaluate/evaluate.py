@@ -45,13 +45,13 @@ from tirgeo_ros.tools.replay.registration import (
     resolved,
 )
 
-#: Topics that define a method. Without them the filter would still run, on ordinary GPS.
+#: Topics that a method must have. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
 
 
 @dataclass
 class _Run:
-    """Run one method over the flight; with a truth, keep every pose of the body in its plane."""
+    """Run one method over the flight; with a truth, keep all body poses, in the truth's plane."""
 
     setup: MethodSetup
     truth: TruePoses | None
@@ -103,9 +103,9 @@ def evaluate(
 
     ``output`` is the folder that ``write_evaluation`` will write: it is checked first.
     ``boresight``, one more parameter file, adds the method ``calibrated``. ``dem`` or
-    ``ground_height`` (ellipsoidal m) and ``camera`` override the parameters; without any ground it
-    is level at the median of the observed points' heights. A method whose topics the bag lacks is
-    reported as missing. ``smooth``: poses of the filters from all measurements, also later ones.
+    ``ground_height`` (ellipsoidal m) and ``camera`` override the parameters; if none gives a
+    ground, it is level at the median of the observed points' heights. A method whose topics the
+    bag lacks is reported as missing. ``smooth``: filter poses use later measurements too.
     Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
     CalibrationError if no method can be run.
     """
@@ -116,7 +116,7 @@ def evaluate(
     experiment = load_experiment(survey, observations)
     heights_m = experiment.heights_m
     setups = method_setups(params, boresight, dem, ground_height, namespace, heights_m, camera)
-    last = setups[-1]  # whose parameters are checked
+    last = setups[-1]  # the checks use its parameters
     overlay, reader = last.configs.overlay, BagReader(bag)
     style, lens = (overlay.style, overlay.label_field), configured_camera(overlay)
     layers = load_layers(overlay.map, *style, network=overlay.network) if overlay.map else None
@@ -141,14 +141,14 @@ def evaluate(
 
 
 def _run_notes(runs: Sequence[_Run], namespace: str, *, smooth: bool) -> Iterator[str]:
-    """Yield what the methods go without."""
+    """Yield notes on topics that methods lack, and on methods that cannot be smoothed."""
     for run in runs:
         absent = done_without(run.poses.topics, run.ekf_method)
         if absent:
             names = _names(absent, namespace)
             yield f"{run.setup.method}: {names} absent: continuing without it"
     if smooth and runs[0].ekf_method not in FILTERS:
-        yield "raw and rtk are as they are: without a filter there is nothing to smooth"
+        yield "raw and rtk are not smoothed: they have no filter"
 
 
 def _read(
@@ -161,26 +161,26 @@ def _read(
     smooth: bool,
     progress: Report,
 ) -> tuple[list[_Run], dict[str, str]]:
-    """Read the flight; return the methods with poses, and why others have none."""
+    """Read the flight; return the methods that have poses, and why the others are missing."""
     missing: dict[str, str] = {}
     for run in runs:
         reason = _begin(run, flight, experiment, namespace, smooth=smooth)
         if reason:
             missing[run.setup.method] = reason.removeprefix(f"{reader.path}: ")
-    runs = _left(runs, missing, reader)
+    runs = _remaining(runs, missing, reader)
     runs[-1].poses.watchers.append(checks.watch)
     flight.read_all(progress)
     for run in runs:
         if run.poses.plane is None or not run.has_poses:
             reason = run.poses.registration.navigation.status().reason
-            missing[run.setup.method] = f"no camera pose could be made: {reason}"
-    return _left(runs, missing, reader), missing
+            missing[run.setup.method] = f"no camera pose could be computed: {reason}"
+    return _remaining(runs, missing, reader), missing
 
 
 def _begin(
     run: _Run, flight: Flight, experiment: Experiment, namespace: str, *, smooth: bool
 ) -> str:
-    """Let a method take part; return why it cannot, if the bag lacks a topic of it."""
+    """Begin a method's run; return an error if the bag lacks a topic that it needs."""
     ekf, gimbal, *_ = run.setup.configs
     lacking = [topic for topic in _ESSENTIAL.get(run.ekf_method, ()) if not flight.has(topic)]
     if lacking:
@@ -198,11 +198,11 @@ def _names(topics: Sequence[str], namespace: str) -> str:
     return ", ".join(resolved(topic, namespace) for topic in topics)
 
 
-def _left(runs: Sequence[_Run], missing: dict[str, str], reader: BagReader) -> list[_Run]:
-    """Return the runs that are not missing. Raise CalibrationError with all reasons if none is."""
-    left = [run for run in runs if run.setup.method not in missing]
-    if left:
-        return left
+def _remaining(runs: Sequence[_Run], missing: dict[str, str], reader: BagReader) -> list[_Run]:
+    """Return the runs that are not missing. Raise CalibrationError with the reasons if all are."""
+    remaining = [run for run in runs if run.setup.method not in missing]
+    if remaining:
+        return remaining
     by_reason: dict[str, list[str]] = {}
     for method, reason in missing.items():
         by_reason.setdefault(reason, []).append(method)
@@ -211,9 +211,9 @@ def _left(runs: Sequence[_Run], missing: dict[str, str], reader: BagReader) -> l
 
 
 def _error(reader: BagReader, methods: Sequence[MethodResult]) -> str | None:
-    """Return what makes the run a failure although there is a result, or None."""
+    """Return why the run has failed although there is a result, or None."""
     if reader.damage is not None:
-        return f"{reader.path}: {reader.damage}; the numbers come from the rest"
+        return f"{reader.path}: {reader.damage}; the numbers come from the readable part"
     if not any(each.located for each in methods):
         reason = methods[-1].refused[0].reason
         return f"{reader.path}: no observation could be located: {reason}"

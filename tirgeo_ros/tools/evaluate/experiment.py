@@ -28,7 +28,7 @@ from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
 #: Name of the paper's own method, ``ekf_heading``, with a boresight calibration.
 CALIBRATED = "calibrated"
-#: Above this latitude zones are too narrow to be useful.
+#: Above this latitude the zones are too narrow to be useful.
 _MOST_LATITUDE_DEG = 84.0
 _NAMED = 5  # most ids in a note
 
@@ -57,9 +57,10 @@ class Projection:
         return np.stack([np.asarray(east, float), np.asarray(north, float)], axis=-1)
 
     def local_axes(self, latitude_rad: float, longitude_rad: float) -> Array:
-        """Return the matrix (2, 2) from metres north, east at a point to east, north in the plane.
+        """Return the matrix (2, 2) that converts north, east (m) at a point to the plane's axes.
 
-        It is the scale at that point, rotated by the meridian convergence.
+        The plane's axes are east, north. The matrix is a rotation by the meridian convergence
+        times the scale at the point.
         """
         factors = self._proj.get_factors(math.degrees(longitude_rad), math.degrees(latitude_rad))
         turn, scale = math.radians(factors.meridian_convergence), factors.meridional_scale
@@ -68,23 +69,23 @@ class Projection:
 
 
 def projection_of(latitude_rad: Array, longitude_rad: Array) -> Projection:
-    """Return the projection in whose zone the middle of points (N,) is, N at least 1.
+    """Return the projection whose zone contains the middle of points (N,), N at least 1.
 
-    Raise SurveyError too near a pole.
+    Raise SurveyError if the points are too near a pole.
     """
     latitude_deg = math.degrees(float(np.mean(latitude_rad)))
     if abs(latitude_deg) > _MOST_LATITUDE_DEG:
         raise SurveyError(
             f"the survey lies at latitude {latitude_deg:.1f}: no transverse Mercator zone there"
         )
-    # The mean of directions, so that it is right for points on both sides of 180 degrees.
+    # A mean of directions is right for points on both sides of 180 degrees too.
     middle = np.arctan2(np.sin(longitude_rad).mean(), np.cos(longitude_rad).mean())
     return Projection(3.0 * math.floor(math.degrees(float(middle)) / 3 + 0.5))
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Hold the surveyed points, by id, and the observations, also of points not surveyed."""
+    """Hold the surveyed points by id, and all observations, also of points without a survey."""
 
     projection: Projection
     survey: Mapping[str, SurveyPoint]
@@ -116,13 +117,13 @@ def load_experiment(survey: PathLike, observations: PathLike) -> Experiment:
     if not experiment.heights_m:
         raise SurveyError(
             f"{where}: none of its {total} observations is of a point in {os.fspath(survey)}: "
-            "the ids must be the same"
+            "use the same ids in both files"
         )
     return experiment
 
 
 def input_notes(experiment: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:
-    """Compare observations, survey and pictures, whose stamps (M,) may be empty."""
+    """Return notes on mismatches of observations, survey and picture stamps (M,), if any."""
     clicks = experiment.observations
     names, total = Counter(click.id for click in clicks), len(clicks)
     unknown = [name for name in names if name not in experiment.survey]
@@ -130,22 +131,24 @@ def input_notes(experiment: Experiment, image_stamps_ns: Sequence[int]) -> list[
     notes = []
     if unknown:
         notes.append(
-            f"{sum(names[name] for name in unknown)} of {total} observations are of points that "
-            f"are not in the survey, and left out: {_some(unknown)}"
+            f"{sum(names[name] for name in unknown)} of {total} observations are left out: "
+            f"their points are not in the survey: {_listed(unknown)}"
         )
     if unobserved:
-        notes.append(f"{len(unobserved)} surveyed points were never observed: {_some(unobserved)}")
+        notes.append(
+            f"{len(unobserved)} surveyed points were never observed: {_listed(unobserved)}"
+        )
     images = np.array(sorted(image_stamps_ns), np.int64)
     apart_ns = [int(np.abs(images - click.stamp_ns).min()) for click in clicks if len(images)]
     if any(apart_ns):
         notes.append(
-            f"{np.count_nonzero(apart_ns)} of {total} observations have no picture's "
-            f"stamp: they are up to {max(apart_ns) * 1e-9:.3g} s from the nearest one"
+            f"{np.count_nonzero(apart_ns)} of {total} observations have the stamp of no "
+            f"picture: they are up to {max(apart_ns) * 1e-9:.3g} s from the nearest one"
         )
     return notes
 
 
-def _some(names: Sequence[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more
 
@@ -173,11 +176,11 @@ def method_setups(
     survey_heights_m: Sequence[float],
     camera: PathLike | None = None,
 ) -> list[MethodSetup]:
-    """Return the four methods of the paper, and ``calibrated`` with a boresight file.
+    """Return the four methods of the paper and, with a boresight file, ``calibrated``.
 
     ``boresight`` overrides ``params``; ``dem`` or ``ground_height``, and ``camera``, override
-    both. Without any ground it is level at the median of the survey's heights. Raise ConfigError,
-    ElevationError.
+    both. If none of them gives a ground, it is level at the median of the survey's heights. Raise
+    ConfigError, ElevationError.
     """
     methods = [(name, name, paths_of(params)) for name in METHODS]
     if boresight is not None:
@@ -198,7 +201,7 @@ def method_setups(
 
 
 def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:
-    """Return notes on grounds and methods, such as the survey's heights above level ground."""
+    """Return notes on the ground and the methods."""
     notes: list[str] = []
     ground = setups[-1].ground
     if isinstance(ground, Terrain):
@@ -206,12 +209,12 @@ def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]
     elif math.isfinite(ground):
         off = [height - ground for height in survey_heights_m]
         notes.append(
-            f"ground {setups[-1].ground_words}; the observed points' heights are "
-            f"{min(off):+.2f} to {max(off):+.2f} m from it"
+            f"ground {setups[-1].ground_words}; the observed points are "
+            f"{min(off):+.2f} to {max(off):+.2f} m above it"
         )
     if setups[-1].method == CALIBRATED:
         notes.append(
-            f"{CALIBRATED}: the accuracy is meaningful only on points that were not used for its "
-            "boresight"
+            f"{CALIBRATED}: the accuracy is meaningful only at points that were not used for the "
+            "boresight calibration"
         )
     return notes

@@ -1,4 +1,4 @@
-"""Convert an evaluation's numbers to plain values (None where absent), and to files."""
+"""Convert an evaluation's numbers to plain values (None if absent), and write them to files."""
 
 from __future__ import annotations
 
@@ -30,6 +30,20 @@ from tirgeo_ros.tools.evaluate.result import (
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, embedded, figure, html_page, svg
 from tirgeo_ros.tools.presentation.results import finding_items, table
 
+#: Settling time of the filter; errors against the truth count only after it.
+SETTLED_S = 20.0
+#: With a larger median error (m) under every method, the survey is of another place.
+_ELSEWHERE_M = 500.0
+#: Confidence of the ellipses, and the probability below which a lower share inside is no chance.
+_CONFIDENCE, _CHANCE = 0.95, 0.01
+_ROUNDING = 1e-9  # rounding error of a share times some thousands
+#: The files of an evaluation, and the columns of the first.
+_NAMES = ("observations.csv", "result.json", "report.html")
+_OBSERVATION_COLUMNS = (
+    *("id", "stamp_ns", "u", "v", "method", "east_m", "north_m", "height_m"),
+    *("error_east_m", "error_north_m", "distance_m", "sigma_east_m", "sigma_north_m"),
+    *("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg", "reason"),
+)
 #: Length of the longest error vector as a share of the survey's extent.
 _VECTOR_SHARE = 0.12
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
@@ -48,7 +62,7 @@ _CAPTION = (
     "Vectors from each surveyed point (cross) to its located observations, enlarged as the titles "
     "say. Mean over the points of Equation 24 in the titles (Figures 23 to 26 of the paper)."
 )
-#: Title of each row on a whole method, and its key in the numbers.
+#: Title of each row about a whole method -> key in the numbers.
 _OF_METHOD = {
     "mean": "mean_point_rmse_m",
     "rmse": "rmse_m",
@@ -62,138 +76,8 @@ _OF_METHOD = {
 _Number = Mapping[str, Any]
 
 
-class Table(NamedTuple):
-    """Hold a table of text; its first row is the head."""
-
-    title: str
-    rows: Sequence[Sequence[str]]
-
-
-def tables(numbers: _Number) -> list[Table]:
-    """Return the tables of what ``summary`` returns: Tables 6 and 7, and the aircraft's errors."""
-    methods, points = numbers["methods"], numbers["points"]
-    rows = [["point", *methods, "clicks"]]
-    for name, point in points.items():
-        errors = (_text(point["rmse_m"][method]) for method in methods)
-        rows.append([name, *errors, str(point["observations"])])
-    for title, key in _OF_METHOD.items():
-        rows.append([title, *(_text(method[key]) for method in methods.values()), ""])
-    title = "horizontal error of each control point (rmse over its observations, Eq. 24), m"
-    p_values = {}
-    for test in numbers["t_tests"]:
-        p_value, pair = test["p_value"], (test["first"], test["second"])
-        text = "-" if p_value is None else "< 0.0001" if p_value < 1e-4 else f"{p_value:.4f}"
-        p_values[pair] = p_values[pair[::-1]] = text
-    matrix = [[row, *(p_values.get((row, column), "-") for column in methods)] for row in methods]
-    p_title = "paired t-test on these points, two-sided p-value"
-    made = [Table(title, rows), Table(p_title, [["", *methods], *matrix])]
-    truths = {name: method["against_truth"] for name, method in methods.items()}
-    if all(truths.values()):
-        keys = next(iter(truths.values()))
-        body = [
-            [key.replace("_", ", "), *(_text(each[key]) for each in truths.values())]
-            for key in keys
-        ]
-        title = f"rms of the aircraft's own errors later than {numbers['settled_s']:g} s, "
-        made.append(Table(f"{title}by the truth", [["", *truths], *body]))
-    return made
-
-
-def _text(value: float | str | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
-
-
-def text_tables(numbers: _Number) -> str:
-    """Return the verdict, the tables and the notes of what ``summary`` returns."""
-    parts = [numbers["verdict"]]
-    parts += [f"{each.title}\n{table(each.rows, right=True)}" for each in tables(numbers)]
-    words = [
-        f"plane: {numbers['projection']['name']}",
-        "mean: of the points' errors; rmse, CE90 (90th percentile): of all observations;",
-        "in ellipse: the surveyed place lies in the predicted ellipse of 95 %",
-    ]
-    for name, method in numbers["methods"].items():
-        words += [f"{name}: {number} x {why}" for why, number in method["refused"].items()]
-    return "\n\n".join([*parts, "\n".join([*words, *numbers["notes"]])])
-
-
-def report_html(evaluation: Evaluation, numbers: _Number) -> str:
-    """Return the page of an evaluation and of what ``summary`` returns for it."""
-    lead = (
-        f"survey {evaluation.survey_path}; observations {evaluation.observations_path}; errors in "
-        f"{numbers['projection']['name']}; ground {evaluation.methods[0].setup.ground_words}."
-    )
-    title = f"Ground points of {Path(evaluation.bag).name}"
-    plots = [_vectors(evaluation, method) for method in evaluation.methods if method.located]
-    pictures = "".join(embedded(plot, "image/svg+xml", "error vectors") for plot in plots)
-    heading = "<h2>Errors of the control points</h2>\n"
-    caption = f"<figcaption>{escape(_CAPTION)}</figcaption>"
-    parts = [
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="verdict">{escape(numbers["verdict"])}</p>',
-        f'<p class="lead">{escape(lead)}</p>',
-        f'<p class="fault">{escape(evaluation.error)}</p>' if evaluation.error else "",
-        "<ul>",
-        *(f"<li>{escape(text)}</li>" for text in evaluation.notes),
-        "</ul>",
-        *(_table_html(each) for each in tables(numbers)),
-        f'{heading}<figure><div class="side">{pictures}</div>{caption}</figure>' if plots else "",
-    ]
-    return html_page(title, _STYLE, "\n".join(parts))
-
-
-def _table_html(each: Table) -> str:
-    head, *body = (
-        "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>"
-        for row, tag in zip(each.rows, ["th", *["td"] * len(each.rows)], strict=False)
-    )
-    content = f"<thead>{head}</thead><tbody>{''.join(body)}</tbody>"
-    title = escape(each.title[:1].upper() + each.title[1:])
-    return f'<h2>{title}</h2>\n<div class="wide"><table>{content}</table></div>'
-
-
-def _vectors(evaluation: Evaluation, method: MethodResult) -> bytes:
-    """Return a plot (SVG) of the errors as vectors from the surveyed points."""
-    survey = evaluation.experiment.survey
-    geodetic = np.array([(point.latitude_rad, point.longitude_rad) for point in survey.values()])
-    places = evaluation.experiment.projection.project(*geodetic.T)
-    middle = np.round(places.mean(axis=0))
-    places -= middle
-    span = max(*np.ptp(places, axis=0).tolist(), 1.0)
-    most = _VECTOR_SHARE * span / max(float(method.errors.distance_m.max()), 1e-6)
-    times = max((times for times in _MAGNIFICATIONS if times <= most), default=1)
-    made, panel = figure(4.4, 4.2)  # inches: readable on a telephone
-    error = method.errors.error_en
-    begin = np.array([point.place_en for point in method.located]) - middle - error
-    arrows(panel, begin, times * error, COLOURS[1], 0.005)
-    panel.plot(*places.T, "+", color=COLOURS[0], markersize=6)
-    enlarged = f", vectors x {times}" if times > 1 else ""
-    title = f"{method.method}: {method.errors.mean_point_rmse_m:.3f} m{enlarged}"
-    panel.set(title=title, xlabel="east, m", ylabel="north, m", aspect="equal")
-    panel.margins(0.12)
-    if len(places) <= _CLUTTER:
-        for name, place in zip(survey, places, strict=True):
-            panel.annotate(name, place, (3, 3), textcoords="offset points", fontsize=7)
-    return svg(made)
-
-
-#: Settling time of the filter; errors against the truth count only after it.
-SETTLED_S = 20.0
-_ELSEWHERE_M = 500.0  # median error of every method: no drone's camera is so far off
-_CONFIDENCE, _CHANCE = 0.95, 0.01
-_ROUNDING = 1e-9  # of a share times some thousands
-_NAMES = ("observations.csv", "result.json", "report.html")
-_OBSERVATION_COLUMNS = (
-    *("id", "stamp_ns", "u", "v", "method", "east_m", "north_m", "height_m"),
-    *("error_east_m", "error_north_m", "distance_m", "sigma_east_m", "sigma_north_m"),
-    *("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg", "reason"),
-)
-
-
 def summary(evaluation: Evaluation) -> dict[str, object]:
-    """Return all numbers, for JSON: lengths in m, in the projected plane."""
+    """Return all numbers for JSON; lengths are metres in the projected plane."""
     return {
         "verdict": verdict(evaluation.methods),
         "input": evaluation.bag,
@@ -213,22 +97,22 @@ def summary(evaluation: Evaluation) -> dict[str, object]:
 
 
 def verdict(methods: Sequence[MethodResult]) -> str:
-    """Return the sentence on the last method, the best: whether errors are as predicted."""
+    """Return a sentence on the last and best method: whether its errors are as predicted."""
     best = methods[-1]
     located = best.located
     if not located:
         why = best.refused[0].reason if best.refused else "no surveyed point was observed"
         return f"none of {len(best.refused)} could be located: {why} ({best.method})"
-    elsewhere = place_note(methods)
-    if elsewhere:
-        return elsewhere
+    note = place_note(methods)
+    if note:
+        return note
     inside, pictures = sum(point.is_inside for point in located), {p.stamp_ns for p in located}
     why, mean_en = "", best.errors.mean_error_en
     if mean_en is not None and not is_honest(inside / len(located), len(pictures)):
         why = (
-            f", {mean_en[0]:+.2f} m east and {mean_en[1]:+.2f} m north of it in common: run "
-            "calibrate boresight; are all heights ellipsoidal, and survey and RTK base in one "
-            "datum?"
+            f", with a common error of {mean_en[0]:+.2f} m east and {mean_en[1]:+.2f} m north: "
+            "run calibrate boresight; check that all heights are ellipsoidal, and that survey and "
+            "RTK base have one datum"
         )
     mean_m = float(best.errors.distance_m.mean())
     return (
@@ -238,22 +122,22 @@ def verdict(methods: Sequence[MethodResult]) -> str:
 
 
 def place_note(methods: Sequence[MethodResult]) -> str:
-    """Return a note if the survey seems to be of another place, else nothing."""
-    errors_m = [each.errors.distance_m for each in methods if each.located]
-    usual_m = min((float(np.median(some)) for some in errors_m), default=0.0)
+    """Return a note if the survey seems to be of another place, else ""."""
+    errors_m = [method.errors.distance_m for method in methods if method.located]
+    usual_m = min((float(np.median(errors)) for errors in errors_m), default=0.0)
     if usual_m < _ELSEWHERE_M:
         return ""
     return (
-        f"the observed points lie {usual_m / 1000:.3g} km from where the survey has them: are "
-        "these the survey and the observations of this flight, in WGS84?"
+        f"the observed points lie {usual_m / 1000:.3g} km from the surveyed ones: check that "
+        "survey and observations belong to this flight, and that the survey is in WGS84"
     )
 
 
 def is_honest(share: float, pictures: int) -> bool:
-    """Return whether this share inside is consistent with ellipses of 95 %.
+    """Return whether the share of points inside is consistent with ellipses of 95 %.
 
-    It is, unless so few would occur by chance in at most one experiment of a hundred: a binomial
-    probability. Observations of one picture share its pose, so pictures are counted.
+    It is not, if such a low share occurs by chance in at most one of a hundred experiments (by the
+    binomial distribution). Observations of one picture share its pose, so pictures are counted.
     """
     from scipy.special import bdtr  # noqa: PLC0415  slow to import
 
@@ -353,3 +237,120 @@ def _measured(point: LocatedPoint) -> list[str]:
     metres += [point.ellipse.major_m, point.ellipse.minor_m]
     azimuth_deg = math.degrees(point.ellipse.azimuth_rad)
     return [*(f"{value:.4f}" for value in metres), f"{azimuth_deg:.2f}"]
+
+
+class Table(NamedTuple):
+    """Hold a table of text; its first row is the head."""
+
+    title: str
+    rows: Sequence[Sequence[str]]
+
+
+def tables(numbers: _Number) -> list[Table]:
+    """Return Tables 6 and 7, and the aircraft's errors, from the result of ``summary``."""
+    methods, points = numbers["methods"], numbers["points"]
+    rows = [["point", *methods, "clicks"]]
+    for name, point in points.items():
+        errors = (_text(point["rmse_m"][method]) for method in methods)
+        rows.append([name, *errors, str(point["observations"])])
+    for title, key in _OF_METHOD.items():
+        rows.append([title, *(_text(method[key]) for method in methods.values()), ""])
+    title = "horizontal error of each control point (rmse over its observations, Eq. 24), m"
+    p_values = {}
+    for test in numbers["t_tests"]:
+        p_value, pair = test["p_value"], (test["first"], test["second"])
+        text = "-" if p_value is None else "< 0.0001" if p_value < 1e-4 else f"{p_value:.4f}"
+        p_values[pair] = p_values[pair[::-1]] = text
+    matrix = [[row, *(p_values.get((row, column), "-") for column in methods)] for row in methods]
+    p_title = "paired t-test on these points, two-sided p-value"
+    result = [Table(title, rows), Table(p_title, [["", *methods], *matrix])]
+    truths = {name: method["against_truth"] for name, method in methods.items()}
+    if all(truths.values()):
+        keys = next(iter(truths.values()))
+        body = [
+            [key.replace("_", ", "), *(_text(each[key]) for each in truths.values())]
+            for key in keys
+        ]
+        title = f"rms of the aircraft's own errors later than {numbers['settled_s']:g} s, "
+        result.append(Table(f"{title}by the truth", [["", *truths], *body]))
+    return result
+
+
+def _text(value: float | str | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def text_tables(numbers: _Number) -> str:
+    """Return the verdict, the tables and the notes from the result of ``summary``."""
+    parts = [numbers["verdict"]]
+    parts += [f"{each.title}\n{table(each.rows, right=True)}" for each in tables(numbers)]
+    words = [
+        f"plane: {numbers['projection']['name']}",
+        "mean: of the points' errors; rmse, CE90 (90th percentile): of all observations;",
+        "in ellipse: the surveyed place lies in the predicted ellipse of 95 %",
+    ]
+    for name, method in numbers["methods"].items():
+        words += [f"{name}: {number} x {why}" for why, number in method["refused"].items()]
+    return "\n\n".join([*parts, "\n".join([*words, *numbers["notes"]])])
+
+
+def report_html(evaluation: Evaluation, numbers: _Number) -> str:
+    """Return the page of an evaluation; ``numbers`` is the result of its ``summary``."""
+    lead = (
+        f"survey {evaluation.survey_path}; observations {evaluation.observations_path}; errors in "
+        f"{numbers['projection']['name']}; ground {evaluation.methods[0].setup.ground_words}."
+    )
+    title = f"Ground points of {Path(evaluation.bag).name}"
+    plots = [_vectors(evaluation, method) for method in evaluation.methods if method.located]
+    pictures = "".join(embedded(plot, "image/svg+xml", "error vectors") for plot in plots)
+    heading = "<h2>Errors of the control points</h2>\n"
+    caption = f"<figcaption>{escape(_CAPTION)}</figcaption>"
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="verdict">{escape(numbers["verdict"])}</p>',
+        f'<p class="lead">{escape(lead)}</p>',
+        f'<p class="fault">{escape(evaluation.error)}</p>' if evaluation.error else "",
+        "<ul>",
+        *(f"<li>{escape(text)}</li>" for text in evaluation.notes),
+        "</ul>",
+        *(_table_html(each) for each in tables(numbers)),
+        f'{heading}<figure><div class="side">{pictures}</div>{caption}</figure>' if plots else "",
+    ]
+    return html_page(title, _STYLE, "\n".join(parts))
+
+
+def _table_html(each: Table) -> str:
+    head, *body = (
+        "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>"
+        for row, tag in zip(each.rows, ["th", *["td"] * len(each.rows)], strict=False)
+    )
+    content = f"<thead>{head}</thead><tbody>{''.join(body)}</tbody>"
+    title = escape(each.title[:1].upper() + each.title[1:])
+    return f'<h2>{title}</h2>\n<div class="wide"><table>{content}</table></div>'
+
+
+def _vectors(evaluation: Evaluation, method: MethodResult) -> bytes:
+    """Return a plot (SVG) of the errors as vectors from the surveyed points."""
+    survey = evaluation.experiment.survey
+    geodetic = np.array([(point.latitude_rad, point.longitude_rad) for point in survey.values()])
+    places = evaluation.experiment.projection.project(*geodetic.T)
+    middle = np.round(places.mean(axis=0))
+    places -= middle
+    span = max(*np.ptp(places, axis=0).tolist(), 1.0)
+    most = _VECTOR_SHARE * span / max(float(method.errors.distance_m.max()), 1e-6)
+    times = max((times for times in _MAGNIFICATIONS if times <= most), default=1)
+    chart, panel = figure(4.4, 4.2)  # inches: readable on a telephone
+    error = method.errors.error_en
+    begin = np.array([point.place_en for point in method.located]) - middle - error
+    arrows(panel, begin, times * error, COLOURS[1], 0.005)
+    panel.plot(*places.T, "+", color=COLOURS[0], markersize=6)
+    enlarged = f", vectors x {times}" if times > 1 else ""
+    title = f"{method.method}: {method.errors.mean_point_rmse_m:.3f} m{enlarged}"
+    panel.set(title=title, xlabel="east, m", ylabel="north, m", aspect="equal")
+    panel.margins(0.12)
+    if len(places) <= _CLUTTER:
+        for name, place in zip(survey, places, strict=True):
+            panel.annotate(name, place, (3, 3), textcoords="offset points", fontsize=7)
+    return svg(chart)

@@ -34,7 +34,7 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.evaluate.experiment import Experiment, MethodSetup
 from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S, pose_at
 
-#: Differences within this are equal: a nanometre is rounding.
+#: Differences that vary by less are taken as equal: a nanometre is rounding.
 _ALIKE_M = 1e-9
 
 
@@ -46,7 +46,7 @@ class LocatedPoint:
     stamp_ns: int  # of the picture
     uv: tuple[float, float]  # column, row, px
     place_en: Array  # (2,)
-    height_m: float  # ellipsoidal height of the ground there
+    height_m: float  # ellipsoidal height of the ground at this place
     error_en: Array  # (2,) located minus surveyed, m
     covariance_en: Array  # (2, 2) of the located point, as the method predicts it, m2
     ellipse: Ellipse  # 95 % ellipse; azimuth from the plane's north
@@ -83,8 +83,8 @@ def locate_observations(
 ) -> tuple[list[LocatedPoint], list[RefusedPoint]]:
     """Locate every observation of a control point (Eq. 23); other observations are left out.
 
-    ``poses`` are in ``plane`` and cover the observations. The pose of an observation is that of
-    its picture's exposure: the stamp minus ``overlay.video_latency_s``.
+    ``poses`` are in ``plane`` and cover the observations. An observation is located from the pose
+    at its picture's exposure, which is its stamp minus ``overlay.video_latency_s``.
     """
     located: list[LocatedPoint] = []
     refused: list[RefusedPoint] = []
@@ -198,7 +198,7 @@ class Evaluation:
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method -> the reason why it could not be run
     notes: Sequence[str]
-    error: str | None  # what makes the run a failure although there is a result
+    error: str | None  # why the run has failed although there is a result
     findings: Sequence[Finding]  # problems of set-up or sensors, the worst first
     smoothed: bool = False
 
@@ -213,7 +213,7 @@ class Evaluation:
 
 
 class PairedTest(NamedTuple):
-    """Hold the comparison of two methods over the points that both have."""
+    """Hold the comparison of two methods over the points that both have located."""
 
     first: str
     second: str
@@ -238,7 +238,7 @@ def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> list[PairedTest
         if len(common) < 2:
             note = "fewer than 2 points"
         elif np.ptp(apart_m) <= _ALIKE_M:
-            note = "all differences are alike"
+            note = "all differences are equal"
         else:
             test = stats.ttest_rel(*columns)
             t, p_value = float(test.statistic), float(test.pvalue)

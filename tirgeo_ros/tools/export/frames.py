@@ -63,7 +63,7 @@ class FlightPictures:
         names = {topic: resolved(topic, namespace) for topic in PICTURES}
         present = [topic for topic, name in names.items() if name in reader.topics()]
         if not present:
-            hint = "" if namespace else "; is there a --namespace?"
+            hint = "" if namespace else "; give --namespace if the topics have one"
             absent = " or ".join(names.values())
             raise BagError(f"{reader.path}: needed topic absent: {absent}{hint}")
         self._topic, self._name = present[0], names[present[0]]

@@ -49,8 +49,8 @@ SETTLED_S = 10.0
 def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, object]:
     """Run the graph, write video and still to ``setup.folder``, and return the summary.
 
-    ``error`` in it is None, or what of a damaged bag was lost. Raise GraphError for a node that
-    fails and BagError for a bag that cannot be played.
+    Its ``error`` is None, or tells what was lost of a damaged bag. Raise GraphError if a node
+    fails, and BagError if the bag cannot be played.
     """
     reader = BagReader(setup.bag)
     absent = [f"/{topic}" for topic in AWAITED if f"/{topic}" not in reader.topics()]
@@ -74,10 +74,10 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
 
 
 def show_page(setup: GraphSetup, listen: str, cot: str, out: TextIO) -> dict[str, object]:
-    """Show the flight on the operator's page until Ctrl-C; return where its targets are.
+    """Show the flight on the operator's page until Ctrl-C; return the folder of its targets.
 
-    ``out`` gets what viewer_node says of its address, and a line for each node that ended and is
-    started again. Raise GraphError for a node that does not start.
+    Write to ``out`` the page's address, and a line for each node that ended and is started again.
+    Raise GraphError if a node does not start.
     """
     folder = setup.folder / "page"
     folder.mkdir(parents=True, exist_ok=True)
@@ -85,13 +85,13 @@ def show_page(setup: GraphSetup, listen: str, cot: str, out: TextIO) -> dict[str
     page: dict[str, object] = {name: value for name, value in values.items() if value}
     page |= {"targets": folder / "targets.gpkg", "record_to": folder / "recordings"}
 
-    def shown(viewer: NodeProcess) -> None:
-        said = [line for line in viewer.text().splitlines() if not line.startswith("[")]
-        out.write("\n".join([*said, "Ctrl-C ends it\n"]))
+    def on_ready(viewer: NodeProcess) -> None:
+        lines = [line for line in viewer.text().splitlines() if not line.startswith("[")]
+        out.write("\n".join([*lines, "Ctrl-C ends it\n"]))
         out.flush()
 
     with suppress(KeyboardInterrupt):
-        show_graph(setup, page, shown, out.write)
+        show_graph(setup, page, on_ready, out.write)
     return {"page": str(folder), "bag": str(setup.bag)}
 
 
@@ -105,7 +105,7 @@ def demo_setup(
     *,
     serial: bool,
 ) -> GraphSetup:
-    """Return what to run: the sample flight by default, with the files beside the bag.
+    """Return the set-up of a bag (None: the sample flight) with the files beside it.
 
     Raise BagError if the sample is not installed, and GraphError if a map does not exist or an
     output would overwrite an input.
@@ -133,7 +133,7 @@ def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, objec
     Raise GraphError without a frame.
     """
     if not frames:
-        raise GraphError(f"{recording}: the graph gave no {OVERLAY}: see the logs beside it")
+        raise GraphError(f"{recording}: has no {OVERLAY}: read the nodes' logs beside it")
     video, still = folder / "overlay.mp4", folder / "still.png"
     with VideoFile(video) as film:
         for number, (stamp_ns, pixels) in enumerate(read_pictures(recording)):
@@ -144,9 +144,9 @@ def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, objec
 
 
 def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
-    """Return numbers from the nodes' states; ``begin_ns`` is the bag's begin.
+    """Return numbers from the nodes' states, with units in their names.
 
-    The names of the values carry their units.
+    ``begin_ns`` is the log time at which the bag begins.
     """
     first_ns = outputs.cameras[0].stamp_ns if outputs.cameras else math.inf
     mapped = [stamp for stamp in outputs.frame_stamps_ns if stamp >= first_ns]

@@ -1,6 +1,6 @@
-"""Run the whole node graph as separate processes over DDS, and play a bag through it.
+"""Run the whole node graph as separate processes over DDS, and play a bag to it.
 
-The nodes are reached from this machine only, unless the user widens it.
+Only this machine reaches the nodes, unless the user's own DDS profile allows more.
 """
 
 from __future__ import annotations
@@ -29,9 +29,32 @@ from tirgeo_ros.tools.replay.registration import PICTURES
 
 #: Variables with the path of a Fast DDS profile; later versions use the second name.
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-#: Each of these would let other machines in.
+#: Variables that would let other machines reach the nodes.
 _WIDER = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+#: Times of waiting for processes: between two polls, for readiness, for the end, before a restart.
+_WAIT_S, _POLL_S = 0.02, 0.1  # for one process, for all
+_READY_TIMEOUT_S = 60.0
+_STOP_TIMEOUT_S = 15.0
+_RESTART_S = 2.0
+#: Wait after the bag: the last diagnostics come within 1 s, and lost parts of the last pictures
+#: are sent again at the writer's heartbeat, every 3 s.
+_SETTLE_S = 3.5
+_PORT = "aircraft"  # the pseudo-terminal that the player creates
+#: Topics that every method needs, so that they always have a subscriber.
+AWAITED = ("imu/data", "thermal/camera_info")
+#: Topics that the recorder writes by default.
+RECORDED = (
+    "tirgeo/odometry",
+    "tirgeo/origin",
+    "tirgeo/camera_pose",
+    "tirgeo/overlay/image/compressed",
+    "tirgeo/locate/point",
+    "tirgeo/state",
+    "tirgeo/findings",
+    "/diagnostics",
+)
 
 
 def video_environment(environment: Mapping[str, str], config: Path) -> dict[str, str]:
@@ -58,10 +81,6 @@ def localhost_environment(environment: Mapping[str, str], config: Path | None) -
         PROFILES[0]: profile,
         "SKIP_DEFAULT_XML_FILE": "1",  # else a profile in the working directory takes precedence
     }
-
-
-_WAIT_S = 0.02
-_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +110,7 @@ class NodeProcess:
         self.start()
 
     def start(self) -> None:
-        """Start the process, at first or again after it has ended; the log goes on."""
+        """Start the process, or start it again after it has ended; the log is continued."""
         self.ended: Ended | None = None
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
         self.pid = os.posix_spawn(
@@ -103,8 +122,8 @@ class NodeProcess:
                 (os.POSIX_SPAWN_OPEN, 1, str(self.log), flags, 0o600),
                 (os.POSIX_SPAWN_DUP2, 1, 2),
             ],
-            setpgroup=0,  # a Ctrl-C on the terminal is for the watching process, not for the nodes
-            # Blocked from the first instruction; the node polls for signals later.
+            setpgroup=0,  # so that Ctrl-C on the terminal reaches only this process, not the nodes
+            # The signals are blocked from the first instruction; the node polls for them later.
             setsigmask=stop_signals(),
         )
 
@@ -135,7 +154,7 @@ class NodeProcess:
     def last_line(self) -> str:
         """Return the last line of the log."""
         lines = [line for line in self.text().splitlines() if line]
-        return lines[-1].strip() if lines else "it said nothing"
+        return lines[-1].strip() if lines else "its log is empty"
 
     def check_running(self) -> None:
         """Raise GraphError with the last line of the log if the process has ended."""
@@ -160,32 +179,9 @@ class NodeProcess:
         return self.ended
 
 
-_READY_TIMEOUT_S = 60.0
-_STOP_TIMEOUT_S = 15.0
-_RESTART_S = 2.0
-#: Wait after the bag: the last diagnostics come within 1 s, and lost parts of the last pictures
-#: are sent again at the writer's heartbeat, every 3 s.
-_SETTLE_S = 3.5
-_POLL_S = 0.1
-_PORT = "aircraft"  # the pseudo-terminal that the player creates
-#: Topics that every method needs, so that they always have a subscriber.
-AWAITED = ("imu/data", "thermal/camera_info")
-
-RECORDED = (
-    "tirgeo/odometry",
-    "tirgeo/origin",
-    "tirgeo/camera_pose",
-    "tirgeo/overlay/image/compressed",
-    "tirgeo/locate/point",
-    "tirgeo/state",
-    "tirgeo/findings",
-    "/diagnostics",
-)
-
-
 @dataclass(frozen=True)
 class GraphSetup:
-    """Hold what to run. ``folder`` is for the recording and the logs."""
+    """Hold the set-up of a run; ``folder`` is for the recording and the logs."""
 
     bag: Path
     folder: Path
@@ -208,15 +204,15 @@ class GraphRun:
     play_s: float  # real time of playing
     cpu_s: dict[str, float]  # from start to end
     cores: dict[str, float]  # while the bag played
-    error: str | None  # what of the bag was lost, or None
+    error: str | None  # what was lost of the bag, or None
     shift_ns: int = 0  # the recording's stamps minus the bag's
 
 
 def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -> GraphRun:
-    """Start all nodes, play the bag through them, stop them, and return their cost.
+    """Start all nodes, play the bag to them, stop them, and return the recording and costs.
 
     ``duration_s`` is the length of the bag, for ``progress``. No process is left running in any
-    case. Raise GraphError for a node that dies, with the last line of its log.
+    case. Raise GraphError, with the last line of its log, if a node ends too early.
     """
     setup.folder.mkdir(parents=True, exist_ok=True)
     recording = setup.folder / "recording.mcap"
@@ -236,25 +232,25 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
         if process is not player and (process.ended is None or process.ended.exit_code):
             raise GraphError(process.why_ended())
     cpu_s = {process.name: process.cpu_s() for process in processes}
-    # The player's last line tells what of a damaged bag was lost; its log, how it shifted stamps.
-    whole = player.ended is not None and player.ended.exit_code == 0
-    error = None if whole else player.last_line().removeprefix(f"{player.name}: ")
-    said = re.search(r"stamps are later than the bag's by (\d+) ns", player.text())
-    return GraphRun(recording, play_s, cpu_s, cores, error, int(said[1]) if said else 0)
+    # The player's log tells what was lost of the bag (last line), and how stamps were shifted.
+    is_whole = player.ended is not None and player.ended.exit_code == 0
+    error = None if is_whole else player.last_line().removeprefix(f"{player.name}: ")
+    shift = re.search(r"stamps are later than the bag's by (\d+) ns", player.text())
+    return GraphRun(recording, play_s, cpu_s, cores, error, int(shift[1]) if shift else 0)
 
 
 def show_graph(
     setup: GraphSetup,
     page: Mapping[str, object],
-    shown: Callable[[NodeProcess], None],
+    on_ready: Callable[[NodeProcess], None],
     say: Callable[[str], object],
 ) -> NoReturn:
     """Start all nodes and the operator's page, and play the bag again and again.
 
-    ``page`` are viewer_node's parameters. ``shown`` is called with its process once the page is
-    there. A node that ends from then on is started again, and ``say`` gets a line of it. It ends
-    with KeyboardInterrupt, or GraphError for a node that does not start; no process is left
-    running in any case.
+    ``page`` has viewer_node's parameters. ``on_ready`` is called with its process once the page is
+    served. A node that ends after this is started again, and ``say`` is called with a line about
+    it. Raise KeyboardInterrupt at the end, or GraphError if a node does not start; no process is
+    left running in any case.
     """
     setup.folder.mkdir(parents=True, exist_ok=True)
     environment = graph_environment(setup)
@@ -271,7 +267,7 @@ def show_graph(
         started = {name: start(name, arguments) for name, arguments in nodes.items()}
         await_words(processes, "ready")
         start("bag_player", [*_player(setup), "-p", "loop:=true"])
-        shown(started["viewer_node"])
+        on_ready(started["viewer_node"])
         while True:
             for process in processes:
                 if process.poll():
@@ -307,7 +303,7 @@ def free_domain(but: Collection[int] = ()) -> int:
 
 def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     """Return the arguments of each node."""
-    # The serial link is stamped by the host's clock, so all nodes use that clock.
+    # The host's clock stamps the data of the serial link, so all nodes use that clock.
     clock: dict[str, object] = {} if setup.serial else {"use_sim_time": True}
     record = {"output": recording, "topics": ",".join(setup.topics)}
     common = parameter_words(clock, _files(setup))
@@ -324,7 +320,7 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
 
 
 def _player(setup: GraphSetup) -> list[str]:
-    """Return the player's arguments; it waits for subscribers, so as not to lose pictures."""
+    """Return the player's arguments; it waits for subscribers, so that no picture is lost."""
     played = BagReader(setup.bag).topics()
     awaited = [name for name in (*AWAITED, *PICTURES) if f"/{name}" in played]
     values: dict[str, object] = {"bag": setup.bag, "rate": float(setup.rate)}
@@ -341,10 +337,10 @@ def parameter_words(values: Mapping[str, object], files: Iterable[Path] = ()) ->
 
 
 def _file_of(values: Mapping[str, object]) -> str:
-    """Return a file in memory with parameters of all nodes, as long as this process lives.
+    """Return a file in memory with parameters of all nodes; it lasts as long as this process.
 
-    ROS ranks ``-p NAME:=VALUE`` below what a file says of a node by its name. Of files the last
-    one counts, where it names the nodes too.
+    In ROS, a file that names a node overrides ``-p NAME:=VALUE``. The last file overrides the
+    others, if it names the nodes too.
     """
     plain = {
         name: value if isinstance(value, bool | int | float) else str(value)
@@ -362,12 +358,12 @@ def _files(setup: GraphSetup) -> list[Path]:
 
 @contextlib.contextmanager
 def node_processes() -> Iterator[list[NodeProcess]]:
-    """Yield a list whose processes are all ended when the block is left, however it is left."""
+    """Yield a list of processes, all of which are ended when the block is left in any way."""
     processes: list[NodeProcess] = []
     try:
         yield processes
     finally:
-        # A second Ctrl-C must not leave some of them running; the wait is limited.
+        # A second Ctrl-C must not leave processes running; the wait is limited.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals())
         try:
             for process in processes:
@@ -381,15 +377,15 @@ def node_processes() -> Iterator[list[NodeProcess]]:
 
 
 def await_words(processes: Sequence[NodeProcess], words: str) -> None:
-    """Wait until each log contains ``words``. Raise GraphError if one does not, or ends."""
+    """Wait until each log contains ``words``. Raise GraphError at a time-out, or if one ends."""
     end_s = time.monotonic() + _READY_TIMEOUT_S
-    while silent_ones := [process for process in processes if not process.said(words)]:
+    while waiting := [process for process in processes if not process.said(words)]:
         for process in processes:
             process.check_running()
         if time.monotonic() > end_s:
             raise GraphError(
-                f"{silent_ones[0].name} is not {words} after {_READY_TIMEOUT_S:g} s: "
-                f"{silent_ones[0].last_line()}"
+                f"{waiting[0].name} is not {words} after {_READY_TIMEOUT_S:g} s: "
+                f"{waiting[0].last_line()}"
             )
         time.sleep(_POLL_S)
 
@@ -397,7 +393,7 @@ def await_words(processes: Sequence[NodeProcess], words: str) -> None:
 def _watch(
     processes: Sequence[NodeProcess], player: NodeProcess, expected_s: float, progress: Report
 ) -> tuple[float, dict[str, float]]:
-    """Wait for the player's end; return the real time of playing (s) and the cores by node."""
+    """Wait until the player ends; return the real time of playing (s) and the cores by node."""
     begin_s = time.monotonic()
     before = {process.name: process.cpu_s() for process in processes}
     others = [process for process in processes if process is not player]

@@ -1,4 +1,4 @@
-"""Run the whole node graph, live or on a bag, in the place of this process."""
+"""Run the whole node graph, live or on a bag, in one process that replaces this one."""
 
 from __future__ import annotations
 
@@ -22,36 +22,35 @@ from tirgeo_ros.tools.graph.node_graph import (
 )
 from tirgeo_ros.tools.replay.registration import INPUTS
 
+_USUAL_PARAMS = "config/m600_xt2.yaml"
+
+
 _NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 def read_remaps(path: PathLike) -> list[tuple[str, str]]:
     """Return the pairs (topic of the contract, its name in the user's graph) of a file.
 
-    Raise ConfigError naming file and key if it is no mapping, or a name is none.
+    Raise ConfigError naming file and key if the file is no mapping, or a name is invalid.
     """
     tree = load_yaml(path)
     if not isinstance(tree, dict) or not tree:
-        raise ConfigError(f"{path}: no lines as imu/data: mavros/imu/data")
+        raise ConfigError(f"{path}: write lines as imu/data: mavros/imu/data")
     for own, other in tree.items():
         if own not in INPUTS:
-            raise ConfigError(f"{path}: {own}: no input of tirgeo: use {', '.join(INPUTS)}")
+            raise ConfigError(f"{path}: {own}: not an input of tirgeo: use {', '.join(INPUTS)}")
         if not isinstance(other, str) or not _NAME.fullmatch(other):
-            raise ConfigError(f"{path}: {own}: {other!r} is no topic's name")
+            raise ConfigError(f"{path}: {own}: {other!r} is not the name of a topic")
     return list(tree.items())
-
-
-_USUAL_PARAMS = "config/m600_xt2.yaml"
 
 
 @dataclass(frozen=True)
 class WholeGraph:
-    """Hold which nodes run, on what; the launch file says the same to ``ros2 launch``.
+    """Hold the nodes that run, and their inputs; the launch file starts the same graph.
 
     Raise GraphError for a file that does not exist. Without ``params``, the parameters of an M600
-    apply. ``dji`` says whether dji_node brings the aircraft's topics where there is no bag;
-    ``page`` whether viewer_node serves the operator's page, at this address or, if it is empty, at
-    that of the parameters.
+    apply. Without a bag, dji_node publishes the aircraft's topics unless ``dji`` is False.
+    ``page`` is the address of the operator's page: None: no page, empty: as in the parameters.
     """
 
     bag: Path | None = None
@@ -71,14 +70,14 @@ class WholeGraph:
 
     @property
     def nodes(self) -> list[str]:
-        """Return the names of the nodes: what gives their inputs comes last."""
+        """Return the names of the nodes; the node that publishes the inputs is the last."""
         source = ["bag_player"] if self.bag else ["dji_node"] if self.dji else []
         page = [] if self.page is None else ["viewer_node"]
         return ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
 
     @property
     def arguments(self) -> list[str]:
-        """Return the arguments of each node, for ROS."""
+        """Return the ROS arguments, which are the same for each node."""
         usual = find_resource(_USUAL_PARAMS)
         files = self.params or ([usual] if usual else [])
         bag = {"bag": self.bag, "use_sim_time": True} if self.bag else {}
@@ -105,9 +104,9 @@ class WholeGraph:
     def run(self) -> NoReturn:
         """Become the process of the nodes.
 
-        So there is no child that could outlive this process, and the exit code is theirs.
+        No child can then outlive this process, and the exit code is that of the nodes.
         """
         command = node_command("one_process", [*self.arguments, "--", *self.nodes])
-        # As in any process of nodes: blocked from the first instruction, polled for later.
+        # Signals are blocked from the first instruction; the nodes poll for them later.
         signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals())
         os.execve(command[0], command, self.environment)  # noqa: S606  this very Python

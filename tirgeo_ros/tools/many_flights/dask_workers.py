@@ -1,7 +1,7 @@
-"""Process flights on a cluster of Dask: one task a flight, on a file system that all share.
+"""Process flights on a Dask cluster, whose workers share a file system: one task per flight.
 
-A worker runs each flight in a child process, as this computer does. The flight of a worker that
-is killed is begun again on another, by Dask's scheduler.
+A worker runs each flight in a child process, as this computer does. If a worker is killed, Dask's
+scheduler starts its flight again on another worker.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from tirgeo_ros.tools.many_flights.flight_record import (
 )
 from tirgeo_ros.tools.presentation.progress import silent
 
-_SHOW_S = 0.2
+_SHOW_S = 0.2  # between two reports of progress
 _ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:\d+")
 
 
@@ -37,13 +37,13 @@ def run_on_cluster(
 ) -> Generator[tuple[FlightTask, Record], None, None]:
     """Yield each task with its record, in the order in which they end.
 
-    When the generator is closed, the tasks are cancelled, and their processes end. Raises
-    ManyFlightsError for a scheduler without workers or one that is lost, and for workers of
-    another version or without the folder.
+    When the generator is closed, the tasks are cancelled, and their processes end. Raise
+    ManyFlightsError if the scheduler has no workers or is lost, or if a worker has another version
+    of tirgeo or does not see the folder.
     """
     with _client(scheduler) as client:
         _check(client, tasks[0].folder)
-        run = f"{uuid.uuid4()}"  # else Dask would take the same flight of another run for this one
+        run = f"{uuid.uuid4()}"  # without it, Dask could return the result of an earlier run
         pending = {
             client.submit(run_on_worker, task, key=f"{task.name}-{run}", pure=False): task
             for task in tasks
@@ -53,16 +53,16 @@ def run_on_cluster(
                 progress.show()
                 time.sleep(_SHOW_S)
                 done = [future for future in pending if future.done()]
-                if client.status != "running":  # it has cancelled all of them by itself
+                if client.status != "running":  # the client itself has cancelled all tasks
                     raise ConnectionError
                 for future in done:
                     task = pending.pop(future)
                     progress.part(task.name, 1.0)
                     yield task, _record(task, future)
-        except OSError:  # Dask's own are of this kind
+        except OSError:  # Dask's own errors of connections are OSErrors
             raise ManyFlightsError(
-                f"--scheduler {scheduler}: the connection to it is lost; what is done is kept: "
-                "run the same command again when it is back"
+                f"--scheduler {scheduler}: the connection is lost; finished flights are kept: "
+                "run the same command again when the scheduler is back"
             ) from None
         finally:
             with suppress(OSError):
@@ -70,7 +70,7 @@ def run_on_cluster(
 
 
 def run_on_worker(task: FlightTask) -> Record:
-    """Process a flight on a worker, as long as the command runs."""
+    """Process a flight on a worker; stop if the command has ended."""
     if task.made_from["version"] != __version__:
         raise ManyFlightsError(_other_version(__version__))
     mark = running_mark(Path(task.folder))
@@ -86,10 +86,12 @@ def worker_sees(folder: str) -> tuple[str, bool]:
 def _client(scheduler: str) -> Iterator[Any]:
     """Connect to a scheduler; raise ManyFlightsError if there is none."""
     if not _ADDRESS.fullmatch(scheduler):
-        raise ManyFlightsError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
+        raise ManyFlightsError(
+            f"--scheduler {scheduler}: give an address, as tcp://192.168.1.5:8786"
+        )
     dask = importlib.import_module("distributed")  # ModuleNotFoundError is explained
-    for name in ("distributed", "distributed.client"):  # the package gives each its own level
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here
+    for name in ("distributed", "distributed.client"):  # the package sets a level for each
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here too
     try:
         client = dask.Client(scheduler, timeout=10.0, set_as_default=False, name="tirgeo")
     except (OSError, ValueError, TypeError) as error:
@@ -107,7 +109,7 @@ def _check(client: Any, folder: str) -> None:
         client.wait_for_workers(1, timeout=30.0)
     except asyncio.TimeoutError:
         raise ManyFlightsError(
-            "the scheduler has no worker: start some with dask worker"
+            "the scheduler has no worker: start workers with dask worker"
         ) from None
     for worker, answer in client.run(worker_sees, folder, on_error="return").items():
         if isinstance(answer, BaseException):
@@ -124,16 +126,16 @@ def _check(client: Any, folder: str) -> None:
 
 
 def _other_version(version: str) -> str:
-    return f"has tirgeo {version}, another version than here; install the same one"
+    return f"has tirgeo {version}, another version than this computer; install the same version"
 
 
 def _record(task: FlightTask, future: Any) -> Record:
-    """Return the record that a worker made; one of its error if it made none."""
+    """Return the record that a worker wrote, or a record of its error if it wrote none."""
     if future.status == "finished":
         record: Record = future.result()
         return record
     error = future.exception() if future.status == "error" else None
     why = shown(error or "cancelled by the scheduler", 300)
     if type(error).__name__ == "KilledWorker":
-        why = "each worker that began it was killed; is there enough memory?"
+        why = "each worker that began it was killed; check that there is enough memory"
     return written_record(task, {"error": f"{task.bag}: {why}"}, 1)

@@ -1,6 +1,6 @@
-"""Process flights on this computer, each in a child process, again if that is killed.
+"""Process flights on this computer, each in a child process; if it is killed, try again.
 
-The child answers numbers, the part that is done, and at last the flight's summary.
+The child answers several times with the part that is done, and at last with the flight's summary.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from tirgeo_ros.tools.presentation.results import error_line, plain
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.replay.registration import resolved
 
-#: How often a flight is begun whose process is killed.
+#: How often a flight is tried if its process is killed.
 ATTEMPTS = 3
-#: With the environment of the command, before anything else is imported.
+#: The child's program; it sets the command's environment before anything else is imported.
 _RUN = """\
 import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -47,26 +47,26 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
 from tirgeo_ros.tools.many_flights.flight_process import run_child
 run_child()
 """
-_POLL_S = 0.2  # between two looks, or reports
-_END_S = 10.0  # a child that is told to end removes what it has begun
+_POLL_S = 0.2  # between two polls, or two reports of progress
+_END_S = 10.0  # time for a child that is stopped to remove its unfinished files
 _PICTURE = "tirgeo/overlay/image/compressed"
-_WIDTH_PX, _QUALITY = 320, 60  # of the small picture
+_WIDTH_PX, _QUALITY = 320, 60  # width, and JPEG quality, of the small picture
 
 
 @final
 class FlightProgress:
-    """Collect from all threads what is done, and report it from one; flights count as 1."""
+    """Collect the progress of all threads, and report it from one; each flight counts as 1."""
 
     def __init__(self, total: int, progress: Report = silent) -> None:
         self._total, self._progress = total, progress
         self._parts: dict[str, float] = {}
 
     def part(self, name: str, part: float) -> None:
-        """Set which part (0 to 1) of a flight is done; one that has failed is done too."""
+        """Set which part (0 to 1) of a flight is done; a failed flight is done too."""
         self._parts[name] = part
 
     def show(self) -> None:
-        """Report the present state."""
+        """Report the present progress."""
         self._progress(sum(list(self._parts.values())), self._total)
 
 
@@ -76,7 +76,7 @@ def run_here(
     """Yield each task with its record, in the order in which they end.
 
     ``workers`` processes run at a time (None: as many as there are cores); each has its share of
-    the cores. When the generator is closed, those that run are ended.
+    the cores. When the generator is closed, the running processes are ended.
     """
     shares: queue.SimpleQueue[list[int]] = queue.SimpleQueue()
     for share in core_shares(workers, len(tasks)):
@@ -107,14 +107,14 @@ def run_here(
 def core_shares(workers: int | None, flights: int) -> list[list[int]]:
     """Return the cores of each worker, evenly shared; there are never more workers than flights.
 
-    With more workers than cores, some share one.
+    With more workers than cores, several workers share a core.
     """
     cores = sorted(os.sched_getaffinity(0))
     number = min(workers or len(cores), flights)
     return [cores[k::number] or [cores[k % len(cores)]] for k in range(number)]
 
 
-class Stopped(Exception):  # noqa: N818  no error: the user has stopped the command
+class Stopped(Exception):  # noqa: N818  not an error: the user has stopped the command
     """Report that the command was stopped while a flight was processed."""
 
 
@@ -126,8 +126,8 @@ def run_flight(
 ) -> Record:
     """Process a flight, write its record and return it; ``report`` gets the part that is done.
 
-    A flight that fails gives a record with its error. Its process keeps to ``cores``; with none
-    given it uses one at a time, of all. Raises Stopped once ``is_stopped`` returns true.
+    The record of a flight that fails has its error. Its process runs on ``cores``; without cores,
+    it uses one at a time, which may be any. Raise Stopped once ``is_stopped`` returns true.
     """
     summary, attempts = None, 0
     while summary is None and attempts < ATTEMPTS:
@@ -143,7 +143,7 @@ def _once(
     report: Callable[[float], None],
     cores: Sequence[int],
 ) -> tuple[dict[str, Any] | None, str]:
-    """Return the summary that a process answers; or None, and how it ended without one."""
+    """Run a process once; return its summary and "", or None and how it ended without one."""
     child = ChildProcess(_RUN)
     try:
         child.send((task, list(cores)))
@@ -167,7 +167,7 @@ def _once(
 
 
 def remove_parts(task: FlightTask, number: int | None = None) -> None:
-    """Remove the unfinished files of a flight, of one process or of any that was killed."""
+    """Remove a flight's unfinished files: those of one process (its number), or of any process."""
     which = r"\d+" if number is None else str(number)
     part = re.compile(rf"\.{re.escape(task.name)}\.(mcap|mp4|ts|jpg|json)\.{which}\.\w+")
     for path in Path(task.folder).iterdir():
@@ -176,7 +176,7 @@ def remove_parts(task: FlightTask, number: int | None = None) -> None:
 
 
 def run_child() -> None:
-    """Process the task of the parent process, on the cores that it gives; answer the summary."""
+    """Process the parent's task on the cores that it sends; answer with the summary."""
     signal.signal(signal.SIGTERM, _end)
     with parent_pipes(signal.SIGTERM) as (tasks, answers):
         task, cores = pickle.load(tasks)  # noqa: S301  from our own parent
@@ -195,7 +195,7 @@ def _end(number: int, _frame: object) -> NoReturn:
 
 
 def _reporting(answer: Callable[[object], None]) -> Report:
-    """Return a Report that answers the part that is done, a few times a second."""
+    """Return a Report that answers with the part that is done, a few times a second."""
     next_s = time.monotonic()
 
     def report(done: float, total: float | None) -> None:
@@ -208,9 +208,9 @@ def _reporting(answer: Callable[[object], None]) -> Report:
 
 
 def _outcome(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
-    """Return the summary of a flight; if it fails, its error in one line.
+    """Return the summary of a flight or, if it fails, its error in one line.
 
-    Raises PictureError, as a process that was killed is no fault of the flight.
+    Raise PictureError, because the flight is not at fault if a process was killed.
     """
     try:
         os.chdir(task.working_folder)
@@ -221,10 +221,10 @@ def _outcome(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
         return {"error": error_line(error)}
     except ModuleNotFoundError as error:
         return {"error": missing_line(str(error.name))}
-    except Exception as error:  # noqa: BLE001  a flight that fails stops no other
+    except Exception as error:  # noqa: BLE001  a failed flight does not stop the others
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
-        return {"error": shown(f"{task.bag}: {what}; report it with this flight")}
+        return {"error": shown(f"{task.bag}: {what}; report this error with this flight")}
 
 
 def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
@@ -249,14 +249,14 @@ def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
 def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str, Any], bytes]:
     """Return the facts of an output bag of ``process``, and a small JPEG; b"" without pictures.
 
-    They are the begin in UTC, ``duration_s`` before the bag's end; and of a flight with positions
-    the first one (degrees) and the way over the ground (m), from second to second. The picture is
-    the one in the middle or, where video ends before, the last.
+    The facts are the begin in UTC, ``duration_s`` before the bag's end and, if there are
+    positions, the first one (degrees) and the distance over the ground (m), from second to second.
+    The picture is that in the middle or, if the video ends before, the last.
     """
     reader, cdr = BagReader(bag), Cdr()
     begin_ns, end_ns = reader.span_ns
     fix, overlay = resolved("tirgeo/fix", namespace), resolved(_PICTURE, namespace)
-    places: dict[int, tuple[float, float]] = {}  # the first of each second
+    places: dict[int, tuple[float, float]] = {}  # the first position of each second
     jpeg = None
     for message in reader.messages({fix, overlay} & reader.topics().keys()):
         if message.topic == fix:

@@ -1,7 +1,7 @@
 """Define the task of one flight, and its record: a file ``NAME.json`` beside its outputs.
 
-The record is the summary of ``tirgeo process --json``. Its key ``season`` says which flight it is,
-what its outputs are made from, their sizes, and the facts that the page shows.
+The record is the summary of ``tirgeo process --json``. Its key ``season`` has the flight's name
+and bag, what its outputs are made from, their sizes, and the facts that the page shows.
 """
 
 from __future__ import annotations
@@ -21,31 +21,32 @@ from tirgeo_ros.io.bags.bag import bag_files
 from tirgeo_ros.io.files.whole_files import PathLike, read_text, write_files
 from tirgeo_ros.tools.presentation.results import plain
 
-#: Name, size in bytes and time of change (ns) of a file; None for what is not known.
+#: Name, size in bytes and time of change (ns) of a file; None if size and time are not known.
 Stamp = list[str | int | None]
-#: SHA-256 of a file, or the stamps of what is in a folder; None of what is absent.
+#: SHA-256 of a file, or the stamps of a folder's files; None if it is absent.
 Digest = str | list[Stamp] | None
+Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class FlightTask:
     """Hold what a process on this or another computer needs to process a flight."""
 
-    name: str  # of its files in ``folder``
+    name: str  # name of its files in ``folder``, without ending
     bag: str
-    folder: str  # of the outputs
-    working_folder: str  # in which relative paths begin
+    folder: str  # folder of the outputs
+    working_folder: str  # relative paths begin here
     options: dict[str, Any]  # keywords of ``process``, in JSON's types
-    video: str  # the ending of its video; "" for none
-    made_from: dict[str, Any]
+    video: str  # ending of its video; "" for none
+    made_from: dict[str, Any]  # everything that decides its outputs
 
     def path(self, ending: str) -> Path:
-        """Return the place of one of its files; ``ending`` begins with a dot."""
+        """Return the path of one of its files; ``ending`` begins with a dot."""
         return Path(self.folder) / f"{self.name}{ending}"
 
     @property
     def outputs(self) -> list[Path]:
-        """Return the places of all its files."""
+        """Return the paths of all its files."""
         endings = (".mcap", ".json", ".jpg", self.video)
         return [self.path(ending) for ending in endings if ending]
 
@@ -61,7 +62,7 @@ def place_of(bag: PathLike) -> Path:
 
 
 def bag_stamps(bag: PathLike) -> list[Stamp]:
-    """Return the stamps of a bag's files; for a bag that cannot be read, that of its path."""
+    """Return the stamps of a bag's files, or of its path if the bag cannot be read."""
     try:
         files, _ = bag_files(Path(bag))
     except (BagError, OSError):
@@ -72,10 +73,10 @@ def bag_stamps(bag: PathLike) -> list[Stamp]:
 def made_from(
     stamps: Iterable[Stamp], options: Mapping[str, Any], digests: Mapping[str, Digest]
 ) -> dict[str, Any]:
-    """Return, in JSON's types, all that decides a flight's outputs.
+    """Return, in JSON's types, everything that decides a flight's outputs.
 
-    ``digests`` are those of parameter files and of what they name. They are known by their
-    contents, for they are small and are copied and edited; the flight's own files by size and
+    ``digests`` are those of parameter files and of the files that they name. These are compared by
+    contents, because they are small and are copied and edited; the flight's own files by size and
     time of change.
     """
     flight = list(stamps)
@@ -83,7 +84,7 @@ def made_from(
 
 
 def digests_of(paths: Iterable[PathLike]) -> dict[str, Digest]:
-    """Return by path the SHA-256 of each file, and the stamps of what is in each folder."""
+    """Return by path the SHA-256 of each file, or the stamps of the files in a folder."""
     return {str(path): _digest(Path(path)) for path in paths if path}
 
 
@@ -108,11 +109,8 @@ def _digest(path: Path) -> Digest:
     return digest.hexdigest()
 
 
-Record = dict[str, Any]
-
-
 def read_records(folder: Path) -> dict[str, Record]:
-    """Return a folder's records by the names of their flights; other files are passed over."""
+    """Return a folder's records by the names of their flights; other files are ignored."""
     records: dict[str, Record] = {}
     for path in filter(Path.is_file, sorted(folder.glob("*.json"))):  # a pipe never ends
         with suppress(ManyFlightsError, ValueError, RecursionError):
@@ -123,9 +121,9 @@ def read_records(folder: Path) -> dict[str, Record]:
 
 
 def written_record(task: FlightTask, summary: Mapping[str, Any], attempts: int) -> Record:
-    """Write and return the record of a flight from its summary, which may be an error alone.
+    """Write and return the record of a flight from its summary, which may be only an error.
 
-    If it cannot be written, that is the record's error, unless the flight has one.
+    If the record cannot be written, this is its error, unless the flight has an error itself.
     """
     season = {
         "name": task.name,
@@ -146,7 +144,7 @@ def written_record(task: FlightTask, summary: Mapping[str, Any], attempts: int) 
 
 
 def is_done(record: Record | None, task: FlightTask) -> bool:
-    """Return whether a flight's outputs are complete, and a new run would make the same."""
+    """Return whether a flight's outputs are complete, and a new run would write the same."""
     if record is None or not record["output"]:
         return False
     season = record["season"]
@@ -155,7 +153,7 @@ def is_done(record: Record | None, task: FlightTask) -> bool:
 
 
 def _is_record(tree: object) -> bool:
-    """Return whether a tree has those parts of a record that are read without a check."""
+    """Return whether a tree has all parts of a record that others read without a check."""
     if not isinstance(tree, dict) or not isinstance(season := tree.get("season"), dict):
         return False
     kinds = {"name": str, "bag": str, "made_from": dict, "outputs": dict, "facts": dict}

@@ -1,6 +1,6 @@
-"""Write the page of many flights: all that have a record in a folder, in one file.
+"""Write the page of all flights that have a record in a folder, as one file.
 
-``flights_page.html`` is its frame, style and script; this module makes what it holds.
+``flights_page.html`` has its frame, style and script; this module fills in the contents.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from tirgeo_ros.tools.presentation.progress import three
 from tirgeo_ros.tools.replay.process import refused_line
 
 PAGE = "index.html"
-#: Worst first, as the page lists them: severity -> what a person calls it.
+#: Severity -> its name for a person, in the order of the page: the worst first.
 _SEVERITIES = {"stop": "fault", "caution": "caution", "note": "note"}
-_LINKS = {".mcap": "bag", ".json": "summary"}  # by the file's ending; all others: video
+_LINKS = {".mcap": "bag", ".json": "summary"}  # ending of a file -> its link; all others: video
 
 #: Contents of a cell as HTML, and the value by which the table is sorted.
 Cell = tuple[str, float | str]
 
 
 def write_page(folder: Path) -> None:
-    """Write ``index.html`` from the records in a folder. Raises ManyFlightsError."""
+    """Write ``index.html`` from the records in a folder. Raise ManyFlightsError."""
     records = read_records(folder)
     pictures = {}
     for name in records:
@@ -47,7 +47,7 @@ def write_page(folder: Path) -> None:
 
 
 def flights_html(title: str, records: Mapping[str, Record], pictures: Mapping[str, bytes]) -> str:
-    """Return the page of flights by name, each with its small JPEG or b""."""
+    """Return the page; ``records`` and ``pictures`` (JPEG, or b"") are by name of the flight."""
     flights = sorted(
         records.values(), key=lambda record: (_begin(record)[1] or "9", _name(record))
     )
@@ -108,7 +108,7 @@ def _row(record: Record, picture: bytes) -> str:
 
 
 def _cell(make: Callable[[Record], Cell], record: Record) -> Cell:
-    """Return a cell; a dash where a record of another version of tirgeo has another form."""
+    """Return a cell, or a dash if a record of another version of tirgeo lacks its values."""
     try:
         return make(record)
     except (LookupError, TypeError, ValueError):
@@ -118,17 +118,17 @@ def _cell(make: Callable[[Record], Cell], record: Record) -> Cell:
 
 
 def _key(value: float | str) -> str:
-    """Return what the page's script compares: numbers as JavaScript reads them."""
+    """Return the value by which the page's script sorts; JavaScript must read numbers."""
     return value if isinstance(value, str) else f"{value:.9g}".replace("inf", "Infinity")
 
 
 def _in_url(name: str, safe: str = "/") -> str:
-    """Return a file's name for a URL; bytes that are not UTF-8 are kept."""
+    """Return a file's name for a URL; bytes that are not UTF-8 are preserved."""
     return quote(name, safe, errors="surrogateescape")
 
 
 def _clock(seconds: float) -> str:
-    """Return a time as minutes and seconds, from an hour on with hours in front: 1:04:09."""
+    """Return a time as minutes and seconds; from one hour on, as 1:04:09."""
     minutes, second = divmod(round(seconds), 60)
     hours, minute = divmod(minutes, 60)
     return f"{hours}:{minute:02d}:{second:02d}" if hours else f"{minute}:{second:02d}"
@@ -210,7 +210,7 @@ def _result(record: Record) -> Cell:
     return f'<b class="stop">{word}</b> {escape(error)}', 1.0 if record["output"] else 2.0
 
 
-#: Titles of the columns after the flight's own.
+#: Columns after that of the flight's name: title -> function that makes a cell.
 _COLUMNS: Mapping[str, Callable[[Record], Cell]] = {
     "begin, UTC": _begin,
     "place": _place,

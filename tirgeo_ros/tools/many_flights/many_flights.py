@@ -1,7 +1,7 @@
 """Process many flights into a folder: the work of ``tirgeo process FLIGHT... -o DIR``.
 
-Each flight is one task in a process of its own. What an earlier run has done, from the same files
-with the same options, is not done again.
+Each flight is one task in a process of its own. A flight that an earlier run has processed, from
+the same files with the same options, is not processed again.
 """
 
 from __future__ import annotations
@@ -40,8 +40,11 @@ from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
-_NAMED = 3  # errors in the line of the whole; all are in the result and on the page
-#: What becomes of a flight, and in words for a person.
+_ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
+
+
+_NAMED = 3  # most flights that the error names; all are in the result and on the page
+#: Outcomes of a flight, and their words for a person.
 _WORDS = {
     "processed": "processed",
     "kept": "already done",
@@ -60,13 +63,13 @@ def process_flights(
     progress: Report = silent,
     **options: Any,
 ) -> dict[str, object]:
-    """Process flights into a folder and return a summary; ``error`` names those that have failed.
+    """Process flights into a folder and return a summary; ``error`` names flights with an error.
 
-    ``options`` are the keywords of ``process``, but for ``progress``; ``video`` is the ending of
-    the videos, with its dot. ``workers`` is the number of processes on this computer (None: one a
-    core), ``scheduler`` the address of a Dask scheduler to use instead. The folder's page is made
-    anew, also if the run is interrupted. Raises ConfigError, BagError and ManyFlightsError for
-    what concerns all flights.
+    ``options`` are the keywords of ``process`` except ``progress``; ``video`` is the file name
+    extension of the videos, with its dot. ``workers`` is the number of processes on this computer
+    (None: one per core), ``scheduler`` the address of a Dask scheduler to use instead. The
+    folder's page is written anew, also if the run is interrupted. Raise ConfigError, BagError and
+    ManyFlightsError for errors that concern all flights.
     """
     begun_s = time.perf_counter()
     place = made_folder(folder, ManyFlightsError)
@@ -92,8 +95,8 @@ def process_flights(
 def only_run(folder: Path) -> Iterator[None]:
     """Mark the folder as in use, and remove the mark at the end.
 
-    Raises ManyFlightsError while another run does the same. A run that was killed leaves a mark
-    that stops nobody.
+    Raise ManyFlightsError while another run uses the folder. The mark that a killed run leaves
+    does not stop the next one.
     """
     mark = running_mark(folder)
     try:
@@ -106,7 +109,7 @@ def only_run(folder: Path) -> Iterator[None]:
         except BlockingIOError:
             raise ManyFlightsError(
                 f"{folder}: another tirgeo process works in this folder; "
-                "wait for it, or give another folder"
+                "wait until it ends, or give another folder"
             ) from None
         except OSError:  # a file system without locks
             pass
@@ -123,9 +126,9 @@ def flight_tasks(
     video: str,
     options: Mapping[str, Any],
 ) -> list[FlightTask]:
-    """Return a task for each flight; one that is given twice is one task.
+    """Return a task for each flight; a flight that is named twice is one task.
 
-    Raises ConfigError for the parameters, and BagError for an output in the place of an input.
+    Raise ConfigError for the parameters, and BagError if an output would overwrite an input.
     """
     keywords: dict[str, Any] = {"namespace": ""} | {
         name: plain(value) for name, value in options.items()
@@ -162,7 +165,7 @@ def _run(
     scheduler: str | None,
     progress: FlightProgress,
 ) -> None:
-    """Run the tasks, and put their records among the others."""
+    """Run the tasks, and add their records to ``records``."""
     if not tasks:
         return
     if scheduler is None:
@@ -179,12 +182,12 @@ def _run(
 def flights_summary(
     tasks: Sequence[FlightTask], kept: Sequence[str], records: Mapping[str, Record]
 ) -> dict[str, object]:
-    """Return what became of each flight; ``kept`` are the names of those done by earlier runs.
+    """Return the outcome of each flight; ``kept`` names the flights done by earlier runs.
 
     ``error`` is None, or how many flights have an error, and the names of the first ones.
     """
     flights: list[dict[str, object]] = []
-    fates: Counter[str] = Counter()
+    outcomes: Counter[str] = Counter()
     for task in tasks:
         record, is_kept = records[task.name], task.name in kept
         own = {key: record.get(key) for key in ("output", "duration_s", "elapsed_s", "error")}
@@ -192,62 +195,61 @@ def flights_summary(
         lead = {"name": task.name, "input": task.bag, "kept": is_kept, "attempts": attempts}
         flights.append(lead | own)
         if record["error"] and not record["error"].startswith(NO_GO):
-            fates["in_part" if record["output"] else "failed"] += 1
+            outcomes["in_part" if record["output"] else "failed"] += 1
         else:
-            fates["kept" if is_kept else "processed"] += 1
+            outcomes["kept" if is_kept else "processed"] += 1
     errors = [str(flight["name"]) for flight in flights if flight["error"]]
     more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
     first = f"{len(errors)} of {len(flights)} flights have an error: {', '.join(errors[:_NAMED])}"
     return {
         "flights": flights,
-        **{fate: fates[fate] for fate in _WORDS},
+        **{outcome: outcomes[outcome] for outcome in _WORDS},
         "error": first + more if errors else None,
     }
 
 
 def summary_lines(result: Mapping[str, Any]) -> str:
-    """Return what was done, then a line for each flight with an error, then the page."""
-    fates = ", ".join(f"{result[fate]} {word}" for fate, word in _WORDS.items() if result[fate])
+    """Return a line of totals, then a line for each flight with an error, then the page."""
+    outcomes = ", ".join(
+        f"{result[outcome]} {word}" for outcome, word in _WORDS.items() if result[outcome]
+    )
     flown_s = sum(x["duration_s"] or 0.0 for x in result["flights"] if not x["kept"])
     times = f"{three(flown_s)} s of flight in {three(result['elapsed_s'])} s"
-    lines = [f"  flights  {len(result['flights'])}: {fates}; {times}"]
+    lines = [f"  flights  {len(result['flights'])}: {outcomes}; {times}"]
     lines += [f"! {x['name']:<8} {x['error']}" for x in result["flights"] if x["error"]]
     return "\n".join([*lines, f"  page     {result['page']}"])
-
-
-_ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
 
 
 def flight_names(
     flights: Mapping[Path, Sequence[Stamp]], records: Mapping[str, Record]
 ) -> dict[Path, str]:
-    """Return a name for each flight (its path, and the stamps of its files), all different.
+    """Return a unique name for each flight; ``flights`` are paths with the stamps of their files.
 
     A flight that has a record keeps its name, also if it was moved, and no other flight gets it.
-    The others have the name of their file or folder; where several have the same, those of the
-    folders around come before it until they differ, and at last a number behind it.
+    Other flights are named by their file or folder; equal names get the names of the folders above
+    in front until they differ, and if they never do, a number at the end.
     """
     names: dict[Path, str] = {}
     for name, record in records.items():
         place, files = record["season"]["bag"], record["season"]["made_from"]["flight"]
         rest = [path for path in flights if path not in names]
-        here = [path for path in rest if str(place_of(path)) == place]
-        there = [path for path in rest if all(size is not None for _, size, _ in flights[path])]
-        moved = [path for path in there if flights[path] == files]
-        names |= dict.fromkeys((here + moved)[:1], name)
+        same = [path for path in rest if str(place_of(path)) == place]
+        present = [path for path in rest if all(size is not None for _, size, _ in flights[path])]
+        moved = [path for path in present if flights[path] == files]
+        names |= dict.fromkeys((same + moved)[:1], name)
     parts = {path: _parts(path) for path in flights if path not in names}
     taken = {*names.values(), *records}
     depths = dict.fromkeys(parts, 1)
     while True:
-        made = {path: "_".join(parts[path][-depths[path] :]) for path in parts}
-        counts = Counter(made.values())
-        clashes = [p for p, name in made.items() if name in taken or counts[name] > 1]
+        joined = {path: "_".join(parts[path][-depths[path] :]) for path in parts}
+        counts = Counter(joined.values())
+        clashes = [p for p, name in joined.items() if name in taken or counts[name] > 1]
         deeper = [path for path in clashes if depths[path] < len(parts[path])]
         for path in deeper:
             depths[path] += 1
         if not deeper:
             break
-    for path, name in made.items():
+    for path, name in joined.items():
         used, number = {*records, *names.values()}, 2
         names[path] = name
         while names[path] in used:

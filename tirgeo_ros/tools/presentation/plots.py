@@ -12,7 +12,7 @@ from tirgeo_ros import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Colours that colour-blind people can distinguish too (Okabe and Ito), in order of use.
+#: Colours that colour-blind people can distinguish (Okabe and Ito), in order of use.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DPI = 110
 _STYLE: Any = {
@@ -26,45 +26,7 @@ _STYLE: Any = {
     "lines.linewidth": 1.2,
     "svg.hashsalt": "tirgeo",
 }
-
-
-def figure(
-    width_in: float = 7.0, height_in: float = 4.0, rows: int = 1, columns: int = 1, **options: Any
-) -> tuple[Figure, Any]:
-    """Return a figure and its axes, one or an array of them, as ``Figure.subplots`` does."""
-    from matplotlib import rc_context  # noqa: PLC0415  slow to import
-    from matplotlib.figure import Figure  # noqa: PLC0415  heavy
-
-    with rc_context(_STYLE):
-        made = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
-        return made, made.subplots(rows, columns, **options)
-
-
-def arrows(axes: Any, places: Any, moves: Any, colour: str, width: float) -> None:
-    """Draw arrows from places (n, 2) by moves (n, 2), both in the units of the axes."""
-    axes.quiver(
-        *places.T, *moves.T, angles="xy", scale_units="xy", scale=1, color=colour, width=width
-    )
-
-
-def png(made: Figure) -> bytes:
-    """Return the figure as PNG bytes."""
-    out = io.BytesIO()
-    made.savefig(out, format="png", metadata={"Software": None})
-    return out.getvalue()
-
-
-def svg(made: Figure) -> bytes:
-    """Return the figure as SVG bytes, for a page."""
-    from matplotlib import rc_context  # noqa: PLC0415  heavy
-
-    out = io.BytesIO()
-    with rc_context(_STYLE):
-        made.savefig(out, format="svg", metadata={"Date": None})
-    return out.getvalue()
-
-
-#: The colours are variables, which a page with a dark form sets again.
+#: Common style of all pages. A page with a dark scheme overrides the variables of the colours.
 PAGE_STYLE = """
 :root { color-scheme: light; --ink: #1a1a1a; --paper: #fff; --soft: #555; --line: #ddd;
   --fine: #eee; --fault: #fdeaea; --fault-edge: #c0392b; }
@@ -83,8 +45,44 @@ figcaption { font-size: .9rem; }
 """
 
 
+def figure(
+    width_in: float = 7.0, height_in: float = 4.0, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, Any]:
+    """Return a figure and its axes, one or an array of them, as ``Figure.subplots`` does."""
+    from matplotlib import rc_context  # noqa: PLC0415  slow to import
+    from matplotlib.figure import Figure  # noqa: PLC0415  heavy
+
+    with rc_context(_STYLE):
+        chart = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
+        return chart, chart.subplots(rows, columns, **options)
+
+
+def arrows(axes: Any, places: Any, moves: Any, colour: str, width: float) -> None:
+    """Draw arrows from places (n, 2) by moves (n, 2), both in the units of the axes."""
+    axes.quiver(
+        *places.T, *moves.T, angles="xy", scale_units="xy", scale=1, color=colour, width=width
+    )
+
+
+def png(chart: Figure) -> bytes:
+    """Return the figure as PNG bytes."""
+    out = io.BytesIO()
+    chart.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
+
+
+def svg(chart: Figure) -> bytes:
+    """Return the figure as SVG bytes, for a page."""
+    from matplotlib import rc_context  # noqa: PLC0415  heavy
+
+    out = io.BytesIO()
+    with rc_context(_STYLE):
+        chart.savefig(out, format="svg", metadata={"Date": None})
+    return out.getvalue()
+
+
 def html_page(title: str, style: str, body: str) -> str:
-    """Return a page: its title as text, its own style after the common one, its body as HTML."""
+    """Return a page with a title (text), the common style and its own, and a body (HTML)."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -93,7 +91,7 @@ def html_page(title: str, style: str, body: str) -> str:
     )
 
 
-def embedded(content: bytes, kind: str, words: str) -> str:
-    """Return a picture of a type (``image/jpeg``) as an element, with words in its place."""
+def embedded(content: bytes, kind: str, alternative: str) -> str:
+    """Return an HTML element with a picture of a type (``image/jpeg``) and alternative text."""
     data = base64.b64encode(content).decode()
-    return f'<img alt="{escape(words, quote=True)}" src="data:{kind};base64,{data}">'
+    return f'<img alt="{escape(alternative, quote=True)}" src="data:{kind};base64,{data}">'

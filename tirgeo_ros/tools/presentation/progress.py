@@ -13,17 +13,17 @@ from typing import TextIO, final
 Report = Callable[[float, float | None], None]
 
 _REDRAW_S = 0.1
-_LEAST_S = 0.05  # of work, for a rate
-_WIDTH = 20  # of the bar
+_LEAST_S = 0.05  # a rate is computed over at least this time
+_WIDTH = 20  # characters of the bar
 
 
 def silent(_done: float, _total: float | None = None) -> None:
-    """Ignore the progress: a Report for work that nobody watches."""
+    """Ignore the progress; a Report for work without a display."""
 
 
 @final
 class Progress:
-    """Draw one line on stderr if that is a terminal, and erase it at the end; a Report.
+    """Draw one line on stderr if it is a terminal, and erase the line at the end; a Report.
 
     ``with Progress("processing", unit="s") as bar: process(..., progress=bar)``. With the unit "s"
     the rate is shown as a multiple of real time. Numbers have three digits.
@@ -88,6 +88,6 @@ class Progress:
 
 
 def three(value: float) -> str:
-    """Return a number with three digits, or all of those before the point: 1.23, 12.3, 1234."""
+    """Return a number with three digits, or with all digits of its integer: 1.23, 12.3, 1234."""
     digits = next((n for n in (2, 1) if abs(round(value, n)) < 10 ** (3 - n)), 0)
     return f"{value:.{digits}f}"

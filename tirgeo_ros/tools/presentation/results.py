@@ -10,16 +10,16 @@ from dataclasses import asdict
 
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: Keys of a result that are printed elsewhere, and those that report a problem.
+#: Keys of a result that are printed elsewhere, and keys that report a problem.
 _ELSEWHERE = ("findings", "warning", "error")
 _PROBLEMS = ("refused", "not_used")
 _UNITS = {"m": "m", "s": "s", "ms": "ms", "deg": "deg", "px": "px", "hz": "Hz", "ns": "ns"}
-
+#: Severity -> its name for a person.
 _NAMES = {Severity.STOP: "fault", Severity.CAUTION: "caution", Severity.NOTE: "note"}
 
 
 def summary(lines: Iterable[tuple[str, str, bool]]) -> str:
-    """Return lines of a name and a text; those that report a problem first, with a mark."""
+    """Return lines of a name and a text; the lines that report a problem are first and marked."""
     ordered = sorted(lines, key=lambda line: not line[2])  # stable
     width = max((len(name) for name, _, _ in ordered), default=0)
     return "\n".join(

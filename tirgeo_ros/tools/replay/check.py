@@ -18,7 +18,7 @@ from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load, try_load_map
 from tirgeo_ros.tools.replay.node_configs import open_flight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
@@ -43,16 +43,16 @@ def check(
     opened = open_flight(bag, (), params, namespace, options)
     reader, configs, overlay = opened.reader, opened.configs, opened.configs.overlay
     findings: list[Finding] = []
-    ground = tried(findings, "dem", lambda: ground_of(overlay))
-    lens = tried(findings, "camera", lambda: configured_camera(overlay))
-    layers = tried_map(findings, overlay, overlay.map, used=True)
+    ground = try_load(findings, "dem", lambda: ground_of(overlay))
+    lens = try_load(findings, "camera", lambda: configured_camera(overlay))
+    layers = try_load_map(findings, overlay, overlay.map, used=True)
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens, pictures=True)
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
     flight = Flight(reader, namespace, camera=lens, checks=checks, **wanted)
-    solutions: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
 
     def count(_sample: Sample, registered: Registered) -> None:
-        solutions["made"] += registered.solution is not None
+        counts["solutions"] += registered.solution is not None
 
     poses = FlightPoses(configs.ekf, configs.gimbal, SAMPLES, (), [checks.watch, count])
     flight.add_poses(poses)
@@ -60,7 +60,7 @@ def check(
     if reader.damage is not None:
         findings.append(finding("damaged_bag", damage=reader.damage))
     findings += checks.findings()
-    if not solutions["made"] and stop_line(findings) is None:
+    if not counts["solutions"] and stop_line(findings) is None:
         status = poses.registration.navigation.status()
         state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
         findings.append(finding("no_pose", state=state, method=status.method))
@@ -76,7 +76,7 @@ def check(
 
 
 def _numbers(reader: BagReader, poses: FlightPoses, checks: FlightChecks) -> dict[str, object]:
-    """Return what the flight and its set-up were."""
+    """Return numbers of the flight and its topics, and the set-up that was checked."""
     registration = poses.registration
     status = registration.navigation.status()
     first_ns, last_ns = reader.span_ns

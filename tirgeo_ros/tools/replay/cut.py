@@ -1,7 +1,7 @@
 """Cut a part out of a recorded flight: the work of ``tirgeo cut``.
 
-Messages are copied as they are, also those of foreign types. What a late subscriber would have
-received (latched topics, the calibration) is carried to the beginning of the part.
+Messages are copied as they are, also those of unknown types. Messages that a late subscriber would
+have received (latched topics, the calibration) are carried to the beginning of the part.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def cut(
 ) -> dict[str, object]:
     """Write the part of a bag from ``begin`` to ``end`` and return a summary.
 
-    ``error`` in the summary is None, or what of the bag was lost. Raise BagError (no bag, nothing
-    in the part).
+    ``error`` in the summary is None, or tells what was lost of the bag. Raise BagError (no bag, no
+    message in the part).
     """
     check_outputs([bag], [output], BagError)
     reader = BagReader(bag)
@@ -45,7 +45,7 @@ def cut(
     start_ns, end_ns = _log_time_ns(begin, reader), _log_time_ns(end, reader)
     if start_ns > last_ns or end_ns < max(first_ns, start_ns):
         whole = f"{(last_ns - first_ns) / _NS:.1f} s long, from {utc(first_ns)} to {utc(last_ns)}"
-        raise BagError(f"{reader.path}: nothing between these times: the flight is {whole}")
+        raise BagError(f"{reader.path}: no message between these times: the flight is {whole}")
     start_ns = max(start_ns, first_ns)
     forms = reader.forms()
     counts: Counter[str] = Counter()
@@ -92,8 +92,8 @@ def _carried(
 ) -> list[BagMessage]:
     """Return the messages before a part that its subscribers need, in order of time.
 
-    These are the last one of each latched topic (of transforms the last one of each set of
-    frames: each publisher has its own), and the last calibration where the part has none.
+    These are the last message of each latched topic (of transforms, the last of each set of
+    frames, because each publisher has its own set), and the last calibration if the part has none.
     """
     latched = {topic for topic, form in forms.items() if is_latched(topic, form.metadata)}
     cameras = {topic for topic, form in forms.items() if form.typename == _CALIBRATION} - latched
@@ -109,7 +109,7 @@ def _carried(
 
 
 def _frames(cdr: Cdr, message: BagMessage) -> object:
-    """Return the frames that a message places, None of other types."""
+    """Return the child frames of a message with transforms, None for other types."""
     if message.typename != _TRANSFORMS:
         return None
     try:

@@ -1,8 +1,8 @@
-"""Drive a recorded flight: one pass through its bag, and any number of sinks.
+"""Read a recorded flight in one pass through its bag, for any number of sinks.
 
-A sink takes the samples of topics (``Flight.add``), or the poses that filter and gimbal make of
-them (``Flight.registered``), or whole messages (``MessageSink``, which ``tirgeo process`` is). The
-checks go along. Each message is decoded once.
+A sink takes the samples of topics (``Flight.add``), or the poses that filter and gimbal compute
+from them (``Flight.registered``), or whole messages (``MessageSink``, as in ``tirgeo process``).
+The checks get the same messages. Each message is decoded once.
 """
 
 from __future__ import annotations
@@ -51,40 +51,43 @@ from tirgeo_ros.tools.replay.registration import (
     resolved,
 )
 
-_TRIED = 10  # pictures to try for their size, as the first ones may be damaged
-WHOLE_FLIGHT_S = 1e9
-#: Poses this near an instant are kept: more than the longest gap that is interpolated across.
+_TRIED = 10  # pictures to try for their size, because the first ones may be damaged
+WHOLE_FLIGHT_S = 1e9  # span of a buffer that keeps all poses
+#: Poses this near an instant are kept; it is longer than any gap that is interpolated across.
 _NEAR_NS = 1_000_000_000
 #: The camera's motion is measured from this much before an instant to this much after it.
 _MOTION_NS = 50_000_000
-#: Messages that are decoded together: work of one kind in a row uses the caches better.
+#: Messages that are decoded together: a series of equal work uses the caches better.
 _BLOCK = 32
-#: Share of the work, roughly, that the first pass of two is.
+#: Rough share of the first of two passes in the work.
 _FIRST_SHARE = 0.4
+#: The checks get each tenth message of a topic that the sink no longer uses: enough for statistics
+#: over a flight, at little cost.
+_UNWANTED_STEP = 10
 
-#: Take a sample and what filter and gimbal made of it.
+#: Take a sample, and the outputs of filter and gimbal for it.
 Watcher = Callable[[Sample, Registered], None]
 
 
 class MessageSink(Protocol):
     """Define a sink that takes pictures and clicks too, and writes as the flight goes on."""
 
-    topics: Mapping[str, str]  # all that are read for it: resolved name -> contract topic
+    topics: Mapping[str, str]  # topics to read for the sink: resolved name -> contract topic
 
     def wants(self, topic: str) -> bool:
-        """Return whether a topic of samples still changes what is written."""
+        """Return whether a topic of samples still changes the outputs."""
 
     def expect(self, topic: str, content: object) -> None:
-        """Learn of a picture that will soon be taken."""
+        """Prepare for a picture that ``take`` will soon receive."""
 
     def set_camera(self, camera: Camera) -> None:
-        """Take a calibration. TirgeoError counts it as unreadable."""
+        """Take a calibration. If it raises TirgeoError, the message counts as unreadable."""
 
     def take(self, topic: str, content: Any, arrival_ns: int) -> None:
-        """Take a message that is no sample. TirgeoError counts it as unreadable."""
+        """Take a message that is no sample. If it raises TirgeoError, it counts as unreadable."""
 
     def proceed(self, arrival_ns: int) -> None:
-        """Go on to the time of a message that everybody has taken."""
+        """Advance to the log time of a message, after all sinks have taken it."""
 
 
 class Flight:
@@ -92,9 +95,9 @@ class Flight:
 
     Messages are counted: ``read`` and ``undecoded`` by their names in the bag, ``unreadable`` by
     contract topic, with the newest reason. ``now_ns`` is the log time of the message that is being
-    passed on. With ``pictures``, ``picture_stamps_ns`` holds the stamps of the pictures. A given
-    ``camera`` overrides the bag's; ``needs_camera``: one of them must be there. ``checks`` get all
-    inputs, and of the pictures those that they want, or ``all_pixels``.
+    processed. With ``pictures``, ``picture_stamps_ns`` holds the stamps of the pictures. A given
+    ``camera`` overrides the bag's; with ``needs_camera`` there must be one. ``checks`` get all
+    inputs, and the pixels of the pictures that they need or, with ``all_pixels``, of all.
     """
 
     def __init__(
@@ -134,18 +137,18 @@ class Flight:
 
     @property
     def duration_s(self) -> float:
-        """Return the time from the first to the newest message that was read for the sinks."""
+        """Return the time from the first message for the sinks to the newest one."""
         return (self.now_ns - (self.begun_ns or 0)) * 1e-9
 
     @property
     def camera(self) -> Camera:
-        """Return the camera, once the flight was read.
+        """Return the camera, after the flight was read.
 
-        Raise BagError without a usable calibration, and CameraError for one of another size than
-        the bag's pictures.
+        Raise BagError without a usable calibration, and CameraError if its size is not that of the
+        bag's pictures.
         """
         if self._camera is None:
-            raise BagError(f"{self._reader.path}: no {CAMERA_INFO} could be used")
+            raise BagError(f"{self._reader.path}: no message of {CAMERA_INFO} could be used")
         size = self._picture_size()
         fault = size_fault(self._camera, *size) if size else ""
         if fault:
@@ -174,10 +177,10 @@ class Flight:
         *watchers: Watcher,
         smooth: bool = False,
     ) -> FlightPoses:
-        """Add a registration, which takes the samples, and return it.
+        """Add a registration of the samples to poses, and return it.
 
-        Raise BagError if a needed topic is absent. ``smooth``: each pose from all measurements,
-        also later ones.
+        Raise BagError if a needed topic is absent. ``smooth``: each pose uses later measurements
+        too.
         """
         topics = inputs_of(
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
@@ -205,11 +208,11 @@ class Flight:
     def read_all(self, progress: Report, sink: MessageSink | None = None) -> None:
         """Pass the flight to all sinks; call ``progress`` with seconds of the flight.
 
-        Raise BagError if no topic has the camera's calibration. What is to be smoothed is
-        recorded in a pass of its own before.
+        To smooth poses, a first pass records the filter. Raise BagError if the camera's
+        calibration is needed and absent.
         """
         if self._needs_camera and self._given_camera is None and not self.has(CAMERA_INFO):
-            hint = "" if self._namespace else "; is there a --namespace?"
+            hint = "" if self._namespace else "; give --namespace if the topics have one"
             name = resolved(CAMERA_INFO, self._namespace)
             raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
         self._sink = sink
@@ -222,8 +225,8 @@ class Flight:
                 poses.smooth()
             progress = _part(progress, _FIRST_SHARE, 1.0)
         wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
-        heard = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
-        topics = heard if sink is None else sink.topics
+        present = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
+        topics = present if sink is None else sink.topics
         checks = self._checks
         checked = {} if checks is None else checked_topics(self._reader, self._namespace, topics)
         first_ns, last_ns = self._reader.span_ns
@@ -241,7 +244,7 @@ class Flight:
                     checks.message(checked[message.topic], message)
 
     def _content(self, topic: str, message: BagMessage) -> object | None:
-        """Return the content, or why there is none; None for a picture without a sink."""
+        """Return the content, or the error that prevents it; None for a picture without a sink."""
         if self._sink is None and topic in PICTURES:
             return None
         try:
@@ -253,13 +256,13 @@ class Flight:
         return content
 
     def _take(self, topic: str, message: BagMessage, content: object | None) -> None:
-        """Process a message; of what no sink wants, the checks alone get each tenth."""
+        """Process a message; if the sink does not use it, only the checks may get it."""
         self.now_ns = message.log_time_ns
         if self.begun_ns is None:
             self.begun_ns = self.now_ns
         if self._sink is not None and not self._sink.wants(topic):
             self._unwanted += 1
-            skipped = self._unwanted % 10 or isinstance(content, MessageError)
+            skipped = self._unwanted % _UNWANTED_STEP or isinstance(content, MessageError)
             if self._checks is not None and not skipped:
                 with suppress(TirgeoError):
                     self._checks.sample(topic, SAMPLES[topic](content), self.now_ns)
@@ -279,7 +282,7 @@ class Flight:
             self._sink.proceed(self.now_ns)
 
     def _sample(self, topic: str, message: BagMessage, content: object | None) -> Sample | None:
-        """Return a message's sample; what is none is taken here. Count what cannot be used."""
+        """Return a message's sample, or take another message; count what cannot be used."""
         try:
             if topic in SAMPLES:
                 sample = SAMPLES[topic](content)
@@ -295,7 +298,7 @@ class Flight:
         return None
 
     def _take_other(self, topic: str, message: BagMessage, content: object | None) -> None:
-        """Take a calibration, a picture, or what only the sink takes."""
+        """Take a calibration, a picture, or another message of the sink."""
         if topic == CAMERA_INFO:
             self._camera = self._given_camera or convert.camera(content)
             if self._checks is not None:
@@ -311,9 +314,9 @@ class Flight:
 
 
 class FlightPoses:
-    """Compute the poses of a flight; keep the camera's around some instants (ns), None: all.
+    """Compute the poses of a flight; keep the camera's poses near some instants (ns; None: all).
 
-    All are in one tangent plane. ``watchers`` get each sample with what was computed from it.
+    All poses are in one tangent plane. ``watchers`` are called with each sample and its outputs.
     """
 
     def __init__(
@@ -333,11 +336,11 @@ class FlightPoses:
 
     @property
     def plane(self) -> TangentPlane | None:
-        """Return the tangent plane of the poses; None before there is one."""
+        """Return the tangent plane of the poses; None before the first pose."""
         return self.registration.navigation.plane
 
     def recorder(self) -> Callable[[Sample], object]:
-        """Return what takes the samples of a first pass, for ``smooth`` after it.
+        """Return a function that records the samples of a first pass, before ``smooth``.
 
         Raise ConfigError for a method without a filter.
         """
@@ -351,7 +354,7 @@ class FlightPoses:
         return lambda sample: navigated(recording, sample)
 
     def smooth(self) -> None:
-        """Begin anew, with the poses of the first pass, smoothed."""
+        """Begin a second pass, with the smoothed poses of the first one."""
         assert self._recording is not None
         smoothed = self._recording.smoothed()
         self.registration = Registration(self.ekf, self._gimbal, smoothed)
@@ -377,7 +380,7 @@ class FlightPoses:
 
 
 def _part(progress: Report, begin: float, end: float) -> Report:
-    """Return what reports the progress of a part as that of the whole."""
+    """Return a Report that converts the progress of a part to that of the whole."""
 
     def report(done: float, total: float | None) -> None:
         if total is not None:

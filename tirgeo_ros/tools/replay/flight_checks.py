@@ -1,6 +1,6 @@
 """Check a recorded flight with the data that a command reads and computes anyway.
 
-The checks change nothing of that data: they only return findings.
+The checks do not change this data; they only return findings.
 """
 
 from __future__ import annotations
@@ -45,18 +45,20 @@ from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, SAMPLES, Registered, Sample
 
+_JUMP_S = 1.0  # a longer step between the stamps of the gimbal is a jump
+
 F = TypeVar("F", bound=Callable[..., None])
 T = TypeVar("T")
 
 
 def _guarded(method: F) -> F:
-    """Return a method that counts an exception as a fault of the check instead of raising."""
+    """Return a method that counts exceptions as faults of the check instead of raising them."""
 
     @functools.wraps(method)
     def call(self: FlightChecks, *arguments: Any) -> None:
         try:
             method(self, *arguments)
-        except Exception as error:  # noqa: BLE001  no flight is lost by a check
+        except Exception as error:  # noqa: BLE001  a check must not stop a command
             place = traceback.extract_tb(error.__traceback__)[-1]
             where = f"{Path(place.filename).name}:{place.lineno}"
             self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
@@ -64,12 +66,12 @@ def _guarded(method: F) -> F:
     return cast("F", call)
 
 
-def tried(
+def try_load(
     findings: list[Finding], parameter: str, load: Callable[[], T], *, used: bool = True
 ) -> T | None:
-    """Read a file that the parameters name; one that cannot be read is added to ``findings``.
+    """Return a file's contents by ``load``; if it cannot be read, add a finding and return None.
 
-    It is a caution if it is not ``used`` but for checks.
+    The finding is a caution if the file is not ``used`` except for the checks.
     """
     try:
         return load()
@@ -79,20 +81,20 @@ def tried(
         return None
 
 
-def tried_map(
+def try_load_map(
     findings: list[Finding], overlay: OverlayConfig, path: str, *, used: bool
 ) -> Sequence[MapLayer] | None:
-    """Read a map likewise; None without one."""
+    """Return the layers of a map as ``try_load`` does; None without a map."""
     how = (overlay.style, overlay.label_field)
     load = functools.partial(load_layers, path, *how, network=overlay.network)
-    return tried(findings, "map", load, used=used) if path else None
+    return try_load(findings, "map", load, used=used) if path else None
 
 
 class FlightChecks:
     """Feed all groups of checks. For each sample call ``sample``, then ``watch``.
 
-    A given ``camera`` overrides the bag's; ``layers`` are laid in each plane, unless ``map`` is
-    called; ``pictures``: the bag should have some.
+    A given ``camera`` overrides the bag's; ``layers`` are draped in each new plane, or the caller
+    does it and calls ``map``; ``pictures``: the bag should have pictures.
     """
 
     def __init__(
@@ -113,10 +115,10 @@ class FlightChecks:
         self._given_camera = camera
         self._cdr = Cdr()
         self._arrivals = Arrivals()
-        self._streams: dict[str, Stream] = {}  # of the gimbal
+        self._streams: dict[str, Stream] = {}  # the gimbal's topics
         self._plane: TangentPlane | None = None
-        self.picture_size: tuple[int, int] | None = None  # of the newest: width, height
-        self.arrivals_ns: defaultdict[str, list[int]] = defaultdict(list)  # by topic
+        self.picture_size: tuple[int, int] | None = None  # width, height of the newest picture
+        self.arrivals_ns: defaultdict[str, list[int]] = defaultdict(list)  # topic -> log times
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self.failed: Counter[str] = Counter()  # exceptions in the checks
@@ -141,7 +143,7 @@ class FlightChecks:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
         if isinstance(sample, JointSample | CameraAttitudeSample):
-            stream = self._streams.setdefault(topic, Stream(1.0))  # s; a longer step is a jump
+            stream = self._streams.setdefault(topic, Stream(_JUMP_S))
             stream.add(sample, arrival_ns)
         if isinstance(sample, JointSample):
             self._gimbal.joints(self._arrivals.stamped(topic, sample, arrival_ns))
@@ -155,7 +157,7 @@ class FlightChecks:
 
     @_guarded
     def watch(self, _sample: Sample, registered: Registered) -> None:
-        """Take what filter and gimbal computed from a sample."""
+        """Take the outputs of filter and gimbal for a sample."""
         plane = registered.plane
         if plane is not None and plane is not self._plane:
             self._plane = plane
@@ -173,9 +175,9 @@ class FlightChecks:
             self._pictures.pose(pose)
 
     @_guarded
-    def map(self, laid: DrapedMap) -> None:
-        """Take the map as placed in the plane that was given before."""
-        self._map.map(laid)
+    def map(self, draped: DrapedMap) -> None:
+        """Take the map, draped in the newest plane that ``watch`` has received."""
+        self._map.map(draped)
 
     @_guarded
     def camera(self, camera: Camera, arrival_ns: int) -> None:
@@ -184,7 +186,7 @@ class FlightChecks:
         self._pictures.camera(camera)
 
     def message(self, topic: str, message: BagMessage) -> None:
-        """Take a message that only the checks want; count one that cannot be used."""
+        """Take a message that only the checks need; count it if it cannot be used."""
         try:
             if topic in PICTURES:
                 self.picture(topic, message)
@@ -198,7 +200,7 @@ class FlightChecks:
             self.refused(topic, str(error))
 
     def picture(self, topic: str, message: BagMessage, *, always: bool = False) -> None:
-        """Take a picture; decode it only if its pixels are wanted, or ``always``."""
+        """Take a picture; decode it only if the checks need its pixels, or ``always``."""
         stamp_ns, arrival_ns = header_stamp_ns(message.data), message.log_time_ns
         if always or self._pictures.wants_pixels(stamp_ns, arrival_ns):
             content = self._cdr.deserialize(message.data, message.typename)
@@ -213,7 +215,7 @@ class FlightChecks:
 
     @_guarded
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
-        """Take a picture with the stamp of its message; check it before it is drawn on."""
+        """Take a picture's pixels, without the map, and the stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
         self.picture_size = (pixels.shape[1], pixels.shape[0])
         self._pictures.frame(stamp_ns, pixels, arrival_ns)

@@ -1,4 +1,4 @@
-"""Read the bag of a run of the node graph: poses, pictures, states."""
+"""Read poses, pictures and states from the bag of a run of the node graph."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.replay.registration import prefix
+
+OVERLAY = "tirgeo/overlay/image/compressed"
+
 
 _WHOLE_FLIGHT_S = 1e9
 
@@ -73,9 +76,6 @@ def differences(poses: Sequence[CameraPose], reference: Sequence[CameraPose]) ->
     )
 
 
-OVERLAY = "tirgeo/overlay/image/compressed"
-
-
 @dataclass
 class Outputs:
     """Hold the contents of a bag of outputs, without its pictures."""
@@ -83,7 +83,7 @@ class Outputs:
     plane: TangentPlane | None = None
     cameras: list[CameraPose] = field(default_factory=list)
     frame_stamps_ns: list[int] = field(default_factory=list)
-    #: What each node reported of itself, in order, by its name in the namespace.
+    #: States that each node reported, in order, by the node's name in the namespace.
     states: dict[str, list[convert.NodeState]] = field(default_factory=dict)
 
     @property
@@ -93,7 +93,7 @@ class Outputs:
         return [state.navigation for state in states if state.navigation is not None]
 
     def topic(self, node: str, topic: str) -> list[convert.TopicState]:
-        """Return how a topic of a node ran, in order."""
+        """Return the reported states of a node's topic, in order."""
         states = self.states.get(node, [])
         return [state.topics[topic] for state in states if topic in state.topics]
 

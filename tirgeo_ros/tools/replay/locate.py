@@ -1,7 +1,7 @@
 """Locate pixels of a recorded flight on the ground: the work of ``tirgeo locate``.
 
-The results are ground points with error ellipses. The camera poses come from the same core objects
-as those of the nodes and of ``tirgeo process``.
+The results are ground points with error ellipses. The same core objects compute the camera poses
+in the nodes and in ``tirgeo process``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried_map
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load_map
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
 
 
@@ -47,21 +47,21 @@ def locate_pixels(
 ) -> dict[str, object]:
     """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
 
-    The output's name chooses the format of ``FORMATS``, else GeoJSON. ``dem`` or ``ground_height``
-    (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A pixel that cannot be
-    located is written with its reason. ``smooth``: camera poses from all measurements, also later
-    ones. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError.
+    The ending of ``output`` chooses the format; an unknown one means GeoJSON. ``dem`` or
+    ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A
+    pixel that cannot be located is written with the reason. ``smooth``: camera poses use later
+    measurements too. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError.
     """
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
-    given = (bag_in, [output], params, namespace, options)
-    opened = open_flight(*given, inputs=[pixels], error=SurveyError)
+    arguments = (bag_in, [output], params, namespace, options)
+    opened = open_flight(*arguments, inputs=[pixels], error=SurveyError)
     observations = load_observations(pixels)
     overlay = opened.configs.overlay
     ground = ground_of(overlay)
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     lens, unread = configured_camera(overlay), list[Finding]()
-    layers = tried_map(unread, overlay, overlay.map, used=False)
+    layers = try_load_map(unread, overlay, overlay.map, used=False)
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens)
     checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
@@ -97,7 +97,7 @@ def _answers(
     ground: Ground,
     opened: OpenedFlight,
 ) -> list[Answered]:
-    """Return the places of the pixels, or why there is none."""
+    """Return for each pixel its place on the ground, or the reason why there is none."""
     camera, confidence = flight.camera, opened.configs.overlay.confidence
 
     def answer(pixel: Observation, exposed_ns: int) -> Answer:
@@ -115,7 +115,7 @@ def _answers(
 def _summary(reader: BagReader, answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
     """Return the numbers of pixels, the median length of the ellipses (m), warnings and error.
 
-    The error is what makes the run a failure although there is an output.
+    The error tells why the run has failed although there is an output.
     """
     lengths = [answer.ellipse.major_m for _, answer in answers if isinstance(answer, Located)]
     reasons = Counter(answer.reason for _, answer in answers if isinstance(answer, Refusal))
@@ -135,7 +135,7 @@ def _summary(reader: BagReader, answers: Sequence[Answered], ground: Ground) -> 
                 f"recorded from {first_ns} to {last_ns}"
             )
     if reader.damage is not None:
-        error = f"{reader.path}: {reader.damage}; the points come from the rest"
+        error = f"{reader.path}: {reader.damage}; the points come from the readable part"
     return {
         "pixels": len(answers),
         "located": len(lengths),

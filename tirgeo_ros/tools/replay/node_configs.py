@@ -1,4 +1,4 @@
-"""Read the nodes' parameters: for a command, whose options override files, or for a program."""
+"""Read the nodes' parameters for a command, whose options override files, or for a program."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tirgeo_ros.tools.replay.registration import fitting_method
 
 
 class NodeConfigs(NamedTuple):
-    """Hold the parameters of the three nodes and the names of those that are set."""
+    """Hold the parameters of the three nodes, and the names of the parameters that are set."""
 
     ekf: EkfConfig
     gimbal: GimbalConfig
@@ -30,14 +30,14 @@ class NodeConfigs(NamedTuple):
 
     @property
     def files(self) -> list[PathLike]:
-        """Return the files in the parameters: map, style sheet, elevation model, calibration."""
+        """Return the files that the parameters name: map, style, elevation model, calibration."""
         overlay = self.overlay
         return [*map_files(overlay.map, overlay.style), *named_files(overlay.dem), overlay.camera]
 
     def fitting(self, topics: Collection[str], namespace: str) -> tuple[NodeConfigs, list[str]]:
-        """Return the parameters for a bag with these topics, and a note on another method.
+        """Return the parameters for a bag with these topics, and notes.
 
-        Without a given method, the topics choose it; the note says why if it is not the default.
+        If no method is set, the topics choose it; a note says why if it is not the default.
         """
         if "method" in self.given:
             return self, []
@@ -84,8 +84,8 @@ def node_configs(
         overlay = replace(overlay, camera=os.fspath(camera))
     if not ekf.frame_ids == gimbal.frame_ids == overlay.frame_ids:
         raise ConfigError(
-            "the nodes name their frames differently: set map_frame, base_link_frame, "
-            "camera_frame and frame_prefix once, under /**"
+            "the nodes have different names of frames: set map_frame, base_link_frame, "
+            "camera_frame and frame_prefix only once, under /**"
         )
     return NodeConfigs(ekf, gimbal, overlay, frozenset(given))
 
@@ -112,8 +112,8 @@ def open_flight(
 ) -> OpenedFlight:
     """Open a flight, with the parameters and with options of ``node_configs``.
 
-    Raise ``error`` if one of the outputs would overwrite an input, of which ``inputs`` are more,
-    or has no folder; BagError and ConfigError.
+    Raise ``error`` if one of the outputs would overwrite an input (the bag, the parameters' files,
+    or one of ``inputs``) or has no folder; BagError and ConfigError.
     """
     configs = node_configs(params, namespace, **options)
     check_outputs((bag, *inputs, *paths_of(params), *configs.files), outputs, error)
@@ -122,17 +122,17 @@ def open_flight(
     return OpenedFlight(reader, configs, params, namespace, notes)
 
 
-#: Parameters: read ones, parameter files (the later take precedence), dotted names, or None.
+#: Parameters that are already read, parameter files (later ones override), dotted names, or None.
 Config: TypeAlias = NodeConfigs | Files | Mapping[str, Any]
 
 
 def load_config(config: Config = None) -> NodeConfigs:
     """Read the parameters of filter, gimbal and camera once, for any number of calls.
 
-    ``config`` is a ROS 2 parameter file or several, of which the later take precedence; or a
-    mapping of dotted names (``{"aircraft.rtk_antenna_m": [0.1, 0.0, 0.4]}``), which apply to every
-    node that has them, as under ``/**`` in a file; or None for the defaults. Parameters that were
-    read before are returned as they are. Raises ConfigError naming file and key.
+    ``config`` is a ROS 2 parameter file or several, of which later ones override earlier ones; or
+    a mapping of dotted names (``{"aircraft.rtk_antenna_m": [0.1, 0.0, 0.4]}``), which apply to
+    every node that has them, as under ``/**`` in a file; or None for the defaults. Parameters that
+    are already read are returned as they are. Raise ConfigError naming file and key.
     """
     if isinstance(config, NodeConfigs):
         return config
@@ -155,6 +155,6 @@ def load_config(config: Config = None) -> NodeConfigs:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as Python has it: NumPy's numbers and arrays are no types of a parameter."""
+    """Return a value in Python's types, because parameters cannot be NumPy's numbers or arrays."""
     arrays = isinstance(value, np.ndarray | np.generic | list | tuple)
     return np.asarray(value).tolist() if arrays else value

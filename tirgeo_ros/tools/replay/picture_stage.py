@@ -1,7 +1,7 @@
-"""Decode, paint and encode pictures in the order in which they come, beside the other work.
+"""Decode, paint and encode pictures in the order of their arrival, in parallel to the other work.
 
-A picture's place in the output, its pose, its words and what is counted are decided before. Then
-painting needs only the pictures before it, and is done by one process; a thread of that encodes.
+A picture's place in the output, its pose, its texts and its counts are decided before. Painting
+then depends only on earlier pictures; one process paints, and a thread of that process encodes.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 
 _RUN = "from tirgeo_ros.tools.replay.picture_stage import main; main()"
-#: Pictures sent to the process: enough that neither side waits for the other's slower ones.
+#: Pictures sent and not yet received: with so many, neither process waits for slow pictures.
 _MOST_UNDER_WAY = 8
-#: Pictures that are decoded ahead: those of a video in one block of messages, and a few megabytes.
+#: Pictures that are decoded ahead: as many as one block of messages has, and a few megabytes.
 _MOST_AHEAD = 8
-#: A thread that has decoded gets the interpreter back within this, s, not only after 5 ms.
+#: A thread that has decoded gets the interpreter back within this time (s), instead of 5 ms.
 _SWITCH_S = 5e-4
 
 
@@ -40,18 +40,18 @@ class Painted(NamedTuple):
     """Hold a finished picture as it is written."""
 
     jpeg: bytes
-    image: Pixels | None  # (h, w, 3) BGR, where it was asked for
-    outline_n: Array | None  # its footprint (N, 3), NED, m, where it was asked for
+    image: Pixels | None  # (h, w, 3) BGR, if requested
+    outline_n: Array | None  # footprint (N, 3), NED, m, if requested
 
 
 class _Order(NamedTuple):
     picture: Unpainted
-    scene: Scene | None  # if it is another one than before
+    scene: Scene | None  # None if it is the scene of the picture before
     with_outline: bool
 
 
 class _Painter:
-    """Paint pictures, then encode them; the two may be done in two threads."""
+    """Paint pictures, then encode them; two threads may do the two."""
 
     def __init__(
         self, config: OverlayConfig, ground: Ground | None, *, keeps_images: bool
@@ -77,12 +77,12 @@ class PictureStage:
     """Paint pictures here, or in a process of their own if there are several ``cores``.
 
     This is a context manager; call ``begin`` once, then ``send``, and ``receive`` once for each
-    picture sent; at most ``most_under_way`` may be sent and not received. With several cores,
-    pictures are decoded ahead, in a thread, if ``decode_ahead`` announces them.
+    picture sent; at most ``most_under_way`` may be sent and not yet received. With several cores,
+    a thread decodes in advance the pictures that ``decode_ahead`` announces.
     """
 
     def __init__(self, cores: int) -> None:
-        """Start the process, if there is one: it loads its modules meanwhile."""
+        """Start the process, if several cores are used, so that it loads its modules early."""
         self._child = ChildProcess(_RUN) if cores > 1 else None
         self._decoder = ThreadPoolExecutor(1) if cores > 1 else None
         self.most_under_way = _MOST_UNDER_WAY if cores > 1 else 0
@@ -95,30 +95,30 @@ class PictureStage:
             sys.setswitchinterval(_SWITCH_S)
 
     def begin(self, config: OverlayConfig, ground: Ground, *, keeps_images: bool) -> None:
-        """Take what all pictures have in common; ``keeps_images``: return their pixels too."""
+        """Set the parameters of all pictures; ``keeps_images``: return their pixels too."""
         if self._child is None:
             self._painter = _Painter(config, ground, keeps_images=keeps_images)
             return
-        # It reads an elevation model itself, while the first messages are read here.
+        # The process reads an elevation model itself, while the first messages are read here.
         with _explained():
             self._child.send((config, keeps_images))
 
     def decode_ahead(self, topic: str, message: Any) -> None:
-        """Begin to decode a picture that will be asked for."""
+        """Begin to decode a picture whose ``pixels`` will be needed."""
         if self._decoder is not None and len(self._ahead) < _MOST_AHEAD:
             future = self._decoder.submit(convert.pixels, topic, message)
-            self._ahead[id(message)] = message, future  # while it is held, its id is its own
+            self._ahead[id(message)] = message, future  # keeps the message: its id stays unique
 
     def pixels(self, topic: str, message: Any) -> RawPixels:
-        """Return the pixels of a picture. Raises MessageError as ``convert.pixels`` does."""
+        """Return the pixels of a picture. Raise MessageError as ``convert.pixels`` does."""
         if id(message) not in self._ahead:
             return convert.pixels(topic, message)
         return self._ahead.pop(id(message))[1].result()
 
     def send(self, picture: Unpainted, scene: Scene, *, with_outline: bool) -> None:
-        """Give a picture to be painted, in its scene. Raises PictureError if that has failed."""
+        """Send a picture and its scene to be painted. Raise PictureError if painting failed."""
         before, self._scene = self._scene, scene
-        changed: Scene | None = scene  # without a map that is there already
+        changed: Scene | None = scene  # without the map, if the painter has it already
         if all(new is old for new, old in zip(scene, before, strict=True)):
             changed = None
         elif scene.draped is before.draped:
@@ -131,7 +131,7 @@ class PictureStage:
             self._child.send(order)
 
     def receive(self) -> Painted:
-        """Return the oldest picture that was sent. Raises PictureError if painting failed."""
+        """Return the oldest picture that was sent. Raise PictureError if painting failed."""
         if self._child is None:
             return self._done.popleft()
         with _explained():
@@ -161,12 +161,12 @@ def _explained() -> Iterator[None]:
     except ChildEndedError as ended:
         raise PictureError(
             f"the process that draws the pictures ended (exit code {ended.code}){ended.last}; if "
-            "memory is short, use one core (taskset -c 0 tirgeo ...)"
+            "memory ran out, use one core (taskset -c 0 tirgeo ...)"
         ) from None
 
 
 def main() -> None:
-    """Paint what the parent sends, and answer each picture."""
+    """Paint the pictures that the parent sends, and answer with each of them."""
     sys.setswitchinterval(_SWITCH_S)
     cv2.setNumThreads(1)  # the other cores have work of their own
     with parent_pipes() as (orders, answers), ThreadPoolExecutor(1) as encoder:

@@ -1,6 +1,6 @@
-"""Process a recorded flight into its geo-registered flight: the work of ``tirgeo process``.
+"""Geo-register a recorded flight into a new bag: the work of ``tirgeo process``.
 
-Messages go through the core objects of the nodes in the order of their log times, faster than real
+The nodes' core objects process the messages in the order of their log times, faster than real
 time. The same input gives the same bytes.
 """
 
@@ -31,14 +31,16 @@ from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import finding_items, summary
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load, try_load_map
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
 from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_of, resolved
 
-#: A larger refused share of one kind of measurement is not chance: gates are at 4 and 5 sigma.
+#: A larger share of refused measurements of one kind is a problem: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
+#: A line of the result for a person: name, text, whether it reports a problem.
+Line = tuple[str, str, bool]
 
 
 def process(
@@ -61,12 +63,12 @@ def process(
 ) -> dict[str, object]:
     """Process a bag and return a summary; a file gets its name only when it is complete.
 
-    ``error`` in the summary is None, or what of the bag was lost, or a STOP of the checks.
+    ``error`` in the summary is None, or tells what was lost of the bag, or a STOP of the checks.
     ``params`` are parameter files; ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and
-    ``camera``, a calibration file, override them. ``images`` need the gimbal. They are drawn if
-    there is a map, or ``raw_images`` or ``video`` are wanted, in another process unless ``cores``
-    (None: those that this process may use) is 1: the bytes are the same. ``smooth``: each pose
-    from all measurements, also later ones. Raise BagError (no bag, a needed topic absent, nothing
+    ``camera``, a calibration file, override them. ``images`` need the gimbal's topics. They are
+    drawn if there is a map, or for ``raw_images`` or ``video``, in another process unless
+    ``cores`` (None: as many as this process may use) is 1: the bytes are the same. ``smooth``:
+    each pose uses later measurements too. Raise BagError (no bag, a needed topic absent, nothing
     readable), CameraError, ConfigError, MapError, ElevationError, PictureError, VideoError.
     """
     wanted = raw_images or video is not None
@@ -120,11 +122,11 @@ def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
         if camera is not None:
             overlay.set_camera(camera)
     else:
-        layers = tried_map(unread, config, config.map, used=False)
-        ground = tried(unread, "dem", lambda: ground_of(config), used=False)
-    # Of what is drawn, the checks get the map as it is laid for the pictures.
-    to_lay = None if draws else layers
-    checks = FlightChecks(opened, ground=ground, layers=to_lay, camera=camera)
+        layers = try_load_map(unread, config, config.map, used=False)
+        ground = try_load(unread, "dem", lambda: ground_of(config), used=False)
+    # If pictures are drawn, the checks get the map as it is draped for the pictures.
+    to_drape = None if draws else layers
+    checks = FlightChecks(opened, ground=ground, layers=to_drape, camera=camera)
     checks.at_start += unread
     notes = [*opened.notes, *(ground.notes if isinstance(ground, Terrain) else ())]
     notes += [note for layer in layers or () for note in layer.left_out]
@@ -160,7 +162,7 @@ def _run(
 
 
 def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> dict[str, object]:
-    """Return what was read, computed and written."""
+    """Return counts and notes of the messages that were read, and of the outputs."""
     reader, names, overlay = setup.opened.reader, setup.topics.values(), setup.overlay
     lacking = done_without(names, setup.opened.configs.ekf.method)
     absent = ", ".join(resolved(name, setup.opened.namespace) for name in lacking)
@@ -192,20 +194,16 @@ def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> di
 
 
 def _error(reader: BagReader, result: Mapping[str, Any]) -> str | None:
-    """Return what of the bag was lost, or None."""
+    """Return what was lost of the bag, or why there is no pose; None without an error."""
     if reader.damage is not None:
-        return f"{reader.path}: {reader.damage}; the output is made from the rest"
+        return f"{reader.path}: {reader.damage}; the output is made from the readable part"
     if not any(name.endswith("tirgeo/odometry") for name in result["written"]):
-        return f"{reader.path}: no pose could be made: {result['reason'] or 'see verdicts'}"
+        return f"{reader.path}: no pose was computed: {result['reason'] or 'see verdicts'}"
     return None
 
 
-#: Name, text, whether it reports a problem.
-Line = tuple[str, str, bool]
-
-
 def six_lines(result: Mapping[str, Any]) -> str:
-    """Return six lines, those that report a problem first: read, state, poses and so on."""
+    """Return six lines for a person; the lines that report a problem are first."""
     read, written = result["read"], result["written"]
     text = f"{three(result['duration_s'])} s of {result['input']} in "
     text += f"{three(result['elapsed_s'])} s, {three(result['speed'])}x real time"
@@ -235,10 +233,10 @@ def six_lines(result: Mapping[str, Any]) -> str:
 
 
 def _frames_line(result: Mapping[str, Any]) -> Line:
-    """Return how many frames have a trusted pose, and how many show a notice instead."""
+    """Return a line: how many frames have a trusted pose, and how many show a notice instead."""
     counts = result["overlay"]
     if not counts:
-        return "frames", "not drawn: give --map or --video, and no --no-images", False
+        return "frames", "not drawn: give --map or --video, without --no-images", False
     drawn, notices = counts["drawn"], counts["notices"]
     read = sum(n for topic, n in result["read"].items() if topic.endswith(PICTURES))
     lost = f", {read - drawn - notices} lost" if read > drawn + notices else ""
@@ -247,7 +245,7 @@ def _frames_line(result: Mapping[str, Any]) -> Line:
 
 
 def refused_line(result: Mapping[str, Any]) -> Line:
-    """Return refused measurements by source and outcome, and messages by topic with a reason."""
+    """Return a line: refused measurements by source and outcome, unreadable messages by topic."""
     taken: Counter[str] = Counter()
     refused: Counter[str] = Counter()
     parts: list[tuple[str, str, int]] = []

@@ -1,8 +1,8 @@
-"""Write what the nodes publish of a flight, in log-time order: the outputs of ``tirgeo process``.
+"""Write the topics that the nodes would publish, in log-time order, for ``tirgeo process``.
 
 The poses, the transforms and the track are those of ekf_node and gimbal_node, the pictures those
 of overlay_node, by the same core objects and conversions. The log time of an output is that of
-the input that caused it. A picture may come out later than what follows it: that waits for it.
+the input that caused it. While a picture is being drawn, later messages wait in a queue.
 """
 
 from __future__ import annotations
@@ -41,31 +41,32 @@ from tirgeo_ros.tools.replay.node_configs import NodeConfigs, OpenedFlight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
 from tirgeo_ros.tools.replay.registration import Registered, Registration, Sample, prefix, resolved
 
-#: Between two reports of the state, as the nodes send them.
+#: Time between two reports of the state, as in the nodes.
 REPORT_PERIOD_NS = 1_000_000_000
+_TRACK_HZ = 0.1  # rate of the track, which is sent whole each time
 #: Messages that may wait for pictures: some 10 s without a picture, a few MB.
 _MOST_WAITING = 4096
 
 #: Write a message to a contract topic: topic, message, log time (ns).
 Write = Callable[[str, object, int], None]
-#: Return the aircraft's pose at an instant (ns), or why there is none.
+#: Return the aircraft's pose at an instant (ns), or the reason why there is none.
 BodyAt = Callable[[int], BodyPose | Miss]
 
 
 class PoseOutputs:
-    """Write the poses of a run and what follows from them: transforms, position and track."""
+    """Write the poses of a run, and the transforms, positions and track that follow from them."""
 
     def __init__(self, configs: NodeConfigs, messages: Messages, write: Write) -> None:
         self._messages, self._write = messages, write
         self._ekf, self._with_camera_tf = configs.ekf, configs.gimbal.publish_tf
         self._fix_rate = RateLimit(configs.ekf.fix_rate_hz)
         self._track = Track(messages.track_point)
-        self._track_rate = RateLimit(0.1)  # it is sent whole each time
+        self._track_rate = RateLimit(_TRACK_HZ)
         self._has_fixed = False
         self._newest_ns = 0
 
     def new_plane(self, plane: TangentPlane, stamp_ns: int, log_time_ns: int) -> None:
-        """Write the origin, and with the first one what is fixed to the aircraft."""
+        """Write the origin and, with the first one, the aircraft's fixed transforms."""
         self._write("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
         if self._ekf.publish_tf and not self._has_fixed:
             fixed = self._messages.fixed_transforms(self._ekf.aircraft, stamp_ns)
@@ -74,7 +75,7 @@ class PoseOutputs:
         self._track.clear()
 
     def add(self, registered: Registered, body_at: BodyAt, log_time_ns: int) -> None:
-        """Write poses; ``body_at`` gives the pose that a camera's pose is made of."""
+        """Write poses; ``body_at`` gives the body pose from which a camera pose was computed."""
         solution, body, messages = registered.solution, registered.body, self._messages
         if solution is not None and body is not None:
             self._write("tirgeo/odometry", messages.odometry(solution, body), log_time_ns)
@@ -90,9 +91,9 @@ class PoseOutputs:
         for pose in registered.cameras:
             self._write("tirgeo/camera_pose", messages.camera_pose(pose), log_time_ns)
         for pose in registered.cameras if self._with_camera_tf else ():
-            made_of = body_at(pose.stamp_ns)
-            if not isinstance(made_of, Miss):
-                transform = messages.camera_transform(made_of, pose)
+            base = body_at(pose.stamp_ns)
+            if not isinstance(base, Miss):
+                transform = messages.camera_transform(base, pose)
                 self._write("/tf", messages.tf([transform]), log_time_ns)
 
     def finish(self, log_time_ns: int) -> None:
@@ -111,12 +112,12 @@ class _Message(NamedTuple):
 class _Picture(NamedTuple):
     stamp_ns: int
     camera: Camera | None
-    packet: bytes  # metadata of the video
+    packet: bytes  # metadata for the video
     log_time_ns: int
 
 
 class PictureOutputs:
-    """Draw pictures, and write all messages in the order in which they were put or added."""
+    """Draw pictures, and write messages and pictures in the order of ``put`` and ``add``."""
 
     def __init__(
         self,
@@ -131,11 +132,11 @@ class PictureOutputs:
         self._stage, self._messages, self._write, self._film = stage, messages, write, film
         self._footprint_rate = RateLimit(footprint_rate_hz)
         self._raw_images = raw_images
-        self._waiting: deque[_Message | _Picture] = deque()  # the first one is a picture
+        self._waiting: deque[_Message | _Picture] = deque()  # the first item is a picture
         self._under_way = 0
 
     def put(self, topic: str, message: object, log_time_ns: int) -> None:
-        """Write a message after all that were put, and pictures that were added, before."""
+        """Write a message after all earlier messages and pictures."""
         if not self._waiting:
             self._write(topic, message, log_time_ns)
             return
@@ -150,7 +151,7 @@ class PictureOutputs:
         body_at: BodyAt,
         log_time_ns: int,
     ) -> None:
-        """Draw a picture of an overlay; ``body_at`` gives the aircraft's pose at an instant."""
+        """Draw a picture of the overlay; ``body_at`` gives the aircraft's pose at an instant."""
         due = self._footprint_rate.due(picture.stamp_ns)
         packet = self._film.packet(picture, body_at) if self._film is not None else b""
         self._stage.send(picture, overlay.painter.scene, with_outline=due)
@@ -160,7 +161,7 @@ class PictureOutputs:
             self._receive()
 
     def finish(self) -> None:
-        """Write all that waits."""
+        """Write all waiting pictures and messages."""
         while self._under_way:
             self._receive()
 
@@ -174,27 +175,28 @@ class PictureOutputs:
             self._write(*self._waiting.popleft())
 
     def _write_picture(self, picture: _Picture) -> None:
-        """Write a finished picture, its calibration, and its footprint if that is due."""
-        painted, made = self._stage.receive(), self._messages
+        """Write a finished picture, its calibration, and its footprint if it is due."""
+        painted, messages = self._stage.receive(), self._messages
         stamp_ns, camera, packet, log_time_ns = picture
         if self._film is not None and painted.image is not None:
             self._film.video.add(stamp_ns, painted.image, packet)
-        jpeg = made.compressed(stamp_ns, painted.jpeg)
+        jpeg = messages.compressed(stamp_ns, painted.jpeg)
         self._write("tirgeo/overlay/image/compressed", jpeg, log_time_ns)
         if self._raw_images and painted.image is not None:
-            self._write("tirgeo/overlay/image", made.image(stamp_ns, painted.image), log_time_ns)
+            image = messages.image(stamp_ns, painted.image)
+            self._write("tirgeo/overlay/image", image, log_time_ns)
         if camera is not None:
-            info = made.camera_info(camera, stamp_ns)
+            info = messages.camera_info(camera, stamp_ns)
             self._write("tirgeo/overlay/camera_info", info, log_time_ns)
         if painted.outline_n is not None:
-            outline = made.footprint(stamp_ns, painted.outline_n)
+            outline = messages.footprint(stamp_ns, painted.outline_n)
             self._write("tirgeo/footprint", outline, log_time_ns)
 
 
 class OverlayFilm:
-    """Make the metadata of a video's pictures; heights above sea level if the undulation is known.
+    """Make the metadata of a video's pictures.
 
-    ``undulation_m`` is that of the geoid, nan if it is not known.
+    ``undulation_m`` is that of the geoid; if it is nan, there are no heights above sea level.
     """
 
     def __init__(
@@ -205,7 +207,7 @@ class OverlayFilm:
         self._metadata = FrameMetadata(config.confidence, undulation_m)
 
     def packet(self, picture: Unpainted, body_at: BodyAt) -> bytes:
-        """Return a picture's metadata: only its time without a trusted pose."""
+        """Return a picture's metadata; without a trusted pose, they are only its time."""
         if not self.video.takes_metadata:
             return b""
         sight, camera, pose, plane = None, picture.camera, picture.pose, self._overlay.plane
@@ -218,10 +220,10 @@ class OverlayFilm:
 
 
 class ProcessSetup(NamedTuple):
-    """Hold a flight that is processed, and what is made from its parameters."""
+    """Hold a flight to be processed, with the overlay and the checks set up for it."""
 
     opened: OpenedFlight
-    topics: Mapping[str, str]  # that are read: resolved name -> contract topic
+    topics: Mapping[str, str]  # topics to read: resolved name -> contract topic
     overlay: Overlay | None  # None if no pictures are drawn
     checks: FlightChecks
     notes: Sequence[str]
@@ -231,7 +233,7 @@ class ProcessOutputs:
     """Write all outputs of a flight, as its ``MessageSink`` and the watcher of its poses.
 
     ``written`` counts messages by name in the bag, ``states_s`` the seconds in each filter state.
-    The checks get the pictures and the map, and change nothing.
+    The pictures and the map are passed to the checks, which change nothing.
     """
 
     def __init__(
@@ -260,7 +262,7 @@ class ProcessOutputs:
         self._pictures = PictureOutputs(
             stage, self._messages, self._write_one, film, rate_hz, raw_images=raw_images
         )
-        self._write = self._pictures.put  # after the pictures that are older
+        self._write = self._pictures.put  # writes after the older pictures
         self._poses = PoseOutputs(configs, self._messages, self._write)
         self._writer, self._prefix = writer, prefix(namespace)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
@@ -273,7 +275,7 @@ class ProcessOutputs:
         return self._registered.registration
 
     def wants(self, topic: str) -> bool:
-        """Return whether a topic changes outputs: attitudes do until the joints are trusted."""
+        """Return whether a topic changes outputs; attitudes do so until the joints are trusted."""
         return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
 
     def expect(self, topic: str, content: object) -> None:
@@ -282,7 +284,7 @@ class ProcessOutputs:
             self._stage.decode_ahead(topic, content)
 
     def watch(self, _sample: Sample, registered: Registered) -> None:
-        """Write what filter and gimbal computed from a sample."""
+        """Write the outputs of filter and gimbal for a sample."""
         plane, body, now_ns = registered.plane, registered.body, self._flight.now_ns
         if body is not None and plane is not None and plane != self._plane:
             self._plane = plane
@@ -320,7 +322,7 @@ class ProcessOutputs:
         self._overlay.add_frame(stamp_ns, pixels, arrival_ns)
 
     def proceed(self, arrival_ns: int) -> None:
-        """Write the frame that is due, if any, and each second the state."""
+        """Write the frame that is due, if any, and once a second the state."""
         self._draw(arrival_ns, arrival_ns)
         if self._reported_ns is None:
             self._reported_ns = arrival_ns
@@ -330,7 +332,7 @@ class ProcessOutputs:
             self._report(arrival_ns)
 
     def finish(self, log_time_ns: int) -> None:
-        """Write the frames that still wait for their poses, and the last state."""
+        """Write the frames that still wait for poses, the track and the last state."""
         if self._overlay is not None:
             for deadline_ns in self._overlay.deadlines_ns:
                 self._draw(log_time_ns, deadline_ns)
@@ -364,7 +366,7 @@ class ProcessOutputs:
             items.append(self._counts("overlay_node: overlay", overlay.counts | clicks, "ok"))
         diagnostics = self._messages.diagnostics(log_time_ns, items)
         self._write("/diagnostics", diagnostics, log_time_ns)
-        # It starts with the flight: the same input gives the same bytes.
+        # The node starts with the flight, so that the same input gives the same bytes.
         node, started_ns = f"{self._prefix}ekf_node", self._flight.begun_ns or 0
         state = NodeState(node, log_time_ns, started_ns, navigation=status)
         self._write(STATE_TOPIC, self._messages.state(state), log_time_ns)

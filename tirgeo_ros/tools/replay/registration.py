@@ -1,8 +1,8 @@
 """Choose the topics that a run reads from a bag, and compute poses from their samples.
 
-The core objects of ``ekf_node`` and ``gimbal_node`` compute them, without messages between. With
-``--smooth`` a first pass through a flight records the filter, which is then smoothed backwards in
-time, and the second pass has the smoothed poses.
+The core objects of ``ekf_node`` and ``gimbal_node`` compute the poses, without messages between.
+With ``--smooth`` a first pass through a flight records the filter, which is then smoothed
+backwards in time; the second pass has the smoothed poses.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
     for method, sources in METHOD_SOURCES.items()
 }
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
-#: What sensors publish: the topics that another system may have under other names.
+#: Topics that sensors publish; in another system they may have other names.
 INPUTS = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
 #: Composition of the camera's pose -> the gimbal's topics that it uses; one of them is enough.
 GIMBAL_TOPICS: dict[str, tuple[str, ...]] = {
@@ -46,8 +46,8 @@ GIMBAL_TOPICS: dict[str, tuple[str, ...]] = {
     "auto": ("gimbal/joint_states", "gimbal/attitude"),
 }
 _POSITIONS = ("rtk/fix", "gps/fix")
-#: Topics that the default method uses beyond ordinary GPS.
-_OF_HEADINGS = ("rtk/fix", "rtk/vel", "rtk/heading")
+#: Topics that the default method uses in addition to ordinary GPS.
+_RTK_TOPICS = ("rtk/fix", "rtk/vel", "rtk/heading")
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 
@@ -58,18 +58,18 @@ FILTERS = ("ekf", "ekf_heading")
 
 
 class Registered(NamedTuple):
-    """Hold what one sample made the filter and the gimbal output."""
+    """Hold the outputs of filter and gimbal for one sample."""
 
     solution: NavSolution | None = None
     body: BodyPose | None = None
     cameras: Sequence[CameraPose] = ()
-    plane: TangentPlane | None = None  # of the poses
+    plane: TangentPlane | None = None  # tangent plane of the poses
 
 
 class Registration:
     """Feed the filter and the gimbal composition with samples in order of arrival.
 
-    With ``smoothed`` runs of the same samples the poses are those.
+    The poses are those of ``smoothed`` runs of the same samples, if given.
     """
 
     def __init__(
@@ -135,27 +135,27 @@ def inputs_of(
 ) -> dict[str, str]:
     """Return the topics that a run reads from a bag: resolved name -> contract topic.
 
-    With ``pictures`` also the camera's calibration, unless ``camera`` is False. Without ``gimbal``
-    the gimbal's angles are read if there are some, but not needed.
-    Raise BagError naming every needed topic that is absent, or one that has another type.
+    With ``pictures`` the camera's calibration is read too, unless ``camera`` is False. Without
+    ``gimbal`` the gimbal's angles are not needed, but read if the bag has them. Raise BagError
+    naming every needed topic that is absent, or a topic that has another type.
     """
     present = reader.topics()
-    there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
+    available = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
     wanted = [*METHOD_TOPICS[method], *GIMBAL_TOPICS[composition]]
     positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
     needed = [("imu/data",), positions, *([GIMBAL_TOPICS[composition]] if gimbal else ())]
     if pictures:
         needed += [PICTURES, *([(CAMERA_INFO,)] if camera else ())]
         wanted += ["tirgeo/locate/pixel", *([CAMERA_INFO] if camera else ())]
-        wanted += [name for name in PICTURES if name in there][:1]
-    absent = [names for names in needed if not there.intersection(names)]
+        wanted += [name for name in PICTURES if name in available][:1]
+    absent = [names for names in needed if not available.intersection(names)]
     if absent:
-        said = [" or ".join(resolved(name, namespace) for name in names) for names in absent]
-        hint = "" if namespace else "; is there a --namespace?"
+        texts = [" or ".join(resolved(name, namespace) for name in names) for names in absent]
+        hint = "" if namespace else "; give --namespace if the topics have one"
         if absent == [GIMBAL_TOPICS[composition]]:
             hint = "; without it, tirgeo process --no-images gives the body's poses"
-        raise BagError(f"{reader.path}: needed topic absent: {', '.join(said)}{hint}")
-    topics = {resolved(name, namespace): name for name in wanted if name in there}
+        raise BagError(f"{reader.path}: needed topic absent: {', '.join(texts)}{hint}")
+    topics = {resolved(name, namespace): name for name in wanted if name in available}
     for topic, name in topics.items():
         if present[topic] != TOPIC_TYPES[name]:
             raise BagError(
@@ -168,17 +168,17 @@ def inputs_of(
 def checked_topics(reader: BagReader, namespace: str, used: Mapping[str, str]) -> dict[str, str]:
     """Return the inputs that a bag has and a run does not use: resolved -> contract topic.
 
-    The checks want them; of two topics with pictures one.
+    They are for the checks; if two topics have pictures, only one of them is checked.
     """
     present = reader.topics()
-    there = {
+    available = {
         resolved(name, namespace): name
         for name in (*SENSED_TOPICS, CAMERA_INFO, *PICTURES)
         if present.get(resolved(name, namespace)) == TOPIC_TYPES[name]
     }
-    pictures = [topic for topic, name in there.items() if name in PICTURES]
+    pictures = [topic for topic, name in available.items() if name in PICTURES]
     spare = pictures if set(PICTURES).intersection(used.values()) else pictures[1:]
-    return {topic: name for topic, name in there.items() if topic not in {*used, *spare}}
+    return {topic: name for topic, name in available.items() if topic not in {*used, *spare}}
 
 
 def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
@@ -186,23 +186,23 @@ def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
 
     Without headings the method is ``ekf``, on ordinary GPS if there is no RTK.
     """
-    lacking = [name for name in _OF_HEADINGS if resolved(name, namespace) not in present]
+    lacking = [name for name in _RTK_TOPICS if resolved(name, namespace) not in present]
     if "rtk/heading" not in lacking:
         return "ekf_heading", ""
-    alone = lacking == list(_OF_HEADINGS) and resolved("gps/fix", namespace) in present
+    alone = lacking == list(_RTK_TOPICS) and resolved("gps/fix", namespace) in present
     names = ", ".join(resolved(name, namespace) for name in (lacking if alone else lacking[-1:]))
-    on_gps = "; it flies on ordinary GPS" if alone else ""
+    on_gps = "; the filter uses ordinary GPS" if alone else ""
     return "ekf", f"method ekf: the bag has no {names}{on_gps}"
 
 
 def done_without(present: Collection[str], method: str) -> list[str]:
     """Return the topics (contract names) that a method uses but that are not present.
 
-    Ordinary GPS is a filter's fallback, and a barometer is extra: neither is reported, except for
-    the method ``raw``.
+    Ordinary GPS is the filter's fallback and the barometer is optional, so neither is returned,
+    except for the method ``raw``.
     """
     return [
         name
         for name in METHOD_TOPICS[method]
-        if name not in present and (method == "raw" or name in _OF_HEADINGS)
+        if name not in present and (method == "raw" or name in _RTK_TOPICS)
     ]

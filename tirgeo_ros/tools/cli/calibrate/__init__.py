@@ -1,7 +1,6 @@
 """Find parameters from recordings: lens, boresight, IMU noise and others.
 
-What boresight, aircraft, allan and imu write, the nodes and --params take after the aircraft's own
-file; what lens writes, --camera and overlay_node's parameter camera take.
-
-tirgeo calibrate WHAT --help tells of one, with an example.
+boresight, aircraft, allan and imu write parameter files: give them to the nodes or --params after
+the aircraft's own file. lens writes a calibration file for --camera and overlay_node's parameter
+camera. tirgeo calibrate WHAT --help describes each, with an example.
 """

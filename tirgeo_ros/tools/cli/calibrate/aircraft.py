@@ -2,8 +2,9 @@ r"""Find antennas, delays and the IMU's level from an ordinary flight.
 
 Finds from a flight with turns, without any point on the ground, where the RTK antenna is, where
 the two antennas point, how late positions, velocities and headings are against the IMU, and how
-the IMU sits against the autopilot's level. What the flight cannot tell is named, with what to fly
-for it. The file is given to --params and to the nodes after the aircraft's own.
+the IMU is tilted against the autopilot's level. If the flight does not determine a parameter, the
+result names it, and what to fly for it. Give the file to --params and to the nodes after the
+aircraft's own file.
 
 example:
   tirgeo calibrate aircraft flight.mcap --params aircraft.yaml -o found.yaml
@@ -20,9 +21,9 @@ from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, call, names_of
 _DELAYS = ("position_delay", "velocity_delay", "heading_delay")
 _NAMES = ("antenna", "baseline", *_DELAYS, "level", "rtk")
 _HOLD_HELP = (
-    f"values of {', '.join(_NAMES)} to keep, separated by commas. Only differences of delays can "
-    "be "
-    "found: by default the IMU's delay is kept; rtk keeps that of positions and finds the IMU's"
+    f"values to keep, of {', '.join(_NAMES)}, separated by commas. Only differences of delays can "
+    "be found: by default the IMU's delay is kept; rtk keeps the delay of positions and finds the "
+    "IMU's delay"
 )
 OPTIONS = (
     *FLIGHT,

@@ -1,9 +1,9 @@
 """Find the noise of the IMU from hours at rest (Allan variance).
 
-Overlapping Allan deviation of each axis of an IMU that lay still for hours, with motors off:
-random walk N, bias instability B (flicker floor over 0.664, the plain minimum beside it), rate
-random walk K, and the Gauss-Markov bias that the filter models. Writes parameters for ekf_node and
-a plot.
+Computes the overlapping Allan deviation of each axis of an IMU that lay still for hours, with
+motors off, and from it random walk N, bias instability B (flicker floor over 0.664, and the plain
+minimum), rate random walk K, and the Gauss-Markov bias that the filter models. Writes parameters
+for ekf_node and a plot.
 
 example:
   tirgeo calibrate allan still.mcap -o imu.yaml
@@ -19,8 +19,8 @@ from tirgeo_ros.tools.cli._verb import ANY_BAG, NAMESPACE, NEEDED, WINDOW, WORD,
 
 OPTIONS = (
     ("bag", "BAG", f"the record at rest: {ANY_BAG}"),
-    ("-o --output", "YAML", "the parameters", NEEDED),
-    ("--topic", "TOPIC", "of sensor_msgs/Imu (%(default)s)", WORD | {"default": "imu/data"}),
+    ("-o --output", "YAML", "parameter file to write", NEEDED),
+    ("--topic", "TOPIC", "topic of sensor_msgs/Imu (%(default)s)", WORD | {"default": "imu/data"}),
     *NAMESPACE,
     *WINDOW,
     ("--plot", "PNG", "where to write the plot (default: beside the YAML)"),

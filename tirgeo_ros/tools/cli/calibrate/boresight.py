@@ -1,8 +1,8 @@
 r"""Find the camera's mounting error and the video's latency from a flight.
 
-Finds from surveyed points and their pixels in one flight how the camera sits on its gimbal and how
-late the video is. Refuses what it cannot tell apart. The file is given to --params and to the
-nodes after the aircraft's own.
+Finds how the camera is mounted on its gimbal and how late the video is, from surveyed points and
+their pixels in one flight. Refuses parameters that the flight cannot separate. Give the file to
+--params and to the nodes after the aircraft's own file.
 
 example:
   tirgeo calibrate boresight bags/sample/flight.mcap --survey bags/sample/survey.geojson \
@@ -27,20 +27,18 @@ from tirgeo_ros.tools.cli._verb import (
 
 _NAMES = ("roll", "pitch", "yaw", "latency", "gimbal_north", "ground_height")
 _ESTIMATE_HELP = (
-    f"of {', '.join(_NAMES)}, separated by commas; default: the first four, and gimbal_north if "
-    "the flight separates it from them"
+    f"parameters to estimate, of {', '.join(_NAMES)}, separated by commas; default: the first "
+    "four, and gimbal_north if the flight separates it from them"
 )
-
-
 _LIST = {"type": names_of(_NAMES)}
 OPTIONS = (
     *FLIGHT,
     *SURVEY,
-    ("-o --output", "YAML", "the parameters", NEEDED),
+    ("-o --output", "YAML", "parameter file to write", NEEDED),
     *PARAMETERS,
     *SMOOTH,
     ("--estimate", "LIST", _ESTIMATE_HELP, _LIST),
-    ("--hold", "LIST", "of the same: as --params has them", _LIST | {"default": []}),
+    ("--hold", "LIST", "parameters that keep their values in --params", _LIST | {"default": []}),
 )
 
 
@@ -50,9 +48,9 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     both = sorted(set(args.estimate or ()) & set(args.hold))
     if both:
-        raise UsageError(f"{', '.join(both)}: either --estimate or --hold")
+        raise UsageError(f"{', '.join(both)}: name it in --estimate or in --hold, not in both")
     if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
-        raise UsageError("nothing to estimate")
+        raise UsageError("nothing to estimate: change --estimate or --hold")
     first = "bag survey observations output"
     names = "params camera estimate hold namespace smooth"
     return call(calibrate_boresight, args, "calibrating, s", first, names)

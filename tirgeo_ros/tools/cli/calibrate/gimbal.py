@@ -1,8 +1,8 @@
-"""Tell how still a gimbal holds its camera, from a video of a fixed checkerboard.
+"""Measure how still a gimbal holds its camera, from a video of a fixed checkerboard.
 
-Finds the camera's roll, pitch and yaw against a fixed checkerboard in every picture of a video,
-while the aircraft is turned about, and their standard deviations. Roll and pitch tell the gimbal's
-stability; yaw follows the aircraft.
+Finds the camera's roll, pitch and yaw against a fixed checkerboard in every picture of a video
+that was taken while the aircraft was turned about, and their standard deviations. Roll and pitch
+show the gimbal's stability; yaw follows the aircraft.
 
 example:
   tirgeo calibrate gimbal wall.mcap --board 9x6 --square 0.1 --camera camera.yaml -o attitude.csv
@@ -24,7 +24,7 @@ OPTIONS = (
     *BOARD,
     ("--camera", "YAML", "calibration file (default: the bag's own)"),
     ("--rate", "HZ", _RATE_HELP, NUMBER | {"default": 10.0, "dest": "rate_hz"}),
-    ("-o --output", "CSV", "the angles over time"),
+    ("-o --output", "CSV", "file for the angles over time"),
 )
 _COLUMNS = {
     "std_deg": "std",

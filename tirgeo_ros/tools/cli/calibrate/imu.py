@@ -1,9 +1,9 @@
-"""Measure the noise of the IMU in flight, and what shakes it.
+"""Measure the noise of the IMU in flight, and its vibration.
 
-Measures the white noise of gyroscopes and accelerometers in a flight, between the lines of
-vibration above 8 Hz, beside the second differences that the filter follows by itself, and the
+Measures the white noise of gyroscopes and accelerometers in a flight above 8 Hz, between the
+spectral lines of vibration; the second differences, by which the filter adapts its noise; and the
 strongest lines. Writes the noise of the flight's calmest tenth, but not less than that of
---params, as parameters for ekf_node, and a plot. Without -o it only tells.
+--params, as parameters for ekf_node, and a plot. Without -o it only prints them.
 
 example:
   tirgeo calibrate imu flight.mcap -o imu.yaml

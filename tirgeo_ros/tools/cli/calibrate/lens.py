@@ -19,9 +19,9 @@ from tirgeo_ros.tools.presentation.results import not_used
 
 OPTIONS = (
     *BOARD,
-    ("-o --output", "YAML", "the calibration", NEEDED),
+    ("-o --output", "YAML", "calibration file to write", NEEDED),
     ("--plot", "PNG", "plot of corners and errors"),
-    ("--k3", None, "estimate k3 beside k1 k2 p1 p2"),
+    ("--k3", None, "estimate k3 too, not only k1 k2 p1 p2"),
 )
 
 

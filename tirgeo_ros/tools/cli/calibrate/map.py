@@ -1,9 +1,9 @@
 r"""Make a map from features digitised on an orthophoto, by control points.
 
-Takes features digitised in pixels of an orthophoto to the ground by a polynomial through control
-points, and writes them as GeoJSON in WGS84. Pixels are counted from the top left corner; QGIS's
-rows below zero are turned. Residuals are told for each point, and what lies outside the points'
-hull is warned of.
+Transforms features, digitised in pixels of an orthophoto, by a polynomial that is fitted to
+control points, and writes them as GeoJSON in WGS84. Pixels are counted from the top left corner;
+QGIS's negative rows are converted. Prints the residuals of each point, and warns of features
+outside the points' hull.
 
 example:
   tirgeo calibrate map beds_px.geojson --points marks.csv --survey survey.geojson \
@@ -24,10 +24,10 @@ _POINTS_HELP = (
 )
 _ORDERS = {"type": int, "choices": (1, 2, 3), "default": 3}
 OPTIONS = (
-    ("vectors", "PIXELS.geojson", "coordinates are column, row"),
+    ("vectors", "PIXELS.geojson", "the features, with coordinates column, row"),
     ("--points", "FILE", _POINTS_HELP, NEEDED),
-    ("--survey", "GCPS", "GeoJSON points, or CSV id,lat,lon,h"),
-    ("-o --output", "GEOJSON", "the map", NEEDED),
+    ("--survey", "GCPS", "the control points: GeoJSON points, or CSV id,lat,lon,h"),
+    ("-o --output", "GEOJSON", "the map to write", NEEDED),
     ("--order", "ORDER", "order of the polynomial: %(choices)s (default: 3)", _ORDERS),
     ("--crs", "CRS", "plane of the fit (default: the UTM zone of the points)", WORD),
 )
