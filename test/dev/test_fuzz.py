@@ -70,8 +70,8 @@ class ThrowsAway(FrameReader):
 
     def _frame(self, at, length):
         frame = super()._frame(at, length)
-        if frame is None and at + length <= len(self._held):
-            self._held = self._held[:at] + bytes(length) + self._held[at + length :]
+        if frame is None and at + length <= len(self._buffer):
+            self._buffer = self._buffer[:at] + bytes(length) + self._buffer[at + length :]
         return frame
 
 
@@ -79,7 +79,7 @@ class Hoards(FrameReader):
     """Keeps all that it is given, until the end."""
 
     def feed(self, data):
-        self._held += data
+        self._buffer += data
         return []
 
 
