@@ -95,7 +95,7 @@ class MakesUp(FrameReader):
     ("reader", "message"),
     [
         (ThrowsAway, r"at \d+ the rules give another frame"),
-        (Hoards, r"\d+ bytes are held, in pieces of up to \d+"),
+        (Hoards, r"\d+ bytes are buffered, in pieces of up to \d+"),
         (MakesUp, r"at \d+ the rules give another frame"),
     ],
 )
