@@ -90,6 +90,7 @@ setup(
     author_email="maintainers@tirgeo.example",
     packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),
     package_data={
+        "tirgeo_ros.io.messages": ["*.txt"],
         "tirgeo_ros": ["__init__.pyi", "py.typed"],
         "tirgeo_ros.tools.many_flights": ["*.html"],
         "tirgeo_ros.page": ["static/*", "static/*/*", "static/*/*/*"],

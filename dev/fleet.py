@@ -26,7 +26,7 @@ from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.cli.main import unwind_on_signals
 from tirgeo_ros.tools.graph.node_graph import NodeProcess, await_words
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent

@@ -17,9 +17,9 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
@@ -71,6 +71,7 @@ class LoopedFlight:
         flight = fly(scenario_from(hover))
         first_ns = flight.scenario.start_ns + round(_HOVER_FIRST_S * 1e9)
         end_ns = first_ns + round(_MINUTE_S * 1e9)
+        self.scenario = flight.scenario
         self.config: EkfConfig = fitting_config(flight)
         self._samples: list[NavigationInput] = [
             sample
@@ -166,7 +167,7 @@ def make_fleet(
     Each is written as ``uavN.mcap`` with its parameters ``uavN.yaml``.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    fleet, default, messages = [], Scenario(), Messages(Cdr().types)
+    fleet, default, messages = [], Scenario(), Messages()
     for number in range(1, aircraft + 1):
         own = {
             "seed": default.seed + number,

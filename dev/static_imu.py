@@ -57,7 +57,7 @@ def write_imu(bag: BagWriter, stamps_ns: IntArray, values: Array) -> None:
     but never earlier than that of the message before.
     """
     cdr = Cdr()
-    template = Messages(cdr.types).imu(ImuSample(0, np.zeros(3), np.zeros(3), None))
+    template = Messages().imu(ImuSample(0, np.zeros(3), np.zeros(3), None))
     rows = np.tile(np.frombuffer(cdr.serialize(template, _TYPE), np.uint8), (len(stamps_ns), 1))
     seconds = np.stack(np.divmod(stamps_ns, 1_000_000_000), -1)
     rows[:, 4:12] = seconds.astype("<u4").view(np.uint8)

@@ -1,4 +1,4 @@
-"""Note when messages of some topics arrive, for ``make bench``.
+"""Note when messages of some topics arrive, for ``make bench`` and ``dev.bench.imu_load``.
 
 After ``duration_s``, or when it is stopped, it writes as JSON stamp and time of arrival (ns) of
 each message by topic, and whether the overlay's last picture has lines.
@@ -14,7 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.messages.pictures import compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run

@@ -23,8 +23,8 @@ from rclpy.qos import QoSProfile
 
 from dev.flights import stamped
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.bag_player import PlayClock, await_readers
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output

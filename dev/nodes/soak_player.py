@@ -22,7 +22,7 @@ from pathlib import Path
 from dev.flights import stamped
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.nodes.bag_player import PlayClock, await_readers, publishers_for
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run

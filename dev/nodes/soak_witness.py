@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.overlay.written_text import status_box
-from tirgeo_ros.io.messages import STATE_TOPIC, camera_pose, image_pixels, node_state, stamp_ns
+from tirgeo_ros.io.messages import STATE_TOPIC, camera_pose, node_state, stamp_ns
+from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.runner import run
 

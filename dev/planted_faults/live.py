@@ -17,7 +17,7 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, run_graph
 from tirgeo_ros.tools.presentation.progress import Report as Progress

@@ -14,7 +14,7 @@ from dev.flights import make_fleet
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import geodetic_from_ecef
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 
 SHIFT_NS = 7_000_000_007
 

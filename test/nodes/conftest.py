@@ -12,7 +12,7 @@ import pytest
 from project import taken_port
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, NodeProcess, graph_environment
 from tirgeo_ros.tools.simulate.flight import fly
@@ -25,7 +25,7 @@ Spawn = Callable[..., NodeProcess]
 def flight_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four seconds of a simulated flight without pictures."""
     path = tmp_path_factory.mktemp("flight") / "flight.mcap"
-    messages = Messages(Cdr().types)
+    messages = Messages()
     with BagWriter(path) as writer:
         for arrival_ns, sample in fly(Scenario(duration_s=4.0)).samples:
             topic, message = sensed(messages, sample)

@@ -35,7 +35,6 @@ from tirgeo_ros.core.ground.ground_point import enu_of
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import (
     TOPIC_TYPES,
     Messages,
@@ -44,12 +43,13 @@ from tirgeo_ros.io.messages import (
     camera_pose,
     finding_row,
 )
+from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.nodes import aircraft_view as view
 from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of
 from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge, target_markers
 
 CDR = Cdr()
-MESSAGES = Messages(CDR.types)
+MESSAGES = Messages()
 POSE_TYPE = TOPIC_TYPES["tirgeo/camera_pose"]
 MS = 1_000_000
 START_NS = 10**18

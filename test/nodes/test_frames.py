@@ -22,8 +22,9 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import Messages, camera, stamp_ns
+from tirgeo_ros.io.messages import Messages, stamp_ns
+from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.pictures import camera
 from tirgeo_ros.nodes import graph_node
 
 PREFIX = ("-p", "frame_prefix:=uav1/")
@@ -33,11 +34,11 @@ class Topics:
     """Stands in for a node, and for its publishers: keeps what is published by topic."""
 
     def __init__(self):
-        self.messages, self.now_ns, self.kept = Messages(Cdr().types), 5, {}
+        self.messages, self.now_ns, self.kept = Messages(), 5, {}
 
     def advertise(self, topic, _quality):
         kept = self.kept.setdefault(topic, [])
-        return SimpleNamespace(publish=kept.append, get_subscription_count=lambda: 1)
+        return SimpleNamespace(publish=kept.append, is_wanted=True)
 
 
 def test_through_tf_the_camera_is_at_its_pose(monkeypatch):

@@ -28,7 +28,8 @@ from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.messages import image_pixels, stamp_ns
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, run_graph
 from tirgeo_ros.tools.replay.graph_outputs import Outputs, differences, read_outputs

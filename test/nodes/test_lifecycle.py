@@ -137,30 +137,38 @@ def test_wrong_arguments_end_in_one_line(spawn):
 
 
 @pytest.mark.parametrize(
-    ("missing", "distribution", "remedy"),
+    ("node", "missing", "distribution", "remedy"),
     [
         (
+            "bag_player",
             "rclpy",
             "",
             "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'",
         ),
-        ("std_msgs", "jazzy", "sudo apt install ros-jazzy-std-msgs"),
-        ("cv2", "jazzy", "sudo apt install python3-opencv, or pip install opencv-python-headless"),
-        ("mcap", "jazzy", "pip install mcap"),
+        ("bag_player", "std_msgs", "jazzy", "sudo apt install ros-jazzy-std-msgs"),
+        (
+            "overlay_node",
+            "cv2",
+            "jazzy",
+            "sudo apt install python3-opencv, or pip install opencv-python-headless",
+        ),
+        ("bag_player", "mcap", "jazzy", "pip install mcap"),
     ],
 )
 @pytest.mark.graph
-def test_a_node_names_the_package_that_is_missing(missing, distribution, remedy, monkeypatch):
+def test_a_node_names_the_package_that_is_missing(
+    node, missing, distribution, remedy, monkeypatch
+):
     monkeypatch.setenv("ROS_DISTRO", distribution)
     program = (
         f"import sys; sys.modules[{missing!r}] = None\n"
-        "from tirgeo_ros.nodes.start import start\nsys.exit(start('bag_player'))"
+        f"from tirgeo_ros.nodes.start import start\nsys.exit(start({node!r}))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 1
-    assert done.stderr == f"bag_player: the Python package {missing} is missing: {remedy}\n"
+    assert done.stderr == f"{node}: the Python package {missing} is missing: {remedy}\n"
 
 
 @pytest.mark.slow

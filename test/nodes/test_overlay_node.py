@@ -30,8 +30,9 @@ from std_msgs.msg import Header, String
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, ground_point, image_pixels, stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input
+from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, ground_point, stamp_ns
+from tirgeo_ros.io.messages.pictures import image_pixels
+from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output, sensor_input
 from tirgeo_ros.nodes.overlay_node import FrameStatistics
 
 NORTH_N = np.array([3.0, 0.0, 0.0])
@@ -195,7 +196,7 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
     )
     report = MESSAGES.state(NodeState("/ekf_node", 0, 1, navigation=lost))
     longer = String(data="{" * 200_000)
-    state = flown.stranger.node.create_publisher(String, STATE_TOPIC, latched())
+    state = Output(flown.stranger.node.create_publisher(String, STATE_TOPIC, latched()))
     for height_m in (math.inf, math.nan, 1e9):
         flown.origin.publish(MESSAGES.origin(dataclasses.replace(PLANE, height_m=height_m), 0))
     wide = MESSAGES.camera_info(XT2, 0)

@@ -20,8 +20,10 @@ from sensor_msgs.msg import Image, Imu
 from std_msgs.msg import String
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, image_pixels
+from tirgeo_ros.io.messages import STATE_TOPIC, NodeState
+from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.nodes import setup_checks
+from tirgeo_ros.nodes.graph_node import Output
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, Restarts, SetupChecks
 
@@ -139,7 +141,9 @@ def test_a_ground_47_m_too_high_is_in_diagnostics_log_and_picture(flight):
 def test_the_picture_shows_a_finding_of_another_node_in_its_namespace(flight):
     aircraft, _ = flight(PLANE.height_m)
     create = aircraft.stranger.node.create_publisher
-    others = {name: create(String, f"{name}/tirgeo/findings", 10) for name in ("", "/uav2")}
+    others = {
+        name: Output(create(String, f"{name}/tirgeo/findings", 10)) for name in ("", "/uav2")
+    }
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]
 
     def tells(aircraft: str, *result: Finding) -> bool:

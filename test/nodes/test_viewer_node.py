@@ -37,7 +37,8 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages import image_pixels, targets_of
+from tirgeo_ros.io.messages import targets_of
+from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.viewer_node import PageBackend, lost_clicks, taken_ns

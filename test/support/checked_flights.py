@@ -25,6 +25,7 @@ from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import JointSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.messages import sensed
 from tirgeo_ros.io.messages.result_messages import Messages
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
@@ -67,9 +68,9 @@ def read(path: Path, topics: Collection[str]) -> Iterator[Arrived]:
         if topic in SAMPLES:
             yield Arrived(topic, SAMPLES[topic](decoded), message.log_time_ns)
         elif topic == "thermal/camera_info":
-            yield Arrived("camera", convert.camera(decoded), message.log_time_ns)
+            yield Arrived("camera", picture_messages.camera(decoded), message.log_time_ns)
         else:
-            frame = convert.stamp_ns(decoded), convert.compressed_pixels(decoded)
+            frame = convert.stamp_ns(decoded), picture_messages.compressed_pixels(decoded)
             yield Arrived("frame", frame, message.log_time_ns)
 
 
@@ -80,7 +81,7 @@ def recorded(path: Path) -> list[Arrived]:
 
 def simulated(flight: SimulatedFlight) -> list[Arrived]:
     """The filter's inputs of a simulated flight."""
-    messages = Messages(Cdr().types)
+    messages = Messages()
     return [
         Arrived(sensed(messages, sample)[0], sample, arrival_ns)
         for arrival_ns, sample in flight.samples

@@ -18,7 +18,7 @@ from rclpy.node import Node
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages, stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
@@ -155,7 +155,7 @@ class KeptLog:
 
     log, guarded, item = GraphNode.log, GraphNode.guarded, GraphNode.item
     item_name = GraphNode.item_name
-    messages, now_ns = Messages(message_class), 0
+    messages, now_ns = Messages(), 0
 
     def __init__(self) -> None:
         self.lines: list[tuple[str, str]] = []

@@ -27,7 +27,6 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
@@ -35,6 +34,7 @@ from tirgeo_ros.io.messages import (
     TopicState,
     navigation_item,
 )
+from tirgeo_ros.io.messages.cdr import Cdr
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -177,7 +177,7 @@ EXACT = 1e-14
 cdr = Cdr()
 
 
-builder = Messages(cdr.types)
+builder = Messages()
 
 
 def through_cdr(message):

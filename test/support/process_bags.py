@@ -61,7 +61,7 @@ def data_of(path, *topics):
 
 def write_samples(path, samples):
     """A bag of samples; log time = stamp."""
-    messages = Messages(CDR.types)
+    messages = Messages()
     with BagWriter(path) as bag:
         for sample in sorted(samples, key=lambda one: one.stamp_ns):
             topic, message = sensed(messages, sample)
@@ -78,7 +78,7 @@ def write_hover(path, flown, *reports):
 
 def picture_bag(path, stamps_ns, images, *, info=True, namespace=""):
     """A bag of raw pictures, with the calibration of XT2 beside each unless ``info`` is false."""
-    messages = Messages(CDR.types)
+    messages = Messages()
     with BagWriter(path) as writer:
         for stamp_ns, image in zip(stamps_ns, images, strict=True):
             made = messages.image(stamp_ns, image)

@@ -24,7 +24,6 @@ from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.verdicts import NavigationStatus
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
 from tirgeo_ros.io.messages import (
     STATE_TOPIC,
@@ -32,13 +31,14 @@ from tirgeo_ros.io.messages import (
     NodeState,
     PictureState,
     body_pose,
-    camera,
     camera_pose,
     findings_of,
     node_state,
     stamp_ns,
     tangent_plane,
 )
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.pictures import camera
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH, STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 
@@ -185,7 +185,7 @@ class AircraftTopics:
     ) -> None:
         """Call ``take`` with each message of a contract topic; ``latch`` is the latched depth."""
         name, qos = f"{self._prefix}{topic}", latched(latch) if latch else output(depth)
-        self._node.listen(name, take, qos, TOPIC_TYPES[topic], raw=True, decoded=decoded)
+        self._node.listen(name, take, qos, TOPIC_TYPES[topic], decoded=decoded)
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -34,7 +33,7 @@ from tirgeo_ros.nodes.aircraft_topics import (
     Reports,
     places_n,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
+from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output
 
 #: Silence (s) of a needed stream, or time without a map, that ends GO; faultless time for GO.
 _SILENT_S, _GOOD_S = 1.0, 2.0
@@ -233,7 +232,7 @@ class AircraftView(AircraftTopics):
         self._marked: tuple[object, ...] = ()  # revision of the targets, plane and frame
         self._marked_s = -math.inf
 
-    def _advertise(self, topic: str, qos: QoSProfile) -> Publisher:
+    def _advertise(self, topic: str, qos: QoSProfile) -> Output:
         return self._node.advertise(f"{self._prefix}{topic}", qos, TOPIC_TYPES[topic])
 
     def mark(self, targets: Sequence[Target], revision: int) -> None:
@@ -242,7 +241,7 @@ class AircraftView(AircraftTopics):
         soon = now_s - self._marked_s < _MARKERS_S
         if self.plane is None or soon or marked == self._marked:
             return
-        if self._markers.get_subscription_count():
+        if self._markers.is_wanted:
             self._markers.publish(target_markers(self.map_frame, self.plane, targets))
             self._marked, self._marked_s = marked, now_s
 
@@ -254,7 +253,7 @@ class AircraftView(AircraftTopics):
     def click(self, stamp: int, u: float, v: float) -> bool:
         """Publish a click; return whether anybody subscribes to clicks."""
         self._pixel.publish(self._node.messages.pixel(stamp, u, v))
-        return bool(self._pixel.get_subscription_count())
+        return self._pixel.is_wanted
 
     def state(self, more_findings: Sequence[Finding]) -> dict[str, Any]:
         """Return the page's state of this aircraft, without ``recording`` and ``sharing``."""

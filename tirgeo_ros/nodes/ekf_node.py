@@ -43,7 +43,7 @@ _IMU = NAVIGATION_INPUTS[Source.IMU][0]
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 _SET_HEADING = "~/set_heading"
-_PATH_RATE_HZ = 1.0
+_PATH_RATE_HZ, _TRACK_RATE_HZ = 1.0, 10.0
 _TAKEN = (Outcome.USED, Outcome.WAITING)
 
 _BEST_FIRST = (
@@ -83,7 +83,7 @@ class Inbox:
     ) -> None:
         """Call ``handle`` with each message in its turn; ``taken_ns`` is then its arrival time."""
         deferred = partial(self._deferred, topic)
-        subscription = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
+        subscription = self._node.listen(topic, handle, qos, typename, wrapped=deferred)
         depth = subscription.qos_profile.depth
         self._order.open(topic, depth)
         # Not public, so setup.py bounds the version of rclpy: test_ekf_node.py says why.
@@ -171,13 +171,13 @@ class EkfNode(GraphNode):
         self._inbox = Inbox(self)
         self._state_log = StateLog(self)
         self._state_log.note(self._navigation.status())
-        self._noted = self._navigation.state_and_resets()
+        self._noted, self._revision = self._navigation.state_and_resets(), 0
         self._odometry = self.advertise("tirgeo/odometry", output(STREAM_DEPTH))
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = self.advertise("tirgeo/fix", output())
         self._origin = self.advertise("tirgeo/origin", latched())
         self._track = Track(self.messages.track_point)
-        self._path_rate = RateLimit(_PATH_RATE_HZ)
+        self._path_rate, self._track_rate = RateLimit(_PATH_RATE_HZ), RateLimit(_TRACK_RATE_HZ)
         self._path = self.advertise("tirgeo/path", output())
         self._transforms = Transforms(self, config)
         self._transforms.fixed(config.aircraft)
@@ -218,7 +218,10 @@ class EkfNode(GraphNode):
         self._setup.take(self._checks.take, topic, sample, arrival_ns)
 
     def _note_state(self) -> None:
-        """Log and report a new state at once; make the whole status, which is slow, only then."""
+        """Log and report a change at once; called at each sample, so the whole status waits."""
+        if self._navigation.revision == self._revision:
+            return
+        self._revision = self._navigation.revision
         state = self._navigation.state_and_resets()
         if state == self._noted:
             return
@@ -250,16 +253,22 @@ class EkfNode(GraphNode):
             self._origin.publish(self.messages.origin(plane, solution.stamp_ns))
             self._published_plane = plane
             self._track.clear()  # it was in another plane
-        body = plane.body_pose(solution)
-        odometry = self.cdr_messages.odometry(solution, body)
-        self.publish_bytes(self._odometry, "tirgeo/odometry", odometry)
-        self._transforms.body(body)
-        self._track.add(body)
-        if self._fix_rate.due(solution.stamp_ns) and self._fix.get_subscription_count():
+        stamp_ns = solution.stamp_ns
+        if self._fix_rate.due(stamp_ns) and self._fix.is_wanted:
             self._fix.publish(self.messages.fix(solution))
-        if self._path_rate.due(body.stamp_ns) and self._path.get_subscription_count():
-            self._path.publish(self.messages.path(body.stamp_ns, self._track.points()))
-        self.monitor.published("tirgeo/odometry", 1e-9 * (self.now_ns - solution.stamp_ns))
+        is_heard = self._odometry.is_wanted
+        is_track_point = self._track_rate.due(stamp_ns)
+        if not (is_heard or is_track_point or self._transforms.are_heard):
+            return
+        body = plane.body_pose(solution)
+        self._transforms.body(body)
+        if is_heard:
+            self._odometry.publish(self.messages.odometry(solution, body))
+            self.monitor.published("tirgeo/odometry", 1e-9 * (self.now_ns - stamp_ns))
+        if is_track_point:
+            self._track.add(body)
+            if self._path_rate.due(stamp_ns) and self._path.is_wanted:
+                self._path.publish(self.messages.path(stamp_ns, self._track.points()))
 
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()

@@ -44,12 +44,12 @@ class GimbalNode(GraphNode):
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)
         self._transforms = Transforms(self, config)
-        self.listen("tirgeo/odometry", self._take_body, stream, raw=True)
+        self.listen("tirgeo/odometry", self._take_body, stream)
         self.monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
-            self.listen("gimbal/joint_states", self._take_joints, sensor_input(), raw=True)
-        self.listen("gimbal/attitude", self._take_attitude, sensor_input(), raw=True)
-        self.listen("imu/data", self._take_autopilot, sensor_input(), raw=True, decoded=False)
+            self.listen("gimbal/joint_states", self._take_joints, sensor_input())
+        self.listen("gimbal/attitude", self._take_attitude, sensor_input())
+        self.listen("imu/data", self._take_autopilot, sensor_input(), decoded=False)
         self._logged_composition = ""
         self.report_each_second(
             self._items,
@@ -96,10 +96,10 @@ class GimbalNode(GraphNode):
 
     def _publish(self, poses: list[CameraPose]) -> None:
         for pose in poses:
-            message = self.cdr_messages.camera_pose(pose)
-            self.publish_bytes(self._camera_pose, "tirgeo/camera_pose", message)
             self._transforms.camera(pose, self._composer.body_at)
-            self.monitor.published("tirgeo/camera_pose", 1e-9 * (self.now_ns - pose.stamp_ns))
+            if self._camera_pose.is_wanted:
+                self._camera_pose.publish(self.messages.camera_pose(pose))
+                self.monitor.published("tirgeo/camera_pose", 1e-9 * (self.now_ns - pose.stamp_ns))
 
     def _items(self) -> list[DiagnosticItem]:
         composition = self._composer.composition

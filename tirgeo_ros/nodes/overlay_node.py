@@ -28,17 +28,15 @@ from tirgeo_ros.io.messages import (
     STATE_TOPIC,
     DiagnosticItem,
     PictureState,
-    camera,
     camera_pose,
-    compressed_pixels,
     findings_of,
-    image_pixels,
     node_state,
     pixel,
     stamp_ns,
     tangent_plane,
     targets_of,
 )
+from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
@@ -172,7 +170,7 @@ class OverlayNode(GraphNode):
     def _take_click(self, message: Any) -> None:
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
-        if self._answer.get_subscription_count():
+        if self._answer.is_wanted:
             self._answer.publish(self.messages.answer(answer))
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
@@ -223,9 +221,9 @@ class OverlayNode(GraphNode):
             self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
-        if self._image.get_subscription_count():
+        if self._image.is_wanted:
             self._image.publish(self.messages.image(result.stamp_ns, result.image))
-        if self._jpeg.get_subscription_count() and self._jpeg_rate.due(result.stamp_ns):
+        if self._jpeg.is_wanted and self._jpeg_rate.due(result.stamp_ns):
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
             jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
             self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
@@ -241,9 +239,9 @@ class OverlayNode(GraphNode):
         The footprint of a picture without a trusted pose is empty, so that no viewer keeps an old
         one.
         """
-        if result.camera is not None and self._info.get_subscription_count():
+        if result.camera is not None and self._info.is_wanted:
             self._info.publish(self.messages.camera_info(result.camera, result.stamp_ns))
-        if self._footprint.get_subscription_count() and self._footprint_rate.due(result.stamp_ns):
+        if self._footprint.is_wanted and self._footprint_rate.due(result.stamp_ns):
             outline_n = self._overlay.painter.footprint(result.pose)
             self._footprint.publish(self.messages.footprint(result.stamp_ns, outline_n))
 

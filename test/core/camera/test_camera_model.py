@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera, Rectifier
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.overlay.picture_painter import Rectifier
 from tirgeo_ros.core.types.errors import CameraError
 
 BROWN = (-0.28, 0.09, 0.001, -0.0005)

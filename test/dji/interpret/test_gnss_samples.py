@@ -33,7 +33,6 @@ from tirgeo_ros.dji.sources.readings import (
     ImuReading,
     RtkReading,
 )
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages, sensed
 
 UNDULATION_M = 43.25
@@ -270,7 +269,7 @@ def test_an_accuracy_that_is_not_stated_gives_a_zero_covariance(unknown):
     assert position.status is FixStatus.SINGLE
 
 
-MESSAGES = Messages(Cdr().types)
+MESSAGES = Messages()
 
 numbers = st.floats()  # NaN and infinities, subnormal and huge
 vectors = st.tuples(numbers, numbers, numbers)

@@ -17,12 +17,12 @@ from rosbags.typesys import Stores, get_typestore
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 
 IMU = "sensor_msgs/msg/Imu"
 cdr = Cdr()
-builder = Messages(cdr.types)
+builder = Messages()
 
 
 def imu(stamp_ns):

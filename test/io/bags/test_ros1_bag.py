@@ -12,7 +12,6 @@ from ros1_bags import BEGUN_NS, Bag
 from rosbags.rosbag1 import Reader, Writer
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.bags.bag_file import MOST_BYTES
 from tirgeo_ros.io.bags.ros1_bag import MAGIC, Ros1Bag
 
@@ -170,8 +169,8 @@ def test_a_message_that_its_type_does_not_fit(tmp_path):
     with pytest.raises(MessageError, match=r"/fix: 3 bytes are no sensor_msgs/msg/NavSatFix"):
         reader.decoded(short)
     with pytest.raises(
-        MessageError, match=r"/f: 3 bytes are no sensor_msgs/msg/NavSatFix of ROS 1"
+        MessageError, match=r"/fix: 3 bytes are no sensor_msgs/msg/NavSatFix of ROS 1"
     ):
-        Cdr().from_ros1(short.data, short.typename, "/f")
+        reader.cdr(short)
     with pytest.raises(MessageError, match=r"/x: the bag does not define x/msg/Y"):
         reader.decoded(unknown)

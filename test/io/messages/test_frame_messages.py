@@ -5,7 +5,7 @@ from __future__ import annotations
 import message_samples as samples
 import numpy as np
 import pytest
-from message_samples import builder, cdr, through_cdr
+from message_samples import builder, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from transform_chains import Chains, rigid
@@ -101,7 +101,7 @@ def ids_of(message) -> set[str]:
 
 def test_every_message_has_the_prefix():
     config = FramesConfig("field", "body", "eye", "uav1/")
-    named = Messages(cdr.types, config.frame_ids)
+    named = Messages(config.frame_ids)
     sent = (samples.IMU, samples.POSITION, samples.VELOCITY, samples.HEADING, samples.JOINTS)
     messages = [sensed(named, sample)[1] for sample in (*sent, samples.CAMERA_ATTITUDE)]
     without = ("position", "velocity", "clock", "diagnostics", "answer")  # given there, or none

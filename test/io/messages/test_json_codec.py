@@ -18,7 +18,7 @@ from tirgeo_ros.core.targets.target import MOST_TARGETS
 from tirgeo_ros.core.types.errors import MOST, MessageError
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.messages import (
     FINDINGS_TOPIC,
     STATE_TOPIC,
@@ -29,11 +29,11 @@ from tirgeo_ros.io.messages import (
     targets_of,
 )
 
-MESSAGES = Messages(Cdr().types)
+MESSAGES = Messages()
 
 
 def text_of(document):
-    return MESSAGES.types("std_msgs/msg/String")(data=json.dumps(document))
+    return Cdr.types("std_msgs/msg/String")(data=json.dumps(document))
 
 
 def test_a_located_click_comes_back_to_the_last_digit():
@@ -87,7 +87,7 @@ def test_a_message_of_an_earlier_version_is_named():
     with pytest.raises(MessageError, match="it is of a version before tirgeo/locate/answer/1"):
         answer_of(MESSAGES.diagnostics(STAMP_NS, []))
     with pytest.raises(MessageError, match="it is of a version before tirgeo/targets/1"):
-        targets_of(MESSAGES.types("visualization_msgs/msg/MarkerArray")(markers=[]))
+        targets_of(Cdr.types("visualization_msgs/msg/MarkerArray")(markers=[]))
 
 
 def test_targets_come_back_without_notes_each_with_one_click():

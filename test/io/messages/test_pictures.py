@@ -15,11 +15,10 @@ from measured import run_measured
 from numpy.testing import assert_array_equal
 
 from tirgeo_ros.core.types.errors import CameraError, MessageError
-from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import Messages, camera, compressed_pixels, image_pixels
-from tirgeo_ros.io.messages.pictures import unpacked
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, unpacked
 
-builder = Messages(Cdr().types)
+builder = Messages()
 rng = np.random.default_rng(5)
 GREY = rng.integers(0, 256, (6, 8), np.uint8)
 COLOUR = rng.integers(0, 256, (6, 8, 3), np.uint8)
@@ -168,9 +167,9 @@ COMPRESSED = """
 import sys
 from pathlib import Path
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.bags.bag import Cdr
-from tirgeo_ros.io.messages import Messages, compressed_pixels
-message = Messages(Cdr().types).compressed(0, Path(sys.argv[1]).read_bytes())
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.pictures import compressed_pixels
+message = Messages().compressed(0, Path(sys.argv[1]).read_bytes())
 try:
     print(compressed_pixels(message).shape)
 except TirgeoError as error:

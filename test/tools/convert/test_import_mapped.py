@@ -236,9 +236,8 @@ def test_a_bag_without_pairs_is_answered_with_options(tmp_path, capsys):
     asked = "--map-topic /mavros/imu/data=imu/data --map-topic /mavros/fix=gps/fix --map-topic "
     assert f"{asked}/mavros/gps_vel=gps/vel\n" in capsys.readouterr().err
     ros2 = tmp_path / "b"
-    data = CDR.from_ros1(
-        next(Ros1Bag(ros1).messages(["/mavros/imu/data"])).data, "sensor_msgs/msg/Imu"
-    )
+    bag = Ros1Bag(ros1)
+    data = bag.cdr(next(bag.messages(["/mavros/imu/data"])))
     record(ros2, [[BagMessage("/xsens/imu", "sensor_msgs/msg/Imu", 1, data)]])
     assert main(["import", str(ros2), "-o", str(tmp_path / "out.mcap")]) == 1
     line = f"{ros2}: a ROS 2 bag; name its topics, for example --map-topic /xsens/imu=imu/data\n"

@@ -16,7 +16,7 @@ from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, NodeState, TopicState
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb
@@ -33,7 +33,7 @@ from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 MS = 1_000_000
 PLANE = TangentPlane(0.7, 2.0, 11.0)
-MESSAGES = Messages(Cdr().types)
+MESSAGES = Messages()
 
 
 def write(path: Path, topics: list[tuple[str, object, int]]) -> Path:

@@ -16,7 +16,6 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, Unpainted
 from tirgeo_ros.core.types.errors import PictureError
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.replay.picture_stage import Painted
 from tirgeo_ros.tools.replay.process import process
@@ -119,7 +118,7 @@ def test_messages_wait_for_the_picture_before_them_and_not_for_ever():
         written.append((topic, log_time_ns))
 
     stage = _SlowStage()
-    made = PictureOutputs(stage, Messages(Cdr().types), write, None, 1.0, raw_images=False)
+    made = PictureOutputs(stage, Messages(), write, None, 1.0, raw_images=False)
     overlay = Overlay(OverlayConfig(), None)
 
     def picture(stamp_ns):

@@ -19,6 +19,7 @@ from tirgeo_ros.core.types.measurements import SetHeading
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose, ground_point
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.replay.process import process
 
@@ -49,7 +50,7 @@ def test_each_picture_has_its_calibration_and_some_their_footprint(whole):
     pictures = contents(bag, "/tirgeo/overlay/image/compressed")
     infos = contents(bag, "/tirgeo/overlay/camera_info")
     assert [*map(convert.stamp_ns, infos)] == [*map(convert.stamp_ns, pictures)]
-    result = convert.camera(infos[0])
+    result = picture_messages.camera(infos[0])
     assert (result.matrix == XT2.matrix).all()
     assert result.distortion == (*XT2.distortion, 0.0)  # plumb_bob has five
     stamps = {convert.stamp_ns(entry) for entry in pictures}

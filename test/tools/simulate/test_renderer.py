@@ -18,9 +18,9 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.ground.backprojection import first_hit
 from tirgeo_ros.core.types.errors import ScenarioError
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
 from tirgeo_ros.tools.simulate.park import LEVEL, Relief, lay_out, map_text
@@ -253,7 +253,10 @@ def test_the_bag_contains_the_camera_of_its_pictures(tmp_path):
     cdr, reader = Cdr(), BagReader(tmp_path / "flight.mcap")
     infos, pictures = (
         [form(cdr.deserialize(m.data, m.typename)) for m in reader.messages([f"/thermal/{name}"])]
-        for name, form in (("camera_info", convert.camera), ("image_raw", convert.image_pixels))
+        for name, form in (
+            ("camera_info", picture_messages.camera),
+            ("image_raw", picture_messages.image_pixels),
+        )
     )
     (camera,) = set(infos)
     assert (camera.width, camera.height) == (320, 256)

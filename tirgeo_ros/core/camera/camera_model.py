@@ -13,12 +13,11 @@ import math
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import polynomial as poly
 
-from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError
 
 T = TypeVar("T", Array, float)
@@ -43,9 +42,6 @@ _CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 p
 #: Lines are clipped this far outside the image, so that their cut ends are not visible.
 _BORDER_PX = 8.0
 _EDGE_SAMPLES = 33
-# Rectification.
-_BORDER_BGR = (40, 40, 110)
-_MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
 
 
 @dataclass(frozen=True)
@@ -343,38 +339,3 @@ def largest_scale(camera: Camera, radius: float) -> float:
     # At radius r a small angle spans at most 1 + r^2 times as much on the plane z = 1.
     scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
     return float(scale.max())
-
-
-class Rectifier:
-    """Rectify the pictures of a camera: remove the distortion of its lens.
-
-    ``camera`` is the camera without distortion. The remap tables and the border are computed once.
-    """
-
-    def __init__(self, camera: Camera) -> None:
-        """Compute the tables; raise CameraError if the picture has too many pixels for them."""
-        if camera.width * camera.height > _MOST_RECTIFIED:
-            size = f"{camera.width}x{camera.height}"
-            raise CameraError(
-                f"camera: {size} pixels are too many to rectify: set rectify to false"
-            )
-        self.camera = Camera(
-            camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
-        )
-        shape = camera.height, camera.width
-        v, u = np.indices(shape, dtype=float)
-        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-        valid = x * x + y * y <= camera.max_radius**2
-        column, row = np.full(shape, -1e3), np.full(shape, -1e3)
-        column[valid], row[valid] = camera.pixels(x[valid], y[valid])
-        places = column.astype(np.float32), row.astype(np.float32)
-        self._maps = cv2.convertMaps(*places, cv2.CV_16SC2)
-        inside = (column >= -0.5) & (column <= camera.width - 0.5)
-        inside &= (row >= -0.5) & (row <= camera.height - 0.5)
-        self._blank = np.where(inside, np.uint8(0), np.uint8(255))
-        self._border = np.full((*shape, 3), _BORDER_BGR, np.uint8)
-
-    def rectified(self, image: Pixels) -> Pixels:
-        """Return the rectified picture, a new array (h, w, 3) BGR, of a picture (h, w, 3) BGR."""
-        straight = cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(cv2.copyTo(self._border, self._blank, straight), np.uint8)

@@ -18,12 +18,12 @@ import zstandard
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_file import ZSTD_MAGIC, BagFile, BagMessage, TopicForm
 from tirgeo_ros.io.bags.bag_writer import BagWriter
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.bags.mcap_file import MAGIC as MCAP
 from tirgeo_ros.io.bags.mcap_file import McapFile
 from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
 from tirgeo_ros.io.bags.sqlite_file import SqliteFile
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of, read_text, reading
+from tirgeo_ros.io.messages.cdr import Cdr
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
 

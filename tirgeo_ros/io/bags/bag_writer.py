@@ -11,8 +11,8 @@ from mcap.writer import CompressionType, Writer
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_file import TopicForm
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
+from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.io.messages.topics import offered_qos
 
 #: What rosbag2 writes when it opens a file. From the version its reader knows that the topics' QoS

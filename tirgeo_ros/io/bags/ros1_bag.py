@@ -6,7 +6,7 @@ import os
 from collections import defaultdict
 from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -21,6 +21,7 @@ from rosbags.rosbag1.reader import (
     decompressors,
     read_uint32,
 )
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -28,14 +29,16 @@ from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.bag_file import MOST_BYTES, TOO_LATE, unpacked
-from tirgeo_ros.io.bags.cdr import UNREADABLE, Cdr
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
+from tirgeo_ros.io.messages.cdr import UNREADABLE, Cdr
 
 MAGIC = b"#ROSBAG V2.0\n"
 
+#: Raised by the decoders for bytes that are not a message of the type.
+_UNREADABLE = (*UNREADABLE, SerdeError)
 #: Raised by the reader for a damaged file.
-_DAMAGED = (*UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
+_DAMAGED = (*_UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
 #: Raised by the types' generator for an invalid definition.
 _UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
 #: Types of records between chunks, which only repeat what the chunks say.
@@ -153,7 +156,6 @@ class Ros1Bag:
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
-        self._cdr = Cdr()
         self._losses: dict[str, str] = {}
         self._stores: dict[tuple[str, str], Typestore | None] = {}
         with bounded_memory(), self._opened() as reader:
@@ -230,7 +232,12 @@ class Ros1Bag:
 
     def cdr(self, message: Any) -> bytes:
         """Convert a message to CDR of ROS 2. Raises MessageError for bytes of another type."""
-        return self._cdr.from_ros1(message.data, message.typename, message.topic)
+        if message.typename not in Cdr():
+            raise BagError(f"message type {message.typename} is not known")
+        try:
+            return bytes(_ros2_types().ros1_to_cdr(message.data, message.typename))
+        except _UNREADABLE as error:
+            raise _not_of_type(message, error) from None
 
     def decoded(self, message: Ros1Message) -> Any:
         """Decode the message by its definition in the bag. Raises MessageError."""
@@ -248,10 +255,19 @@ class Ros1Bag:
             raise MessageError(f"{message.topic}: the bag does not define {message.typename}")
         try:
             return store.deserialize_ros1(message.data, message.typename)
-        except UNREADABLE as error:
-            raise MessageError(
-                f"{message.topic}: {len(message.data)} bytes are no {message.typename}: {error}"
-            ) from None
+        except _UNREADABLE as error:
+            raise _not_of_type(message, error) from None
+
+
+@cache
+def _ros2_types() -> Typestore:
+    """Return the types that messages are converted to: it takes 0.25 s to build them."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _not_of_type(message: Ros1Message, error: Exception) -> MessageError:
+    size = f"{len(message.data)} bytes"
+    return MessageError(f"{message.topic}: {size} are no {message.typename} of ROS 1: {error}")
 
 
 #: A bag of ROS 2 or ROS 1; its ``cdr`` returns a message as CDR of ROS 2.

@@ -17,7 +17,6 @@ from tirgeo_ros.io.messages.json_codec import (
     targets_of,
 )
 from tirgeo_ros.io.messages.message_parts import stamp_ns
-from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.result_messages import (
     DiagnosticItem,
     Messages,
@@ -58,20 +57,16 @@ __all__ = [
     "TopicState",
     "answer_of",
     "body_pose",
-    "camera",
     "camera_attitude",
     "camera_pose",
-    "compressed_pixels",
     "finding_row",
     "findings_of",
     "ground_point",
-    "image_pixels",
     "imu_sample",
     "joint_sample",
     "navigation_item",
     "node_state",
     "pixel",
-    "pixels",
     "sensed",
     "stamp_ns",
     "tangent_plane",

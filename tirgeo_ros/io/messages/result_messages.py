@@ -31,6 +31,7 @@ from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.io.messages.json_codec import (
     NodeState,
     answer_text,
@@ -48,7 +49,6 @@ from tirgeo_ros.io.messages.message_parts import (
     quat_turned_world,
     stamp_ns,
 )
-from tirgeo_ros.io.messages.pictures import calibration_of
 from tirgeo_ros.io.messages.sensor_messages import SensorMessages
 
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
@@ -98,11 +98,7 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
 
 
 class Messages(SensorMessages):
-    """Build messages; ``types`` returns the class of a name like ``nav_msgs/msg/Odometry``.
-
-    ``frames`` are the frame ids that the messages get. Nodes pass rclpy's classes; writers of bags
-    pass ``io.bags.cdr.Cdr.types``.
-    """
+    """Build messages of the classes of ``Cdr.types``, for nodes and bags alike."""
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
         """Return ``nav_msgs/Odometry``, map -> base_link; twist in base_link.
@@ -138,7 +134,7 @@ class Messages(SensorMessages):
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
-        point = self._class("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
+        point = Cdr.types("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
         typename = "geometry_msgs/msg/PointStamped"
         return self.stamped(typename, stamp_ns, self.frames.camera, point=point)
 
@@ -173,12 +169,12 @@ class Messages(SensorMessages):
             encoding=encoding,
             is_bigendian=0,
             step=pixels.nbytes // height,
-            data=self._octets(np.ascontiguousarray(pixels)),
+            data=np.ascontiguousarray(pixels).reshape(-1).view(np.uint8),
         )
 
     def compressed(self, stamp_ns: int, jpeg: bytes) -> Any:
         """Return ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
-        data = self._octets(np.frombuffer(jpeg, np.uint8))
+        data = np.frombuffer(jpeg, np.uint8)
         typename = "sensor_msgs/msg/CompressedImage"
         return self.stamped(typename, stamp_ns, self.frames.camera, format="jpeg", data=data)
 
@@ -193,18 +189,18 @@ class Messages(SensorMessages):
             height=camera.height,
             width=camera.width,
             distortion_model=model,
-            d=self._doubles(distortion),
+            d=np.array(distortion, float),
             k=k.ravel(),
             r=np.eye(3).ravel(),
             p=np.pad(k, ((0, 0), (0, 1))).ravel(),
             binning_x=0,
             binning_y=0,
-            roi=self._class("sensor_msgs/msg/RegionOfInterest")(**zero),
+            roi=Cdr.types("sensor_msgs/msg/RegionOfInterest")(**zero),
         )
 
     def clock(self, stamp_ns: int) -> Any:
         """Return ``rosgraph_msgs/Clock``."""
-        return self._class("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
+        return Cdr.types("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
 
     def findings(self, node: str, stamp_ns: int, findings: Sequence[Finding]) -> Any:
         """Return ``std_msgs/String`` of the findings of a node's checks."""
@@ -225,13 +221,13 @@ class Messages(SensorMessages):
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""
         status = [
-            self._class("diagnostic_msgs/msg/DiagnosticStatus")(
-                level=item.level if self._takes_ndarray else bytes([item.level]),
+            Cdr.types("diagnostic_msgs/msg/DiagnosticStatus")(
+                level=item.level,
                 name=item.name,
                 message=item.message,
                 hardware_id=item.aircraft,
                 values=[
-                    self._class("diagnostic_msgs/msg/KeyValue")(key=key, value=value)
+                    Cdr.types("diagnostic_msgs/msg/KeyValue")(key=key, value=value)
                     for key, value in item.values.items()
                 ],
             )
@@ -277,13 +273,13 @@ class Messages(SensorMessages):
 
     def tf(self, transforms: Sequence[Any]) -> Any:
         """Return ``tf2_msgs/TFMessage``."""
-        return self._class("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
+        return Cdr.types("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
 
     def footprint(self, stamp_ns: int, outline_n: Array) -> Any:
         """Return ``geometry_msgs/PolygonStamped`` of an outline (N, 3) in the map, NED, m."""
-        point = self._class("geometry_msgs/msg/Point32")
+        point = Cdr.types("geometry_msgs/msg/Point32")
         points = [point(x=east, y=north, z=-down) for north, east, down in outline_n.tolist()]
-        polygon = self._class("geometry_msgs/msg/Polygon")(points=points)
+        polygon = Cdr.types("geometry_msgs/msg/Polygon")(points=points)
         typename = "geometry_msgs/msg/PolygonStamped"
         return self.stamped(typename, stamp_ns, self.frames.map, polygon=polygon)
 
@@ -303,7 +299,7 @@ class Messages(SensorMessages):
     ) -> Any:
         """Return a transform from a parent frame to its child: the child's pose in the parent."""
         parent, child = link
-        transform = self._class("geometry_msgs/msg/Transform")(
+        transform = Cdr.types("geometry_msgs/msg/Transform")(
             translation=self._vector(xyz), rotation=self._quaternion(rotation)
         )
         typename = "geometry_msgs/msg/TransformStamped"
@@ -368,3 +364,12 @@ def pixel(msg: Any) -> tuple[int, float, float]:
 
 def _ned(point: Any) -> Array:
     return np.array([point.y, point.x, -point.z])
+
+
+def calibration_of(camera: Camera) -> tuple[Array, list[float], str]:
+    """Return K (3, 3), D and the name of its model: plumb_bob has five numbers, rational eight."""
+    k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], float)
+    size = 5 if len(camera.distortion) <= 5 else 8
+    padding = [0.0] * (size - len(camera.distortion))
+    model = "plumb_bob" if size == 5 else "rational_polynomial"
+    return k, [*map(float, camera.distortion), *padding], model

@@ -115,9 +115,9 @@ class SensorMessages(MessageParts):
             sample.stamp_ns,
             COMPUTED_FROM if sample.computed else self.frames.base_link,
             name=list(JOINT_SIGNS),
-            position=self._doubles(angles),
-            velocity=self._doubles([]),
-            effort=self._doubles([]),
+            position=np.array(angles, float),
+            velocity=np.array([], float),
+            effort=np.array([], float),
         )
 
     def camera_attitude(self, sample: CameraAttitudeSample) -> Any:

@@ -17,8 +17,8 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.messages.pictures import calibration_of
 from tirgeo_ros.io.messages.pictures import camera as camera_of
+from tirgeo_ros.io.messages.result_messages import calibration_of
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 

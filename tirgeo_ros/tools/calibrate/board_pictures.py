@@ -19,6 +19,7 @@ from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr, by_numbers, is_bag
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.messages.pictures import MOST_OF_FILE, unpacked
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.registration import PICTURES, resolved
@@ -115,7 +116,7 @@ class BoardVideo:
             try:
                 decoded = self._cdr.deserialize(message.data, message.typename)
                 stamp_ns = convert.stamp_ns(decoded)
-                pixels = convert.pixels(self._contract, decoded)
+                pixels = picture_messages.pixels(self._contract, decoded)
                 yield Picture(f"{stamp_ns / 1e9:.3f}", stamp_ns, pixels)
             except TirgeoError:
                 yield Picture(f"{message.log_time_ns / 1e9:.3f}", None, None)
@@ -130,7 +131,7 @@ class BoardVideo:
                 f"{self.reader.path}: no message of {self._info} can be read; give --camera"
             )
         decoded = self._cdr.deserialize(message.data, message.typename)
-        return convert.camera(decoded, self._info)
+        return picture_messages.camera(decoded, self._info)
 
 
 def sharpest(pictures: Iterator[Picture], every_s: float) -> Iterator[Picture]:

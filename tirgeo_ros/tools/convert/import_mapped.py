@@ -28,9 +28,9 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message, any_bag
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved

@@ -10,7 +10,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
 from tirgeo_ros.tools.replay.registration import resolved
 
@@ -72,7 +72,7 @@ class ImportSink:
         self.interpreter = Interpreter(config)
         self.written: dict[str, Written] = {}
         self._writer = writer
-        self._messages = Messages(Cdr().types, config.frame_ids)
+        self._messages = Messages(config.frame_ids)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._waiting: list[tuple[int, int, str, Any]] = []
         self._number = 0

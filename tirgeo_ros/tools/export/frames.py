@@ -19,10 +19,10 @@ from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.errors import BagError, MessageError, TirgeoError
 from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
@@ -107,7 +107,7 @@ class FlightPictures:
             if number in numbers:
                 try:
                     content = self._cdr.deserialize(message.data, message.typename, message.topic)
-                    yield number, convert.pixels(self._topic, content)
+                    yield number, picture_messages.pixels(self._topic, content)
                 except TirgeoError as error:
                     yield number, error
 

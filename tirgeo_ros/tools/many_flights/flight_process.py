@@ -31,6 +31,7 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import write_files
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, written_record
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import error_line, plain
@@ -275,7 +276,7 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
         facts |= {"place_deg": next(iter(places.values())), "distance_m": distance_m}
     if jpeg is None:
         return facts, b""
-    pixels = convert.compressed_pixels(cdr.deserialize(jpeg.data, jpeg.typename))
+    pixels = picture_messages.compressed_pixels(cdr.deserialize(jpeg.data, jpeg.typename))
     scale = min(_WIDTH_PX / pixels.shape[1], 1.0)
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return facts, bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])

@@ -30,10 +30,10 @@ from tirgeo_ros.core.types.errors import (
     TirgeoError,
 )
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.registration import (
@@ -165,7 +165,7 @@ class Flight:
             for message in islice(self._reader.messages([name]), _TRIED):
                 with suppress(TirgeoError):
                     content = self._cdr.deserialize(message.data, message.typename)
-                    height, width = convert.pixels(topic, content).shape[:2]
+                    height, width = picture_messages.pixels(topic, content).shape[:2]
                     return width, height
         return None
 
@@ -300,7 +300,7 @@ class Flight:
     def _take_other(self, topic: str, message: BagMessage, content: object | None) -> None:
         """Take a calibration, a picture, or another message of the sink."""
         if topic == CAMERA_INFO:
-            self._camera = self._given_camera or convert.camera(content)
+            self._camera = self._given_camera or picture_messages.camera(content)
             if self._checks is not None:
                 self._checks.camera(self._camera, self.now_ns)
             if self._sink is not None:

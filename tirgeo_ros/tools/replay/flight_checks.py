@@ -36,11 +36,11 @@ from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, SAMPLES, Registered, Sample
@@ -193,7 +193,9 @@ class FlightChecks:
                 return
             content: Any = self._cdr.deserialize(message.data, message.typename)
             if topic == CAMERA_INFO:
-                self.camera(self._given_camera or convert.camera(content), message.log_time_ns)
+                self.camera(
+                    self._given_camera or picture_messages.camera(content), message.log_time_ns
+                )
             else:
                 self.sample(topic, SAMPLES[topic](content), message.log_time_ns)
         except TirgeoError as error:
@@ -204,7 +206,7 @@ class FlightChecks:
         stamp_ns, arrival_ns = header_stamp_ns(message.data), message.log_time_ns
         if always or self._pictures.wants_pixels(stamp_ns, arrival_ns):
             content = self._cdr.deserialize(message.data, message.typename)
-            self.frame(topic, stamp_ns, convert.pixels(topic, content), arrival_ns)
+            self.frame(topic, stamp_ns, picture_messages.pixels(topic, content), arrival_ns)
         else:
             self._passed(topic, stamp_ns, arrival_ns)
 

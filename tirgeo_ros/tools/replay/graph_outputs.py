@@ -22,6 +22,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.tools.replay.registration import prefix
 
 OVERLAY = "tirgeo/overlay/image/compressed"
@@ -138,4 +139,4 @@ def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels
     cdr = Cdr()
     for item in BagReader(path).messages([lead + OVERLAY]):
         message = cdr.deserialize(item.data, item.typename)
-        yield convert.stamp_ns(message), convert.compressed_pixels(message)
+        yield convert.stamp_ns(message), picture_messages.compressed_pixels(message)

@@ -23,9 +23,9 @@ from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
+from tirgeo_ros.io.messages import pictures as picture_messages
 
 _RUN = "from tirgeo_ros.tools.replay.picture_stage import main; main()"
 #: Pictures sent and not yet received: with so many, neither process waits for slow pictures.
@@ -106,13 +106,13 @@ class PictureStage:
     def decode_ahead(self, topic: str, message: Any) -> None:
         """Begin to decode a picture whose ``pixels`` will be needed."""
         if self._decoder is not None and len(self._ahead) < _MOST_AHEAD:
-            future = self._decoder.submit(convert.pixels, topic, message)
+            future = self._decoder.submit(picture_messages.pixels, topic, message)
             self._ahead[id(message)] = message, future  # keeps the message: its id stays unique
 
     def pixels(self, topic: str, message: Any) -> RawPixels:
-        """Return the pixels of a picture. Raise MessageError as ``convert.pixels`` does."""
+        """Return the pixels of a picture. Raise MessageError as ``pictures.pixels`` does."""
         if id(message) not in self._ahead:
-            return convert.pixels(topic, message)
+            return picture_messages.pixels(topic, message)
         return self._ahead.pop(id(message))[1].result()
 
     def send(self, picture: Unpainted, scene: Scene, *, with_outline: bool) -> None:

@@ -23,7 +23,7 @@ from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import (
     STATE_TOPIC,
     TOPIC_TYPES,
@@ -253,7 +253,7 @@ class ProcessOutputs:
         self.states_s: Counter[str] = Counter()
         self._flight, self._registered, self._overlay = flight, poses, overlay
         self._checks, self._stage = setup.checks, stage
-        self._messages = Messages(Cdr().types, configs.ekf.frame_ids)
+        self._messages = Messages(configs.ekf.frame_ids)
         film = None
         if video is not None and overlay is not None:
             dji = ParameterFile(setup.opened.params).config("dji_node", DjiConfig, namespace)

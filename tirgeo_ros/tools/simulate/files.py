@@ -15,7 +15,7 @@ from tirgeo_ros.core.config.schema import values_of
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.measurements import USUAL_ORDER, ImuSample
 from tirgeo_ros.core.types.poses import CameraPose, NavSolution
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.io.surveys.survey import save_observations, save_survey
@@ -183,7 +183,7 @@ def simulate(
     write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
-    messages = Messages(Cdr().types)
+    messages = Messages()
     truth = _true_body(messages, flight, window), _true_camera(messages, flight)
     _write(folder / "truth.mcap", truth, window, silent)
     streams = [_sensed(messages, flight), _infos(messages, flight)]

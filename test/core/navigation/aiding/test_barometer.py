@@ -24,8 +24,8 @@ from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import states_of
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
@@ -187,7 +187,7 @@ def test_readings_of_less_than_a_tenth_of_a_second_are_skipped():
 def test_message_is_the_sample_both_ways():
     cdr = Cdr()
     sample = PressureSample(1_700_000_000_123_456_789, 101_325.25, 9.0)
-    topic, message = sensed(Messages(cdr.types), sample)
+    topic, message = sensed(Messages(), sample)
     data = cdr.serialize(message, TOPIC_TYPES[topic])
     read = cdr.deserialize(data, "sensor_msgs/msg/FluidPressure")
     assert topic == "baro/pressure"

@@ -76,6 +76,8 @@ class Navigation:
         self._last_reset = ""
         self.plane = configured_plane(config)
         self._ekf: Ekf | None = None
+        #: Grows whenever the state or the number of resets may have changed.
+        self.revision = 0
         self.reset()
 
     def reset(self) -> None:
@@ -234,6 +236,7 @@ class Navigation:
         if self._filtering:
             self._align(sample)
             return Outcome.WAITING, ""
+        self.revision += 1
         return self._passthrough.add_imu(sample)
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
@@ -279,6 +282,7 @@ class Navigation:
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
         """Use aids in the IMU's message, check the filter's health, and restart it if lost."""
         self._watched_ns = ekf.newest_ns
+        self.revision += 1
         for aid in self._in_imu:
             aiding = aid.of_imu(sample, ekf.estimate().covariance)
             if aiding is not None:
@@ -303,6 +307,7 @@ class Navigation:
         return solution
 
     def _count(self, verdict: Verdict) -> None:
+        self.revision += 1
         self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
 
 
