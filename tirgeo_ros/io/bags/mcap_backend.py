@@ -1,0 +1,29 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Choose what reads and writes MCAP files: the package mcap, or ROS's own rosbag2_py.
+
+A ROS that comes from Ubuntu's packages has rosbag2_py, and no mcap without pip. Files cut off or
+damaged are read further with mcap.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags.bag_file import BagFile, Sink
+from tirgeo_ros.io.files.missing_package import missing_line
+from tirgeo_ros.io.files.whole_files import PathLike
+
+
+def mcap_backend(path: PathLike) -> tuple[type[BagFile], type[Sink]]:
+    """Return the classes that read and write; raise BagError for ``path`` if there are none."""
+    try:
+        from tirgeo_ros.io.bags.mcap_file import McapFile, McapSink  # noqa: PLC0415  may be absent
+    except ModuleNotFoundError as error:
+        if find_spec("rosbag2_py") is None:
+            raise BagError(f"{path}: {missing_line(str(error.name))}") from None
+        from tirgeo_ros.io.bags.rosbag2_file import Rosbag2File, Rosbag2Sink  # noqa: PLC0415
+
+        return Rosbag2File, Rosbag2Sink
+    return McapFile, McapSink
