@@ -48,13 +48,13 @@ quick: $(READY)  ## the core's own quick tests: under a minute
 	$(BIN)/python $(PYTEST) $(WORKERS) test/core
 
 test: $(READY)  ## the tests, those of the running graph included: some minutes
-	$(BIN)/python $(PYTEST) $(WORKERS)
+	$(BIN)/python $(PYTEST) $(WORKERS) test
 
 test-slow: $(READY)  ## more: accuracy over many flights, large sets of pictures, recordings
-	$(BIN)/python $(PYTEST) $(WORKERS) -m "slow and not long"
+	$(BIN)/python $(PYTEST) $(WORKERS) test -m "slow and not long"
 
 test-long: $(READY)  ## what takes minutes of one kind, or wants a quiet machine
-	$(BIN)/python $(PYTEST) $(WORKERS) -m long
+	$(BIN)/python $(PYTEST) $(WORKERS) test -m long
 
 test-all: test test-slow test-long  ## all three
 
