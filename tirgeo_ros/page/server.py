@@ -17,6 +17,7 @@ from aiohttp import web
 
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.page.access import Access, Guard, add_headers
 from tirgeo_ros.page.actions import Actions, Backend, Sent, changed_targets
 from tirgeo_ros.page.connections import OPERATOR, VIEWER, Listener, http_runner, listening_socket
@@ -52,6 +53,7 @@ class PageServer:
 
     def start(self) -> None:
         """Start the thread, and wait until the page can be opened; raises PageError."""
+        needed("mgrs", "the operator's page", PageError)
         self._socket = self._listen()
         self._port = self._socket.getsockname()[1]
         self._thread.start()

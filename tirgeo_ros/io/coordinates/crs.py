@@ -7,7 +7,6 @@ import threading
 from functools import lru_cache
 from typing import NamedTuple
 
-import mgrs
 import numpy as np
 import pyproj
 from pyproj.crs import Datum  # type: ignore[attr-defined]
@@ -207,6 +206,8 @@ class Written(NamedTuple):
 
 def written(latitude_deg: float, longitude_deg: float) -> Written:
     """Return a place on WGS84, latitude -90 to 90 and longitude -180 to 180, as texts."""
+    import mgrs  # noqa: PLC0415  of an extra, and maps need it not
+
     utm = ""
     with _MGRS_LOCK:
         square = str(mgrs.MGRS().toMGRS(latitude_deg, longitude_deg))
