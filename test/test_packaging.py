@@ -20,7 +20,7 @@ import setuptools
 from project import NODES, PROJECT
 
 import tirgeo_ros
-from tirgeo_ros.io.files.missing_package import PACKAGES
+from tirgeo_ros.core.types.missing_package import PACKAGES
 
 NAME = "tirgeo"
 
@@ -29,17 +29,9 @@ NAME = "tirgeo"
 NO_KEY = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak"}
 NO_KEY |= {"pyulog", "pymavlink", "pyubx2", "distributed"}
 #: What the modules that the code imports are called in package.xml, where not the same.
-KEYS = {name: apt for name, (apt, _) in PACKAGES.items() if name not in NO_KEY}
+KEYS = {name: apt for name, (_, _, apt) in PACKAGES.items() if name not in NO_KEY}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
-#: Imported where they are needed and installed: extras of setup.py.
-OPTIONAL = {
-    "rasterio": "dem",
-    "pyulog": "logs",
-    "pymavlink": "logs",
-    "pyubx2": "logs",
-    "distributed": "cluster",
-}
 #: Types of messages in bags that others recorded: their definitions come with the bags.
 IN_BAGS = {"dji_sdk"}
 LAUNCH = {"ament_index_python", "launch", "launch_ros", "ros2launch"}
@@ -81,6 +73,8 @@ def imported_modules(folder):
             names |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             names.add(node.module.partition(".")[0])
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "needed":
+            names |= {a.value.partition(".")[0] for a in node.args[:1] if type(a) is ast.Constant}
     return names - set(sys.stdlib_module_names) - {"tirgeo_ros"}
 
 
@@ -108,7 +102,6 @@ def test_names_and_versions_agree(package_xml, arguments):
 
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     code = imported_modules(PROJECT / "tirgeo_ros") | message_packages(PROJECT / "tirgeo_ros")
-    code |= OPTIONAL.keys()
     keys = {KEYS.get(name, name) for name in code - NO_KEY - FROM_SOURCE - IN_BAGS}
     assert package_xml.get("format") == "3"
     assert not package_xml.findall("depend")
@@ -130,13 +123,12 @@ def test_the_tests_that_run_by_default_need_what_package_xml_lists(package_xml):
 
 
 def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
-    code = imported_modules(PROJECT / "tirgeo_ros") & PACKAGES.keys()
-    assert code | OPTIONAL.keys() == PACKAGES.keys()
-    needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
-    assert needed == {PACKAGES[name][1] for name in code - OPTIONAL.keys()}
-    for name, extra in OPTIONAL.items():
-        items = {re.split(r"[<>=]", item)[0] for item in arguments["extras_require"][extra]}
-        assert PACKAGES[name][1] in items
+    assert PACKAGES.keys() <= imported_modules(PROJECT / "tirgeo_ros")
+    extras = arguments["extras_require"] | {"": arguments["install_requires"]}
+    for extra in {extra for _, extra, _ in PACKAGES.values()}:
+        items = {re.split(r"[<>=]", item)[0] for item in extras[extra]}
+        assert items == {pip for pip, own, _ in PACKAGES.values() if own == extra}
+        assert not extra or {*extras[extra]} <= {*extras["all"]}
 
 
 @pytest.mark.slow

@@ -23,8 +23,8 @@ from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.config.viewer_parameters import GroundConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.missing_package import missing_line
 from tirgeo_ros.io.files.child_process import node_command
-from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.io.video.live_stream import stream_url
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class

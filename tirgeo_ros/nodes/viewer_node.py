@@ -29,9 +29,9 @@ from tirgeo_ros.core.ground.ground_point import (
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, TargetError, shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.types.missing_package import missing_line
 from tirgeo_ros.io.coordinates.crs import has_mgrs
 from tirgeo_ros.io.files.child_process import parent_ended
-from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.messages import DiagnosticItem, body_pose
 from tirgeo_ros.io.targets.cot_events import AircraftState

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.files.missing_package import missing_line
+from tirgeo_ros.core.types.missing_package import missing_line
 
 #: A message in a file: log time (ns), place (chunk, number in the chunk), connection, data.
 Row = tuple[int, int, int, int, bytes]

@@ -11,8 +11,8 @@ from __future__ import annotations
 from importlib.util import find_spec
 
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.missing_package import missing_line
 from tirgeo_ros.io.bags.bag_file import BagFile, Sink
-from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import PathLike
 
 

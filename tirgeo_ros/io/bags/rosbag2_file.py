@@ -14,8 +14,8 @@ import rosbag2_py
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import LAST_NS
+from tirgeo_ros.core.types.missing_package import missing_line
 from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagFile, Connection, Row, TopicForm
-from tirgeo_ros.io.files.missing_package import missing_line
 
 _STORAGE = "mcap"
 #: The profiles' text is of this version of rosbag2's metadata: policies have words, not numbers.
