@@ -24,7 +24,6 @@ from __future__ import annotations
 import importlib
 import sys
 from itertools import islice
-from pathlib import Path
 
 import pytest
 import stand_ins.rosbag2_py
@@ -43,8 +42,8 @@ DATA = b"\0\1\0\0" + bytes(8)
 
 @pytest.fixture
 def without_mcap(monkeypatch):
-    monkeypatch.setitem(sys.modules, f"{OURS}.mcap_file", None)
-    monkeypatch.setitem(sys.modules, f"{OURS}.packed", None)
+    for name in ("mcap", "zstandard", "rosbag2_py"):
+        monkeypatch.setitem(sys.modules, name, None)
 
 
 @pytest.fixture
@@ -146,17 +145,16 @@ def test_what_rosbag2_cannot_open_says_what_can(tmp_path, rosbag2):
         BagReader(path)
 
 
-def test_without_either_the_package_is_named(tmp_path, without_mcap, monkeypatch):
-    monkeypatch.setattr(f"{OURS}.mcap_backend.find_spec", lambda _: None)
+def test_without_either_the_package_is_named(tmp_path, without_mcap):
     path = tmp_path / "some.mcap"
     path.write_bytes(bag.MCAP_MAGIC)
-    with pytest.raises(BagError, match=f"{path}: .*missing: pip install"):
+    with pytest.raises(BagError, match=f"a bag such as {path} needs mcap: pip install mcap"):
         BagReader(path)
 
 
 def test_a_compressed_file_needs_a_package(tmp_path, without_mcap):
     path = tmp_path / "some.mcap.zstd"
     path.write_bytes(bag.ZSTD_MAGIC)
-    with pytest.raises(BagError, match=r"a compressed file cannot be read: .* missing"):
+    with pytest.raises(BagError, match=f"reading {path} needs zstandard: .*pip install zstandard"):
         BagReader(path)
-    assert list(Path(tmp_path).iterdir()) == [path]
+    assert list(tmp_path.iterdir()) == [path]

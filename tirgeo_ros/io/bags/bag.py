@@ -14,13 +14,13 @@ from typing import Any
 import yaml
 
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag_file import (
     MCAP_MAGIC,
     ZSTD_MAGIC,
     BagFile,
     BagMessage,
     TopicForm,
-    absence_explained,
 )
 from tirgeo_ros.io.bags.bag_writer import BagWriter
 from tirgeo_ros.io.bags.cdr import Cdr
@@ -171,8 +171,9 @@ def opened_file(path: Path) -> BagFile:
     copy = folder / path.name.removesuffix(_ZSTD)
     try:
         if packed:
-            with absence_explained(f"{path}: a compressed file"):
-                from tirgeo_ros.io.bags.packed import unpack_file  # noqa: PLC0415  few bags need it
+            needed("zstandard", f"reading {path}", BagError)
+            from tirgeo_ros.io.bags.packed import unpack_file  # noqa: PLC0415  few bags need it
+
             unpack_file(path, copy)
         else:
             for source in (path, *unclosed):

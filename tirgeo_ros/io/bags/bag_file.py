@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.core.types.missing_package import needed
 
 #: A message in a file: log time (ns), place (chunk, number in the chunk), connection, data.
 Row = tuple[int, int, int, int, bytes]
@@ -44,25 +43,6 @@ class Connection(NamedTuple):
 
     topic: str
     form: TopicForm
-
-
-class Sink(Protocol):
-    """Write one MCAP file for a BagWriter; raise OSError."""
-
-    def __init__(self, path: Path, *, growing: bool) -> None:
-        """Open the file; one that is growing loses less if the process is killed."""
-
-    def add_topic(self, topic: str, form: TopicForm) -> int:
-        """Return the number of a new topic."""
-
-    def add(self, number: int, data: bytes, log_time_ns: int) -> None:
-        """Append a message."""
-
-    def flush(self) -> None:
-        """Pass messages to the operating system, except those of the newest chunk."""
-
-    def close(self, *, complete: bool) -> None:
-        """Close the file, and write its end if it is to be complete."""
 
 
 class BagFile(ABC):
@@ -130,15 +110,7 @@ def plain(data: bytes) -> bytes:
     """Return a message's CDR, unpacked if compressed. Raises ValueError as ``unpacked`` does."""
     if data[:4] != ZSTD_MAGIC:
         return data
-    with absence_explained("a compressed message"):
-        from tirgeo_ros.io.bags.packed import unpacked_message  # noqa: PLC0415  few bags need it
+    needed("zstandard", "reading a compressed message", BagError)
+    from tirgeo_ros.io.bags.packed import unpacked_message  # noqa: PLC0415  few bags need it
+
     return unpacked_message(data)
-
-
-@contextmanager
-def absence_explained(what: str) -> Iterator[None]:
-    """Raise BagError, which says what needs it, for a package that is missing."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise BagError(f"{what} cannot be read: {missing_line(str(error.name))}") from None

@@ -8,7 +8,7 @@ from typing import Any, final
 import yaml
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.bag_file import Sink, TopicForm
+from tirgeo_ros.io.bags.bag_file import TopicForm
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.bags.mcap_backend import mcap_backend
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
@@ -40,7 +40,6 @@ class BagWriter:
         self._channels: dict[str, tuple[int, str]] = {}
         self._forms = forms or {}
         self._part = self.path if growing else part_of(self.path)
-        self._sink: Sink
 
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the future bag."""

@@ -21,21 +21,28 @@ damaged are read further with mcap.
 from __future__ import annotations
 
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.core.types.missing_package import missing_line
-from tirgeo_ros.io.bags.bag_file import BagFile, Sink
+from tirgeo_ros.core.types.missing_package import needed
+from tirgeo_ros.io.bags.bag_file import BagFile
 from tirgeo_ros.io.files.whole_files import PathLike
 
+if TYPE_CHECKING:
+    from tirgeo_ros.io.bags.mcap_file import McapSink
+    from tirgeo_ros.io.bags.rosbag2_file import Rosbag2Sink
 
-def mcap_backend(path: PathLike) -> tuple[type[BagFile], type[Sink]]:
+
+def mcap_backend(path: PathLike) -> tuple[type[BagFile], type[McapSink | Rosbag2Sink]]:
     """Return the classes that read and write; raise BagError for ``path`` if there are none."""
-    try:
-        from tirgeo_ros.io.bags.mcap_file import McapFile, McapSink  # noqa: PLC0415  may be absent
-    except ModuleNotFoundError as error:
-        if find_spec("rosbag2_py") is None:
-            raise BagError(f"{path}: {missing_line(str(error.name))}") from None
-        from tirgeo_ros.io.bags.rosbag2_file import Rosbag2File, Rosbag2Sink  # noqa: PLC0415
+    if find_spec("mcap") is None and find_spec("rosbag2_py") is not None:
+        from tirgeo_ros.io.bags.rosbag2_file import (  # noqa: PLC0415
+            Rosbag2File,
+            Rosbag2Sink,
+        )
 
         return Rosbag2File, Rosbag2Sink
+    needed("mcap", f"a bag such as {path}", BagError)
+    from tirgeo_ros.io.bags.mcap_file import McapFile, McapSink  # noqa: PLC0415  may be absent
+
     return McapFile, McapSink

@@ -27,7 +27,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import zstandard
-from lz4.frame import LZ4FrameDecompressor
 
 from tirgeo_ros.core.types.errors import BagError
 
@@ -101,8 +100,14 @@ def unpack_file(path: Path, copy: Path) -> None:
         raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
 
 
+def _by_lz4(packed: bytes, most: int) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415  only chunks of MCAP need it
+
+    return bytes(LZ4FrameDecompressor().decompress(packed, most))
+
+
 _UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
     "zstd": _by_zstd,
-    "lz4": lambda packed, most: bytes(LZ4FrameDecompressor().decompress(packed, most)),
+    "lz4": _by_lz4,
     "bz2": lambda packed, most: bz2.BZ2Decompressor().decompress(packed, most),
 }
