@@ -68,7 +68,7 @@ class _Order:
 
         def read(data: memoryview, at: int, values: list[Any]) -> int:
             begin = read_length(data, at, values)
-            end = begin + values.pop()
+            end: int = begin + values.pop()
             if not begin < end <= len(data):
                 raise ValueError("a string is longer than the message")
             values.append(str(data[begin : end - 1], "utf-8"))
@@ -103,7 +103,7 @@ class _Order:
                 raise ValueError(f"{array.shape} numbers where {size} are needed")
             if len(array):
                 data += bytes(-(len(data) - 4) % kind.itemsize)
-                data += memoryview(np.ascontiguousarray(array)).cast("B")
+                data += np.ascontiguousarray(array).data.cast("B")
 
         return read, write
 
@@ -231,8 +231,8 @@ def _codec(typename: str, mark: str) -> _Codec:
 
     def add(name: str) -> tuple[Callable[[Iterator[Any]], Any], Callable[[Any, list[Any]], None]]:
         """Append the steps of a type; return what makes a message of values, and the reverse."""
-        parts, cls, fields = [], _class(name), _fields(name)
-        for field in fields:
+        parts: list[Any] = []
+        for field in _fields(name):
             if field.is_array:
                 end_run()
                 steps.append(_array_step(order, field, mark))
@@ -245,7 +245,7 @@ def _codec(typename: str, mark: str) -> _Codec:
                 parts.append((field.name, *add(field.kind)))
                 continue
             parts.append((field.name, next, None))
-        return _builder(cls, parts), _flattener(parts)
+        return _builder(_class(name), parts), _flattener(parts)
 
     build, flatten = add(typename)
     end_run()
