@@ -223,5 +223,7 @@ def test_a_command_refuses_nodes_that_name_their_frames_differently(tmp_path):
     path.write_text("/**: {ros__parameters: {map_frame: field}}\n")
     assert {item.map_frame for item in node_configs(path)[:3]} == {"field"}
     path.write_text("/**/ekf_node: {ros__parameters: {map_frame: field}}\n")
-    with pytest.raises(ConfigError, match=r"different names of frames: set map_frame.* once, under /\*\*"):
+    with pytest.raises(
+        ConfigError, match=r"different names of frames: set map_frame.* once, under /\*\*"
+    ):
         node_configs(path)
