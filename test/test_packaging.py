@@ -103,6 +103,27 @@ def test_names_and_versions_agree(package_xml, arguments):
     assert {*versions} == {tirgeo_ros.__version__}
 
 
+def test_names_and_addresses_are_those_of_package_xml(package_xml, arguments):
+    urls = {url.get("type"): url.text for url in package_xml.findall("url")}
+    maintainer = package_xml.find("maintainer")
+    assert arguments["maintainer"] == maintainer.text
+    assert arguments["maintainer_email"] == maintainer.get("email")
+    assert arguments["author"] == package_xml.findtext("author")
+    assert arguments["url"] == urls["website"]
+    assert arguments["project_urls"]["Tracker"] == urls["bugtracker"]
+    assert f"{arguments['project_urls']['Source']}.git" == urls["repository"]
+
+
+def test_the_description_links_to_files_of_the_repository(arguments):
+    links = re.findall(r"\]\(([^)]+)\)", arguments["long_description"])
+    start = re.escape(arguments["project_urls"]["Source"]) + "/(blob|raw)/HEAD/([^#]+)"
+    ours = [match for link in links if (match := re.match(start, link))]
+    assert ours
+    assert all((PROJECT / match[2]).exists() for match in ours)
+    assert {match[1] for match in ours if match[2].endswith(".webp")} == {"raw"}
+    assert all(link.startswith(("https://", "#")) for link in links)
+
+
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     code = imported_modules(PROJECT / "tirgeo_ros") | message_packages(PROJECT / "tirgeo_ros")
     keys = {
