@@ -63,9 +63,11 @@ test-all: test test-slow test-long  ## all three
 test-floor: $(FLOOR_READY)  ## quick tests without ROS on the oldest NumPy, OpenCV and pyproj
 	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) $(WORKERS) test/core test/io test/tools -m "not graph and not slow" --hypothesis-profile=brief
 
-lint: $(LINT_READY)  ## ruff: rules and format
+lint: $(LINT_READY)  ## ruff: rules and format; shellcheck, actionlint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/shellcheck .ci/run scripts/*.sh
+	$(BIN)/actionlint -shellcheck=$(BIN)/shellcheck .github/workflows/*.yml
 
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy

