@@ -7,6 +7,7 @@ import configparser
 import importlib
 import re
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
@@ -133,6 +134,15 @@ def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     tags = ("depend", "exec_depend")
     assert {item.text for tag in tags for item in package_xml.findall(tag)} == keys | LAUNCH
     assert imported_modules(PROJECT / "launch") <= LAUNCH
+
+
+@pytest.mark.parametrize("name", ["docs/install.md", "Dockerfile", ".github/workflows/ci.yml"])
+def test_pip_brings_what_rosdep_has_no_key_for_and_no_more(name):
+    text = (PROJECT / name).read_text().replace("\\\n", "")
+    lines = re.findall(r"pip install (--break.* mcap .*?)(?:&&.*)?$", text, re.MULTILINE)
+    (words,) = map(shlex.split, lines)
+    packages = {word for word in words if not re.search("^--|<", word)}  # numpy<2
+    assert packages == BY_PIP_ALONE - {"lz4", "zstandard"}  # which mcap brings
 
 
 def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
