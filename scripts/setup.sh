@@ -15,7 +15,7 @@ if [ "$kind" = floor ]; then
     unset ROS_DISTRO PYTHONPATH # a sourced ROS would bring its own versions in
     newest=3.12                 # NumPy 1.26 has no wheels for a later Python
     options=
-    extras=test,maps,video,plots,page,dji
+    extras='test,maps,video,plots,page,dji'
     pins='numpy==1.26.* opencv-python-headless==4.6.* pyproj==3.6.* Pillow==10.2.*'
     pins="$pins mcap==1.1.* rosbags==0.10.11 cryptography==41.* pyogrio==0.12.* matplotlib==3.6.* scipy==1.11.* av==16.1.*"
     pins="$pins aiohttp==3.9.* mgrs==1.4.6 segno==1.5.* pytak==7.5.2"

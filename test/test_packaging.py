@@ -7,6 +7,7 @@ import configparser
 import importlib
 import re
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
@@ -100,6 +101,27 @@ def test_names_and_versions_agree(package_xml, arguments):
     assert {*versions} == {tirgeo_ros.__version__}
 
 
+def test_names_and_addresses_are_those_of_package_xml(package_xml, arguments):
+    urls = {url.get("type"): url.text for url in package_xml.findall("url")}
+    maintainer = package_xml.find("maintainer")
+    assert arguments["maintainer"] == maintainer.text
+    assert arguments["maintainer_email"] == maintainer.get("email")
+    assert arguments["author"] == package_xml.findtext("author")
+    assert arguments["url"] == urls["website"]
+    assert arguments["project_urls"]["Tracker"] == urls["bugtracker"]
+    assert f"{arguments['project_urls']['Source']}.git" == urls["repository"]
+
+
+def test_the_description_links_to_files_of_the_repository(arguments):
+    links = re.findall(r"\]\(([^)]+)\)", arguments["long_description"])
+    start = re.escape(arguments["project_urls"]["Source"]) + "/(blob|raw)/HEAD/([^#]+)"
+    ours = [match for link in links if (match := re.match(start, link))]
+    assert ours
+    assert all((PROJECT / match[2]).exists() for match in ours)
+    assert {match[1] for match in ours if match[2].endswith(".webp")} == {"raw"}
+    assert all(link.startswith(("https://", "#")) for link in links)
+
+
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     code = imported_modules(PROJECT / "tirgeo_ros") | message_packages(PROJECT / "tirgeo_ros")
     keys = {KEYS.get(name, name) for name in code - NO_KEY - FROM_SOURCE - IN_BAGS}
@@ -120,6 +142,14 @@ def test_the_tests_that_run_by_default_need_what_package_xml_lists(package_xml):
     support = {path.stem for path in (PROJECT / "test/support").rglob("*.py")}
     known = {"hypothesis", "pytest", "dev", *KEYS.keys() - NO_KEY, *support}
     assert imported_modules(PROJECT / folder) <= known
+
+
+@pytest.mark.parametrize("name", ["docs/install.md", "Dockerfile", ".github/workflows/ci.yml"])
+def test_pip_brings_what_rosdep_has_no_key_for_and_no_more(name):
+    text = (PROJECT / name).read_text().replace("\\\n", "")
+    (line,) = re.findall(r"pip install (--break[^`\n&]* mcap [^`\n&]*)", text)
+    packages = {word for word in shlex.split(line) if not re.search("^--|<", word)}  # numpy<2
+    assert packages == {"av", "mcap", "mgrs", "pyogrio", "pytak"}
 
 
 def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
