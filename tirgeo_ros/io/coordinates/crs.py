@@ -14,6 +14,7 @@ from pyproj.exceptions import CRSError, ProjError
 
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.core.types.missing_package import needed
 
 _REMEDY = (
     "save the map in WGS84 (EPSG:4326), or name its system in a crs member (GeoJSON) or under crs "
@@ -206,8 +207,7 @@ class Written(NamedTuple):
 
 def written(latitude_deg: float, longitude_deg: float) -> Written:
     """Return a place on WGS84, latitude -90 to 90 and longitude -180 to 180, as texts."""
-    import mgrs  # noqa: PLC0415  of an extra, and maps need it not
-
+    mgrs = needed("mgrs", "writing a place in MGRS", MapError)
     utm = ""
     with _MGRS_LOCK:
         square = str(mgrs.MGRS().toMGRS(latitude_deg, longitude_deg))
