@@ -48,6 +48,15 @@ FILES = {
     "a system": collection(
         feature(coordinates=[[5e5, 5.3e6], [6e5, 5.4e6]]), **named("EPSG:2154")
     ),
+    "a system by its code": collection(
+        feature(coordinates=[[5e5, 5.3e6], [6e5, 5.4e6]]),
+        crs={"type": "EPSG", "properties": {"code": 32633}},
+    ),
+    "no system": collection(feature(), crs=None),
+    "no feature": collection(feature(), {"properties": {}, "geometry": None}, feature()),
+    "words of geometries as properties": collection(
+        feature(properties={"kind": "a", "coordinates": "16,48", "geometry": "point"})
+    ),
     "bad features": collection(*BAD, *[feature()] * 3),
     "numbers": collection(*of(1, 2.5, None, -3)),
     "whole numbers": collection(*of(1, 2, -3)),
