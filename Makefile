@@ -12,6 +12,9 @@ WORKERS = --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile --no-loadscope-reor
 # What the environment is made from, and for which ROS; a change of either makes it again.
 SOURCES := setup.py setup.cfg $(addprefix scripts/,setup.sh find_python.sh pip_install.sh slim.py)
 READY := $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
+# What the demo needs; with it all that users can have; with that the tests.
+ALL_READY := $(READY)-all
+TEST_READY := $(READY)-test
 FLOOR_READY := $(FLOOR)/ready
 LINT_READY := $(READY)-lint
 BENCH_READY := $(READY)-bench
@@ -39,23 +42,23 @@ endif
 help:  ## this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/make \1	\2/p' $(MAKEFILE_LIST) | expand -t 18
 
-setup: $(READY)  ## ROS 2 Jazzy and tirgeo in .venv; then .venv/bin/tirgeo works
+setup: $(ALL_READY)  ## ROS 2 Jazzy and all of tirgeo in .venv; then .venv/bin/tirgeo works
 	@echo "ready: $(BIN)/tirgeo"
 
 demo: $(READY)  ## the whole node graph on the sample flight; leaves a video in demo/
 	$(BIN)/tirgeo demo
 
-quick: $(READY)  ## the core's own quick tests: under a minute
+quick: $(TEST_READY)  ## the core's own quick tests: under a minute
 	$(BIN)/python $(PYTEST) $(WORKERS) test/core
 
-test: $(READY)  ## the tests, those of the running graph included: some minutes
-	$(BIN)/python $(PYTEST) $(WORKERS)
+test: $(TEST_READY)  ## the tests, those of the running graph included: some minutes
+	$(BIN)/python $(PYTEST) $(WORKERS) test
 
-test-slow: $(READY)  ## more: accuracy over many flights, large sets of pictures, recordings
-	$(BIN)/python $(PYTEST) $(WORKERS) -m "slow and not long"
+test-slow: $(TEST_READY)  ## more: accuracy over many flights, large sets of pictures, recordings
+	$(BIN)/python $(PYTEST) $(WORKERS) test -m "slow and not long"
 
-test-long: $(READY)  ## what takes minutes of one kind, or wants a quiet machine
-	$(BIN)/python $(PYTEST) $(WORKERS) -m long
+test-long: $(TEST_READY)  ## what takes minutes of one kind, or wants a quiet machine
+	$(BIN)/python $(PYTEST) $(WORKERS) test -m long
 
 test-all: test test-slow test-long  ## all three
 
@@ -81,37 +84,37 @@ bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, grap
 check-arm64: $(READY)  ## whether every dependency has a wheel for Linux on ARM64, by pip
 	@$(BIN)/python -m dev.arm64_wheels
 
-fuzz: $(READY)  ## 1e8 bytes of damage through the decoder of the serial link
+fuzz: $(ALL_READY)  ## 1e8 bytes of damage through the decoder of the serial link
 	$(BIN)/python -m dev.fuzz
 
-planted-faults: $(READY)  ## faults of set-up and sensors, and whether 'tirgeo check' names them
+planted-faults: $(ALL_READY)  ## faults of set-up and sensors, and whether 'tirgeo check' names them
 	$(BIN)/python -m dev.planted_faults bags/sample
 
 MINUTES := 10
 
-soak: $(READY)  ## the graph with kills, stops and jumps of the clock, ten minutes or MINUTES=60
+soak: $(ALL_READY)  ## the graph with kills, stops and jumps of the clock, ten minutes or MINUTES=60
 	$(BIN)/python -m dev.soak --minutes $(MINUTES)
 
-consistency: $(READY)  ## the filter's errors and its own sigmas over 60 simulated flights
+consistency: $(ALL_READY)  ## the filter's errors and its own sigmas over 60 simulated flights
 	$(BIN)/python -m dev.consistency
 
 FLIGHTS := ../shared/real_flights
 
-real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of bags
+real-flights: $(ALL_READY)  ## the filter over recorded flights, FLIGHTS=folder of bags
 	@if [ -d "$(FLIGHTS)" ]; then \
 		$(BIN)/python -m dev.real_flights "$(FLIGHTS)"; \
 	else echo "skipped: there is no folder $(FLIGHTS); FLIGHTS=folder names one of bags"; fi
 
-smoothing: $(READY)  ## the smoother beside the filter, also over FLIGHTS=folder of bags
+smoothing: $(ALL_READY)  ## the smoother beside the filter, also over FLIGHTS=folder of bags
 	$(BIN)/python -m dev.smoothing $(wildcard $(FLIGHTS))
 
-states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
+states: $(ALL_READY)  ## make the tracked states of the sample flight anew, after a meant change
 	$(BIN)/python -m dev.state_table bags/sample test/data/sample_states.csv
 
 parameters: $(READY)  ## docs/parameters.md, made of the parameters in tirgeo_ros/core/config
 	$(BIN)/python -m dev.parameters_page docs/parameters.md
 
-reproduction: $(READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
+reproduction: $(ALL_READY)  ## docs/reproduction.md: runs the paper's tables anew, some ten minutes
 	$(BIN)/python -m dev.reproduction
 
 # Tools of its own: neither ROS nor the libraries are needed. TAG= is given where the tag exists.
@@ -135,14 +138,22 @@ $(FLOOR_READY): $(SOURCES)
 	@scripts/setup.sh $(FLOOR) floor
 	@echo $(CURDIR) > $@
 
-$(LINT_READY): $(READY)
+$(ALL_READY): $(READY)
+	@scripts/pip_install.sh $(VENV) --editable ".[all]"
+	@touch $@
+
+$(TEST_READY): $(ALL_READY)
+	@scripts/pip_install.sh $(VENV) --editable ".[test]"
+	@touch $@
+
+$(LINT_READY): $(ALL_READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[lint]"
 	@touch $@
 
-$(API_READY): $(READY)
+$(API_READY): $(ALL_READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[docs]"
 	@touch $@
 
-$(BENCH_READY): $(READY)
+$(BENCH_READY): $(ALL_READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[bench]" && touch $@ \
 		|| echo "pyins could not be installed: the bench goes without it" >&2

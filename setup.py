@@ -42,6 +42,24 @@ else:
     osi = "License :: OSI Approved :: Apache Software License"
     LICENSE = {"license": "Apache-2.0", "classifiers": [*CLASSIFIERS, osi]}
 
+#: What single verbs and nodes need.
+EXTRAS = {
+    # Maps of other formats than GeoJSON.
+    "maps": ["pyogrio>=0.12"],  # from there on its wheels read all of KML
+    "video": ["av>=16.1"],  # from there on it writes KLV
+    # Plots, statistics and fits of the commands.
+    "plots": ["matplotlib>=3.6", "scipy>=1.11"],
+    # The operator's page: its server, codes to scan, written coordinates, Cursor-on-Target.
+    "page": ["aiohttp>=3.9", "segno>=1.5", "mgrs>=1.4.6", "pytak>=7.5.2"],
+    # Readers of other autopilots' and receivers' logs, for tirgeo import.
+    "logs": ["pyulog>=1.0", "pymavlink>=2.4.40", "pyubx2>=1.2.40"],
+    # Elevation models, orthophotos.
+    "dem": ["rasterio>=1.3"],
+    # Many flights on several computers.
+    "cluster": ["distributed>=2024.4"],
+    # The aircraft's serial port, and its encrypted frames.
+    "dji": ["pyserial>=3.5", "cryptography>=41"],
+}
 # A wheel has its executables in bin, where ros2 run does not look: these pass on to them.
 FORWARD = '#!/bin/sh\nexec "$(dirname "$0")/../../bin/$(basename "$0")" "$@"\n'
 
@@ -116,20 +134,11 @@ setup(
         "zstandard",
         "rosbags>=0.10.11",
         "PyYAML>=5.4",
-        "pyserial>=3.5",
-        "cryptography>=41",
-        "pyogrio>=0.12",  # from there on its wheels read all of KML
-        "av>=16.1",  # from there on it writes KLV
-        # The operator's page: its server, written coordinates, codes to scan, Cursor-on-Target.
-        "aiohttp>=3.9",
-        "mgrs>=1.4.6",
-        "segno>=1.5",
-        "pytak>=7.5.2",
-        # Of the commands alone: plots and statistics.
-        "matplotlib>=3.6",
-        "scipy>=1.11",
     ],
+    # tirgeo_ros/core/types/missing_package.py names the extra where a package is missing.
     extras_require={
+        **EXTRAS,
+        "all": [wanted for extra in EXTRAS.values() for wanted in extra],
         "ros": [
             "ros-jazzy-rclpy>=7.1.6,<8",  # test_ekf_node.py says why
             "ros-jazzy-common-interfaces",
@@ -142,12 +151,6 @@ setup(
             *("playwright>=1.45", "axe-playwright-python>=0.1.4", "taky>=0.10", "klvdata>=0.0.3"),
             *("rio-cogeo>=5.0", "pandas>=2.0"),
         ],
-        # Elevation models, orthophotos.
-        "dem": ["rasterio>=1.3"],
-        # Readers of other autopilots' and receivers' logs, for tirgeo import.
-        "logs": ["pyulog>=1.0", "pymavlink>=2.4.40", "pyubx2>=1.2.40"],
-        # Many flights on several computers.
-        "cluster": ["distributed>=2024.4"],
         # The reference of the Python interface.
         "docs": ["pdoc>=14.5"],
         # Measured beside the filter by make bench, and used nowhere else.

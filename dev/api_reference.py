@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import tirgeo_ros
-from tirgeo_ros.io.files.missing_package import missing_line
+from tirgeo_ros.core.types.missing_package import missing_line
 
 _ERROR = re.compile(r"\b[A-Z]\w*Error\b")
 

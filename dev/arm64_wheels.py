@@ -32,7 +32,7 @@ def requirements(setup_py: Path) -> list[str]:
     arguments = setup.call_args.kwargs
     extras = [wanted for name, wanted in arguments["extras_require"].items() if name != _FROM_APT]
     every = chain(arguments["install_requires"], *extras)
-    return [wanted for wanted in every if not wanted.startswith(_FROM_SOURCE)]
+    return [wanted for wanted in dict.fromkeys(every) if not wanted.startswith(_FROM_SOURCE)]
 
 
 def refusal(wanted: Sequence[str], python: str) -> str:

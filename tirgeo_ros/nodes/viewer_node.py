@@ -8,12 +8,12 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
@@ -29,6 +29,8 @@ from tirgeo_ros.core.ground.ground_point import (
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, TargetError, shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.io.coordinates.crs import has_mgrs
 from tirgeo_ros.io.files.child_process import parent_ended
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.messages import DiagnosticItem, body_pose
@@ -42,10 +44,11 @@ from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.recordings import PageStreams, Recordings
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.page.actions import Click, Pixel
-from tirgeo_ros.page.cot.address import CotParameters
-from tirgeo_ros.page.cot.link import CotLink
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
+
+if TYPE_CHECKING:
+    from tirgeo_ros.page.cot.link import CotLink
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
 _SECRET_BYTES = 1000
@@ -73,17 +76,22 @@ class TeamLink:
         self.link: CotLink | None = None
         self.findings: list[Finding] = []
         if config.cot:
-            files = config.cot_certificate, config.cot_key, config.cot_ca
-            parameters = CotParameters(config.cot, *files, config.cot_password)
-            self.link = CotLink(parameters, partial(node.log, OK))
+            try:
+                self.link = cot_link(config, partial(node.log, OK))
+            except ModuleNotFoundError as error:
+                evidence = f"nothing is sent to the team: {missing_line(str(error.name))}"
+                node.log(WARN, evidence)
+                self._find(evidence, "install it, then start again")
 
     def go_on(self) -> None:
         """Share again, as before the last run was killed; without a link, report that it ended."""
         if self.link is not None:
             self.link.share(True)
-            return
-        evidence = "sharing has ended: it was on when viewer_node was killed; cot is not set now"
-        mend = "set cot to the address that it had, and start again"
+        elif not self.findings:
+            end = "sharing has ended: it was on when viewer_node was killed; cot is not set now"
+            self._find(end, "set cot to the address that it had, and start again")
+
+    def _find(self, evidence: str, mend: str) -> None:
         self.findings = [Finding("sharing", Severity.CAUTION, evidence, "viewer_node cot", mend)]
 
     @property
@@ -99,6 +107,15 @@ class TeamLink:
             state = aircraft_state(name or "aircraft", view)
             if state is not None:
                 self.link.aircraft(name, state)
+
+
+def cot_link(config: ViewerConfig, say: Callable[[str], None]) -> CotLink:
+    """Return the link; raise ConfigError, or ModuleNotFoundError without PyTAK."""
+    from tirgeo_ros.page.cot.address import CotParameters  # noqa: PLC0415  PyTAK is an extra
+    from tirgeo_ros.page.cot.link import CotLink  # noqa: PLC0415
+
+    files = config.cot_certificate, config.cot_key, config.cot_ca
+    return CotLink(CotParameters(config.cot, *files, config.cot_password), say)
 
 
 def aircraft_state(name: str, aircraft: AircraftView) -> AircraftState | None:
@@ -230,6 +247,8 @@ class ViewerNode(GraphNode):
         self._map = PageMap(self, config.map)
         self._targets = TargetStore(Path(config.targets))  # last: others may be wrong
         self._lost = lost_clicks(self._targets.lost_clicks)
+        if not has_mgrs():
+            self.log(OK, f"no MGRS coordinates: {missing_line('mgrs')}")
         self._backend = PageBackend(
             self._aircraft, self._targets, self._map, self._recordings, self._team.link
         )

@@ -17,8 +17,8 @@ from recorded_bags import segments_of
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags import mcap_file
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.bag_file import MOST_BYTES
 from tirgeo_ros.io.bags.mcap_file import MAGIC
+from tirgeo_ros.io.bags.packed import MOST_BYTES
 
 TYPE = "std_msgs/msg/Header"
 COUNT = 600

@@ -22,7 +22,7 @@ from recorded_bags import (
 )
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags import bag
+from tirgeo_ros.io.bags import packed
 from tirgeo_ros.io.bags.bag import BagReader
 
 
@@ -238,7 +238,7 @@ def test_one_clear_line(tmp_path, make, output):
 
 
 def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
-    monkeypatch.setattr(bag, "_SMALL_BYTES", 1 << 20)
+    monkeypatch.setattr(packed, "_SMALL_BYTES", 1 << 20)
     path = tmp_path / "a.mcap.zstd"
     path.write_bytes(zstandard.compress(bytes(32 << 20)))
     with pytest.raises(BagError, match=r"a\.mcap\.zstd: unpacks to more than 1000 times its size"):
@@ -248,8 +248,8 @@ def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
 def test_a_disk_that_is_full(tmp_path, scratch, monkeypatch):
     write_mcap(tmp_path / "a.mcap", MESSAGES)
     path = compressed(tmp_path / "a.mcap")
-    full = SimpleNamespace(free=bag._FREE_BYTES + 1000)
-    monkeypatch.setattr(bag.shutil, "disk_usage", lambda _: full)
+    full = SimpleNamespace(free=packed._FREE_BYTES + 1000)
+    monkeypatch.setattr(packed.shutil, "disk_usage", lambda _: full)
     text = rf"{path}: cannot be unpacked to {scratch}: only 0 MiB are free there; set TMPDIR to"
     with pytest.raises(BagError, match=text):
         BagReader(path)

@@ -13,7 +13,7 @@ from rosbags.rosbag1 import Reader, Writer
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.io.bags.bag import Cdr
-from tirgeo_ros.io.bags.bag_file import MOST_BYTES
+from tirgeo_ros.io.bags.packed import MOST_BYTES
 from tirgeo_ros.io.bags.ros1_bag import MAGIC, Ros1Bag
 
 COUNT = 500  # on each of two topics

@@ -332,7 +332,7 @@ def test_unreadable_files_and_pyogrio_not_installed(tmp_path, monkeypatch):
         read_layers(str(path))
     assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "pyogrio", None)
-    with pytest.raises(MapError, match=r"a.xyz: to read maps needs pyogrio: pip install pyogrio"):
+    with pytest.raises(MapError, match=r'a.xyz needs pyogrio: pip install "tirgeo\[maps\]"'):
         read_layers(str(path))
 
 

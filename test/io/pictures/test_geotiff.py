@@ -91,5 +91,5 @@ def test_whole_or_absent(tmp_path, monkeypatch):
         write_cog(tmp_path / "absent" / "a.tif", form_of("uint8"), [])
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    with pytest.raises(MapError, match=r"a GeoTIFF needs rasterio: pip install 'tirgeo\[dem\]'"):
+    with pytest.raises(MapError, match=r'a\.tif needs rasterio: pip install "tirgeo\[dem\]"'):
         write_cog(tmp_path / "a.tif", form_of("uint8"), [])

@@ -219,7 +219,8 @@ def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, 
         monkeypatch.setitem(sys.modules, name, None)
     (tmp_path / "a.log").write_bytes(head)
     assert main(["import", str(tmp_path / "a.log"), "-o", str(tmp_path / "a.mcap")]) == 1
-    assert f"{package} is missing: pip install {package}\n" in capsys.readouterr().err
+    remedy = f'a.log needs {package}: pip install "tirgeo[logs]"\n'
+    assert capsys.readouterr().err.endswith(remedy)
     assert not (tmp_path / "a.mcap").exists()
 
 

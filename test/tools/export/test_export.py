@@ -116,7 +116,7 @@ def test_refusals(params, nine_s, tmp_path, capsys, monkeypatch):
     assert not [item for item in out.rglob("*") if item.is_file()]
     monkeypatch.setitem(sys.modules, "rasterio", None)
     error = refusal(capsys, nine_s, "-o", out, *params)
-    assert "need rasterio: pip install 'tirgeo[dem]'" in error
+    assert 'mosaics needs rasterio: pip install "tirgeo[dem]"' in error
 
 
 @pytest.mark.parametrize("wrong", [("--gsd", "0"), ("--grazing", "90"), ("--only", "tea")])

@@ -22,6 +22,7 @@ from struct import Struct
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.core.types.missing_package import needed
 
 # Encryption.
 
@@ -76,14 +77,8 @@ class Aes256:
     """
 
     def __init__(self, key: bytes) -> None:
-        try:
-            from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes  # noqa: PLC0415 optional
-        except ImportError:
-            raise DjiError(
-                "key: encrypted frames need the library cryptography: install it "
-                "(pip install cryptography) or leave the key empty"
-            ) from None
-        cipher = Cipher(algorithms.AES(key), modes.ECB())  # noqa: S305 as the aircraft does
+        ciphers = needed("cryptography.hazmat.primitives.ciphers", "key", DjiError)
+        cipher = ciphers.Cipher(ciphers.algorithms.AES(key), ciphers.modes.ECB())
         # Blocks do not depend on each other: one context serves all frames.
         self._encrypt: Callable[[bytes], bytes] = cipher.encryptor().update
         self._decrypt: Callable[[bytes], bytes] = cipher.decryptor().update

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.core.types.missing_package import needed
 
 #: Opens the port at a path with a baud rate; returns a non-blocking file with fileno and close.
 #: Raises OSError with the number of the cause, or without a number if the device is no serial
@@ -206,16 +207,13 @@ def _reason(error: OSError | ValueError) -> str:
 
 def pyserial_opener() -> Opener:
     """Return the function that opens real ports. Raises DjiError if pyserial is not installed."""
-    try:
-        from serial import Serial  # noqa: PLC0415 - optional
-    except ImportError as error:
-        raise DjiError("a serial port needs pyserial: pip install pyserial") from error
+    serial = needed("serial", "reading a serial port", DjiError)
 
     def opened(path: str, baud: int) -> Any:
         if not stat.S_ISCHR(Path(path).stat().st_mode):
             raise OSError(errno.ENOTTY, "this is a file or a folder")
         try:
-            port = Serial(path, baud, timeout=0, exclusive=True)
+            port = serial.Serial(path, baud, timeout=0, exclusive=True)
         except termios.error as error:
             code, reason = error.args
             if code == errno.EINVAL:

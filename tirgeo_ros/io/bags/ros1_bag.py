@@ -27,8 +27,9 @@ from rosbags.typesys.store import Typestore
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.bags.bag_file import MOST_BYTES, TOO_LATE, unpacked
+from tirgeo_ros.io.bags.bag_file import TOO_LATE
 from tirgeo_ros.io.bags.cdr import UNREADABLE, Cdr
+from tirgeo_ros.io.bags.packed import MOST_BYTES, unpacked
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
 

@@ -77,11 +77,6 @@ class SqliteFile(BagFile):
                 "sqlite3 and its command .recover"
             ) from None
 
-    def fault(self, form: TopicForm) -> str:
-        """Return how a topic is encoded, unless it is CDR."""
-        encoding = form.message_encoding
-        return "" if encoding == "cdr" else f"{encoding or 'nothing'}; record it with ROS 2 (cdr)"
-
     def _connections(self, base: sqlite3.Connection) -> dict[int, Connection]:
         """Return the topics that have messages."""
         used = {key for (key,) in base.execute(_USED_TOPICS)}

@@ -17,11 +17,11 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import GridOf, Ground, Terrain
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError, MapError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.files.bounded_reading import (
     bounded_memory,
     elsewhere,
-    imported_rasterio,
     read_map,
 )
 from tirgeo_ros.io.files.whole_files import PathLike, named_files, path_of
@@ -95,7 +95,7 @@ def ground_of(config: OverlayConfig) -> Ground | None:
 
 
 def _loaded(paths: list[str], undulation_m: float) -> Terrain:
-    rasterio = imported_rasterio(f"{paths[0]}: elevation models need", ElevationError)
+    rasterio = needed("rasterio", f"reading {paths[0]}", ElevationError)
     with ExitStack() as opened:
         opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
         tiles = []

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import importlib
 import math
 import os
 import platform
@@ -21,9 +20,9 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
+from tirgeo_ros.core.types.errors import ConfigError
 
 #: A GeoJSON of two million vertices just fits. Together with the program it stays below 1 GB.
 MOST_BYTES = 720 << 20
@@ -114,14 +113,6 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
     if raised:
         raise raised[0]
     return results[0]
-
-
-def imported_rasterio(need: str, error: type[TirgeoError]) -> Any:
-    """Return the module; if it is missing, raise ``error`` whose text begins with ``need``."""
-    try:
-        return importlib.import_module("rasterio")
-    except ImportError:
-        raise error(f"{need} rasterio: pip install 'tirgeo[dem]'") from None
 
 
 def elsewhere(text: str) -> str:

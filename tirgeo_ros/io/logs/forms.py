@@ -17,21 +17,19 @@ _NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
 
 
 class Form(NamedTuple):
-    """Hold a form of logs: its name, how a file's first bytes show it, and its reader.
-
-    A reader imports optional packages only when it is called.
-    """
+    """Hold a form of logs: its name, how a file's first bytes show it, and its reader."""
 
     name: str
     is_form: Callable[[bytes], bool]
     read: Callable[[Path, LogOptions], LogContents]  # raises LogError naming the log
+    module: str = ""  # the optional one that the reader needs
 
 
-UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx)
+UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx, "pyubx2")
 #: The first form that fits is used.
 FORMS = (
-    Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog),
-    Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash),
+    Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog, "pyulog"),
+    Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash, "pymavlink"),
     UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, rtklib_pos.read_pos),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, dji_srt.read_srt),

@@ -16,7 +16,7 @@ from tirgeo_ros.core.types.errors import ConfigError, MapError, shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
 from tirgeo_ros.io.files.bounded_reading import read_map
 from tirgeo_ros.io.files.whole_files import named_files
-from tirgeo_ros.io.maps.gdal_tables import NAMES, Shapes, Table, read_tables
+from tirgeo_ros.io.maps.gdal_tables import read_tables
 from tirgeo_ros.io.maps.style_sheet import (
     LabelRule,
     SheetLayer,
@@ -24,6 +24,7 @@ from tirgeo_ros.io.maps.style_sheet import (
     load_style_sheet,
     shown_value,
 )
+from tirgeo_ros.io.maps.tables import NAMES, Shapes, Table
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 _MOST_NAMED = 3

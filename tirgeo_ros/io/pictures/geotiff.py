@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import BoolArray
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.files.bounded_reading import imported_rasterio
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 _BLOCK_PX = 512
@@ -72,7 +72,7 @@ def write_cog(path: PathLike, form: RasterForm, parts: Iterable[RasterPart]) -> 
     left under the name.
     """
     name = os.fspath(path)
-    rasterio = imported_rasterio(f"{name}: a GeoTIFF needs", MapError)
+    rasterio = needed("rasterio", f"writing {name}", MapError)
     check_place(path, MapError)
     part = part_of(path)
     plain = part.with_suffix(".plain")

@@ -17,9 +17,10 @@ import numpy as np
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError, shown
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
-from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes, require_av
+from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes
 
 #: A viewer that joins waits for a key frame, so key frames come often.
 _FORM = Form(
@@ -74,7 +75,7 @@ class LiveStream:
 
     def __init__(self, address: str, metadata: FrameMetadata) -> None:
         self._address, self._url = address, stream_url(address)
-        require_av(address)
+        needed("av", f"sending video to {address}", VideoError)
         self.counts: Counter[str] = Counter(sent=0, replaced=0, failed=0, invalid=0)
         self.error = ""
         self._metadata = metadata

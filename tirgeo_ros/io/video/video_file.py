@@ -13,6 +13,7 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import check_place, part_of, writing
 
 _CLOCK_HZ = 90_000
@@ -60,14 +61,6 @@ class FrameTimes:
             self.time_ns += self._step_ns
         self._last_stamp_ns = stamp_ns
         return self.time_ns
-
-
-def require_av(name: str) -> None:
-    """Raise VideoError, naming what is to be written, if PyAV is not installed."""
-    try:
-        import av  # noqa: F401, PLC0415  35 MB that only videos need
-    except ImportError as error:
-        raise VideoError(f"{name}: a video needs PyAV: pip install av ({error})") from error
 
 
 @contextlib.contextmanager
@@ -167,7 +160,7 @@ class VideoFile:
             raise VideoError(
                 f"{self.path}: the name is not UTF-8, as FFmpeg needs it; give another one"
             ) from None
-        require_av(str(path))
+        needed("av", f"writing {path}", VideoError)
         self._shape: tuple[int, ...] | None = None
         self._times = FrameTimes()
         self._encoder: Encoder | None = None

@@ -29,6 +29,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import (
     PathLike,
     check_outputs,
@@ -207,6 +208,7 @@ def make_budget(
     if output is not None:
         outputs = [Path(output) / name for name in _NAMES]
         check_outputs((*paths_of(params), *configs.files), outputs, CalibrationError)
+        needed("matplotlib", f"drawing maps into {output}", CalibrationError)
     lens = configured_camera(configs.overlay)
     inputs: dict[str, Any] = {"confidence": configs.overlay.confidence, **values}
     errors = budget(Setting(**inputs) if lens is None else Setting(camera=lens, **inputs))

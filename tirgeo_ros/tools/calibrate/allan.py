@@ -27,6 +27,7 @@ from tirgeo_ros.core.calibration.imu_record import (
     seconds_of,
 )
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
@@ -79,6 +80,8 @@ def calibrate_allan(
     """
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
     check_outputs([bag], (output, picture), CalibrationError)
+    needed("scipy", "estimating the noise", CalibrationError)
+    needed("matplotlib", f"drawing {picture}", CalibrationError)
     reader = BagReader(bag)
     read = read_imu(reader, resolved(topic, namespace), from_s, to_s, progress)
     seconds = seconds_of(read.record)

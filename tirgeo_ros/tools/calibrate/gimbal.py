@@ -23,6 +23,7 @@ from tirgeo_ros.core.calibration.checkerboard import (
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import (
@@ -73,6 +74,7 @@ def calibrate_gimbal(
     """
     paths, video = opened(inputs, namespace)
     check_outputs((*paths, camera), (output,), CalibrationError)
+    needed("scipy", "fitting the board's corners", CalibrationError)
     if video is not None:
         pictures = thinned(video.pictures(progress), rate_hz)
         lens = video.camera() if camera is None else load_camera(camera)

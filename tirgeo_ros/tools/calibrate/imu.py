@@ -20,6 +20,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.filter_parameters import ImuConfig
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, parameters_yaml, paths_of
@@ -80,6 +81,9 @@ def calibrate_imu(
     picture = Path(output).with_suffix(".png") if output and plot is None else plot
     inputs = [bag, *paths_of(params), *node_configs(params, namespace).files]
     check_outputs(inputs, (output, picture), CalibrationError)
+    needed("scipy", "estimating the noise", CalibrationError)
+    if picture is not None:
+        needed("matplotlib", f"drawing {picture}", CalibrationError)
     imu = ParameterFile(params).config("ekf_node", EkfConfig, namespace).imu
     reader = BagReader(bag)
     read = read_imu(reader, resolved("imu/data", namespace), from_s, to_s, progress)

@@ -22,6 +22,7 @@ from tirgeo_ros.core.calibration.lens_fit import (
     most_distinct,
 )
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import (
@@ -60,6 +61,9 @@ def calibrate_lens(
     """
     paths, video = opened(inputs, namespace)
     check_outputs(paths, (output, plot), CalibrationError)
+    needed("scipy", "fitting the board's corners", CalibrationError)
+    if plot is not None:
+        needed("matplotlib", f"drawing {plot}", CalibrationError)
     if video is None:
         pictures = pictures_of_files(paths, progress)
     else:

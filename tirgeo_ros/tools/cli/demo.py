@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--serial runs in real time: leave --rate out")
     check_page(args)
     options = (args.bag, args.output, args.params, args.map, args.method, args.rate)
-    setup = demo_setup(*options, serial=args.serial)
+    setup = demo_setup(*options, serial=args.serial, page=args.page is not None)
     domain = setup.environment["ROS_DOMAIN_ID"]
     sys.stderr.write(f"the nodes use ROS_DOMAIN_ID={domain} on this machine only\n")
     if args.page is not None:

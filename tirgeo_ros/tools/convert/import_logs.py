@@ -24,6 +24,7 @@ from tirgeo_ros.core.types.measurements import (
     JointSample,
     SetHeading,
 )
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 from tirgeo_ros.io.messages import SensedSample, topic_of
@@ -113,6 +114,9 @@ def import_logs(
     progress: Report,
 ) -> dict[str, Any]:
     """Import logs; return what to report of them. Raise LogError, ConfigError."""
+    for path, form in files:
+        if form.module:
+            needed(form.module, f"reading {path}", LogError)
     options = _completed(options, config)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
     logs: list[Log] = []

@@ -10,6 +10,7 @@ from pathlib import Path
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.finding import stop_line
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -109,8 +110,10 @@ def evaluate(
     Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
     CalibrationError if no method can be run.
     """
+    needed("scipy", "comparing the methods", CalibrationError)
     files = [*paths_of(params), *paths_of(boresight)]
     if output is not None:
+        needed("matplotlib", f"drawing the report in {output}", CalibrationError)
         configs = node_configs(files, namespace, dem=dem, camera=camera)
         check_folder(output, (bag, survey, observations, truth, *files, *configs.files))
     experiment = load_experiment(survey, observations)

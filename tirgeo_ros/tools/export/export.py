@@ -14,8 +14,8 @@ from typing import Protocol
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError, MapError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.bounded_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
 from tirgeo_ros.tools.export import PRODUCTS, RASTERS
@@ -80,7 +80,7 @@ def export(
     arguments = bag_in, places, params, namespace, options
     opened = open_flight(*arguments, inputs=inputs, error=MapError)
     if not {*RASTERS}.isdisjoint(wanted):
-        imported_rasterio("orthophotos and mosaics need", MapError)
+        needed("rasterio", "writing orthophotos and mosaics", MapError)
     pictures = FlightPictures(opened.reader, namespace)
     chosen = pictures.chosen(window)
     flight = register(opened, chosen, _part(progress, 0.0, _REGISTRATION), smooth=smooth)

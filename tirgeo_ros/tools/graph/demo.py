@@ -13,6 +13,7 @@ import cv2
 
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import BagError, GraphError
+from tirgeo_ros.core.types.missing_package import needed, needed_extra
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, named_files, write_files
 from tirgeo_ros.io.maps import map_files
@@ -104,12 +105,20 @@ def demo_setup(
     rate: float,
     *,
     serial: bool,
+    page: bool = False,
 ) -> GraphSetup:
     """Return the set-up of a bag (None: the sample flight) with the files beside it.
 
-    Raise BagError if the sample is not installed, and GraphError if a map does not exist or an
-    output would overwrite an input.
+    Raise BagError if the sample is not installed, and GraphError if a map does not exist, an
+    output would overwrite an input, or a package is missing for ``serial``, for ``page`` or, if
+    there is none, for the video.
     """
+    if serial:
+        needed("serial", "--serial", GraphError)
+    if page:
+        needed_extra("page", "--page", GraphError)
+    else:
+        needed("av", f"writing {folder / 'overlay.mp4'}", GraphError)
     bag = bag or find_resource(f"{SAMPLE}/flight.mcap")
     if bag is None:
         raise BagError(f"{SAMPLE}/flight.mcap is not installed: give a bag with --bag")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from tirgeo_ros.core.types.errors import ConfigError, GraphError
+from tirgeo_ros.core.types.missing_package import needed_extra
 from tirgeo_ros.io.files.child_process import node_command, stop_signals
 from tirgeo_ros.io.files.whole_files import PathLike, named_files
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
@@ -48,9 +49,10 @@ def read_remaps(path: PathLike) -> list[tuple[str, str]]:
 class WholeGraph:
     """Hold the nodes that run, and their inputs; the launch file starts the same graph.
 
-    Raise GraphError for a file that does not exist. Without ``params``, the parameters of an M600
-    apply. Without a bag, dji_node publishes the aircraft's topics unless ``dji`` is False.
-    ``page`` is the address of the operator's page: None: no page, empty: as in the parameters.
+    Raise GraphError for a file that does not exist, or if the page's packages are missing. Without
+    ``params``, the parameters of an M600 apply. Without a bag, dji_node publishes the aircraft's
+    topics unless ``dji`` is False. ``page`` is the address of the operator's page: None: no page,
+    empty: as in the parameters.
     """
 
     bag: Path | None = None
@@ -63,6 +65,8 @@ class WholeGraph:
     remap: Path | None = None  # file of inputs that have other names
 
     def __post_init__(self) -> None:
+        if self.page is not None:
+            needed_extra("page", "--page", GraphError)
         maps = map(Path, named_files(str(self.map or "")))
         for path in (self.bag, self.remap, *maps, *self.params):
             if path and not path.exists():

@@ -7,7 +7,6 @@ scheduler starts its flight again on another worker.
 from __future__ import annotations
 
 import asyncio
-import importlib
 import logging
 import re
 import time
@@ -19,6 +18,7 @@ from typing import Any
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import ManyFlightsError, shown
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.tools.many_flights.flight_process import FlightProgress, run_flight
 from tirgeo_ros.tools.many_flights.flight_record import (
     FlightTask,
@@ -89,7 +89,7 @@ def _client(scheduler: str) -> Iterator[Any]:
         raise ManyFlightsError(
             f"--scheduler {scheduler}: give an address, as tcp://192.168.1.5:8786"
         )
-    dask = importlib.import_module("distributed")  # ModuleNotFoundError is explained
+    dask = needed("distributed", f"--scheduler {scheduler}", ManyFlightsError)
     for name in ("distributed", "distributed.client"):  # the package sets a level for each
         logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here too
     try:

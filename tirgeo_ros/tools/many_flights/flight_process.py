@@ -26,10 +26,10 @@ import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.errors import ManyFlightsError, PictureError, TirgeoError, shown
+from tirgeo_ros.core.types.missing_package import missing_line
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
-from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, written_record
 from tirgeo_ros.tools.presentation.progress import Report, silent

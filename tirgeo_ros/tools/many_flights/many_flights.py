@@ -18,6 +18,7 @@ from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError, ManyFlightsError
 from tirgeo_ros.core.types.finding import NO_GO
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import METADATA
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.maps import map_files
@@ -72,6 +73,8 @@ def process_flights(
     ManyFlightsError for errors that concern all flights.
     """
     begun_s = time.perf_counter()
+    if video:
+        needed("av", f"writing {video[1:]} videos", ManyFlightsError)
     place = made_folder(folder, ManyFlightsError)
     with only_run(place):
         records = read_records(place)

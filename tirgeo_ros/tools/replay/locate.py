@@ -17,6 +17,7 @@ from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError
 from tirgeo_ros.core.types.finding import Finding, stop_line
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
@@ -52,6 +53,7 @@ def locate_pixels(
     pixel that cannot be located is written with the reason. ``smooth``: camera poses use later
     measurements too. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError.
     """
+    needed("mgrs", f"writing {os.fspath(output)}", SurveyError)
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
     arguments = (bag_in, [output], params, namespace, options)
     opened = open_flight(*arguments, inputs=[pixels], error=SurveyError)
