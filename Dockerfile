@@ -25,7 +25,7 @@ RUN --mount=type=bind,from=build,source=/built,target=/built \
     && xargs apt-get install --yes --no-install-recommends python3-pip fonts-dejavu-core < /built/packages \
     && rm -rf /var/lib/apt/lists/* \
     && pip install --break-system-packages --no-cache-dir 'numpy<2' 'opencv-python-headless<4.12' \
-        mcap pyogrio av mgrs pytak \
+        mcap rosbags pyogrio av mgrs pytak \
     && pip install --break-system-packages --no-cache-dir --no-deps /built/*.whl
 # Where pip has put the wheel; the base's entry point adds ROS to it.
 ENV AMENT_PREFIX_PATH=/usr/local
