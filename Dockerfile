@@ -6,12 +6,13 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /built
 # Ubuntu's packages by the keys of package.xml. They are only listed here: rosdep itself and the
-# compilers of this image are not needed in the other. OpenCV comes from pip instead: Ubuntu's brings
-# Qt, VTK and MPI, some 700 MB.
+# compilers of this image are not needed in the other. Left out are OpenCV, of which pip has a smaller
+# one (Debian's takes 0.7 GB, with Qt, VTK and MPI), and what only plots need (0.8 GB).
 COPY package.xml /src/
 RUN rosdep update --rosdistro jazzy \
     && rosdep keys --from-paths /src --ignore-src --rosdistro jazzy --dependency-types exec > keys \
-    && grep --invert-match python3-opencv keys | xargs rosdep resolve --rosdistro jazzy > resolved \
+    && grep --invert-match 'opencv\|matplotlib\|scipy' keys \
+        | xargs rosdep resolve --rosdistro jazzy > resolved \
     && sed '/^#/d' resolved > packages
 COPY . /src
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir . /src

@@ -15,7 +15,6 @@ from pyproj.exceptions import CRSError, ProjError
 
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.core.types.missing_package import needed
 
 _REMEDY = (
     "save the map in WGS84 (EPSG:4326), or name its system in a crs member (GeoJSON) or under crs "
