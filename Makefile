@@ -14,7 +14,7 @@ READY := $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
 FLOOR_READY := $(FLOOR)/ready
 LINT_READY := $(READY)-lint
 BENCH_READY := $(READY)-bench
-API_READY := $(READY)-api
+DOCS_READY := $(READY)-docs
 
 # An environment does not survive being moved: its stamp holds where it was made.
 $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
@@ -32,7 +32,7 @@ quick test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AV
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo quick test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
+.PHONY: help setup demo quick test test-slow test-long test-all test-floor lint types api docs bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -69,8 +69,18 @@ lint: $(LINT_READY)  ## ruff: rules and format
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
-api: $(API_READY)  ## the reference of the Python interface in build/api, from the docstrings
+api: $(DOCS_READY)  ## the reference of the Python interface in build/api, from the docstrings
 	$(BIN)/python -m dev.api_reference build/api
+
+# Symbolic links, so that the pages' links between folders lead somewhere on the site as well.
+PAGES := $(wildcard *.md) CHANGELOG.rst LICENSE package.xml bags config docs examples test/packages.md
+
+docs: api  ## the documents as a site in build/site, with search and the reference; links are checked
+	rm -rf build/pages
+	mkdir -p build/pages/test
+	@$(foreach page,$(PAGES),ln -s $(CURDIR)/$(page) build/pages/$(page) &&) ln -s $(CURDIR)/build/api build/pages/reference
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "ready: build/site/index.html"
 
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
 	$(BIN)/python -m dev.bench
@@ -127,7 +137,7 @@ $(LINT_READY): $(READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[lint]"
 	@touch $@
 
-$(API_READY): $(READY)
+$(DOCS_READY): $(READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[docs]"
 	@touch $@
 

@@ -137,8 +137,8 @@ setup(
         "logs": ["pyulog>=1.0", "pymavlink>=2.4.40", "pyubx2>=1.2.40"],
         # Many flights on several computers.
         "cluster": ["distributed>=2024.4"],
-        # The reference of the Python interface.
-        "docs": ["pdoc>=14.5"],
+        # The reference of the Python interface, and the site.
+        "docs": ["pdoc>=14.5", "mkdocs>=1.6", "mkdocs-material>=9.5"],
         # Measured beside the filter by make bench, and used nowhere else.
         "bench": ["python-ins>=1.0"],
         # All of ruff's rules are on: a new version brings new ones.
