@@ -28,11 +28,11 @@ export OPENBLAS_NUM_THREADS := 1
 # On processors with AVX-512 NumPy takes one of two forms of arctan2, and of its like, by where in
 # memory the result happens to lie: last digits would differ from run to run.
 ifeq ($(shell uname -m),x86_64)
-quick test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
+quick test coverage test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo quick test test-slow test-long test-all test-floor lint types api docs bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
+.PHONY: help setup demo quick test test-slow test-long test-all test-floor coverage lint types api docs bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -49,6 +49,13 @@ quick: $(READY)  ## the core's own quick tests: under a minute
 
 test: $(READY)  ## the tests, those of the running graph included: some minutes
 	$(BIN)/python $(PYTEST) $(WORKERS)
+
+coverage: $(READY)  ## the tests of make test, and which branches they run; fails below its floors
+	$(BIN)/coverage erase
+	$(BIN)/coverage run $(PYTEST) $(WORKERS)
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage json --quiet
+	$(BIN)/python -m dev.coverage_floors build/coverage/report.json
 
 test-slow: $(READY)  ## more: accuracy over many flights, large sets of pictures, recordings
 	$(BIN)/python $(PYTEST) $(WORKERS) -m "slow and not long"
