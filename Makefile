@@ -15,6 +15,7 @@ FLOOR_READY := $(FLOOR)/ready
 LINT_READY := $(READY)-lint
 BENCH_READY := $(READY)-bench
 DOCS_READY := $(READY)-docs
+AUDIT_READY := $(READY)-audit
 
 # An environment does not survive being moved: its stamp holds where it was made.
 $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
@@ -32,7 +33,7 @@ quick test coverage test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATU
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo quick test test-slow test-long test-all test-floor coverage lint types api docs bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
+.PHONY: help setup demo quick test test-slow test-long test-all test-floor coverage lint types api docs audit bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -88,6 +89,13 @@ docs: api  ## the documents as a site in build/site, with search and the referen
 	@$(foreach page,$(PAGES),ln -s $(CURDIR)/$(page) build/pages/$(page) &&) ln -s $(CURDIR)/build/api build/pages/reference
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "ready: build/site/index.html"
+
+audit: $(AUDIT_READY)  ## known vulnerabilities of all installed packages, and their list as CycloneDX
+	mkdir -p build
+	$(BIN)/cyclonedx-py environment --output-reproducible --output-file build/tirgeo.cdx.json
+	rm -f build/audit.json
+	$(BIN)/pip-audit --local --skip-editable --progress-spinner off --format json --output build/audit.json 2>/dev/null || true
+	$(BIN)/python -m dev.audit build/audit.json
 
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
 	$(BIN)/python -m dev.bench
@@ -146,6 +154,10 @@ $(LINT_READY): $(READY)
 
 $(DOCS_READY): $(READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[docs]"
+	@touch $@
+
+$(AUDIT_READY): $(READY)
+	@scripts/pip_install.sh $(VENV) --editable ".[audit]"
 	@touch $@
 
 $(BENCH_READY): $(READY)

@@ -140,6 +140,8 @@ setup(
         "cluster": ["distributed>=2024.4"],
         # The reference of the Python interface, and the site.
         "docs": ["pdoc>=14.5", "mkdocs>=1.6", "mkdocs-material>=9.5"],
+        # What is installed, and its known vulnerabilities.
+        "audit": ["pip-audit>=2.7", "cyclonedx-bom>=5.0"],
         # Measured beside the filter by make bench, and used nowhere else.
         "bench": ["python-ins>=1.0"],
         # All of ruff's rules are on: a new version brings new ones.
