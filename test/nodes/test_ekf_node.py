@@ -258,7 +258,7 @@ def test_the_filter_begins_with_a_heading_that_is_set(spawn, meet, hover):
     wrong = heading(math.nan), heading(true_rad), heading(true_rad, frame="base_link")
     stranger.send(
         {TOPIC: list(wrong)},
-        lambda: reports("invalid") and reports("standby") and "its frame is" in node.text(),
+        lambda: reports("invalid") and reports("standby") and "its frame_id is" in node.text(),
     )
     assert "~/set_heading: standby: the alignment does not need a heading now" in node.text()
     spawn("bag_player", "-p", f"bag:={bag}", "-p", "wait_for:=imu/data,rtk/fix,rtk/vel")
