@@ -45,6 +45,8 @@ from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, SAMPLES, Registered, Sample
 
+#: Calls that are run together: one kind of work in a row uses the processor's caches better.
+_BLOCK = 128
 _JUMP_S = 1.0  # a longer step between the stamps of the gimbal is a jump
 
 F = TypeVar("F", bound=Callable[..., None])
@@ -56,12 +58,20 @@ def _guarded(method: F) -> F:
 
     @functools.wraps(method)
     def call(self: FlightChecks, *arguments: Any) -> None:
-        try:
-            method(self, *arguments)
-        except Exception as error:  # noqa: BLE001  a check must not stop a command
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{Path(place.filename).name}:{place.lineno}"
-            self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
+        self.catch_up()
+        self.run(method, arguments)
+
+    return cast("F", call)
+
+
+def _queued(method: F) -> F:
+    """Return a guarded method whose calls are run in blocks, before any other."""
+
+    @functools.wraps(method)
+    def call(self: FlightChecks, *arguments: Any) -> None:
+        self.waiting.append((method, arguments))
+        if len(self.waiting) == _BLOCK:
+            self.catch_up()
 
     return cast("F", call)
 
@@ -122,6 +132,7 @@ class FlightChecks:
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self.failed: Counter[str] = Counter()  # exceptions in the checks
+        self.waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         if camera is not None:
             self._pictures.camera(camera)
         recording = RecordedTopics(
@@ -138,7 +149,22 @@ class FlightChecks:
             *parameter_findings(given, unused, namespace, pictures=bool(pictured)),
         ]
 
-    @_guarded
+    def catch_up(self) -> None:
+        """Run the calls that wait."""
+        waiting, self.waiting = self.waiting, []
+        for method, arguments in waiting:
+            self.run(method, arguments)
+
+    def run(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        """Run a check; an exception of it must not stop a command."""
+        try:
+            method(self, *arguments)
+        except Exception as error:  # noqa: BLE001  see above
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}:{place.lineno}"
+            self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
+
+    @_queued
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
@@ -155,7 +181,7 @@ class FlightChecks:
             stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
             self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
 
-    @_guarded
+    @_queued
     def watch(self, _sample: Sample, registered: Registered) -> None:
         """Take the outputs of filter and gimbal for a sample."""
         plane = registered.plane
@@ -229,6 +255,7 @@ class FlightChecks:
 
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
+        self.catch_up()
         findings = list(self.at_start)
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
         findings += lone_findings(self._streams)
