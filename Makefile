@@ -18,7 +18,8 @@ TEST_READY := $(READY)-test
 FLOOR_READY := $(FLOOR)/ready
 LINT_READY := $(READY)-lint
 BENCH_READY := $(READY)-bench
-API_READY := $(READY)-api
+DOCS_READY := $(READY)-docs
+AUDIT_READY := $(READY)-audit
 
 # An environment does not survive being moved: its stamp holds where it was made.
 $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
@@ -32,11 +33,11 @@ export OPENBLAS_NUM_THREADS := 1
 # On processors with AVX-512 NumPy takes one of two forms of arctan2, and of its like, by where in
 # memory the result happens to lie: last digits would differ from run to run.
 ifeq ($(shell uname -m),x86_64)
-quick test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
+quick test coverage test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo quick test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction release clean
+.PHONY: help setup demo quick test test-slow test-long test-all test-floor coverage lint types api docs audit bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction release clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -53,6 +54,13 @@ quick: $(TEST_READY)  ## the core's own quick tests: under a minute
 
 test: $(TEST_READY)  ## the tests, those of the running graph included: some minutes
 	$(BIN)/python $(PYTEST) $(WORKERS) test
+
+coverage: $(TEST_READY)  ## the tests of make test, and which branches they run; fails below its floors
+	$(BIN)/coverage erase
+	$(BIN)/coverage run $(PYTEST) $(WORKERS) test
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage json --quiet
+	$(BIN)/python -m dev.coverage_floors build/coverage/report.json
 
 test-slow: $(TEST_READY)  ## more: accuracy over many flights, large sets of pictures, recordings
 	$(BIN)/python $(PYTEST) $(WORKERS) test -m "slow and not long"
@@ -75,8 +83,25 @@ lint: $(LINT_READY)  ## ruff: rules and format; shellcheck, actionlint
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
-api: $(API_READY)  ## the reference of the Python interface in build/api, from the docstrings
+api: $(DOCS_READY)  ## the reference of the Python interface in build/api, from the docstrings
 	$(BIN)/python -m dev.api_reference build/api
+
+# Symbolic links, so that the pages' links between folders lead somewhere on the site as well.
+PAGES := $(wildcard *.md) CHANGELOG.rst LICENSE package.xml bags config docs examples test/packages.md
+
+docs: api  ## the documents as a site in build/site, with search and the reference; links are checked
+	rm -rf build/pages
+	mkdir -p build/pages/test
+	@$(foreach page,$(PAGES),ln -s $(CURDIR)/$(page) build/pages/$(page) &&) ln -s $(CURDIR)/build/api build/pages/reference
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "ready: build/site/index.html"
+
+audit: $(AUDIT_READY)  ## known vulnerabilities of all installed packages, and their list as CycloneDX
+	mkdir -p build
+	$(BIN)/cyclonedx-py environment --output-reproducible --output-file build/tirgeo.cdx.json
+	rm -f build/audit.json
+	$(BIN)/pip-audit --local --skip-editable --progress-spinner off --format json --output build/audit.json 2>/dev/null || true
+	$(BIN)/python -m dev.audit build/audit.json
 
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
 	$(BIN)/python -m dev.bench
@@ -150,8 +175,12 @@ $(LINT_READY): $(ALL_READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[lint]"
 	@touch $@
 
-$(API_READY): $(ALL_READY)
+$(DOCS_READY): $(ALL_READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[docs]"
+	@touch $@
+
+$(AUDIT_READY): $(ALL_READY)
+	@scripts/pip_install.sh $(VENV) --editable ".[audit]"
 	@touch $@
 
 $(BENCH_READY): $(ALL_READY)

@@ -148,12 +148,15 @@ setup(
         # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
         "test": [
             *("pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"),
+            "coverage>=7.10.3",  # from there on its patch for processes is whole
             # Judges that are not ours: a browser's driver, a TAK server, a reader of KLV.
             *("playwright>=1.45", "axe-playwright-python>=0.1.4", "taky>=0.10", "klvdata>=0.0.3"),
             *("rio-cogeo>=5.0", "pandas>=2.0"),
         ],
-        # The reference of the Python interface.
-        "docs": ["pdoc>=14.5"],
+        # The reference of the Python interface, and the site.
+        "docs": ["pdoc>=14.5", "mkdocs>=1.6", "mkdocs-material>=9.5"],
+        # What is installed, and its known vulnerabilities.
+        "audit": ["pip-audit>=2.7", "cyclonedx-bom>=5.0"],
         # Measured beside the filter by make bench, and used nowhere else.
         "bench": ["python-ins>=1.0"],
         # All of ruff's rules are on: a new version brings new ones. The last two are for the

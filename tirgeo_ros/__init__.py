@@ -33,7 +33,7 @@ Heading: 0 is true north, clockwise positive.
 Time: integer nanoseconds, of the measurement (not of its arrival); float seconds for steps.
 """
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 #: The public interface: each name and the module that it comes from, at its first use.
 _HOMES = {
