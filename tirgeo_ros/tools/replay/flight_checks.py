@@ -156,10 +156,10 @@ class FlightChecks:
             self.run(method, arguments)
 
     def run(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-        """Run a check; an exception of it must not stop a command."""
+        """Run a check; count an exception as a fault of the check instead of raising it."""
         try:
             method(self, *arguments)
-        except Exception as error:  # noqa: BLE001  see above
+        except Exception as error:  # noqa: BLE001  a check must not stop a command
             place = traceback.extract_tb(error.__traceback__)[-1]
             where = f"{Path(place.filename).name}:{place.lineno}"
             self.failed[f"{type(error).__name__}: {error} ({where})"] += 1

@@ -29,10 +29,8 @@ class FlightRecord:
         self.lower = np.tril_indices(states)
         self.kinds = array("b")
         self.steps_s = array("d")
-        self.stamps_ns, self.marks = (
-            array("q"),
-            array("q"),
-        )  # by epoch: stamp, and its newest change
+        self.stamps_ns = array("q")  # of each epoch
+        self.marks = array("q")  # number of each epoch's newest change
         self._covariances, self._transitions = array("d"), array("d")
         self._corrections, self._epochs = array("d"), array("d")
 
