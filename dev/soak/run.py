@@ -37,7 +37,7 @@ RATE = 2.0
 #: All nodes settle before the first, and after the last.
 _QUIET_S, _END_S = 12.0, 8.0
 _APART_S = (8.0, 16.0)
-#: The queues of 800 messages (``io.messages.topics``) are full after 4 s of the IMU at twice real time; a
+#: Queues of 800 messages (``STREAM_DEPTH``) are full after 4 s of the IMU at twice real time; a
 #: reader that stands still for 5 s is given up by its senders (``config/fastdds.xml``).
 _RUN_IN_STOP_S, _RUN_IN_APART_S = 4.2, 4.0
 _TICK_S, _SAMPLE_S = 0.05, 1.0
