@@ -218,15 +218,14 @@ def an_aircrafts_state_is_its_own(fleet, url):
     async def state(_, states):
         return await states.until("state", lambda s: s["aircraft"] == "uav2" and whole(s))
 
-    def whole(said):  # overlay_node says once a second whether there is a map
-        return said["footprint"] and said["no_map"] is not None
+    def whole(said):  # once a second: whether there is a map, and the rate of the second before
+        return said["footprint"] and said["no_map"] is not None and said["video_hz"] > 0
 
     reports = fleet.browse(url, state)
     assert reports["navigation"] == {"state": "waiting", "reason": "ekf_node does not report"}
     assert reports["no_map"] == ""
     assert reports["position"] is None
     assert reports["recording"] is False
-    assert reports["video_hz"] > 0
     place = np.radians(np.mean(reports["footprint"], axis=0))
     middle_n = PLANE.ned_from_geodetic(*place, PLANE.height_m)
     assert abs(middle_n[1]) < 10  # to the north of the aircraft, which looks there
