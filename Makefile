@@ -171,7 +171,7 @@ $(TEST_READY): $(ALL_READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[test]"
 	@touch $@
 
-$(LINT_READY): $(ALL_READY)
+$(LINT_READY): $(TEST_READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[lint]"
 	@touch $@
 

@@ -86,6 +86,12 @@ def read_json(path: Path) -> Any:
     return json.loads(path.read_text())
 
 
+def memory_mib(pid: int, field: str = "VmRSS") -> float:
+    """Return a field of a process's status: its memory now, at most (``VmHWM``), or shared."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition(f"{field}:")[2].split()[0]) / 1024
+
+
 @contextmanager
 def busy(number: int) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Keep so many processes busy with nothing for as long as the context lasts."""

@@ -1,7 +1,8 @@
 """Send an IMU and receivers without end, for ``python -m dev.bench.imu_load``.
 
-Each IMU sample is sent at its stamp. At the end stamps and times of sending (ns) are written as
-JSON to the file of the parameter ``output``.
+Each IMU sample is sent at its stamp. At the end stamps and times of sending (ns), and the number
+of IMU samples of which the filter reports a verdict, are written as JSON to the file of the
+parameter ``output``.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ import time
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from dev.flights import LoopedFlight
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, sensed
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, STATE_TOPIC, node_state, sensed
 from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
+
+_LAST_REPORT_S = 3.0  # the filter reports each second
 
 
 class ImuSource(GraphNode):
@@ -35,6 +39,13 @@ class ImuSource(GraphNode):
             for source in NAVIGATION_INPUTS
         }
         self._sent: list[tuple[int, int]] = []
+        self._counted = 0
+        self.listen(STATE_TOPIC, self._count, output())
+
+    def _count(self, message: Any) -> None:
+        status = node_state(message).navigation
+        if status is not None:
+            self._counted = sum(n for (source, _), n in status.counts.items() if source == "imu")
 
     def play(self, stop: threading.Event) -> int:
         """Send samples for ``duration_s``, then write what was sent."""
@@ -46,7 +57,9 @@ class ImuSource(GraphNode):
             if sample.stamp_ns > last_ns or stop.is_set():
                 break
             self._send(dataclasses.replace(sample, stamp_ns=sample.stamp_ns + shift_ns))
-        Path(self._output).write_text(json.dumps(self._sent))
+        stop.wait(_LAST_REPORT_S)
+        found = {"sent": self._sent, "counted": self._counted}
+        Path(self._output).write_text(json.dumps(found))
         return 0
 
     def _send(self, sample: NavigationInput) -> None:

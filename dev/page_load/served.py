@@ -18,6 +18,7 @@ import aiohttp
 import cv2
 import numpy as np
 
+from dev.graphs import memory_mib
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.bags.bag import BagReader
@@ -68,8 +69,7 @@ class ServedPage:
 
     def memory_mib(self, field: str) -> float:
         """Return ``VmRSS`` or ``VmHWM`` of the process: what it has in memory, or had at most."""
-        status = Path(f"/proc/{self._process.pid}/status").read_text()
-        return int(status.partition(f"{field}:")[2].split()[0]) / 1024
+        return memory_mib(self._process.pid, field)
 
 
 class _Level:

@@ -22,7 +22,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from dev.flights import SOAK_PERIOD_S, SoakFlight
-from dev.graphs import Graph, busy, started_graph
+from dev.graphs import Graph, busy, memory_mib, started_graph
 from tirgeo_ros.tools.graph.node_graph import NodeProcess, await_words
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
@@ -247,11 +247,7 @@ def held_by(pid: int) -> set[str]:
 
 def _own_bytes(pid: int) -> int:
     """Return the bytes resident, less those of shared memory (proc(5), status)."""
-    status = Path(f"/proc/{pid}/status").read_text()
-    resident, shared = (
-        int(status.partition(f"{name}:")[2].split()[0]) for name in ("VmRSS", "RssShmem")
-    )
-    return 1024 * (resident - shared)
+    return round(2**20 * (memory_mib(pid) - memory_mib(pid, "RssShmem")))
 
 
 def run_soak(
