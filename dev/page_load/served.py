@@ -69,7 +69,7 @@ class ServedPage:
 
     def memory_mib(self, field: str) -> float:
         """Return ``VmRSS`` or ``VmHWM`` of the process: what it has in memory, or had at most."""
-        return memory_mib(self._process.pid, field)
+        return memory_mib(self._process.pid or 0, field)
 
 
 class _Level:

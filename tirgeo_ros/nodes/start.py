@@ -15,7 +15,7 @@ import sys
 from functools import partial
 
 from tirgeo_ros.core.types.missing_package import missing_line
-from tirgeo_ros.io.files.child_process import stop_signals
+from tirgeo_ros.io.files.stop_signals import stop_signals
 
 STOP_SIGNALS = stop_signals()
 #: Parameters of mallopt (malloc.h), and values that keep some tens of pictures of 1 MB.

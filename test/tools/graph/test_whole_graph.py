@@ -15,7 +15,7 @@ import pytest
 from project import NODES, PROJECT
 
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.files.child_process import stop_signals
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli.main import parser_of, verbs
 from tirgeo_ros.tools.graph.node_graph import PROFILES

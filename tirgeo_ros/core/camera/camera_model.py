@@ -15,7 +15,6 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial import polynomial as poly
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError
@@ -214,22 +213,21 @@ def _fold_radius(k: tuple[float, ...]) -> float:
     Infinite if there is none.
     With s = r^2 and r_d = r N(s) / D(s): dr_d/dr = ((N + 2 s N') D - 2 s N D') / D^2.
     """
+    from numpy.polynomial import polynomial as poly  # noqa: PLC0415  nodes without camera: 1 MB
+
     top, bottom = [1.0, k[0], k[1], k[4]], [1.0, k[5], k[6], k[7]]
     two_s = [0.0, 2.0]
     rise = poly.polyadd(top, poly.polymul(two_s, poly.polyder(top)))
     fall = poly.polymul(two_s, poly.polymul(top, poly.polyder(bottom)))
     slope = poly.polysub(poly.polymul(rise, bottom), fall).astype(float)
-    widest = max(_largest_root(slope), _largest_root(np.array(bottom)))
+    # Solved as polynomials in 1 / s: their leading coefficient is then the constant 1, so
+    # distortion coefficients that are zero do no harm.
+    widest = max(_largest_root(poly.polyroots(each[::-1])) for each in (slope, bottom))
     return math.sqrt(1 / widest) if widest > 0 else math.inf
 
 
-def _largest_root(coefficients: Array) -> float:
-    """Return the largest positive 1 / s at which a polynomial in s is zero; 0 if there is none.
-
-    Solved as a polynomial in 1 / s: its leading coefficient is then the constant 1, so distortion
-    coefficients that are zero do no harm.
-    """
-    roots = poly.polyroots(coefficients[::-1])
+def _largest_root(roots: Array) -> float:
+    """Return the largest positive root, 0 if there is none."""
     # A polynomial that only touches zero has a double root, which numerically is a pair with a
     # tiny imaginary part. This counts as a fold too.
     real = np.abs(roots.imag) <= 1e-6 * np.abs(roots)

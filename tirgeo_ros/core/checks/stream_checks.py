@@ -8,9 +8,10 @@ arrival than the IMU has stamps in the future.
 from __future__ import annotations
 
 import math
-import statistics
 from collections import deque
 from collections.abc import Mapping
+
+import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import EkfConfig
@@ -234,7 +235,7 @@ class StampChecks:
             return
         begin_ns, ages_ns = self._second.setdefault(topic, (stream.arrived_ns, []))
         if not 0 <= stream.arrived_ns - begin_ns < _SECOND_NS:
-            self._ended(topic, (statistics.median(ages_ns) + self._delay_ns[topic]) * 1e-9)
+            self._ended(topic, (float(np.median(ages_ns)) + self._delay_ns[topic]) * 1e-9)
             ages_ns = []
             self._second[topic] = stream.arrived_ns, ages_ns
         ages_ns.append(stream.age_ns - imu.age_ns)
@@ -244,7 +245,7 @@ class StampChecks:
         kept.append(median_s)
         before, after = list(kept)[:_WINDOWS], list(kept)[_WINDOWS:]
         if len(after) == _WINDOWS:
-            apart_s = statistics.median(after) - statistics.median(before)
+            apart_s = float(np.median(after) - np.median(before))
             spread_s = max(max(ages) - min(ages) for ages in (before, after))
             if abs(apart_s) > _STEP_S and spread_s < 0.3 * abs(apart_s):
                 self._jumped_s[topic] = apart_s

@@ -93,17 +93,6 @@ def _path() -> list[str]:
     return [*entries, package]
 
 
-def stop_signals() -> tuple[signal.Signals, ...]:
-    """Return SIGINT, SIGTERM and SIGHUP (the terminal was closed).
-
-    SIGHUP is left out if it is ignored: that is how nohup keeps a program running. SIGINT is
-    included even if it is ignored, as it is in everything that a shell starts in the background.
-    """
-    always = (signal.SIGINT, signal.SIGTERM)
-    kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    return always if kept else (*always, signal.SIGHUP)
-
-
 class ChildEndedError(Exception):
     """Report that a child ended before it answered."""
 

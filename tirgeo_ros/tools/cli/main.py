@@ -16,7 +16,7 @@ from typing import NoReturn
 import tirgeo_ros
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.core.types.missing_package import missing_line
-from tirgeo_ros.io.files.child_process import stop_signals
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._verb import Parser, UsageError, add_verb, verbs_of
 from tirgeo_ros.tools.presentation.results import error_line, finding_lines, lines, plain

@@ -21,7 +21,8 @@ from typing import NoReturn
 from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_process import node_command, stop_signals
+from tirgeo_ros.io.files.child_process import node_command
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent

@@ -12,7 +12,8 @@ from typing import NoReturn
 
 from tirgeo_ros.core.types.errors import ConfigError, GraphError
 from tirgeo_ros.core.types.missing_package import needed_extra
-from tirgeo_ros.io.files.child_process import node_command, stop_signals
+from tirgeo_ros.io.files.child_process import node_command
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.io.files.whole_files import PathLike, named_files
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.graph import find_resource

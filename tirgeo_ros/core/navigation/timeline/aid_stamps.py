@@ -5,7 +5,6 @@ An aid's clock may differ from the IMU's, so only the advance of its stamps meas
 
 from __future__ import annotations
 
-import statistics
 from collections import deque
 from enum import Enum
 from itertools import pairwise
@@ -160,5 +159,5 @@ class DuplicateDetector:
     def _interval_ns(self) -> float:
         """Return the time within which an equal heading counts as the same measurement."""
         steps = [b - a for a, b in pairwise(sorted(self._changes_ns))]
-        usual_ns = statistics.median_high(steps) if steps else _LONGEST_NS
+        usual_ns = sorted(steps)[len(steps) // 2] if steps else _LONGEST_NS
         return min(_INTERVAL_SHARE * usual_ns, _LONGEST_NS)
