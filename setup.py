@@ -24,7 +24,7 @@ VERSION = re.search(
     r'^__version__ = "(.+)"$', (HERE / "tirgeo_ros/__init__.py").read_text(), re.MULTILINE
 )
 CLASSIFIERS = [
-    "Development Status :: 4 - Beta",
+    "Development Status :: 5 - Production/Stable",
     "Intended Audience :: Developers",
     "Intended Audience :: Science/Research",
     "Operating System :: POSIX :: Linux",
