@@ -84,11 +84,6 @@ class FilterEpoch(Epoch):
     aids: AidStatus = AidStatus(Receivers(0))
     records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
 
-    @property
-    def estimate(self) -> StateEstimate:
-        """Return state, covariance and aid records; the covariance may be 50 ms older."""
-        return StateEstimate(self.propagated.state, self.propagated.covariance, self.aids)
-
 
 def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
     """Insert a record in order; return False if there is one of the same source and stamp."""
@@ -126,7 +121,9 @@ class Ekf:
         fusion: Fusion | None = None,
         record: FlightRecord | None = None,
     ) -> None:
-        self.configure(config, mechanisation, fusion)
+        self.configure(config)
+        self._mechanisation = mechanisation or self._mechanisation
+        self._fusion = fusion or self._fusion
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
         self._maker = SolutionMaker(config)
         estimate = initial_estimate(config, alignment)
@@ -141,15 +138,9 @@ class Ekf:
         self._progress: _Progress | None = None
         self._done = 0  # index of the newest epoch that is computed
 
-    def configure(
-        self,
-        config: EkfConfig,
-        mechanisation: Propagation | None = None,
-        fusion: Fusion | None = None,
-    ) -> None:
+    def configure(self, config: EkfConfig) -> None:
         """Take the parameters, at the start or in flight; error states must stay the same."""
-        self._mechanisation = mechanisation or Propagation(config)
-        self._fusion = fusion or Fusion(config)
+        self._mechanisation, self._fusion = Propagation(config), Fusion(config)
         self._noise_powers = NoisePowers(config.imu)
         self._keep_ns = round(config.max_delay_s * 1e9)
         self._hold_ns = round(longest_hold_s(config) * 1e9)
@@ -242,7 +233,8 @@ class Ekf:
     def estimate(self) -> StateEstimate:
         """Return the estimate at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
-        return self._epochs[-1].estimate
+        epoch = self._epochs[-1]
+        return StateEstimate(epoch.propagated.state, epoch.propagated.covariance, epoch.aids)
 
     @property
     def aids(self) -> AidStatus:
