@@ -403,8 +403,7 @@ class Aligner:
         q_nb = tuple(quat_from_matrix(fit.rotation_nb).tolist())
         velocity_n, (gyro_b, accel_b) = fit.velocity_n.tolist(), fit.biases.reshape(2, 3)
         biases_b = tuple(gyro_b.tolist()), tuple(accel_b.tolist())
-        nothing = (0.0, 0.0, 0.0)
-        state = NavState(q_nb, tuple(velocity_n), lat, lon, height_m, *biases_b, nothing)
+        state = NavState(q_nb, tuple(velocity_n), lat, lon, height_m, *biases_b)
         return Alignment(
             stamp_ns,
             state,
