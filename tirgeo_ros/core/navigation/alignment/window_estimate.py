@@ -391,11 +391,12 @@ def _shortest_turn(a: Array, b: Array) -> Array:
     return matrix_from_rotvec(angle * across / np.linalg.norm(across))
 
 
-def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> WindowFit:
-    """Return the fit if it is near all measurements, with a good tilt; else NotAlignedError."""
+def checked(fitted: FittedWindow) -> FittedWindow:
+    """Return the window if its fit is near all measurements, with a good tilt; NotAlignedError."""
+    result = fitted.fit
     worst = int(np.argmax(result.distances))
     if result.distances[worst] > _LARGEST_DISTANCE:
-        wrong, size = observations[worst], float(np.linalg.norm(result.residuals[worst]))
+        wrong, size = fitted.observations[worst], float(np.linalg.norm(result.residuals[worst]))
         size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
         off = f"{size:.2g} {wrong.kind.value} ({np.sqrt(result.distances[worst]):.0f} sigma)"
         raise NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
@@ -405,7 +406,7 @@ def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> 
         raise NotAlignedError("imu/data is upside down: check its axes and signs")
     if result.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
         raise NotAlignedError("the motion is not measured well enough to find the tilt", 4)
-    return result
+    return fitted
 
 
 def tilt_between(a_nb: Array, b_nb: Array) -> float:
