@@ -201,7 +201,6 @@ class Clipping:
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}  # channel -> samples at full scale
-        self.since_ns: int | None = None  # when the newest clipping began; None before the first
         self.newest_ns: int | None = None
         self._ends: dict[tuple[int, bool], _End] = {}  # key: channel, whether positive
         self._before: ImuSample | None = None
@@ -255,8 +254,6 @@ class Clipping:
             if number:
                 name = CHANNELS[channel]
                 self.counts[name] = self.counts.get(name, 0) + number
-                if not self.active(stamp_ns):
-                    self.since_ns = stamp_ns
                 self.newest_ns = stamp_ns
 
 
