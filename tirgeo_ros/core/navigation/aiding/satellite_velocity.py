@@ -70,9 +70,7 @@ class VelocityAid(Aid):
         lever_b = self._lever_b
         if self._estimates_antenna:
             lever_b = added(lever_b, estimate.aids.receivers.antenna_b)
-        swing = rotate(
-            rotation, cross(angular_rate_b, lever_b)
-        )  # of the antenna against the IMU, m/s
+        swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, m/s
         (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
         innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
         noise = floored(sample.covariance_n, self._floor_m_s)

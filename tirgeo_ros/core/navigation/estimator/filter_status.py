@@ -144,16 +144,14 @@ class VerdictLog:
     def __init__(self, on_verdict: Callable[[Verdict], None] | None = None) -> None:
         self.counts: Counter[tuple[Source, Outcome]] = Counter()
         self.test_ratios: dict[Source, float] = {}
-        self.unused: dict[Source, Unused] = {}
-        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
-        self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
         self._on_verdict = on_verdict
+        self.begin()
 
     def begin(self) -> None:
         """Forget the records of the former state."""
-        self.unused = {}
-        self._nis = {}
-        self._means = {}
+        self.unused: dict[Source, Unused] = {}
+        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
+        self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
 
     def add(self, verdict: Verdict, now_ns: int) -> None:
         """Take a verdict that was given at ``now_ns``."""
