@@ -172,12 +172,11 @@ class GimbalChecks:
         """Compare angles (N, 3) yaw, roll, pitch, rad, with reported ``R_bg`` (N, 3, 3)."""
         reported = joint_angles(rotations_bg, self._order)
         other = _other_order(joints, reported, rotations_bg)
+        before = _sizes(joints, reported)
         if other:
-            texts = {
-                "words": f"the joints are those of a gimbal {other}, not {self._order}",
-                "before": _sizes(joints, reported),
-                "after": _sizes(joints, joint_angles(rotations_bg, other)),
-            }
+            words = f"the joints are those of a gimbal {other}, not {self._order}"
+            after = _sizes(joints, joint_angles(rotations_bg, other))
+            texts = {"words": words, "before": before, "after": after}
             return [finding("joint_order", self._case, **texts, other=other, order=self._order)]
         limit = _SHARE * _cost(joints, reported)
         possible = _READINGS if limit > 3 * _FLOOR_RAD2 else ()  # no reading costs less
@@ -185,11 +184,8 @@ class GimbalChecks:
         least = min(costs, default=math.inf)
         if least < limit:
             best = possible[[cost <= _ALIKE * least for cost in costs].index(True)]
-            texts = {
-                "words": best.words,
-                "before": _sizes(joints, reported),
-                "after": _sizes(best.angles(joints, headings_rad), reported),
-            }
+            after = _sizes(best.angles(joints, headings_rad), reported)
+            texts = {"words": best.words, "before": before, "after": after}
             return [finding("joint_angles", self._case, **texts)]
         mean, spread = _differences(joints, reported)
         size = np.abs(mean)

@@ -169,12 +169,10 @@ def map_findings(draped: DrapedMap, ground: Ground) -> list[Finding]:
     nearest = nearest_feature(draped.map, np.zeros(3), draped.first_n)
     if nearest is not None and nearest.distance_m > _FAR_M:
         question = likely_mistake(draped.plane, np.asarray(nearest.point_n))
-        texts = {
-            "way": way_words(nearest.distance_m, nearest.azimuth_rad),
-            "question": f"; {question}" if question else "",
-        }
+        question = f"; {question}" if question else ""
+        way = way_words(nearest.distance_m, nearest.azimuth_rad)
         case = "far" if nearest.distance_m > ELSEWHERE_M else ""
-        findings.append(finding("map_elsewhere", case, **texts))
+        findings.append(finding("map_elsewhere", case, way=way, question=question))
     remarks = [line for layer in draped.map.layers for line in layer.left_out]
     unsure = [finding("map_system_unknown", remark=line) for line in remarks if _NO_SYSTEM in line]
     return sorted_findings([*findings, *unsure])
