@@ -247,7 +247,7 @@ class Overlay:
         #: Why the map that is draped elsewhere was not set yet; else empty.
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
-        self.clicks.set_ground(self.painter.ground)
+        self.clicks.ground = self.painter.ground
         self.frames = FrameQueue()
         self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
