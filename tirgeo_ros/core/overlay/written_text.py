@@ -103,14 +103,10 @@ class Box(NamedTuple):
     right: int
     bottom: int
 
-    def meets(self, other: Box, room: int = 0) -> bool:
-        """Return whether the boxes overlap, or have less than ``room`` px between them."""
-        return (
-            self.left - room < other.right
-            and other.left < self.right + room
-            and self.top - room < other.bottom
-            and other.top < self.bottom + room
-        )
+    def meets(self, other: Box) -> bool:
+        """Return whether the boxes overlap."""
+        beside = self.left >= other.right or other.left >= self.right
+        return not (beside or self.top >= other.bottom or other.top >= self.bottom)
 
 
 @dataclass(frozen=True, slots=True)
