@@ -303,15 +303,8 @@ class WhiteningFusion(Fusion):
         self._state_slope = moved + gain @ slope
         root = np.linalg.cholesky(spread)
         whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
-        self.white.append(
-            White(
-                number=reading.number,
-                source=aid.source,
-                stamp_ns=aid.stamp_ns,
-                error=whitened[:, 0],
-                slope=whitened[:, 1:],
-            )
-        )
+        parts = whitened[:, 0], whitened[:, 1:]  # error and slope
+        self.white.append(White(reading.number, aid.source, aid.stamp_ns, *parts))
         track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
         aids = aids.with_track(aid.source, track)
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))

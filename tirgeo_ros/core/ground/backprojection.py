@@ -178,8 +178,7 @@ class Slopes:
         for here, before, after in self._terrain.at(column, row).tolist():
             rises = [x for x in (here - before, after - here) if math.isfinite(x)]
             slopes.append(sum(rises) / max(len(rises), 1) / step_m)
-        normal: Array = -self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes
-        return normal
+        return np.asarray(-self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes)
 
 
 class Reason(Enum):

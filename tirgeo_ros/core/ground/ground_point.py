@@ -253,8 +253,7 @@ def _off_ray(
         [[vy * share, -uy * share], [-vx * share, ux * share]]
     )
     moved = np.hstack([np.eye(3), -skew(offset_n)])
-    covariance: Array = moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T)
-    return covariance
+    return np.asarray(moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T))
 
 
 def _on_ground(
