@@ -280,12 +280,7 @@ class WhiteningFusion(Fusion):
         self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
         self.white: list[White] = []
 
-    def _judged(
-        self,
-        aid: AidMeasurement,
-        estimate: StateEstimate,
-        autopilot_q_nb: Array | None,  # noqa: ARG002  as the base has it
-    ) -> Fused:
+    def _judged(self, aid: AidMeasurement, estimate: StateEstimate) -> Fused:
         """Return the estimate with a measurement in it, whatever its innovation."""
         state, covariance, aids = estimate.state, estimate.covariance, estimate.aids
         reading = self._readings[aid.source, aid.stamp_ns]

@@ -90,6 +90,7 @@ class AidMeasurement(NamedTuple):
     expected: tuple[float, ...]  # the invariant of an innovation of zero
     slack: float  # largest difference of two invariants that have the same cause
     stale: bool = False  # the sample repeats the value of the previous one
+    autopilot_q_nb: Array | None = None  # (4,) wxyz, consulted if headings contradict the state
 
     def verdict(self, outcome: Outcome, reason: str, ratio: float) -> Verdict:
         """Return the verdict on the measurement, with its numbers; ``ratio`` is the test ratio."""
@@ -214,9 +215,7 @@ class Aid:
         """Return the result of a measurement while its aid has stepped; None: gate it narrowly."""
         return None
 
-    def after_refusal(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> StateEstimate | None:
+    def after_refusal(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate | None:
         """Return the estimate reset to a measurement that was refused for long; None: too early.
 
         Only measurements that agree with each other count. A single position that jumps has no
@@ -225,13 +224,10 @@ class Aid:
         run = estimate.aids.track(aid.source).run
         if run is None:
             return None
-        usual_s = self.patience_s(aid, estimate, autopilot_q_nb)
-        lasts = run.lasts(LONGEST_PATIENCE_S if aid.stale else usual_s)
+        lasts = run.lasts(LONGEST_PATIENCE_S if aid.stale else self.patience_s(aid, estimate))
         return self.reset(aid, estimate) if lasts else None
 
-    def patience_s(
-        self, aid: AidMeasurement, estimate: StateEstimate, _autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, aid: AidMeasurement, estimate: StateEstimate) -> float:
         """Return how long a run of refusals must last; infinite if it must not cause a reset."""
         reset_after_s = self._config.rtk.reset_after_s
         stepped = estimate.aids.track(aid.source).step

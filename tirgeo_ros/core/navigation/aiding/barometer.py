@@ -19,7 +19,6 @@ from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.ins.error_states import POSITION
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -113,9 +112,7 @@ class BarometerAid(Aid):
         verdict = Verdict(self.source, Outcome.STANDBY, reason, ratio, (off_m,), nis)
         return verdict, _with_reference(estimate, reference)
 
-    def patience_s(
-        self, _aid: AidMeasurement, _estimate: StateEstimate, _autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, _aid: AidMeasurement, _estimate: StateEstimate) -> float:
         """Return how long a run of refusals must last."""
         return self._config.barometer.reset_after_s
 

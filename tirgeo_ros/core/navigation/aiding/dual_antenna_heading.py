@@ -164,14 +164,12 @@ class HeadingAid(Aid):
             return super().step(aid, track)
         return tuple(map(operator.sub, aid.invariant, aid.expected)) if track.newest else ()
 
-    def patience_s(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, aid: AidMeasurement, estimate: StateEstimate) -> float:
         """Return how long a run must last; infinite for a turn that the autopilot denies."""
         track = estimate.aids.track(aid.source)
         measurement, turn = aid.measurement, float(aid.measurement.innovation[0])
         if track.step or (not track.agreed_ns and abs(turn) > LARGE_TURN_RAD):
-            supported = _supported(turn, estimate.state, autopilot_q_nb)
+            supported = _supported(turn, estimate.state, aid.autopilot_q_nb)
             return self._heading.reset_after_s if supported else math.inf
         # The longer headings and state have agreed, the less a contradiction proves against the
         # state. One below the gate of a heading may as well come from the gyroscopes.

@@ -84,13 +84,11 @@ class VelocityAid(Aid):
             sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
         ), estimate
 
-    def patience_s(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, aid: AidMeasurement, estimate: StateEstimate) -> float:
         """Return how long a run must last; infinite while RTK positions confirm the state."""
         if estimate.aids.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns):
             return math.inf
-        return super().patience_s(aid, estimate, autopilot_q_nb)
+        return super().patience_s(aid, estimate)
 
 
 class RtkVelocityAid(VelocityAid):
