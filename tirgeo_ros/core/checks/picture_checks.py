@@ -114,8 +114,8 @@ class PictureChecks:
 
     def pose(self, pose: CameraPose) -> None:
         """Take a camera pose, in order of time."""
-        self._stamps.pose(pose.stamp_ns)
-        is_due = self._camera is not None or self._heights.is_due(pose.stamp_ns)
+        self._stamps.pose_ns = pose.stamp_ns
+        is_due = self._camera is not None or self._heights.spacing.is_due(pose.stamp_ns)
         if is_due and not pose_fault(pose.position_n, pose.q_nc, pose.covariance):
             self._heights.pose(pose)
             self._motion.pose(pose)
@@ -158,13 +158,9 @@ class FrameStamps:
     """Check the stamps of frames."""
 
     def __init__(self) -> None:
-        self._pose_ns = 0  # stamp of the newest pose since the last frame, or 0
+        self.pose_ns = 0  # stamp of the newest pose since the last frame, or 0
         # of each frame: its stamp, its arrival and that pose, ns; 0 where unknown
         self._frames: deque[tuple[int, int, int]] = deque(maxlen=_KEPT)
-
-    def pose(self, stamp_ns: int) -> None:
-        """Take the stamp of a camera pose."""
-        self._pose_ns = stamp_ns
 
     def frame(self, stamp_ns: int, arrival_ns: int) -> None:
         """Take a frame's stamp and its arrival time.
@@ -172,8 +168,8 @@ class FrameStamps:
         An arrival time of 0 means unknown, because a clock that is played with a bag is 0 until
         its first message.
         """
-        self._frames.append((stamp_ns, arrival_ns, self._pose_ns))
-        self._pose_ns = 0  # compare only with a pose that came since the last frame
+        self._frames.append((stamp_ns, arrival_ns, self.pose_ns))
+        self.pose_ns = 0  # compare only with a pose that came since the last frame
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
