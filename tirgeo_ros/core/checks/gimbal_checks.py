@@ -232,17 +232,10 @@ class _Reading(NamedTuple):
         return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}{north}"
 
 
+_ORDERS, _SIGNS = itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)
 #: All readings, those with fewer mistakes first.
 _READINGS = sorted(
-    itertools.starmap(
-        _Reading,
-        itertools.product(
-            itertools.permutations(range(3)),
-            itertools.product((1.0, -1.0), repeat=3),
-            (False, True),
-            (False, True),
-        ),
-    ),
+    itertools.starmap(_Reading, itertools.product(_ORDERS, _SIGNS, (False, True), (False, True))),
     key=lambda r: np.sum(np.not_equal(r.axes, range(3))) + r.signs.count(-1) + r.degrees + r.north,
 )
 

@@ -114,11 +114,8 @@ class LeverChecks:
         set_m = flu_from_frd(self._lever_b)
         turned = np.abs(set_m + flu_from_frd(estimate.lever_b)) < 0.5 * np.abs(set_m)
         turned &= np.abs(set_m) > _LEAST_M
-        texts = {
-            "place": _place(estimate),
-            "configured": _numbers(set_m),
-            "axes": " and ".join(np.array(("forward", "left", "up"))[turned]),
-        }
+        axes = " and ".join(np.array(("forward", "left", "up"))[turned])
+        texts = {"place": _place(estimate), "configured": _numbers(set_m), "axes": axes}
         case = f"{'set' if self._is_set else ''} {'sign' if turned.any() else ''}"
         return [finding("antenna_place", case, **texts)]
 

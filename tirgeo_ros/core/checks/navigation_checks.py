@@ -151,6 +151,7 @@ class NavigationChecks:
         """Return the findings from all samples so far, the most severe first."""
         imu = self._imu.findings()
         turned = any("gyro" in each.check or "axes" in each.check for each in imu)
+        waited_ns = self._arrived_ns - self._first_ns
         findings = [
             *imu,
             # Wrong gyroscopes would make headings seem wrong.
@@ -158,12 +159,7 @@ class NavigationChecks:
             *self._positions.findings(),
             *(each for checks in self._velocities.values() for each in checks.findings()),
             *self._stamps.findings(),
-            *stream_findings(
-                self._streams,
-                self._config,
-                self._arrived_ns - self._first_ns,
-                self._gap_counts_s,
-            ),
+            *stream_findings(self._streams, self._config, waited_ns, self._gap_counts_s),
             *([] if imu else self._vibration.findings()),  # its unit would be wrong too
         ]
         if all(each.severity < Severity.STOP for each in findings):  # the fit trusts all inputs

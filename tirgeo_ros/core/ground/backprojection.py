@@ -220,9 +220,8 @@ class _Piece:
     def is_over(self, s: float, highest_m: float) -> bool:
         """Return whether the ray, at s, is above ``highest_m`` and does not descend."""
         height, linear, square = self.height.tolist()
-        return bool(
-            height + s * (linear + s * square) > highest_m and linear + 2 * s * square >= 0
-        )
+        height += s * (linear + s * square)
+        return bool(height > highest_m and linear + 2 * s * square >= 0)
 
 
 def first_hit(

@@ -145,11 +145,8 @@ def in_body_axes(sample: ImuSample, rotation_bi: Array | None) -> ImuSample:
     """Return a sample rotated to body axes; the autopilot's attitude is in them already."""
     if rotation_bi is None:
         return sample
-    return replace(
-        sample,
-        specific_force_b=rotation_bi @ sample.specific_force_b,
-        angular_rate_b=rotation_bi @ sample.angular_rate_b,
-    )
+    force_b, rate_b = rotation_bi @ sample.specific_force_b, rotation_bi @ sample.angular_rate_b
+    return replace(sample, specific_force_b=force_b, angular_rate_b=rate_b)
 
 
 def _continuous(sample: ImuSample) -> Checked:
