@@ -250,17 +250,9 @@ def fit(
     scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
     distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
     without_biases = np.linalg.inv(information[:9, :9])
-    return WindowFit(
-        rotation,
-        rest[:3],
-        rest[3:6],
-        rest[6:] + window.taken,
-        covariance,
-        float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1]))),
-        parts,
-        np.array(distances),
-        settled,
-    )
+    tilt_sigma_rad = float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1])))
+    state = rotation, rest[:3], rest[3:6], rest[6:] + window.taken
+    return WindowFit(*state, covariance, tilt_sigma_rad, parts, np.array(distances), settled)
 
 
 def _residual(
