@@ -102,6 +102,7 @@ class AidMeasurement(NamedTuple):
 
 #: A measurement, or the verdict on a sample that is not used; and the estimate.
 Modelled = tuple[AidMeasurement | Verdict, StateEstimate]
+Corrected = tuple[Array, tuple[Change, ...]]  # see ``Aid.correction``
 
 
 def not_fixed(source: Source, status: FixStatus) -> Verdict:
@@ -183,9 +184,7 @@ class Aid:
         """Return the record with one more innovation, and why that is refused, or ""."""
         return track, reason
 
-    def correction(
-        self, _measurement: Measurement, result: Update
-    ) -> tuple[Array, tuple[Change, ...]]:
+    def correction(self, _measurement: Measurement, result: Update) -> Corrected:
         """Return the error (n,) to correct by, and the changes of the covariance."""
         assert result.error is not None
         assert result.covariance is not None

@@ -124,9 +124,8 @@ class HeadingAid(Aid):
         measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
-        return AidMeasurement(
-            self.source, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
-        ), estimate
+        own = self.source, sample.stamp_ns, measurement
+        return AidMeasurement(*own, invariant, (1.0, 0.0), slack), estimate
 
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:
         """Describe how far a heading is off; a step is a chord of the unit circle."""

@@ -19,9 +19,7 @@ from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 _DRIFT_RATIO = 1.5
 #: The fix status of a receiver that has been silent for longer is NONE.
 _STATUS_AGE_NS = 2_000_000_000
-_REFUSED = frozenset(
-    (Outcome.GATED, Outcome.INVALID, Outcome.TOO_OLD, Outcome.TOO_NEW, Outcome.TOO_MANY)
-)
+_REFUSED = {Outcome.GATED, Outcome.INVALID, Outcome.TOO_OLD, Outcome.TOO_NEW, Outcome.TOO_MANY}
 _NIS_NS = 30_000_000_000
 #: Cap on the NIS of one measurement, so that a refused one does not dominate the mean.
 _NIS_CAP = 25.0

@@ -87,10 +87,8 @@ class FilterEpoch(Epoch):
 
 def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
     """Insert a record in order; return False if there is one of the same source and stamp."""
-    at = len(records)
-    while at and records[at - 1].order > record.order:
-        at -= 1
-    if at and records[at - 1].order == record.order:
+    at = bisect.bisect_left(records, record.order, key=operator.attrgetter("order"))
+    if at < len(records) and records[at].order == record.order:
         return False
     records.insert(at, record)
     return True
@@ -122,8 +120,8 @@ class Ekf:
         record: FlightRecord | None = None,
     ) -> None:
         self.configure(config)
-        self._mechanisation = mechanisation or self._mechanisation
-        self._fusion = fusion or self._fusion
+        self._mechanisation: Propagation = mechanisation or self._mechanisation
+        self._fusion: Fusion = fusion or self._fusion
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
         self._maker = SolutionMaker(config)
         estimate = initial_estimate(config, alignment)
@@ -301,12 +299,10 @@ class Ekf:
     ) -> tuple[Propagated, AidStatus]:
         now = self._mechanisation.followed(now)
         x, y, z = now.state.gyro_bias_b
+        estimate = StateEstimate(now.state, now.covariance, aids)
+        turning_b, stale = (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z), record.stale
         verdict, after = self._fusion.fuse(
-            record.sample,
-            StateEstimate(now.state, now.covariance, aids),
-            (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
-            stale=record.stale,
-            autopilot_q_nb=autopilot_q_nb,
+            record.sample, estimate, turning_b, stale=stale, autopilot_q_nb=autopilot_q_nb
         )
         self._set_verdict(record, verdict)
         trail = now.trail
