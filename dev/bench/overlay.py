@@ -148,7 +148,7 @@ def _whole_frame(
         nonlocal stamp_ns
         stamp_ns += _FRAME_NS
         exposed_ns = exposure_ns(stamp_ns, OverlayConfig().video_latency_s)
-        overlay.add_pose(CameraPose(exposed_ns, pose.position_n, pose.q_nc, pose.covariance))
+        overlay.poses.add(CameraPose(exposed_ns, pose.position_n, pose.q_nc, pose.covariance))
         overlay.add_frame(stamp_ns, picture, stamp_ns)
         result = overlay.take(stamp_ns)
         assert result is not None

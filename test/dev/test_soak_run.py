@@ -30,7 +30,7 @@ def drawn(variance, state=None):
     overlay.add_frame(START, GREY, START)
     for before_ms in (100, 0) if variance else ():
         pose = pose_at(START - LATENCY - before_ms * MS)
-        overlay.add_pose(dataclasses.replace(pose, covariance=np.eye(6) * variance))
+        overlay.poses.add(dataclasses.replace(pose, covariance=np.eye(6) * variance))
     result = overlay.take(START + 3 * WAIT)
     assert bool(result.notice) is not bool(variance)
     return result.image

@@ -80,7 +80,7 @@ def distances(pixels, outline):
 
 def pictured(overlay, stamp_ns=START, now_ns=START, frame=GREY, **pose):
     """Return what becomes of a frame whose pose is there."""
-    overlay.add_pose(pose_at(stamp_ns, **pose))
+    overlay.poses.add(pose_at(stamp_ns, **pose))
     overlay.add_frame(stamp_ns + LATENCY, frame, now_ns)
     return overlay.take(now_ns)
 

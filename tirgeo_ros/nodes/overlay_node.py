@@ -150,7 +150,7 @@ class OverlayNode(GraphNode):
 
     def _take_pose(self, message: Any) -> None:
         pose = camera_pose(message)
-        self._overlay.add_pose(pose)
+        self._overlay.poses.add(pose)
         self._release()
         self._setup.take(self._picture_checks.pose, pose)
 

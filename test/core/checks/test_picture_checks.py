@@ -302,7 +302,7 @@ def test_bad_stamps_are_reported(stamp, checks):
     stamps = FrameStamps()
     for k in range(100):
         now_ns = START_NS + k * PERIOD_NS + 50_000_000
-        stamps.pose(now_ns - 20_000_000)
+        stamps.pose_ns = now_ns - 20_000_000
         stamps.frame(stamp(k), now_ns)
     assert [finding.check for finding in stamps.findings()] == checks
 

@@ -37,7 +37,7 @@ def clicks():
     """Three pictures, a second and ten metres apart."""
     shown = Clicks(ConfidenceConfig())
     shown.set_plane(PLANE)
-    shown.set_ground(30.0)
+    shown.ground = 30.0
     for k in range(1, 4):
         shown.show(k * S, XT2, pose_over(10.0 * k))
     return shown
@@ -86,12 +86,12 @@ def test_a_click_needs_pose_plane_and_ground():
     assert clicks.locate(CENTRE).reason is Reason.NO_POSE
     clicks.show(2 * S, XT2, pose_over(0.0))
     assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
-    clicks.set_ground(math.nan)
+    clicks.ground = math.nan
     assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
-    clicks.set_ground(31.0)
+    clicks.ground = 31.0
     assert clicks.locate((700.0, 3.0)).reason is Reason.OUTSIDE_PICTURE
     assert isinstance(clicks.locate(CENTRE), Located)
-    clicks.set_ground(None)
+    clicks.ground = None
     assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
 
 

@@ -212,7 +212,7 @@ def notice(features, pose=None, style=None):
     overlay = Overlay(OverlayConfig(ground_height_m=25.0), [layer])
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
-    overlay.add_pose(pose or pose_at(START))
+    overlay.poses.add(pose or pose_at(START))
     overlay.add_frame(START + LATENCY, GREY, START)
     result = overlay.take(START)
     assert result.pose is not None

@@ -167,7 +167,7 @@ HERE = [name for name in text._TYPEFACES if text._has(name, "\u00fc")]  # on thi
 @pytest.mark.parametrize("name", HERE[:2])
 def test_accents_are_letters_and_not_boxes(name):
     """The accented letter is the plain one and something above it."""
-    plain, accented = (text._drawn(letter, 24, name) for letter in "u\u00fc")
+    plain, accented = (text.coverage(letter, 24, name) for letter in "u\u00fc")
     assert plain.shape[0] == accented.shape[0]
     body = np.flatnonzero(plain.max(axis=1) > 60)[[0, -1]]
     same = plain[body[0] + 1 : body[1]].astype(int) - accented[body[0] + 1 : body[1]]

@@ -18,6 +18,7 @@ from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.fusion import AIDS
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
@@ -70,11 +71,7 @@ def values_of_config(config: EkfConfig) -> Array:
     """Return the values (7,) of the configured parameters; the IMU's delay is subtracted."""
     x, y, _ = Baseline.from_config(config.aircraft).direction_b
     lever_m = flu_from_frd(config.aircraft.rtk_lever_b)
-    position_s, heading_s = config.rtk.delay_s, config.heading.delay_s
-    velocity_s = position_s + config.rtk.velocity_delay_s
-    delays_s = np.array(
-        [position_s, velocity_s, position_s if math.isnan(heading_s) else heading_s]
-    )
+    delays_s = np.array([AIDS[source].delay_s(config) for source in DELAYS])
     return np.array([*lever_m, math.atan2(y, x), *(delays_s - config.imu.delay_s)])
 
 

@@ -280,12 +280,7 @@ class WhiteningFusion(Fusion):
         self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
         self.white: list[White] = []
 
-    def _judged(
-        self,
-        aid: AidMeasurement,
-        estimate: StateEstimate,
-        autopilot_q_nb: Array | None,  # noqa: ARG002  as the base has it
-    ) -> Fused:
+    def _judged(self, aid: AidMeasurement, estimate: StateEstimate) -> Fused:
         """Return the estimate with a measurement in it, whatever its innovation."""
         state, covariance, aids = estimate.state, estimate.covariance, estimate.aids
         reading = self._readings[aid.source, aid.stamp_ns]
@@ -303,15 +298,8 @@ class WhiteningFusion(Fusion):
         self._state_slope = moved + gain @ slope
         root = np.linalg.cholesky(spread)
         whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
-        self.white.append(
-            White(
-                number=reading.number,
-                source=aid.source,
-                stamp_ns=aid.stamp_ns,
-                error=whitened[:, 0],
-                slope=whitened[:, 1:],
-            )
-        )
+        parts = whitened[:, 0], whitened[:, 1:]  # error and slope
+        self.white.append(White(reading.number, aid.source, aid.stamp_ns, *parts))
         track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
         aids = aids.with_track(aid.source, track)
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))

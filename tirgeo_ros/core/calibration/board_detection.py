@@ -81,11 +81,9 @@ def _candidates(grey: RawPixels, board: Checkerboard) -> Iterator[Array]:
     small, scale = _shrunk(grey)
     for form in (_stretched(small), _local(small)):
         for calm_px in (0.0, _CALM_PX):
-            calm = cv2.GaussianBlur(form, (0, 0), calm_px) if calm_px else form
+            calm = np.asarray(cv2.GaussianBlur(form, (0, 0), calm_px)) if calm_px else form
             # The detector accepts light and dark squares either way round.
-            detected, corners = cv2.findChessboardCornersSB(
-                np.asarray(calm, np.uint8), board.size, flags=_DETECTION
-            )
+            detected, corners = cv2.findChessboardCornersSB(calm, board.size, flags=_DETECTION)
             if detected:
                 yield (np.asarray(corners, float).reshape(-1, 2) + 0.5) * scale - 0.5
 

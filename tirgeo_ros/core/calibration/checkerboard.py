@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_from_matrix
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_axes, euler_from_matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 
@@ -229,14 +229,6 @@ def camera_angles(pose: BoardPose) -> tuple[Array, Array]:
     rotation_bc = BODY_OPTICAL @ pose.rotation_cb.T @ BODY_OPTICAL.T
     angles = euler_from_matrix(rotation_bc)
     _, pitch, yaw = angles
-    # phi_b = axes @ d(angles) for the z-y-x angles, phi in the board's frame (Groves 2.58).
-    cosine, sine = np.cos(pitch), np.sin(pitch)
-    axes = np.array(
-        [
-            [np.cos(yaw) * cosine, -np.sin(yaw), 0.0],
-            [np.sin(yaw) * cosine, np.cos(yaw), 0.0],
-            [-sine, 0.0, 1.0],
-        ]
-    )
-    turn = np.linalg.pinv(axes) @ rotation_bc @ BODY_OPTICAL
+    # phi_b = axes @ d(angles), phi in the board's frame.
+    turn = np.linalg.pinv(euler_axes(pitch, yaw)) @ rotation_bc @ BODY_OPTICAL
     return angles, np.asarray(np.sqrt(np.diag(turn @ pose.covariance @ turn.T)))

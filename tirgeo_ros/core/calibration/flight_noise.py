@@ -54,15 +54,11 @@ class Pieces(NamedTuple):
         chosen: Any = [column[these] for column in self[:-1]]
         return Pieces._make([*chosen, self.frequencies_hz])
 
-    def above_motion(self) -> BoolArray:
-        """Return (f,) which frequencies are used: without the last, whose band is half as wide."""
-        hz = self.frequencies_hz
-        return np.asarray((hz > MOTION_HZ) & (hz < hz[-1]))
-
     def lines(self, channel: int) -> list[SpectralLine]:
         """Return the lines of the mean spectrum above motion, strongest first."""
-        inside = self.above_motion()
-        hz, power = self.frequencies_hz[inside], (self.spectra[:, inside, channel] ** 2).mean(0)
+        hz = self.frequencies_hz
+        inside = (hz > MOTION_HZ) & (hz < hz[-1])  # the last one's band is half as wide
+        hz, power = hz[inside], (self.spectra[:, inside, channel] ** 2).mean(0)
         floor = np.median(power)
         excess = 2 * np.maximum(power - floor, 0.0) * self.frequencies_hz[1]
         out = np.concatenate([[False], power > _STANDS_OUT * floor, [False]])

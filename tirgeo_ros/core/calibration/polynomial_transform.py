@@ -71,15 +71,13 @@ class PolynomialTransform:
         along, to = end - begin, pixels[:, None] - begin
         cross = along[:, 0] * to[..., 1] - along[:, 1] * to[..., 0]
         slack = 1e-6 * self.pixels.size * np.hypot(*along.T)
-        inside: BoolArray = (cross >= -slack).all(axis=1) | (cross <= slack).all(axis=1)
-        return inside
+        return np.asarray((cross >= -slack).all(axis=1) | (cross <= slack).all(axis=1))
 
     def folded(self, pixels: Array) -> BoolArray:
         """Return (n,) where the polynomial mirrors the picture, so that it cannot be right."""
         signs = np.linalg.det(self.jacobian(pixels))
         middle = np.linalg.det(self.jacobian(self.pixels.middle[None]))
-        folded: BoolArray = signs * np.sign(middle) <= 0
-        return folded
+        return np.asarray(signs * np.sign(middle) <= 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,21 +52,17 @@ def ground_parameter(ground: Ground | None) -> str:
 
 
 class HeightChecks:
-    """Check poses over a ground."""
+    """Check poses over a ground; ``spacing`` selects those that are used."""
 
     def __init__(self, ground: Ground | None) -> None:
         self._plane: TangentPlane | None = None
         self._ground = ground
-        self._spacing = Spacing(_EVERY_NS)
+        self.spacing = Spacing(_EVERY_NS)
         # time s, position NED m, height above ground m, its sigma m
         self._rows: list[tuple[float, ...]] = []
         self._below_m = math.nan  # depth below the ground when first below it
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
         self._rest = math.inf, math.nan  # height in the plane, and above ground
-
-    def is_due(self, stamp_ns: int) -> bool:
-        """Return whether a pose of this stamp would be used."""
-        return self._spacing.is_due(stamp_ns)
 
     def plane(self, plane: TangentPlane) -> None:
         """Take the plane of the poses."""
@@ -75,7 +71,7 @@ class HeightChecks:
     def pose(self, pose: CameraPose) -> None:
         """Take a pose, in order of time."""
         plane, ground = self._plane, self._ground
-        if not self._spacing.take(pose.stamp_ns) or plane is None or ground is None:
+        if not self.spacing.take(pose.stamp_ns) or plane is None or ground is None:
             return
         latitude, longitude, height_m = plane.geodetic_from_ned(pose.position_n)
         level = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
@@ -169,12 +165,10 @@ def map_findings(draped: DrapedMap, ground: Ground) -> list[Finding]:
     nearest = nearest_feature(draped.map, np.zeros(3), draped.first_n)
     if nearest is not None and nearest.distance_m > _FAR_M:
         question = likely_mistake(draped.plane, np.asarray(nearest.point_n))
-        texts = {
-            "way": way_words(nearest.distance_m, nearest.azimuth_rad),
-            "question": f"; {question}" if question else "",
-        }
+        question = f"; {question}" if question else ""
+        way = way_words(nearest.distance_m, nearest.azimuth_rad)
         case = "far" if nearest.distance_m > ELSEWHERE_M else ""
-        findings.append(finding("map_elsewhere", case, **texts))
+        findings.append(finding("map_elsewhere", case, way=way, question=question))
     remarks = [line for layer in draped.map.layers for line in layer.left_out]
     unsure = [finding("map_system_unknown", remark=line) for line in remarks if _NO_SYSTEM in line]
     return sorted_findings([*findings, *unsure])

@@ -281,9 +281,8 @@ class VibrationChecks:
             measured, densities = np.sqrt(np.mean(self._powers, axis=0)), self._densities
             ratios = np.divide(measured, densities, out=np.zeros(6), where=densities > 0)
             if ratios.max() > _STRONG:
-                of_gyroscopes, of_accelerometers = ratios.reshape(2, 3).max(axis=1).tolist()
-                numbers = {"gyroscopes": of_gyroscopes, "accelerometers": of_accelerometers}
-                findings.append(finding("vibration", **numbers))
+                gyros, accels = ratios.reshape(2, 3).max(axis=1).tolist()
+                findings.append(finding("vibration", gyroscopes=gyros, accelerometers=accels))
         counts = self._clipping.counts
         if sum(counts.values()) >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):
             listed = ", ".join(f"{name} {number}" for name, number in counts.items())

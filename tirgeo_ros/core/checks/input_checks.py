@@ -183,16 +183,14 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
     ``lens`` names its source.
     """
     findings = []
-    lens_size = f"{camera.width}x{camera.height}"
+    texts = {"lens_size": f"{camera.width}x{camera.height}", "lens": lens}
     if size is not None and size != (camera.width, camera.height):
-        texts = {"size": f"{size[0]}x{size[1]}", "lens_size": lens_size, "lens": lens}
-        findings.append(finding("picture_size", **texts))
+        findings.append(finding("picture_size", size=f"{size[0]}x{size[1]}", **texts))
     right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
     aside_px = math.hypot(right, down)
     if aside_px > _ASIDE * camera.width:
         share = aside_px / camera.width
         numbers = {"cx": camera.cx, "cy": camera.cy, "aside_px": aside_px, "share": share}
-        texts = {"lens_size": lens_size, "lens": lens}
         findings.append(finding("principal_point", **numbers, **texts))
     view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:

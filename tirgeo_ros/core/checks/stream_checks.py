@@ -181,37 +181,32 @@ def _gaps(streams: Mapping[str, Stream], counts_s: float) -> list[Finding]:
 
 def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
     """Return the faults that occur in more than a few of a topic's samples."""
+
+    def counts(numbers: Mapping[str, int]) -> str:
+        return ", ".join(f"{t} ({number} of {streams[t].count})" for t, number in numbers.items())
+
     findings = []
-    back: dict[str, str] = {}
-    unstamped: dict[str, str] = {}
-    unknown: dict[str, str] = {}
-    for topic, stream in streams.items():
-        for listed, number, least in (
-            (back, stream.back, max(3, _MOST_BACK * stream.count)),
-            (unstamped, stream.unstamped, _LEAST_UNSTAMPED),
-            (unknown, stream.unknown, max(_LEAST_UNKNOWN, 0.5 * stream.count)),
-        ):
-            if number >= least:
-                listed[topic] = f"{topic} ({number} of {stream.count})"
+    back = {t: s.back for t, s in streams.items() if s.back >= max(3, _MOST_BACK * s.count)}
+    unstamped = {t: s.unstamped for t, s in streams.items() if s.unstamped >= _LEAST_UNSTAMPED}
+    unknown = {
+        topic: stream.unknown
+        for topic, stream in streams.items()
+        if stream.unknown >= max(_LEAST_UNKNOWN, 0.5 * stream.count)
+    }
     if back:
-        counts = ", ".join(back.values())
-        findings.append(finding("stamp_order", counts=counts, topic=next(iter(back))))
+        findings.append(finding("stamp_order", counts=counts(back), topic=next(iter(back))))
     if unstamped:
         names = {IMU: "imu.delay_s"} | {topic: name for topic, (_, name) in _DELAYED.items()}
-        of_topics = sorted({names[topic] for topic in unstamped if topic in names})
+        of_topics = ", ".join(sorted({names[topic] for topic in unstamped if topic in names}))
         delays = Delays.from_config(config)
         delayed = {s.topic for s, ns in delays.aid_ns.items() if ns != delays.imu_ns}
         case = "delayed" if set(unstamped) <= delayed else ""
-        texts = {"counts": ", ".join(unstamped.values()), "delays": ", ".join(of_topics)}
-        findings.append(finding("stamp_zero", case, **texts))
+        findings.append(finding("stamp_zero", case, counts=counts(unstamped), delays=of_topics))
     if unknown:
-        texts = {
-            "counts": ", ".join(unknown.values()),
-            "floors": ", ".join(_FLOORS.get(topic, "") for topic in unknown),
-            "topic": next(iter(unknown)),
-        }
+        texts = {"counts": counts(unknown), "topic": next(iter(unknown))}
+        floors = ", ".join(_FLOORS.get(topic, "") for topic in unknown)
         case = "gps" if all(topic.startswith("gps/") for topic in unknown) else ""
-        findings.append(finding("covariance_zero", case, **texts))
+        findings.append(finding("covariance_zero", case, **texts, floors=floors))
     return findings
 
 

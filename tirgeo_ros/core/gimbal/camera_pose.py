@@ -266,9 +266,6 @@ def _camera_pose(
     covariance += np.dot(by_angles * variances, by_angles.T)
     covariance += covariance.T.copy()
     covariance *= 0.5
-    return CameraPose(
-        body.stamp_ns,
-        body.position_n + np.array((a + x, b + y, c + z)),
-        canonical(np.array(quat_multiply(q_ng, tuple(mount.q_gc.tolist())))),
-        covariance,
-    )
+    position_n = body.position_n + np.array((a + x, b + y, c + z))
+    q_nc = canonical(np.array(quat_multiply(q_ng, tuple(mount.q_gc.tolist()))))
+    return CameraPose(body.stamp_ns, position_n, q_nc, covariance)

@@ -80,9 +80,8 @@ class GimbalComposer:
         for buffer in (self._autopilot, self._joints):
             buffer.keep(span_s)
         self._north.configure(config.north)
-        self._readings = YawBiasMeasurements(
-            config.north, math.radians(config.reported_sigma_deg[0])
-        )
+        roll_sigma_rad = math.radians(config.reported_sigma_deg[0])
+        self._readings = YawBiasMeasurements(config.north, roll_sigma_rad)
         self._centred = config.north.centred
 
     @property

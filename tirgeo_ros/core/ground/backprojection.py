@@ -178,8 +178,7 @@ class Slopes:
         for here, before, after in self._terrain.at(column, row).tolist():
             rises = [x for x in (here - before, after - here) if math.isfinite(x)]
             slopes.append(sum(rises) / max(len(rises), 1) / step_m)
-        normal: Array = -self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes
-        return normal
+        return np.asarray(-self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes)
 
 
 class Reason(Enum):
@@ -221,9 +220,8 @@ class _Piece:
     def is_over(self, s: float, highest_m: float) -> bool:
         """Return whether the ray, at s, is above ``highest_m`` and does not descend."""
         height, linear, square = self.height.tolist()
-        return bool(
-            height + s * (linear + s * square) > highest_m and linear + 2 * s * square >= 0
-        )
+        height += s * (linear + s * square)
+        return bool(height > highest_m and linear + 2 * s * square >= 0)
 
 
 def first_hit(

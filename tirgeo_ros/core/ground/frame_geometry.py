@@ -26,7 +26,12 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_from_matrix, matrix_from_quat
+from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    euler_axes,
+    euler_from_matrix,
+    matrix_from_quat,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain, locate
@@ -92,9 +97,7 @@ class CameraPlace:
         _, pitch, yaw = self.mapping_rpy
         if abs(math.cos(pitch)) < _LEAST_COSINE:
             return math.nan, math.nan, math.nan
-        nose_l = (self.rotation_lc @ _MAPPING_OPTICAL.T)[:, 0]
-        axes_l = np.stack([nose_l, [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]], axis=1)
-        by_phi = np.linalg.inv(axes_l)
+        by_phi = np.linalg.inv(euler_axes(pitch, yaw))
         variances = (by_phi @ self.covariance_l[3:, 3:] @ by_phi.T).diagonal()
         roll, pitch_sigma, yaw_sigma = np.sqrt(variances).tolist()
         return roll, pitch_sigma, yaw_sigma

@@ -249,12 +249,9 @@ def _off_ray(
     x, y, depth_m = (offset_n @ rotation_nc).tolist()
     ux, uy, vx, vy = camera.slopes(x / depth_m, y / depth_m)
     share = depth_m / (ux * vy - uy * vx)
-    across_n = rotation_nc[:, :2] @ np.array(
-        [[vy * share, -uy * share], [-vx * share, ux * share]]
-    )
+    across_n = rotation_nc[:, :2] @ (share * np.array([[vy, -uy], [-vx, ux]]))
     moved = np.hstack([np.eye(3), -skew(offset_n)])
-    covariance: Array = moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T)
-    return covariance
+    return np.asarray(moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T))
 
 
 def _on_ground(

@@ -134,9 +134,8 @@ class Polylines:
         place = np.arange(len(segment)) - np.repeat(np.cumsum(pieces[many]), pieces[many])
         fraction = place / pieces[segment] + 1
         points[:, after[segment] + place] = self._along(segment, fraction)
-        return replace(
-            self, points=points, starts=np.append(after - pieces, after[-1])[self.starts]
-        )
+        starts = np.append(after - pieces, after[-1])[self.starts]
+        return replace(self, points=points, starts=starts)
 
 
 def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:

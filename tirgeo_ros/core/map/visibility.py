@@ -111,16 +111,6 @@ def _cut_lines(
     return lines.cut(enter_all, leave_all)
 
 
-def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Polylines:
-    """Return the part of the rings' insides where ``normals @ point >= offsets``; (m, k), (m,).
-
-    The last point of a ring is joined to its first; it is not repeated.
-    """
-    for normal, offset in zip(normals, offsets, strict=True):
-        rings = _cut_rings(rings, normal @ rings.points - offset)
-    return rings
-
-
 def closed(rings: Polylines) -> Polylines:
     """Return the rings with their first point repeated at the end."""
     last = rings.starts[1:] - 1
@@ -130,7 +120,10 @@ def closed(rings: Polylines) -> Polylines:
 
 
 def _cut_rings(rings: Polylines, distance: Array) -> Polylines:
-    """Return the part of the rings where ``distance`` (V,), linear in the points, is >= 0."""
+    """Return the part of the rings' insides where ``distance`` (V,), linear there, is >= 0.
+
+    The last point of a ring is joined to its first; it is not repeated.
+    """
     inside = distance >= 0
     if inside.all():
         return rings
@@ -277,7 +270,8 @@ class View:
             _in_camera(rings.select(part), rotation_cn, rotation_cn @ pose.position_n)
             for part in (ring[whole], ring[~whole])
         )
-        outer = cut_rings_to_planes(outer, self._normals_c[:-1], offsets_c[:-1])
+        for normal, offset in zip(self._normals_c[:-1], offsets_c[:-1], strict=True):
+            outer = _cut_rings(outer, normal @ outer.points - offset)
         return self._in_pixels(joined(_flat(inner), closed(_flat(outer))))
 
     def _levels(

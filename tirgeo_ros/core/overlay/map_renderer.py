@@ -330,11 +330,8 @@ class MapRenderer:
 
         ``scale_m_px`` is the ground length that the middle pixel spans, nan without ground.
         """
-        in_view = (
-            view.areas(self._map, pose),
-            view.lines(self._map, pose, far_m),
-            view.marks(self._map, pose, far_m),
-        )
+        of_map = self._map, pose
+        in_view = view.areas(*of_map), view.lines(*of_map, far_m), view.marks(*of_map, far_m)
         areas, lines, marks = (self._at_scale(each, scale_m_px) for each in in_view)
         shown = len(areas) + len(lines) + len(marks)
         return VisibleMap(areas, lines, marks, hidden=shown < sum(map(len, in_view)))

@@ -326,16 +326,8 @@ class PicturePainter:
         else:
             scene = picture.pose, picture.rates, picture.markers, picture.verdict
             notice, above_m, _ = self.draw(image, *scene, notice)
-        fields = status_line(
-            picture.status,
-            picture.age_s,
-            picture.rate_hz,
-            picture.predicted_s,
-            picture.replaced,
-            above_m,
-            picture.verdict.severity,
-        )
-        paint_status(image, fields)
+        video = picture.age_s, picture.rate_hz, picture.predicted_s, picture.replaced
+        paint_status(image, status_line(picture.status, *video, above_m, picture.verdict.severity))
         return OverlayResult(
             picture.stamp_ns, image, picture.pose, notice, picture.camera, picture.predicted_s
         )

@@ -190,13 +190,8 @@ def marked(
     uncertain = ~(linear & (semi_px[:, 0] <= most_px))
     drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
     chosen = np.flatnonzero(drawn & config.ellipses)
-    dashes = ellipse_dashes(
-        anchors.uv[:, chosen],
-        np.minimum(semi_px[chosen], most_px),
-        angle[chosen],
-        anchors.owner[chosen],
-        uncertain[chosen],
-    )
+    ellipses = anchors.uv[:, chosen], np.minimum(semi_px[chosen], most_px), angle[chosen]
+    dashes = ellipse_dashes(*ellipses, anchors.owner[chosen], uncertain[chosen])
     if not fades:
         return Marked(lines, np.ones(len(lines)), dashes, uncertain)
     radius_px = radius_95(spread[:, count:])

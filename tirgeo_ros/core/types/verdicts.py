@@ -96,9 +96,8 @@ class NavigationStatus:
     warnings: tuple[str, ...] = ()  # faults that do not stop the navigation, with reasons
     nis: dict[str, float] = field(default_factory=dict)  # source -> mean Verdict.nis over 30 s
     process_noise: str = ""  # the source of the filter's IMU noise: parameters or vibration
-    vibration: tuple[
-        float, ...
-    ] = ()  # noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s)
+    #: Noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s).
+    vibration: tuple[float, ...] = ()
     began_again: Outcome | None = None  # GAP, TIME_JUMP or RESTART, until the filter runs again
 
     @property

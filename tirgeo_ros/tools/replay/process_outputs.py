@@ -302,7 +302,7 @@ class ProcessOutputs:
                     self._checks.map(self._overlay.painter.draped)
         if self._overlay is not None:
             for pose in registered.cameras:
-                self._overlay.add_pose(pose)
+                self._overlay.poses.add(pose)
         self._poses.add(registered, self.registration.composer.body_at, now_ns)
 
     def set_camera(self, camera: Camera) -> None:

@@ -21,6 +21,7 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid import (
     Aid,
     AidMeasurement,
+    Corrected,
     Fused,
     Modelled,
     StateEstimate,
@@ -154,9 +155,7 @@ class RtkPositionAid(Aid):
         noise = floored(sample.covariance_n, self._rtk.float_sigma_m)
         return noise * white_factor(self._rtk.float_time_s, step_ns), self._rtk.float_sigma_m
 
-    def correction(
-        self, measurement: Measurement, result: Update
-    ) -> tuple[Array, tuple[Change, ...]]:
+    def correction(self, measurement: Measurement, result: Update) -> Corrected:
         """Return the error to correct by; with ``rtk_direct`` the position is set to RTK's.
 
         Only the other states are filtered then, as in Ren et al. 2022, section 3.3.

@@ -70,9 +70,7 @@ class VelocityAid(Aid):
         lever_b = self._lever_b
         if self._estimates_antenna:
             lever_b = added(lever_b, estimate.aids.receivers.antenna_b)
-        swing = rotate(
-            rotation, cross(angular_rate_b, lever_b)
-        )  # of the antenna against the IMU, m/s
+        swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, m/s
         (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
         innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
         noise = floored(sample.covariance_n, self._floor_m_s)
@@ -86,13 +84,11 @@ class VelocityAid(Aid):
             sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
         ), estimate
 
-    def patience_s(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, aid: AidMeasurement, estimate: StateEstimate) -> float:
         """Return how long a run must last; infinite while RTK positions confirm the state."""
         if estimate.aids.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns):
             return math.inf
-        return super().patience_s(aid, estimate, autopilot_q_nb)
+        return super().patience_s(aid, estimate)
 
 
 class RtkVelocityAid(VelocityAid):

@@ -155,9 +155,8 @@ class _Terms:
         powers: Powers,
     ) -> None:
         at = window.at([o.stamp_ns for o in observations])
-        kinds = np.array([o.kind.value for o in observations])
-        self._is_velocity = kinds == ObservationKind.VELOCITY.value
-        self._is_position = kinds == ObservationKind.POSITION.value
+        self._is_velocity = np.array([o.kind is ObservationKind.VELOCITY for o in observations])
+        self._is_position = np.array([o.kind is ObservationKind.POSITION for o in observations])
         before = window.before_s[at]
         self.of_velocity = np.where(self._is_position, -before, 1.0 * self._is_velocity)
         self.of_position = 1.0 * self._is_position
@@ -251,17 +250,9 @@ def fit(
     scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
     distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
     without_biases = np.linalg.inv(information[:9, :9])
-    return WindowFit(
-        rotation,
-        rest[:3],
-        rest[3:6],
-        rest[6:] + window.taken,
-        covariance,
-        float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1]))),
-        parts,
-        np.array(distances),
-        settled,
-    )
+    tilt_sigma_rad = float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1])))
+    state = rotation, rest[:3], rest[3:6], rest[6:] + window.taken
+    return WindowFit(*state, covariance, tilt_sigma_rad, parts, np.array(distances), settled)
 
 
 def _residual(
@@ -316,12 +307,11 @@ def _measured_noise(observations: Sequence[AlignmentObservation]) -> Array:
     owner = np.repeat(np.arange(len(observations)), [len(o.value) for o in observations])
     axis = np.concatenate([np.arange(len(o.value)) for o in observations])
     names = np.unique([o.name for o in observations], return_inverse=True)[1].reshape(-1)[owner]
-    since_s = np.array([(o.stamp_ns - observations[0].stamp_ns) * 1e-9 for o in observations])[
-        owner
-    ]
+    since_ns = np.array([o.stamp_ns - observations[0].stamp_ns for o in observations])[owner]
     rate_1_s = np.array([1 / o.slow_time_s for o in observations])[owner]
     slow = np.concatenate([o.slow_sigma for o in observations])
     same = (names[:, None] == names) & (axis[:, None] == axis)
+    since_s = since_ns * 1e-9
     lasting = np.exp(-np.abs(since_s[:, None] - since_s) * rate_1_s)
     out = np.asarray(same * lasting * np.outer(slow, slow))
     for o, rows in zip(observations, _rows(observations), strict=True):

@@ -106,7 +106,7 @@ class TurnOnBiases:
         # Where the heading contradicts the autopilot's, no bias is the cause.
         turned = hint_nb is not None and "heading" in differences(fitted.fit, hint_nb, autopilot)
         if turned or not (beyond or self._lean_rad(fitted) > 0):
-            checked(fitted.fit, fitted.observations)
+            checked(fitted)
             if _surprise_of(fitted, self._prior) > _SUSPECT_SIGMA:
                 self._suspected_ns = now_ns
             lately = now_ns - self._suspected_ns < _SURE_S * 1e9
@@ -117,10 +117,10 @@ class TurnOnBiases:
         try:
             loose = self._loosely(measured, any_imu)
         except NotAlignedError:  # biases are not the cause, or not the only one
-            checked(fitted.fit, fitted.observations)
+            checked(fitted)
             raise NotAlignedError("imu/data does not fit the measured motion") from None
         if self._doubt.again_s(now_ns) < _SURE_S:  # a wrong measurement may look like biases
-            checked(fitted.fit, fitted.observations)
+            checked(fitted)
             self._suspected_ns = now_ns
             raise NotAlignedError(self._reason(fitted, loose))
         self._widen(fitted, loose)
@@ -135,9 +135,7 @@ class TurnOnBiases:
 
     def _loosely(self, measured: Measured, prior: Biases) -> FittedWindow:
         """Fit a window and the autopilot's turn; NotAlignedError if biases do not explain it."""
-        fitted = fit_window(measured, self._config, prior, self._taken, gyros_unknown=True)
-        checked(fitted.fit, fitted.observations)
-        return fitted
+        return checked(fit_window(measured, self._config, prior, self._taken, gyros_unknown=True))
 
     def _widen(self, plain: FittedWindow, loose: FittedWindow) -> None:
         """Enlarge the prior to cover the biases of ``loose``, fitted with a prior for any IMU."""

@@ -19,9 +19,7 @@ from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 _DRIFT_RATIO = 1.5
 #: The fix status of a receiver that has been silent for longer is NONE.
 _STATUS_AGE_NS = 2_000_000_000
-_REFUSED = frozenset(
-    (Outcome.GATED, Outcome.INVALID, Outcome.TOO_OLD, Outcome.TOO_NEW, Outcome.TOO_MANY)
-)
+_REFUSED = {Outcome.GATED, Outcome.INVALID, Outcome.TOO_OLD, Outcome.TOO_NEW, Outcome.TOO_MANY}
 _NIS_NS = 30_000_000_000
 #: Cap on the NIS of one measurement, so that a refused one does not dominate the mean.
 _NIS_CAP = 25.0
@@ -144,16 +142,14 @@ class VerdictLog:
     def __init__(self, on_verdict: Callable[[Verdict], None] | None = None) -> None:
         self.counts: Counter[tuple[Source, Outcome]] = Counter()
         self.test_ratios: dict[Source, float] = {}
-        self.unused: dict[Source, Unused] = {}
-        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
-        self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
         self._on_verdict = on_verdict
+        self.begin()
 
     def begin(self) -> None:
         """Forget the records of the former state."""
-        self.unused = {}
-        self._nis = {}
-        self._means = {}
+        self.unused: dict[Source, Unused] = {}
+        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
+        self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
 
     def add(self, verdict: Verdict, now_ns: int) -> None:
         """Take a verdict that was given at ``now_ns``."""

@@ -38,7 +38,8 @@ class Track(Generic[T]):
         if self._newest is not None and body.stamp_ns < self._newest.stamp_ns:
             self.clear()
         self._newest = body
-        if self._last is not None and self._apart_m(self._last, body) < self._spacing_m:
+        last = self._last
+        if last is not None and math.dist(last.position_n, body.position_n) < self._spacing_m:
             return
         if len(self._points) == MOST_POINTS:
             del self._points[1::2]
@@ -51,7 +52,3 @@ class Track(Generic[T]):
         if self._newest is None or self._newest is self._last:
             return list(self._points)
         return [*self._points, self._point_of(self._newest)]
-
-    @staticmethod
-    def _apart_m(a: BodyPose, b: BodyPose) -> float:
-        return math.dist(a.position_n.tolist(), b.position_n.tolist())

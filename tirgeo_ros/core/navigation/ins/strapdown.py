@@ -28,7 +28,7 @@ class NavState(NamedTuple):
     height_m: float
     gyro_bias_b: Vector  # rad/s, subtracted from the reading
     accel_bias_b: Vector  # m/s2, subtracted from the reading
-    correction_n: Vector  # m, sum of all position corrections so far
+    correction_n: Vector = (0.0, 0.0, 0.0)  # m, sum of all position corrections so far
     push_n: Vector = (0.0, 0.0, 0.0)  # m/s, sum of all velocity corrections so far
 
 

@@ -36,13 +36,11 @@ class FlightRecord:
 
     def keep(self, epoch: Epoch, aids: AidStatus, white_b: Vector) -> None:
         """Record the next final epoch; ``white_b``: variances of its angular rate, (rad/s)^2."""
-        newest = epoch.propagated.trail
+        newest = mark = epoch.propagated.trail
         assert newest is not None
-        new, mark = [], newest
-        while mark.number < 0:
+        new = []
+        while mark is not None and mark.number < 0:
             new.append(mark)
-            if mark.before is None:
-                break
             mark = mark.before
         for mark in reversed(new):
             mark.number = len(self.kinds)

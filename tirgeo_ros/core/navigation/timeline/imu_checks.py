@@ -145,11 +145,8 @@ def in_body_axes(sample: ImuSample, rotation_bi: Array | None) -> ImuSample:
     """Return a sample rotated to body axes; the autopilot's attitude is in them already."""
     if rotation_bi is None:
         return sample
-    return replace(
-        sample,
-        specific_force_b=rotation_bi @ sample.specific_force_b,
-        angular_rate_b=rotation_bi @ sample.angular_rate_b,
-    )
+    force_b, rate_b = rotation_bi @ sample.specific_force_b, rotation_bi @ sample.angular_rate_b
+    return replace(sample, specific_force_b=force_b, angular_rate_b=rate_b)
 
 
 def _continuous(sample: ImuSample) -> Checked:
@@ -201,7 +198,6 @@ class Clipping:
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}  # channel -> samples at full scale
-        self.since_ns: int | None = None  # when the newest clipping began; None before the first
         self.newest_ns: int | None = None
         self._ends: dict[tuple[int, bool], _End] = {}  # key: channel, whether positive
         self._before: ImuSample | None = None
@@ -255,8 +251,6 @@ class Clipping:
             if number:
                 name = CHANNELS[channel]
                 self.counts[name] = self.counts.get(name, 0) + number
-                if not self.active(stamp_ns):
-                    self.since_ns = stamp_ns
                 self.newest_ns = stamp_ns
 
 
