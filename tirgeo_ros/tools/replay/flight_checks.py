@@ -53,27 +53,19 @@ F = TypeVar("F", bound=Callable[..., None])
 T = TypeVar("T")
 
 
-def _guarded(method: F) -> F:
-    """Return a method that counts exceptions as faults of the check instead of raising them."""
+def _guarded(most: int = 1) -> Callable[[F], F]:
+    """Let ``run_queued`` run a method's calls, once ``most`` calls of all methods wait."""
 
-    @functools.wraps(method)
-    def call(self: FlightChecks, *arguments: Any) -> None:
-        self.catch_up()
-        self.run(method, arguments)
+    def queued(method: F) -> F:
+        @functools.wraps(method)
+        def call(self: FlightChecks, *arguments: Any) -> None:
+            self.queue.append((method, arguments))
+            if len(self.queue) >= most:
+                self.run_queued()
 
-    return cast("F", call)
+        return cast("F", call)
 
-
-def _queued(method: F) -> F:
-    """Return a guarded method whose calls are run in blocks, before any other."""
-
-    @functools.wraps(method)
-    def call(self: FlightChecks, *arguments: Any) -> None:
-        self.waiting.append((method, arguments))
-        if len(self.waiting) == _BLOCK:
-            self.catch_up()
-
-    return cast("F", call)
+    return queued
 
 
 def try_load(
@@ -132,7 +124,7 @@ class FlightChecks:
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self.failed: Counter[str] = Counter()  # exceptions in the checks
-        self.waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
+        self.queue: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         if camera is not None:
             self._pictures.camera(camera)
         recording = RecordedTopics(
@@ -149,22 +141,18 @@ class FlightChecks:
             *parameter_findings(given, unused, namespace, pictures=bool(pictured)),
         ]
 
-    def catch_up(self) -> None:
-        """Run the calls that wait."""
-        waiting, self.waiting = self.waiting, []
-        for method, arguments in waiting:
-            self.run(method, arguments)
+    def run_queued(self) -> None:
+        """Run the queued calls; count exceptions as faults of the checks, and do not raise them."""
+        queue, self.queue = self.queue, []
+        for method, arguments in queue:
+            try:
+                method(self, *arguments)
+            except Exception as error:  # noqa: BLE001  a check must not stop a command
+                place = traceback.extract_tb(error.__traceback__)[-1]
+                where = f"{Path(place.filename).name}:{place.lineno}"
+                self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
 
-    def run(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-        """Run a check; count an exception as a fault of the check instead of raising it."""
-        try:
-            method(self, *arguments)
-        except Exception as error:  # noqa: BLE001  a check must not stop a command
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{Path(place.filename).name}:{place.lineno}"
-            self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
-
-    @_queued
+    @_guarded(_BLOCK)
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
@@ -181,7 +169,7 @@ class FlightChecks:
             stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
             self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
 
-    @_queued
+    @_guarded(_BLOCK)
     def watch(self, _sample: Sample, registered: Registered) -> None:
         """Take the outputs of filter and gimbal for a sample."""
         plane = registered.plane
@@ -200,12 +188,12 @@ class FlightChecks:
         for pose in registered.cameras:
             self._pictures.pose(pose)
 
-    @_guarded
+    @_guarded()
     def map(self, draped: DrapedMap) -> None:
         """Take the map, draped in the newest plane that ``watch`` has received."""
         self._map.map(draped)
 
-    @_guarded
+    @_guarded()
     def camera(self, camera: Camera, arrival_ns: int) -> None:
         """Take a calibration of the bag."""
         self.arrivals_ns[CAMERA_INFO].append(arrival_ns)
@@ -236,12 +224,12 @@ class FlightChecks:
         else:
             self._passed(topic, stamp_ns, arrival_ns)
 
-    @_guarded
+    @_guarded()
     def _passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
         self.arrivals_ns[topic].append(arrival_ns)
         self._pictures.passed(stamp_ns, arrival_ns)
 
-    @_guarded
+    @_guarded()
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         """Take a picture's pixels, without the map, and the stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
@@ -255,7 +243,7 @@ class FlightChecks:
 
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
-        self.catch_up()
+        self.run_queued()
         findings = list(self.at_start)
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
         findings += lone_findings(self._streams)
@@ -267,6 +255,6 @@ class FlightChecks:
             findings.append(finding("check_failed", kind=kind, number=number))
         return sorted_findings(nearest_causes(findings))
 
-    @_guarded
+    @_guarded()
     def _ask(self, group: Callable[[], list[Finding]], findings: list[Finding]) -> None:
         findings += group()
