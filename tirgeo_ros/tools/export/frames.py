@@ -29,7 +29,7 @@ from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import PICTURES, Registered, Sample, resolved
+from tirgeo_ros.tools.replay.registration import Registered, Sample, picture_topic
 
 #: Why a picture has no pose.
 _WHY_NOT = {
@@ -60,13 +60,7 @@ class FlightPictures:
 
     def __init__(self, reader: BagReader, namespace: str) -> None:
         self._reader, self._cdr = reader, Cdr()
-        names = {topic: resolved(topic, namespace) for topic in PICTURES}
-        present = [topic for topic, name in names.items() if name in reader.topics()]
-        if not present:
-            hint = "" if namespace else "; give --namespace if the topics have one"
-            absent = " or ".join(names.values())
-            raise BagError(f"{reader.path}: needed topic absent: {absent}{hint}")
-        self._topic, self._name = present[0], names[present[0]]
+        self._topic, self._name = picture_topic(reader, namespace)
 
     @cached_property
     def _times_ns(self) -> list[tuple[int, int]]:

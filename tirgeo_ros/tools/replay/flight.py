@@ -49,6 +49,7 @@ from tirgeo_ros.tools.replay.registration import (
     inputs_of,
     navigated,
     resolved,
+    topics_absent,
 )
 
 _TRIED = 10  # pictures to try for their size, because the first ones may be damaged
@@ -212,9 +213,7 @@ class Flight:
         calibration is needed and absent.
         """
         if self._needs_camera and self._given_camera is None and not self.has(CAMERA_INFO):
-            hint = "" if self._namespace else "; give --namespace if the topics have one"
-            name = resolved(CAMERA_INFO, self._namespace)
-            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+            raise topics_absent(self._reader, [(CAMERA_INFO,)], self._namespace)
         self._sink = sink
         if self._to_smooth:
             first = Flight(self._reader, self._namespace, needs_camera=False)

@@ -142,15 +142,19 @@ class FlightChecks:
         ]
 
     def run_queued(self) -> None:
-        """Run the queued calls; count exceptions as faults of the checks, and do not raise them."""
+        """Run the calls that wait."""
         queue, self.queue = self.queue, []
         for method, arguments in queue:
-            try:
-                method(self, *arguments)
-            except Exception as error:  # noqa: BLE001  a check must not stop a command
-                place = traceback.extract_tb(error.__traceback__)[-1]
-                where = f"{Path(place.filename).name}:{place.lineno}"
-                self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
+            self._run(method, arguments)
+
+    def _run(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        """Run a check; count an exception as a fault of the check instead of raising it."""
+        try:
+            method(self, *arguments)
+        except Exception as error:  # noqa: BLE001  a check must not stop a command
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}:{place.lineno}"
+            self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
 
     @_guarded(_BLOCK)
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
