@@ -23,6 +23,7 @@ from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
+from tirgeo_ros.tools.presentation.results import listed
 
 #: Errors of reading coordinates from a value that is not a position.
 _NO_POSITIONS = (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError)
@@ -124,9 +125,7 @@ def _warnings(
             named = ", ".join(gross[:_NAMED])
             yield f"points that do not fit the others: {named}; check their ids and pixels"
     if marks.unused:
-        some = ", ".join(marks.unused[:_NAMED])
-        more = f" and {len(marks.unused) - _NAMED} more" if len(marks.unused) > _NAMED else ""
-        yield f"points in only one of the two files, not used: {some}{more}"
+        yield f"points in only one of the two files, not used: {listed(marks.unused, _NAMED)}"
 
 
 def _rows(marks: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:

@@ -33,6 +33,7 @@ from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, st
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.results import listed
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 #: Topic of the contract -> words: a bag's topic with a fitting type and one of them is suggested.
@@ -72,7 +73,6 @@ _STEEP_RAD = math.radians(45)
 _FIX = "sensor_msgs/msg/NavSatFix"
 #: The lowest status of NavSatFix with which rtk/fix is used.
 _LEAST_RTK = 1
-_MOST_NAMED = 5
 
 
 def _twist(source: Source) -> Converter:
@@ -389,8 +389,4 @@ def what_can_be_mapped(path: Path, namespace: str) -> str:
     if options:
         return f"name its topics, for example {options}"
     named = [f"{topic} ({kind})" for topic, kind in topics.items()]
-    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
-    return (
-        "nothing to import: no topic has a type that tirgeo takes; it has "
-        f"{', '.join(named[:_MOST_NAMED])}{more}"
-    )
+    return f"nothing to import: no topic has a type that tirgeo takes; it has {listed(named)}"

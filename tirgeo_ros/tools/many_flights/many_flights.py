@@ -38,12 +38,10 @@ from tirgeo_ros.tools.many_flights.flight_record import (
 )
 from tirgeo_ros.tools.many_flights.flights_page import PAGE, write_page
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
-from tirgeo_ros.tools.presentation.results import plain
+from tirgeo_ros.tools.presentation.results import listed, plain
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 _ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
-
-
 _NAMED = 3  # most flights that the error names; all are in the result and on the page
 #: Outcomes of a flight, and their words for a person.
 _WORDS = {
@@ -202,12 +200,11 @@ def flights_summary(
         else:
             outcomes["kept" if is_kept else "processed"] += 1
     errors = [str(flight["name"]) for flight in flights if flight["error"]]
-    more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
-    first = f"{len(errors)} of {len(flights)} flights have an error: {', '.join(errors[:_NAMED])}"
+    error = f"{len(errors)} of {len(flights)} flights have an error: {listed(errors, _NAMED)}"
     return {
         "flights": flights,
         **{outcome: outcomes[outcome] for outcome in _WORDS},
-        "error": first + more if errors else None,
+        "error": error if errors else None,
     }
 
 
