@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
@@ -14,7 +15,6 @@ from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.evaluate.experiment import (
@@ -37,7 +37,7 @@ from tirgeo_ros.tools.evaluate.result import (
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.node_configs import OpenedFlight, node_configs
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, node_configs
 from tirgeo_ros.tools.replay.registration import (
     FILTERS,
     Registered,
@@ -112,17 +112,17 @@ def evaluate(
     """
     needed("scipy", "comparing the methods", CalibrationError)
     files = [*paths_of(params), *paths_of(boresight)]
+    places: dict[str, Any] = {"dem": dem, "ground_height": ground_height, "camera": camera}
     if output is not None:
         needed("matplotlib", f"drawing the report in {output}", CalibrationError)
-        configs = node_configs(files, namespace, dem=dem, camera=camera)
+        configs = node_configs(files, namespace, **places)
         check_folder(output, (bag, survey, observations, truth, *files, *configs.files))
     experiment = load_experiment(survey, observations)
     heights_m = experiment.heights_m
-    setups = method_setups(params, boresight, dem, ground_height, namespace, heights_m, camera)
+    setups = method_setups(params, boresight, namespace, heights_m, places)
     last = setups[-1]  # the checks use its parameters
     overlay, reader = last.configs.overlay, BagReader(bag)
-    style, lens = (overlay.style, overlay.label_field), configured_camera(overlay)
-    layers = load_layers(overlay.map, *style, network=overlay.network) if overlay.map else None
+    lens, layers = configured_camera(overlay), configured_layers(overlay)
     opened = OpenedFlight(reader, last.configs, files, namespace, [])
     checks = FlightChecks(opened, ground=last.ground, layers=layers or None, camera=lens)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)

@@ -27,7 +27,6 @@ from tirgeo_ros.core.checks.input_checks import (
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings
-from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.vector_map import MapLayer
@@ -37,7 +36,6 @@ from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
-from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
@@ -81,15 +79,6 @@ def try_load(
         case = "" if used else "unused"
         findings.append(finding("{topic}_unreadable", case, topic=parameter, why=error))
         return None
-
-
-def try_load_map(
-    findings: list[Finding], overlay: OverlayConfig, path: str, *, used: bool
-) -> Sequence[MapLayer] | None:
-    """Return the layers of a map as ``try_load`` does; None without a map."""
-    how = (overlay.style, overlay.label_field)
-    load = functools.partial(load_layers, path, *how, network=overlay.network)
-    return try_load(findings, "map", load, used=used) if path else None
 
 
 class FlightChecks:

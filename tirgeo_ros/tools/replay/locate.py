@@ -28,8 +28,8 @@ from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load_map
-from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 
 
 def locate_pixels(
@@ -63,7 +63,7 @@ def locate_pixels(
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     lens, unread = configured_camera(overlay), list[Finding]()
-    layers = try_load_map(unread, overlay, overlay.map, used=False)
+    layers = try_load(unread, "map", lambda: configured_layers(overlay), used=False)
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens)
     checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
