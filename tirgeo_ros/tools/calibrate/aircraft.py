@@ -70,7 +70,7 @@ _USUAL_RUNS = 18  # runs of the filter that a fit usually needs, for the progres
 
 
 def calibrate_aircraft(
-    bag_in: PathLike,
+    bag: PathLike,
     output: PathLike | None = None,
     *,
     params: Files = None,
@@ -85,9 +85,9 @@ def calibrate_aircraft(
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
-    check_outputs((bag_in, *paths_of(params), *configs.files), (output,), CalibrationError)
+    check_outputs((bag, *paths_of(params), *configs.files), (output,), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
-    reader = BagReader(bag_in)
+    reader = BagReader(bag)
     recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
     runs = FlightRuns(recorded, config)
     try:
@@ -104,8 +104,8 @@ def calibrate_aircraft(
         "notes": result.notes,
     }
     lines = aircraft_lines(result.numbers)
-    files = [(output, lambda: result.yaml("aircraft", bag_in, lines))]
-    return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
+    files = [(output, lambda: result.yaml("aircraft", bag, lines))]
+    return {"input": os.fspath(bag)} | written(files, result.numbers | numbers, reader)
 
 
 class _Samples:

@@ -9,6 +9,7 @@ import pkgutil
 import re
 from collections.abc import Callable
 from datetime import datetime, timezone
+from inspect import signature
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias, TypeVar
@@ -189,17 +190,9 @@ def add_option(
     parser.add_argument(*names.split(), help=text, **own | (more or {}))
 
 
-def call(
-    tool: Callable[..., T],
-    args: argparse.Namespace,
-    doing: str,
-    first: str,
-    keywords: str,
-    **more: object,
-) -> T:
-    """Call a tool with a progress bar and with the values of the named arguments.
+def call(tool: Callable[..., T], args: argparse.Namespace, doing: str, **more: object) -> T:
+    """Call a tool with a progress bar, the options that are its parameters, and ``more``.
 
-    ``first`` names the positional and ``keywords`` the keyword arguments, separated by spaces;
     ``doing`` is the bar's text, then a comma and the unit if there is one. Raise UsageError if
     both a DEM and a ground height are given, or the window of time is empty.
     """
@@ -208,10 +201,10 @@ def call(
         raise UsageError("give either --dem or --ground-height, not both")
     if "from_s" in values and not 0 <= args.from_s < args.to_s:
         raise UsageError("--from must be 0 or more, and less than --to")
-    named = {name: values[name] for name in keywords.split()}
+    named = {name: values[name] for name in signature(tool).parameters if name in values}
     what, _, unit = doing.partition(", ")
     with Progress(what, unit=unit) as bar:
-        return tool(*(values[name] for name in first.split()), **named, **more, progress=bar)
+        return tool(**(named | more), progress=bar)
 
 
 def names_of(permitted: tuple[str, ...]) -> Callable[[str], list[str]]:

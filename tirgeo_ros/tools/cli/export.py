@@ -72,6 +72,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     degrees = tuple(args.degrees) if args.degrees else None
     rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, degrees)
     window = Window(args.from_s, args.to_s, args.every)
-    names = "params namespace method camera dem ground_height only targets smooth"
-    more = {"window": window, "rasters": rasters}
-    return call(export, args, "exporting, %", "bag output", names, **more)
+    return call(export, args, "exporting, %", window=window, rasters=rasters)

@@ -33,5 +33,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Locate the pixels; return a summary."""
     from tirgeo_ros.tools.replay.locate import locate_pixels  # noqa: PLC0415 heavy
 
-    names = "params dem ground_height method camera namespace smooth"
-    return call(locate_pixels, args, "locating, s", "bag pixels output", names)
+    return call(locate_pixels, args, "locating, s")

@@ -33,7 +33,7 @@ from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers
 
 
 def locate_pixels(
-    bag_in: PathLike,
+    bag: PathLike,
     pixels: PathLike,
     output: PathLike,
     *,
@@ -55,7 +55,7 @@ def locate_pixels(
     """
     needed("mgrs", f"writing {os.fspath(output)}", SurveyError)
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
-    arguments = (bag_in, [output], params, namespace, options)
+    arguments = (bag, [output], params, namespace, options)
     opened = open_flight(*arguments, inputs=[pixels], error=SurveyError)
     observations = load_observations(pixels)
     overlay = opened.configs.overlay
@@ -76,7 +76,7 @@ def locate_pixels(
     located = _summary(opened.reader, answers, ground)
     navigation, findings = poses.registration.navigation.status(), checks.findings()
     return {
-        "input": os.fspath(bag_in),
+        "input": os.fspath(bag),
         "output": os.fspath(output),
         "method": navigation.method,
         "smoothed": smooth,
