@@ -146,10 +146,9 @@ def evaluate(
 def _run_notes(runs: Sequence[_Run], namespace: str, *, smooth: bool) -> Iterator[str]:
     """Yield notes on topics that methods lack, and on methods that cannot be smoothed."""
     for run in runs:
-        absent = done_without(run.poses.topics, run.ekf_method)
+        absent = done_without(run.poses.topics, run.ekf_method, namespace)
         if absent:
-            names = _names(absent, namespace)
-            yield f"{run.setup.method}: {names} absent: continuing without it"
+            yield f"{run.setup.method}: {absent} absent: continuing without it"
     if smooth and runs[0].ekf_method not in FILTERS:
         yield "raw and rtk are not smoothed: they have no filter"
 
@@ -187,7 +186,7 @@ def _begin(
     ekf, gimbal, *_ = run.setup.configs
     lacking = [topic for topic in _ESSENTIAL.get(run.ekf_method, ()) if not flight.has(topic)]
     if lacking:
-        return f"needed topic absent: {_names(lacking, namespace)}"
+        return f"needed topic absent: {', '.join(resolved(name, namespace) for name in lacking)}"
     instants_ns = [run.setup.exposure_ns(click.stamp_ns) for click in experiment.observations]
     smooth = smooth and run.ekf_method in FILTERS
     try:
@@ -195,10 +194,6 @@ def _begin(
     except BagError as error:
         return str(error)
     return ""
-
-
-def _names(topics: Sequence[str], namespace: str) -> str:
-    return ", ".join(resolved(topic, namespace) for topic in topics)
 
 
 def _remaining(runs: Sequence[_Run], missing: dict[str, str], reader: BagReader) -> list[_Run]:

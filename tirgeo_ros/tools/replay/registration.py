@@ -212,14 +212,14 @@ def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
     return "ekf", f"method ekf: the bag has no {names}{on_gps}"
 
 
-def done_without(present: Collection[str], method: str) -> list[str]:
-    """Return the topics (contract names) that a method uses but that are not present.
+def done_without(present: Collection[str], method: str, namespace: str) -> str:
+    """Return the names in a bag of the topics that a method uses but that are not present.
 
     Ordinary GPS is the filter's fallback and the barometer is optional, so neither is returned,
     except for the method ``raw``.
     """
-    return [
-        name
+    return ", ".join(
+        resolved(name, namespace)
         for name in METHOD_TOPICS[method]
         if name not in present and (method == "raw" or name in _RTK_TOPICS)
-    ]
+    )
