@@ -44,7 +44,6 @@ PARAMETERS = (
     *NAMESPACE,
 )
 _METHOD = "%(choices)s; default: as in --params, else ekf_heading, or ekf without rtk/heading"
-METHOD: tuple[Option, ...] = (("--method", "M", _METHOD, {"choices": METHODS}),)
 _SMOOTH = "use later measurements too: slower, but better poses, above all without RTK"
 SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
 SURVEY: tuple[Option, ...] = (
@@ -97,6 +96,13 @@ NUMBER = {"type": number}
 GROUND: tuple[Option, ...] = (
     ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
     ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
+)
+#: Options of the registration of a flight, for verbs that use its poses.
+REGISTRATION: tuple[Option, ...] = (
+    *PARAMETERS,
+    ("--method", "M", _METHOD, {"choices": METHODS}),
+    *SMOOTH,
+    *GROUND,
 )
 BOARD: tuple[Option, ...] = (
     ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),

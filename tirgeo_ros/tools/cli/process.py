@@ -25,11 +25,8 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._verb import (
     ANY_BAG,
-    GROUND,
-    METHOD,
     NEEDED,
-    PARAMETERS,
-    SMOOTH,
+    REGISTRATION,
     WORD,
     UsageError,
     call,
@@ -45,10 +42,7 @@ _SCHEDULER = "for several flights: use the Dask cluster of this scheduler, as tc
 OPTIONS = (
     ("bag", "FLIGHT", f"the recorded flights: {ANY_BAG}", {"nargs": "+"}),
     ("-o --output", "OUT", _OUTPUT, WORD | NEEDED),
-    *PARAMETERS,
-    *METHOD,
-    *SMOOTH,
-    *GROUND,
+    *REGISTRATION,
     ("--map", "MAP", "the map to draw; without it there is no overlay"),
     ("--no-images", None, "compute only poses, no overlay"),
     ("--raw-images", None, "write the overlay also as raw images"),
