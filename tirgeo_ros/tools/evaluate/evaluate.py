@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.core.types.missing_package import needed
@@ -183,11 +184,13 @@ def _begin(
     run: _Run, flight: Flight, experiment: Experiment, namespace: str, *, smooth: bool
 ) -> str:
     """Begin a method's run; return an error if the bag lacks a topic that it needs."""
-    ekf, gimbal, *_ = run.setup.configs
+    ekf, gimbal, overlay, _ = run.setup.configs
     lacking = [topic for topic in _ESSENTIAL.get(run.ekf_method, ()) if not flight.has(topic)]
     if lacking:
         return f"needed topic absent: {', '.join(resolved(name, namespace) for name in lacking)}"
-    instants_ns = [run.setup.exposure_ns(click.stamp_ns) for click in experiment.observations]
+    instants_ns = [
+        exposure_ns(click.stamp_ns, overlay.video_latency_s) for click in experiment.observations
+    ]
     smooth = smooth and run.ekf_method in FILTERS
     try:
         run.poses = flight.registered(ekf, gimbal, instants_ns, run.watch, smooth=smooth)

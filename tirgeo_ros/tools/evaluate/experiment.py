@@ -17,7 +17,6 @@ import pyproj
 
 from tirgeo_ros.core.config import METHODS
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain
-from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -156,10 +155,6 @@ class MethodSetup:
     configs: NodeConfigs
     ground: Ground
     ground_words: str
-
-    def exposure_ns(self, stamp_ns: int) -> int:
-        """Return when the picture with a stamp was exposed (ns)."""
-        return exposure_ns(stamp_ns, self.configs.overlay.video_latency_s)
 
 
 def method_setups(

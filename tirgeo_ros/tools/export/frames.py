@@ -19,7 +19,7 @@ from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.errors import BagError, MessageError, TirgeoError
 from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
@@ -66,7 +66,7 @@ class FlightPictures:
     def _times_ns(self) -> list[tuple[int, int]]:
         """Return the log time and the stamp of each picture; the bag is read once for them."""
         times_ns = []
-        for message in self._messages():
+        for message in self._reader.messages([self._name]):
             stamp_ns = 0  # without a stamp or a header, a picture gets its log time
             with suppress(MessageError):
                 stamp_ns = header_stamp_ns(message.data)
@@ -95,7 +95,7 @@ class FlightPictures:
     def read(self, numbers: Collection[int]) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
         """Yield the pictures of these numbers, in order; an error for one that is damaged."""
         last = max(numbers, default=-1)
-        for number, message in enumerate(self._messages()):
+        for number, message in enumerate(self._reader.messages([self._name])):
             if number > last:
                 return
             if number in numbers:
@@ -104,9 +104,6 @@ class FlightPictures:
                     yield number, picture_messages.pixels(self._topic, content)
                 except TirgeoError as error:
                     yield number, error
-
-    def _messages(self) -> Iterator[BagMessage]:
-        return self._reader.messages([self._name])
 
 
 class Posed(NamedTuple):
