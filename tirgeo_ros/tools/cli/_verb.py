@@ -34,15 +34,8 @@ _NAMESPACE = "namespace of the aircraft's topics in the bag, as uav1; default: n
 NAMESPACE: tuple[Option, ...] = (("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),)
 _PARAMS = "ROS 2 parameter file; may be repeated: later files override earlier ones"
 PARAMS: tuple[Option, ...] = (("--params", "YAML", _PARAMS, {"action": "append"}),)
-PARAMETERS = (
-    *PARAMS,
-    (
-        "--camera",
-        "YAML",
-        "calibration of the camera, used in place of the bag's thermal/camera_info",
-    ),
-    *NAMESPACE,
-)
+_CAMERA = "calibration of the camera, used in place of the bag's thermal/camera_info"
+PARAMETERS = (*PARAMS, ("--camera", "YAML", _CAMERA), *NAMESPACE)
 _METHOD = "%(choices)s; default: as in --params, else ekf_heading, or ekf without rtk/heading"
 _SMOOTH = "use later measurements too: slower, but better poses, above all without RTK"
 SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
@@ -50,20 +43,11 @@ SURVEY: tuple[Option, ...] = (
     ("--survey", "GCPS", "GeoJSON, or CSV id,lat,lon,h", NEEDED),
     ("--observations", "CSV", "id,stamp_ns,u,v: the picture's header stamp, column, row", NEEDED),
 )
-WINDOW: tuple[Option, ...] = (
-    (
-        "--from",
-        "S",
-        "begin, in seconds after the first message",
-        {"dest": "from_s", "type": float, "default": 0.0},
-    ),
-    (
-        "--to",
-        "S",
-        "end, in seconds after the first message; default: the end of the bag",
-        {"dest": "to_s", "type": float, "default": math.inf},
-    ),
-)
+_FROM = "begin, in seconds after the first message"
+_TO = "end, in seconds after the first message; default: the end of the bag"
+_BEGIN_S = {"dest": "from_s", "type": float, "default": 0.0}
+_END_S = {"dest": "to_s", "type": float, "default": math.inf}
+WINDOW: tuple[Option, ...] = (("--from", "S", _FROM, _BEGIN_S), ("--to", "S", _TO, _END_S))
 _PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag with thermal video"
 _BOARD = "inner corners of the board, as 9x6: one fewer than squares in each direction"
 _PAGE = "serve the operator's page, at HOST:PORT; default: as in --params, else 127.0.0.1:8080"

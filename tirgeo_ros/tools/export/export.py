@@ -76,9 +76,8 @@ def export(
     wanted, window = only or PRODUCTS, window or Window()
     places = [Path(output) / name for name in FILES]
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
-    inputs = [targets] if targets is not None else []
     arguments = bag, places, params, namespace, options
-    opened = open_flight(*arguments, inputs=inputs, error=MapError)
+    opened = open_flight(*arguments, inputs=[targets], error=MapError)
     if not {*RASTERS}.isdisjoint(wanted):
         needed("rasterio", "writing orthophotos and mosaics", MapError)
     pictures = FlightPictures(opened.reader, namespace)

@@ -136,12 +136,10 @@ def register(
     checks = FlightChecks(opened, ground=ground, camera=lens, pictures=True)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(each.stamp_ns, overlay.video_latency_s) for each in chosen]
-    bodies = _Bodies(exposures_ns)
-    watchers = bodies.watch, checks.watch
-    poses = flight.registered(
-        opened.configs.ekf, opened.configs.gimbal, exposures_ns, *watchers, smooth=smooth
-    )
-    bodies.flight_poses = poses
+    ekf, gimbal = opened.configs.ekf, opened.configs.gimbal
+    poses = flight.registered(ekf, gimbal, exposures_ns, smooth=smooth)
+    bodies = _Bodies(exposures_ns, poses)
+    poses.watchers += [bodies.watch, checks.watch]
     flight.read_all(progress)
     posed: dict[int, Posed] = {}
     refused: Counter[str] = Counter()
@@ -175,11 +173,11 @@ def register(
 class _Bodies:
     """Keep the aircraft's poses and the filter's states at some instants (ns)."""
 
-    def __init__(self, instants_ns: Sequence[int]) -> None:
+    def __init__(self, instants_ns: Sequence[int], flight_poses: FlightPoses) -> None:
+        self._flight_poses = flight_poses
         self._waiting = sorted(instants_ns, reverse=True)
         self._recent: PoseBuffer[BodyPose] = PoseBuffer()
         self._poses: dict[int, BodyPose | Miss] = {}
-        self.flight_poses: FlightPoses | None = None
         self.states: dict[int, str] = {}
 
     def watch(self, _sample: Sample, registered: Registered) -> None:
@@ -189,9 +187,8 @@ class _Bodies:
         while self._waiting and self._waiting[-1] <= registered.body.stamp_ns:
             instant_ns = self._waiting.pop()
             self._poses[instant_ns] = self._recent.at(instant_ns)
-            if self.flight_poses is not None:
-                status = self.flight_poses.registration.navigation.status()
-                self.states[instant_ns] = status.state.value
+            status = self._flight_poses.registration.navigation.status()
+            self.states[instant_ns] = status.state.value
 
     def at(self, instant_ns: int) -> BodyPose | Miss:
         """Return the pose at an instant, or why there is none."""

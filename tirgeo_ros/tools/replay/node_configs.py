@@ -114,7 +114,7 @@ def open_flight(
     namespace: str,
     options: Mapping[str, Any],
     *,
-    inputs: Sequence[PathLike] = (),
+    inputs: Sequence[PathLike | None] = (),
     error: type[TirgeoError] = BagError,
 ) -> OpenedFlight:
     """Open a flight, with the parameters and with options of ``node_configs``.
