@@ -73,7 +73,6 @@ class Log:
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
-        refused = self.contents.refused
         return {
             "file": str(self.path),
             "form": self.form,
@@ -81,7 +80,7 @@ class Log:
             "messages": dict(Counter(map(topic_of, self.contents.samples))),
             "refused": [
                 {"record": name, "reason": reason, "count": number}
-                for (name, reason), number in sorted(refused.items())
+                for (name, reason), number in sorted(self.contents.refused.items())
             ],
             "notes": self.contents.notes,
         }

@@ -89,9 +89,8 @@ def _begins(stamps_ns: Sequence[int]) -> list[int]:
     """Return the time at which each picture begins in the video, ns, and the end of the last."""
     times = FrameTimes()
     begins = [times.at(stamp) for stamp in stamps_ns]
-    last = begins[-1:]
     step_ns = next((after - before for before, after in pairwise(begins[-2:])), 100_000_000)
-    return begins + [begin + step_ns for begin in last]
+    return begins + [begin + step_ns for begin in begins[-1:]]
 
 
 def _clock(time_ns: int) -> str:

@@ -355,8 +355,7 @@ class FlightPoses:
     def smooth(self) -> None:
         """Begin a second pass, with the smoothed poses of the first one."""
         assert self._recording is not None
-        smoothed = self._recording.smoothed()
-        self.registration = Registration(self.ekf, self._gimbal, smoothed)
+        self.registration = Registration(self.ekf, self._gimbal, self._recording.smoothed())
 
     def take(self, sample: Sample) -> None:
         """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
