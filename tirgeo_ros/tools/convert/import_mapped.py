@@ -75,31 +75,23 @@ _FIX = "sensor_msgs/msg/NavSatFix"
 _LEAST_RTK = 1
 
 
-def _twist(source: Source) -> Converter:
+def _twist(source: Source, msg: Any, _: int) -> VelocitySample:
     """Convert ``geometry_msgs/TwistStamped``, ENU; its covariance is unknown."""
-
-    def convert(msg: Any, _: int) -> VelocitySample:
-        linear = msg.twist.linear
-        velocity_n = np.array([linear.y, linear.x, -linear.z])
-        return VelocitySample(stamp_ns(msg), source, velocity_n, np.zeros((3, 3)))
-
-    return convert
+    linear = msg.twist.linear
+    velocity_n = np.array([linear.y, linear.x, -linear.z])
+    return VelocitySample(stamp_ns(msg), source, velocity_n, np.zeros((3, 3)))
 
 
-def _odometry(source: Source) -> Converter:
+def _odometry(source: Source, msg: Any, _: int) -> VelocitySample:
     """Convert ``nav_msgs/Odometry``: its twist is in the body's axes, its pose in ENU."""
-
-    def convert(msg: Any, _: int) -> VelocitySample:
-        q, linear = msg.pose.pose.orientation, msg.twist.twist.linear
-        attitude = np.array([q.w, q.x, q.y, q.z])
-        if not usable_attitude(attitude):
-            raise MessageError("its orientation is not a unit quaternion")
-        turn = _NED_ENU @ matrix_from_quat(attitude)
-        velocity_n = turn @ np.array([linear.x, linear.y, linear.z])
-        covariance = np.reshape(msg.twist.covariance, (6, 6))[:3, :3]
-        return VelocitySample(stamp_ns(msg), source, velocity_n, turn @ covariance @ turn.T)
-
-    return convert
+    q, linear = msg.pose.pose.orientation, msg.twist.twist.linear
+    attitude = np.array([q.w, q.x, q.y, q.z])
+    if not usable_attitude(attitude):
+        raise MessageError("its orientation is not a unit quaternion")
+    turn = _NED_ENU @ matrix_from_quat(attitude)
+    velocity_n = turn @ np.array([linear.x, linear.y, linear.z])
+    covariance = np.reshape(msg.twist.covariance, (6, 6))[:3, :3]
+    return VelocitySample(stamp_ns(msg), source, velocity_n, turn @ covariance @ turn.T)
 
 
 def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
@@ -111,8 +103,8 @@ def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
 CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
     **{
         source.topic: {
-            "geometry_msgs/msg/TwistStamped": _twist(source),
-            "nav_msgs/msg/Odometry": _odometry(source),
+            "geometry_msgs/msg/TwistStamped": partial(_twist, source),
+            "nav_msgs/msg/Odometry": partial(_odometry, source),
         }
         for source in (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
     },
