@@ -21,7 +21,7 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError, MapError
 from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, reading, write_files
 from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
 from tirgeo_ros.tools.presentation.results import listed
 
@@ -153,9 +153,8 @@ class PixelFeatures:
 
     def _read(self) -> list[dict[str, Any]]:
         try:
-            root = json.loads(self._path.read_text(encoding="utf-8-sig"))
-        except OSError as error:
-            raise MapError(f"{self._path}: cannot be read: {error.strerror or error}") from None
+            with reading(self._path, MapError):
+                root = json.loads(self._path.read_text(encoding="utf-8-sig"))
         except (ValueError, RecursionError) as error:
             raise MapError(f"{self._path}: not GeoJSON: {error}") from None
         features = root.get("features") if isinstance(root, dict) else None

@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.errors import BagError, ManyFlightsError
 from tirgeo_ros.core.types.finding import NO_GO
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import METADATA
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, writing
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import paths_of
 from tirgeo_ros.tools.many_flights.flight_process import FlightProgress, remove_parts, run_here
@@ -100,10 +100,8 @@ def only_run(folder: Path) -> Iterator[None]:
     does not stop the next one.
     """
     mark = running_mark(folder)
-    try:
+    with writing(folder, ManyFlightsError):
         file = mark.open("w")
-    except OSError as error:
-        raise ManyFlightsError(f"{folder}: cannot be written: {error.strerror}") from None
     with file:
         try:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)

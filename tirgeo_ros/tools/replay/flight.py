@@ -379,13 +379,8 @@ class FlightPoses:
 
 def _part(progress: Report, begin: float, end: float) -> Report:
     """Return a Report that converts the progress of a part to that of the whole."""
-
-    def report(done: float, total: float | None) -> None:
-        if total is not None:
-            done = begin * total + (end - begin) * done
-        progress(done, total)
-
-    return report
+    share = end - begin
+    return lambda done, total: progress(begin * (total or 0.0) + share * done, total)
 
 
 def pose_at(
