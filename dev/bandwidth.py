@@ -101,7 +101,7 @@ def _run() -> int:
     with tempfile.TemporaryDirectory() as made, Progress("measuring") as bar:
         folder, bag = Path(made), sample / "flight.mcap"
         setup = GraphSetup(
-            bag, folder, sample / "params.yaml", sample / "map.geojson", topics=RECORDED
+            bag, folder, [sample / "params.yaml"], sample / "map.geojson", topics=RECORDED
         )
         run = run_graph(setup, 30.0)
         lines = rows(run.recording, folder, bar) + rows(bag, folder, bar)

@@ -60,7 +60,7 @@ def _cores_of(folder: Path, work: Path, params: Path, *, serial: bool = False) -
     """Return the CPU cores of each process while the bag plays at rate 1."""
     bag, map_file = folder / "flight.mcap", folder / "map.geojson"
     first_ns, last_ns = BagReader(bag).span_ns
-    setup = GraphSetup(bag, work, params=params, map=map_file, serial=serial)
+    setup = GraphSetup(bag, work, params=[params], map=map_file, serial=serial)
     return run_graph(setup, (last_ns - first_ns) * 1e-9).cores
 
 

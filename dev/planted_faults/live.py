@@ -89,7 +89,7 @@ def play(
         planted.bag.absolute(),
         folder.absolute(),
         map=planted.map.absolute() if planted.map else None,
-        more_params=[path.absolute() for path in params],
+        params=[path.absolute() for path in params],
         environment={"ROS_DOMAIN_ID": str(domain)},
     )
     try:

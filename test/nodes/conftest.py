@@ -62,7 +62,7 @@ def sample_graph(sample: Path, environment: dict[str, str]) -> Callable[..., Gra
         params.write_text((sample / "params.yaml").read_text() + deep_queues())
         domain = {"ROS_DOMAIN_ID": environment["ROS_DOMAIN_ID"]}
         bag, map_file = sample / "flight.mcap", sample / "map.geojson"
-        return GraphSetup(bag, folder, params, map_file, environment=domain, **options)
+        return GraphSetup(bag, folder, [params], map_file, environment=domain, **options)
 
     return setup
 

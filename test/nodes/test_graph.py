@@ -288,7 +288,7 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
 def test_a_node_that_dies_is_named_with_its_last_words(sample, tmp_path):
     params = tmp_path / "params.yaml"
     params.write_text("/**/overlay_node: {ros__parameters: {style: /nowhere.yaml}}\n")
-    result = {"map": sample / "map.geojson", "params": params}
+    result = {"map": sample / "map.geojson", "params": [params]}
     setup = GraphSetup(sample / "flight.mcap", tmp_path, **result)
     with pytest.raises(GraphError, match=r"overlay_node ended .*nowhere\.yaml"):
         run_graph(setup, 30.0)

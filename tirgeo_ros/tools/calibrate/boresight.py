@@ -63,7 +63,7 @@ _FOLLOWED = (
 
 
 def calibrate_boresight(
-    bag_in: PathLike,
+    bag: PathLike,
     survey: PathLike,
     observations: PathLike,
     output: PathLike,
@@ -87,7 +87,7 @@ def calibrate_boresight(
     """
     options, inputs = {"camera": camera}, (survey, observations)
     opened = open_flight(
-        bag_in, (output,), params, namespace, options, inputs=inputs, error=CalibrationError
+        bag, (output,), params, namespace, options, inputs=inputs, error=CalibrationError
     )
     reader, configs = opened.reader, opened.configs
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
@@ -99,9 +99,9 @@ def calibrate_boresight(
         raise CalibrationError(f"{reader.path}: {error}") from None
     result = _result(read, configs, fitted, opened.notes + read.notes + notes)
     lines = boresight_lines(result.numbers)
-    files = [(output, lambda: result.yaml("boresight", bag_in, lines))]
+    files = [(output, lambda: result.yaml("boresight", bag, lines))]
     numbers = {"unknown_ids": read.unknown, "without_pose": read.lost, "notes": result.notes}
-    first = {"input": os.fspath(bag_in), "smoothed": smooth}
+    first = {"input": os.fspath(bag), "smoothed": smooth}
     return first | written(files, result.numbers | numbers, reader)
 
 

@@ -299,11 +299,7 @@ class ReadImu:
 
 
 def read_imu(
-    reader: BagReader,
-    topic: str,
-    from_s: float = 0.0,
-    to_s: float = math.inf,
-    progress: Report = silent,
+    reader: BagReader, topic: str, from_s: float, to_s: float, progress: Report
 ) -> ReadImu:
     """Read a topic between two times (s) since its first message.
 

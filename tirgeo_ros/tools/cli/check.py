@@ -25,8 +25,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Check the flight; return findings and numbers."""
     from tirgeo_ros.tools.replay.check import check  # noqa: PLC0415 heavy
 
-    names = "params map dem ground_height camera namespace"
-    return call(check, args, "checking, s", "bag", names)
+    return call(check, args, "checking, s")
 
 
 def describe(result: Mapping[str, Any]) -> str:

@@ -48,4 +48,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Cut the flight; return what was written."""
     from tirgeo_ros.tools.replay.cut import cut  # noqa: PLC0415 heavy
 
-    return call(cut, args, "cutting, s", "bag output", "begin end")
+    return call(cut, args, "cutting, s")

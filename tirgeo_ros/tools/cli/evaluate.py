@@ -35,8 +35,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.evaluate.report import summary, write_evaluation  # noqa: PLC0415  heavy
 
-    names = "output params boresight camera dem ground_height namespace truth smooth"
-    evaluation = call(evaluate, args, "evaluating, s", "bag survey observations", names)
+    evaluation = call(evaluate, args, "evaluating, s")
     return summary(evaluation) | {"output": write_evaluation(evaluation, args.output)}
 
 

@@ -17,12 +17,9 @@ import argparse
 
 from tirgeo_ros.tools.cli._verb import (
     FLIGHT,
-    GROUND,
-    METHOD,
     NEEDED,
     NUMBER,
-    PARAMETERS,
-    SMOOTH,
+    REGISTRATION,
     WINDOW,
     WORD,
     UsageError,
@@ -39,10 +36,7 @@ _TARGETS = "targets for flight.gpkg, from a GeoPackage of the page or of tirgeo 
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "DIR", "folder for the products; replaces an earlier run's", NEEDED),
-    *PARAMETERS,
-    *METHOD,
-    *SMOOTH,
-    *GROUND,
+    *REGISTRATION,
     *WINDOW,
     ("--every", "S", _EVERY, NUMBER | {"default": 1.0}),
     ("--only", "NAMES", f"products to make, of {', '.join(PRODUCTS)}; default: all", _ONLY),
@@ -72,6 +66,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     degrees = tuple(args.degrees) if args.degrees else None
     rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, degrees)
     window = Window(args.from_s, args.to_s, args.every)
-    names = "params namespace method camera dem ground_height only targets smooth"
-    more = {"window": window, "rasters": rasters}
-    return call(export, args, "exporting, %", "bag output", names, **more)
+    return call(export, args, "exporting, %", window=window, rasters=rasters)

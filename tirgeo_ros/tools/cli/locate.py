@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, METHOD, NEEDED, PARAMETERS, SMOOTH, call
+from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, REGISTRATION, call
 
 _PIXELS = "a head id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row"
 _OUTPUT = (
@@ -22,10 +22,7 @@ OPTIONS = (
     *FLIGHT,
     ("--pixels", "CSV", _PIXELS, NEEDED),
     ("-o --output", "OUT", _OUTPUT, NEEDED),
-    *PARAMETERS,
-    *METHOD,
-    *SMOOTH,
-    *GROUND,
+    *REGISTRATION,
 )
 
 
@@ -33,5 +30,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Locate the pixels; return a summary."""
     from tirgeo_ros.tools.replay.locate import locate_pixels  # noqa: PLC0415 heavy
 
-    names = "params dem ground_height method camera namespace smooth"
-    return call(locate_pixels, args, "locating, s", "bag pixels output", names)
+    return call(locate_pixels, args, "locating, s")

@@ -45,8 +45,7 @@ def run(args: argparse.Namespace) -> NoReturn:
     if not _NAMES.fullmatch(args.namespace):
         raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
     check_page(args)
-    params = args.params or ()
-    inputs = args.bag, args.map, params, args.namespace
+    inputs = args.bag, args.map, args.params or (), args.namespace
     page = {"page": args.page, "cot": args.cot}
     graph = WholeGraph(*inputs, dji=not args.no_dji, **page, remap=args.remap)
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"

@@ -30,9 +30,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed must not be negative")
-    part = {
-        "start_s": args.start,
-        "duration_s": args.duration,
-        "images": not args.no_images,
-    }
-    return call(simulate, args, "simulating, s", "scenario output", "seed", **part)
+    part = {"start_s": args.start, "duration_s": args.duration, "images": not args.no_images}
+    places = {"scenario_path": args.scenario, "out_dir": args.output}
+    return call(simulate, args, "simulating, s", **places, **part)

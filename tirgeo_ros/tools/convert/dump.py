@@ -63,16 +63,11 @@ def _m_s(cm_s: Any) -> Any:
     return [x * 0.01 for x in cm_s] if isinstance(cm_s, tuple) else cm_s / 100
 
 
-def _per_thousand(value: float) -> float:
-    return value / 1000
-
-
 #: Conversions by units: the last words of the names of source and result.
 _UNITS: dict[tuple[str, str], _Convert] = {
-    ("ms", "s"): _per_thousand,
-    ("mm", "m"): _per_thousand,
-    ("mv", "v"): _per_thousand,
-    ("ma", "a"): _per_thousand,
+    **dict.fromkeys(
+        (("ms", "s"), ("mm", "m"), ("mv", "v"), ("ma", "a")), lambda value: value / 1000
+    ),
     ("cmps", "mps"): _m_s,
     ("rad", "deg"): math.degrees,
     ("deg", "rad"): math.radians,

@@ -79,11 +79,11 @@ def import_flight(
             imported = import_capture(paths[0], sink, config, capture, progress)
         sink.finish()
     names = [str(path) for path in paths]
-    whole = {"input": names if files else names[0], "output": os.fspath(output)}
     of_dji = [] if files or mapped.pairs else sink.interpreter.warnings
     warnings = [*imported["warnings"], *of_dji]
     return {
-        **whole,
+        "input": names if files else names[0],
+        "output": os.fspath(output),
         **imported,
         "written": {name: vars(counts) for name, counts in sorted(sink.written.items())},
         "counts": sink.interpreter.counts,

@@ -6,7 +6,6 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from tirgeo_ros.core.types.measurements import (
     SetHeading,
 )
 from tirgeo_ros.core.types.missing_package import needed
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 from tirgeo_ros.io.messages import SensedSample, topic_of
@@ -73,7 +73,6 @@ class Log:
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
-        refused = self.contents.refused
         return {
             "file": str(self.path),
             "form": self.form,
@@ -81,7 +80,7 @@ class Log:
             "messages": dict(Counter(map(topic_of, self.contents.samples))),
             "refused": [
                 {"record": name, "reason": reason, "count": number}
-                for (name, reason), number in sorted(refused.items())
+                for (name, reason), number in sorted(self.contents.refused.items())
             ],
             "notes": self.contents.notes,
         }
@@ -228,11 +227,9 @@ def _check_common_time(logs: Sequence[Log]) -> None:
     for log in used if len(used) > 1 else ():
         others = [other for other in used if other is not log]
         if not any(_meet(log.span, o.span) or log.spans.keys() & o.spans for o in others):
-            times = [
-                [datetime.fromtimestamp(ns // 10**9, timezone.utc) for ns in x.span] for x in used
-            ]
+            times = [[utc(stamp_ns)[:19].replace("T", " ") for stamp_ns in x.span] for x in used]
             spans = ", ".join(
-                f"{each.path} is of {begun:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S}"
+                f"{each.path} is of {begun} to {ended[11:]}"
                 for each, (begun, ended) in zip(used, times, strict=True)
             )
             raise LogError(

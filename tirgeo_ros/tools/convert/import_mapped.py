@@ -33,6 +33,7 @@ from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, st
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.results import listed
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 #: Topic of the contract -> words: a bag's topic with a fitting type and one of them is suggested.
@@ -72,34 +73,25 @@ _STEEP_RAD = math.radians(45)
 _FIX = "sensor_msgs/msg/NavSatFix"
 #: The lowest status of NavSatFix with which rtk/fix is used.
 _LEAST_RTK = 1
-_MOST_NAMED = 5
 
 
-def _twist(source: Source) -> Converter:
+def _twist(source: Source, msg: Any, _: int) -> VelocitySample:
     """Convert ``geometry_msgs/TwistStamped``, ENU; its covariance is unknown."""
-
-    def convert(msg: Any, _: int) -> VelocitySample:
-        linear = msg.twist.linear
-        velocity_n = np.array([linear.y, linear.x, -linear.z])
-        return VelocitySample(stamp_ns(msg), source, velocity_n, np.zeros((3, 3)))
-
-    return convert
+    linear = msg.twist.linear
+    velocity_n = np.array([linear.y, linear.x, -linear.z])
+    return VelocitySample(stamp_ns(msg), source, velocity_n, np.zeros((3, 3)))
 
 
-def _odometry(source: Source) -> Converter:
+def _odometry(source: Source, msg: Any, _: int) -> VelocitySample:
     """Convert ``nav_msgs/Odometry``: its twist is in the body's axes, its pose in ENU."""
-
-    def convert(msg: Any, _: int) -> VelocitySample:
-        q, linear = msg.pose.pose.orientation, msg.twist.twist.linear
-        attitude = np.array([q.w, q.x, q.y, q.z])
-        if not usable_attitude(attitude):
-            raise MessageError("its orientation is not a unit quaternion")
-        turn = _NED_ENU @ matrix_from_quat(attitude)
-        velocity_n = turn @ np.array([linear.x, linear.y, linear.z])
-        covariance = np.reshape(msg.twist.covariance, (6, 6))[:3, :3]
-        return VelocitySample(stamp_ns(msg), source, velocity_n, turn @ covariance @ turn.T)
-
-    return convert
+    q, linear = msg.pose.pose.orientation, msg.twist.twist.linear
+    attitude = np.array([q.w, q.x, q.y, q.z])
+    if not usable_attitude(attitude):
+        raise MessageError("its orientation is not a unit quaternion")
+    turn = _NED_ENU @ matrix_from_quat(attitude)
+    velocity_n = turn @ np.array([linear.x, linear.y, linear.z])
+    covariance = np.reshape(msg.twist.covariance, (6, 6))[:3, :3]
+    return VelocitySample(stamp_ns(msg), source, velocity_n, turn @ covariance @ turn.T)
 
 
 def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
@@ -111,8 +103,8 @@ def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
 CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
     **{
         source.topic: {
-            "geometry_msgs/msg/TwistStamped": _twist(source),
-            "nav_msgs/msg/Odometry": _odometry(source),
+            "geometry_msgs/msg/TwistStamped": partial(_twist, source),
+            "nav_msgs/msg/Odometry": partial(_odometry, source),
         }
         for source in (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
     },
@@ -389,8 +381,4 @@ def what_can_be_mapped(path: Path, namespace: str) -> str:
     if options:
         return f"name its topics, for example {options}"
     named = [f"{topic} ({kind})" for topic, kind in topics.items()]
-    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
-    return (
-        "nothing to import: no topic has a type that tirgeo takes; it has "
-        f"{', '.join(named[:_MOST_NAMED])}{more}"
-    )
+    return f"nothing to import: no topic has a type that tirgeo takes; it has {listed(named)}"

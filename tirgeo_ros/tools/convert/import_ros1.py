@@ -93,8 +93,7 @@ class _Import:
         name = self.names[message.topic]
         if message.typename != TOPICS[name].typename:
             raise MessageError("of another type")
-        decoded = self.bag.decoded(message)
-        for arrived in self.decoder.take(name, decoded, message.log_time_ns):
+        for arrived in self.decoder.take(name, self.bag.decoded(message), message.log_time_ns):
             sink.take(*arrived)
 
     def _topic(self, message: Ros1Message) -> _Topic:

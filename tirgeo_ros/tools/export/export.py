@@ -50,8 +50,8 @@ class Product(Protocol):
 
 
 def export(
-    bag_in: PathLike,
-    folder: PathLike,
+    bag: PathLike,
+    output: PathLike,
     *,
     params: Files = None,
     namespace: str = "",
@@ -74,20 +74,19 @@ def export(
     ExportError, MapError, TargetError.
     """
     wanted, window = only or PRODUCTS, window or Window()
-    places = [Path(folder) / name for name in FILES]
+    places = [Path(output) / name for name in FILES]
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
-    inputs = [targets] if targets is not None else []
-    arguments = bag_in, places, params, namespace, options
-    opened = open_flight(*arguments, inputs=inputs, error=MapError)
+    arguments = bag, places, params, namespace, options
+    opened = open_flight(*arguments, inputs=[targets], error=MapError)
     if not {*RASTERS}.isdisjoint(wanted):
         needed("rasterio", "writing orthophotos and mosaics", MapError)
     pictures = FlightPictures(opened.reader, namespace)
     chosen = pictures.chosen(window)
     flight = register(opened, chosen, _part(progress, 0.0, _REGISTRATION), smooth=smooth)
-    products, lattice = _rasters(flight, rasters or RasterOptions(), Path(folder), wanted)
+    products, lattice = _rasters(flight, rasters or RasterOptions(), Path(output), wanted)
     dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     if "stills" in wanted:
-        products["stills"] = Stills(Path(folder) / "stills", dji.geoid_undulation_m)
+        products["stills"] = Stills(Path(output) / "stills", dji.geoid_undulation_m)
     if "vectors" in wanted:
         sources = targets, opened.configs.overlay.confidence, flight.states.get
         products["vectors"] = Vectors(places[1], window.every_s, *sources)
@@ -98,7 +97,7 @@ def export(
         for product in products.values():
             product.take(frame)
     written = lattice | {name: product.finish() for name, product in products.items()}
-    result = _summary(flight, opened.reader, os.fspath(folder), len(chosen), written)
+    result = _summary(flight, opened.reader, os.fspath(output), len(chosen), written)
     write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
     return result
 

@@ -132,7 +132,7 @@ def demo_setup(
     outputs = [folder / name for name in _NAMES]
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
-    options = (params, map_file, method, rate, serial)
+    options = ([params] if params else [], map_file, method, rate, serial)
     return GraphSetup(bag.absolute(), folder.absolute(), *options, environment=domain)
 
 

@@ -186,14 +186,13 @@ class GraphSetup:
 
     bag: Path
     folder: Path
-    params: Path | None = None
+    params: Sequence[Path] = ()  # each overrides those before it
     map: Path | None = None
     method: str | None = None
     rate: float = 1.0
     # Send the aircraft's data as bytes on a port, through dji_node; needs rate 1.
     serial: bool = False
     topics: Sequence[str] = RECORDED
-    more_params: Sequence[Path] = ()  # each overrides those before it
     environment: dict[str, str] = field(default_factory=dict)  # added to that of this process
 
 
@@ -307,7 +306,7 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     # The host's clock stamps the data of the serial link, so all nodes use that clock.
     clock: dict[str, object] = {} if setup.serial else {"use_sim_time": True}
     record = {"output": recording, "topics": ",".join(setup.topics)}
-    common = parameter_words(clock, _files(setup))
+    common = parameter_words(clock, setup.params)
     nodes = {
         "ekf_node": common + parameter_words({"method": setup.method} if setup.method else {}),
         "gimbal_node": common,
@@ -328,7 +327,7 @@ def _player(setup: GraphSetup) -> list[str]:
     if setup.serial:
         values |= {"live": True, "serial_port": setup.folder / _PORT}
         awaited = [name for name in awaited if name not in DJI_TOPICS]
-    return parameter_words(values | {"wait_for": ",".join(awaited)}, _files(setup))
+    return parameter_words(values | {"wait_for": ",".join(awaited)}, setup.params)
 
 
 def parameter_words(values: Mapping[str, object], files: Iterable[Path] = ()) -> list[str]:
@@ -351,10 +350,6 @@ def _file_of(values: Mapping[str, object]) -> str:
     file = os.memfd_create("parameters", 0)  # open in the programs that this process becomes
     os.write(file, os.fsencode(content))
     return f"/proc/{os.getpid()}/fd/{file}"
-
-
-def _files(setup: GraphSetup) -> list[Path]:
-    return [path for path in (setup.params, *setup.more_params) if path is not None]
 
 
 @contextlib.contextmanager

@@ -25,8 +25,6 @@ from tirgeo_ros.tools.graph.node_graph import (
 from tirgeo_ros.tools.replay.registration import INPUTS
 
 _USUAL_PARAMS = "config/m600_xt2.yaml"
-
-
 _NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 

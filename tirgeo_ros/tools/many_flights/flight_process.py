@@ -16,7 +16,6 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, final
@@ -27,6 +26,7 @@ import numpy as np
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.errors import ManyFlightsError, PictureError, TirgeoError, shown
 from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
@@ -266,9 +266,8 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
             places.setdefault(second, (content.latitude, content.longitude))
         elif jpeg is None or jpeg.log_time_ns < (begin_ns + end_ns) // 2:
             jpeg = message
-    begin_s = (end_ns - round(duration_s * 1e9)) // 1_000_000_000
-    begin = datetime.fromtimestamp(begin_s, timezone.utc)
-    facts: dict[str, Any] = {"begin_utc": begin.strftime("%Y-%m-%dT%H:%M:%SZ")}
+    begin = utc(end_ns - round(duration_s * 1e9))[:19]  # whole seconds
+    facts: dict[str, Any] = {"begin_utc": f"{begin}Z"}
     if places:
         latitude, longitude = np.radians(list(places.values())).T
         places_e = ecef_from_geodetic(latitude, longitude, np.zeros(len(places)))

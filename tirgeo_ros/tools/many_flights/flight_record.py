@@ -79,8 +79,7 @@ def made_from(
     contents, because they are small and are copied and edited; the flight's own files by size and
     time of change.
     """
-    flight = list(stamps)
-    return {"version": __version__, "flight": flight, "options": options, "files": digests}
+    return {"version": __version__, "flight": list(stamps), "options": options, "files": digests}
 
 
 def digests_of(paths: Iterable[PathLike]) -> dict[str, Digest]:

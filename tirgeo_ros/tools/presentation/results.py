@@ -66,6 +66,12 @@ def table(rows: Sequence[Sequence[str]], *, right: bool = False) -> str:
     )
 
 
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """Return the first names, at most ``most``, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def not_used(refused: Mapping[str, str]) -> list[str]:
     """Return one line: how many pictures were not used, by reason, each ``reason: detail``."""
     if not refused:

@@ -97,9 +97,8 @@ def _carried(
     """
     latched = {topic for topic, form in forms.items() if is_latched(topic, form.metadata)}
     cameras = {topic for topic, form in forms.items() if form.typename == _CALIBRATION} - latched
-    for topic in sorted(cameras):
-        if next(_messages(reader, {topic}, start_ns, end_ns), None) is not None:
-            cameras.remove(topic)
+    part = start_ns, end_ns
+    cameras = {name for name in cameras if next(_messages(reader, {name}, *part), None) is None}
     last: dict[tuple[str, object], BagMessage] = {}
     if latched | cameras:
         cdr = Cdr()

@@ -49,6 +49,7 @@ from tirgeo_ros.tools.replay.registration import (
     inputs_of,
     navigated,
     resolved,
+    topics_absent,
 )
 
 _TRIED = 10  # pictures to try for their size, because the first ones may be damaged
@@ -212,9 +213,7 @@ class Flight:
         calibration is needed and absent.
         """
         if self._needs_camera and self._given_camera is None and not self.has(CAMERA_INFO):
-            hint = "" if self._namespace else "; give --namespace if the topics have one"
-            name = resolved(CAMERA_INFO, self._namespace)
-            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+            raise topics_absent(self._reader, [(CAMERA_INFO,)], self._namespace)
         self._sink = sink
         if self._to_smooth:
             first = Flight(self._reader, self._namespace, needs_camera=False)
@@ -356,8 +355,7 @@ class FlightPoses:
     def smooth(self) -> None:
         """Begin a second pass, with the smoothed poses of the first one."""
         assert self._recording is not None
-        smoothed = self._recording.smoothed()
-        self.registration = Registration(self.ekf, self._gimbal, smoothed)
+        self.registration = Registration(self.ekf, self._gimbal, self._recording.smoothed())
 
     def take(self, sample: Sample) -> None:
         """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
@@ -381,13 +379,8 @@ class FlightPoses:
 
 def _part(progress: Report, begin: float, end: float) -> Report:
     """Return a Report that converts the progress of a part to that of the whole."""
-
-    def report(done: float, total: float | None) -> None:
-        if total is not None:
-            done = begin * total + (end - begin) * done
-        progress(done, total)
-
-    return report
+    share = end - begin
+    return lambda done, total: progress(begin * (total or 0.0) + share * done, total)
 
 
 def pose_at(

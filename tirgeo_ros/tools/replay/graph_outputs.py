@@ -23,12 +23,10 @@ from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.registration import prefix
 
 OVERLAY = "tirgeo/overlay/image/compressed"
-
-
-_WHOLE_FLIGHT_S = 1e9
 
 
 def in_plane(pose: CameraPose, plane: TangentPlane, target: TangentPlane) -> CameraPose:
@@ -64,7 +62,7 @@ class PoseDifferences:
 
 def differences(poses: Sequence[CameraPose], reference: Sequence[CameraPose]) -> PoseDifferences:
     """Compare poses in one plane; skip instants where the reference has no pose."""
-    history: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
+    history: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
     for pose in reference:
         history.add(pose)
     pairs = [(p, r) for p in poses if isinstance(r := history.at(p.stamp_ns), CameraPose)]
@@ -133,10 +131,9 @@ def read_outputs(path: Path, namespace: str = "") -> Outputs:
     return outputs
 
 
-def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels]]:
+def read_pictures(path: Path) -> Iterator[tuple[int, Pixels]]:
     """Yield stamp (ns) and overlay picture (h, w, 3) BGR of such a bag, in order."""
-    lead = prefix(namespace)
     cdr = Cdr()
-    for item in BagReader(path).messages([lead + OVERLAY]):
+    for item in BagReader(path).messages([f"/{OVERLAY}"]):
         message = cdr.deserialize(item.data, item.typename)
         yield convert.stamp_ns(message), picture_messages.compressed_pixels(message)

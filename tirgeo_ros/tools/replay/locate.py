@@ -28,12 +28,12 @@ from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load_map
-from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 
 
 def locate_pixels(
-    bag_in: PathLike,
+    bag: PathLike,
     pixels: PathLike,
     output: PathLike,
     *,
@@ -55,7 +55,7 @@ def locate_pixels(
     """
     needed("mgrs", f"writing {os.fspath(output)}", SurveyError)
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
-    arguments = (bag_in, [output], params, namespace, options)
+    arguments = (bag, [output], params, namespace, options)
     opened = open_flight(*arguments, inputs=[pixels], error=SurveyError)
     observations = load_observations(pixels)
     overlay = opened.configs.overlay
@@ -63,7 +63,7 @@ def locate_pixels(
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     lens, unread = configured_camera(overlay), list[Finding]()
-    layers = try_load_map(unread, overlay, overlay.map, used=False)
+    layers = try_load(unread, "map", lambda: configured_layers(overlay), used=False)
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens)
     checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
@@ -76,7 +76,7 @@ def locate_pixels(
     located = _summary(opened.reader, answers, ground)
     navigation, findings = poses.registration.navigation.status(), checks.findings()
     return {
-        "input": os.fspath(bag_in),
+        "input": os.fspath(bag),
         "output": os.fspath(output),
         "method": navigation.method,
         "smoothed": smooth,

@@ -80,12 +80,6 @@ def _sensed(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoing]:
         yield arrival_ns, topic, message
 
 
-def _infos(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoing]:
-    for stamp_ns, _ in frames(flight):
-        camera = flight.scenario.video.camera
-        yield stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns)
-
-
 def _pictures(
     messages: Messages, flight: SimulatedFlight, window: range, park: Park, targets: list[Target]
 ) -> Iterator[Outgoing]:
@@ -160,10 +154,10 @@ def simulate(
     outputs = [Path(out_dir) / name for name in (*NAMES, "dem.asc", "dem.prj")]
     check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
-    window = _window(scenario, scenario_path, start_s, duration_s)
+    window, camera = _window(scenario, scenario_path, start_s, duration_s), scenario.video.camera
     flight = fly(scenario, seed)
     park, relief = lay_out(scenario.park, flight.seed), Relief(scenario.park)
-    points, clicks = surveyed(flight, scenario.video.camera, park)
+    points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets = targets_of(scenario, flight.seed)
     lowest_m = -float(flight.truth.position_p[:, 2].max())
@@ -178,7 +172,7 @@ def simulate(
         "targets.geojson": targets_text(targets, flight.plane, relief),
         "params.yaml": parameters_text(scenario),
     }
-    if not relief.is_level:
+    if scenario.park.slope_deg:
         texts |= {"dem.asc": elevation_text(relief, flight.plane), "dem.prj": WGS84_TEXT}
     write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
     save_survey(folder / "survey.geojson", points)
@@ -186,7 +180,11 @@ def simulate(
     messages = Messages()
     truth = _true_body(messages, flight, window), _true_camera(messages, flight)
     _write(folder / "truth.mcap", truth, window, silent)
-    streams = [_sensed(messages, flight), _infos(messages, flight)]
+    infos = (
+        (stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns))
+        for stamp_ns, _ in frames(flight)
+    )
+    streams = [_sensed(messages, flight), infos]
     if images:
         streams.append(_pictures(messages, flight, window, park, targets))
         streams.append(_clicked(messages, flight, window, targets))

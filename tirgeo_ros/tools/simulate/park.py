@@ -47,11 +47,6 @@ class Relief:
         self._rise = rise * math.cos(uphill), rise * math.sin(uphill)
         self.highest_m = float((self.corners * self._rise).max(axis=0).sum())
 
-    @property
-    def is_level(self) -> bool:
-        """Return whether the ground is the plane of the site."""
-        return not any(self._rise)
-
     def places(self, level: Array) -> Array:
         """Return ground points (N, 3) in the plane of the site at north and east (N, 2)."""
         return np.column_stack([level, -level @ self._rise])

@@ -321,18 +321,16 @@ def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
         raise ScenarioError(str(error)) from None
     try:
         _check(scenario)
-    except ScenarioError as error:
+    except (ConfigError, ScenarioError) as error:
         raise ScenarioError(f"{where}: {error}" if where else str(error)) from None
     return scenario
 
 
 def _check(scenario: Scenario) -> None:
-    """Raise ScenarioError for values that fail a check beyond the range of one parameter."""
-    _ = scenario.start_ns
+    """Raise ScenarioError or ConfigError for values that do not fit each other."""
+    _ = scenario.start_ns, scenario.aircraft.baseline_b
     try:
-        _ = scenario.aircraft.baseline_b, scenario.video.camera
-    except ConfigError as error:
-        raise ScenarioError(str(error)) from None
+        _ = scenario.video.camera
     except CameraError as error:
         raise ScenarioError(f"video: {error}") from None
     if scenario.video.bits not in {8, 16}:

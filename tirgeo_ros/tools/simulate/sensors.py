@@ -113,7 +113,8 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     motion = trajectory.motion(epochs.t_s)
     draws = generator(seed, "rtk").standard_normal((2, len(epochs.stamp_ns), 3))
     sigmas = np.array([rtk.position_sigma_m, rtk.velocity_sigma_m_s])
-    at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.rtk_lever_b)
+    antenna = motion.at_arm(scenario.aircraft.rtk_lever_b)
+    at_antenna = geodetic_state(trajectory.plane, *antenna, motion.rotation_pb)
     fixes = _fixes(epochs, at_antenna, draws * sigmas[:, None], sigmas, sources, FixStatus.FIXED)
     headings = _headings(scenario, seed, trajectory.rotation_nb(motion), epochs)
     delay_ns = round(rtk.arrival_delay_s * 1e9)
@@ -160,7 +161,8 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     errors = np.array([slow(epochs.t_s), gps.velocity_sigma_m_s * draws])
     sigmas = np.array([rms, [gps.velocity_sigma_m_s] * 3])
     motion = trajectory.motion(epochs.t_s)
-    at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.gps_lever_b)
+    antenna = motion.at_arm(scenario.aircraft.gps_lever_b)
+    at_antenna = geodetic_state(trajectory.plane, *antenna, motion.rotation_pb)
     fixes = _fixes(epochs, at_antenna, errors, sigmas, sources, FixStatus.SINGLE)
     delay_ns = round(gps.arrival_delay_s * 1e9)
     return [(sample.stamp_ns + delay_ns, sample) for fix in fixes for sample in fix]
@@ -186,24 +188,19 @@ def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> 
     ]
 
 
-def _at_antenna(
-    trajectory: Trajectory, motion: Motion, arm_b: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return latitude, longitude (rad), height (m) (N,), velocity (N, 3) NED of an antenna."""
-    position_p, velocity_p = motion.at_arm(arm_b)
-    return geodetic_state(trajectory.plane, position_p, velocity_p, motion.rotation_pb)[:4]
-
-
 def _fixes(
     epochs: Epochs,
-    at_antenna: tuple[Array, Array, Array, Array],
+    at_antenna: tuple[Array, ...],
     errors_n: Array,
     sigmas_n: Array,
     sources: tuple[Source, Source],
     status: FixStatus,
 ) -> list[tuple[PositionSample, VelocitySample]]:
-    """Return position and velocity with errors (2, N, 3), and their sigmas (2, 3), NED."""
-    lat, lon, height, velocity_n = at_antenna
+    """Return position and velocity with errors (2, N, 3), and their sigmas (2, 3), NED.
+
+    ``at_antenna`` is the ``geodetic_state`` of the antenna.
+    """
+    lat, lon, height, velocity_n, _ = at_antenna
     north, east, down = errors_n[0].T
     # Errors are some metres, and the site is some hundred metres wide: the radii of one point are
     # accurate to 1e-5 of the error.

@@ -64,7 +64,7 @@ def surveyed(
         for frame in rng.choice(clicked[corner], config.views, replace=False).tolist():
             u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
             clicks.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
-    return points, sorted(clicks, key=_by_stamp)
+    return points, sorted(clicks, key=lambda click: (click.stamp_ns, click.id))
 
 
 def frames(flight: SimulatedFlight) -> Iterator[tuple[int, float]]:
@@ -95,7 +95,7 @@ def sightings(
             best = frames[int(np.argmin(off_middle[frames, k]))]
             u, v = views.uv[best, k].tolist()
             clicks.append(Observation(target.id, views.stamp_ns[best], u, v))
-    return sorted(clicks, key=_by_stamp)
+    return sorted(clicks, key=lambda click: (click.stamp_ns, click.id))
 
 
 def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
@@ -114,10 +114,6 @@ def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     good &= (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
     good &= (t_s >= config.after_s)[:, None]
     return Views(corners_p, t_s, stamp_ns, uv, good)
-
-
-def _by_stamp(click: Observation) -> tuple[int, str]:
-    return click.stamp_ns, click.id
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:

@@ -38,8 +38,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
     from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft  # noqa: PLC0415 heavy
 
-    names = "params hold namespace"
-    return call(calibrate_aircraft, args, "calibrating, runs", "bag output", names)
+    return call(calibrate_aircraft, args, "calibrating, runs")
 
 
 def describe(result: dict[str, Any]) -> str:

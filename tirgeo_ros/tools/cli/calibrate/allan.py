@@ -31,8 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Estimate the noise; return a summary."""
     from tirgeo_ros.tools.calibrate.allan import calibrate_allan  # noqa: PLC0415 heavy
 
-    names = "topic namespace from_s to_s plot"
-    return call(calibrate_allan, args, "reading, s", "bag output", names)
+    return call(calibrate_allan, args, "reading, s")
 
 
 def describe(result: dict[str, Any]) -> str:

@@ -51,9 +51,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError(f"{', '.join(both)}: name it in --estimate or in --hold, not in both")
     if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
         raise UsageError("nothing to estimate: change --estimate or --hold")
-    first = "bag survey observations output"
-    names = "params camera estimate hold namespace smooth"
-    return call(calibrate_boresight, args, "calibrating, s", first, names)
+    return call(calibrate_boresight, args, "calibrating, s")
 
 
 def describe(result: dict[str, Any]) -> str:

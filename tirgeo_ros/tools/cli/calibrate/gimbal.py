@@ -40,9 +40,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal  # noqa: PLC0415 heavy
 
-    args.board = board_of(args.board, args.square)
-    names = "camera rate_hz output namespace"
-    return call(calibrate_gimbal, args, "looking for the board", "pictures board", names)
+    pictures = {"inputs": args.pictures, "board": board_of(args.board, args.square)}
+    return call(calibrate_gimbal, args, "looking for the board", **pictures)
 
 
 def describe(result: Mapping[str, Any]) -> str:

@@ -31,8 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Measure the noise; return a summary."""
     from tirgeo_ros.tools.calibrate.imu import calibrate_imu  # noqa: PLC0415 heavy
 
-    names = "params namespace from_s to_s plot"
-    return call(calibrate_imu, args, "reading, s", "bag output", names)
+    return call(calibrate_imu, args, "reading, s")
 
 
 def describe(result: dict[str, Any]) -> str:

@@ -30,9 +30,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.lens import calibrate_lens  # noqa: PLC0415 heavy
 
-    args.board = board_of(args.board, args.square)
-    first, names = "pictures board output", "k3 plot namespace"
-    return call(calibrate_lens, args, "looking for the board", first, names)
+    pictures = {"inputs": args.pictures, "board": board_of(args.board, args.square)}
+    return call(calibrate_lens, args, "looking for the board", **pictures)
 
 
 def describe(result: Mapping[str, Any]) -> str:
