@@ -8,8 +8,9 @@ import struct
 import pytest
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch
+from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Layout, Time, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import (
@@ -250,6 +251,6 @@ def test_a_wrong_key_is_named(key, words):
         report = watch.look(now_s, LinkState.OPEN, "", *counts)
         reports += [report.condition] if report else []
     assert reports == ["waiting", "wrong_key"]
-    assert watch.report.level is LinkLevel.ERROR
+    assert watch.report.level is Severity.STOP
     assert words in watch.report.message
     assert "/dev/ttyUSB0" in watch.report.message
