@@ -21,7 +21,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.simulator import Aircraft, Outgoing, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 MS = 1_000_000

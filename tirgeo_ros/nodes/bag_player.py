@@ -26,7 +26,7 @@ from std_msgs.msg import Header
 from tirgeo_ros.core.config import AircraftConfig, BagPlayerConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError, shown
-from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES, SensedSample, stamp_ns

@@ -60,9 +60,8 @@ class SerialSource:
         self._node = node
         self._turn = node.guarded("serial link", self._read)
         self._take = take
-        packages = PackageTable()
-        if config.packages:
-            packages = package_table(load_yaml(config.packages), config.packages)
+        file = config.packages
+        packages = package_table(load_yaml(file), file) if file else PackageTable()
         self._decoder = SerialDecoder(config, packages)
         self._link = SerialLink(config.port, config.baud)
         self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))

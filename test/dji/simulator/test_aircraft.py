@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Layout, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable, decode_push
-from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 MS = 1_000_000

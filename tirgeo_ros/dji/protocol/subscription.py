@@ -210,10 +210,8 @@ def _package(number: Any, entry: Any, where: str) -> Package:
         raise DjiError(f"{where}.topics: must be a list of topics, in the order of the request")
     if unknown := [name for name in names if str(name) not in BY_NAME]:
         raise DjiError(f"{where}.topics: unknown topic {unknown[0]}")
-    topics = tuple(BY_NAME[name] for name in names)
-    package = Package(number, rate_hz, with_timestamp, topics)
-    if package.length - 1 > MAX_DATA_BYTES:
-        raise DjiError(
-            f"{where}: {package.length - 1} bytes, more than the {MAX_DATA_BYTES} of a push"
-        )
+    package = Package.of(number, rate_hz, with_timestamp, names)
+    length = package.length - 1
+    if length > MAX_DATA_BYTES:
+        raise DjiError(f"{where}: {length} bytes, more than the {MAX_DATA_BYTES} of a push")
     return package
