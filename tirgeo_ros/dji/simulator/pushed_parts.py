@@ -71,8 +71,7 @@ class Receivers:
             return _NO_FIX
         lon_deg = math.degrees(position.longitude_rad)
         lon_deg = lon_deg if abs(lon_deg) <= 180 else math.remainder(lon_deg, 360)
-        height_m = position.height_m - self.undulation_m
-        return lon_deg, math.degrees(position.latitude_rad), height_m
+        return lon_deg, math.degrees(position.latitude_rad), position.height_m - self.undulation_m
 
 
 def _ned_cm_s(velocity: VelocitySample | None) -> parts.Vector:
