@@ -19,7 +19,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
-from tirgeo_ros.dji.link.serial_link import LinkWatch, SerialLink
+from tirgeo_ros.dji.link.serial_link import LinkWatch, SerialLink, Totals
 from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
 from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Reading
@@ -48,14 +48,13 @@ _SILENT = (
     "nothing comes from psdk_ros2 on {prefix}*: is its node running and active (it is a lifecycle "
     "node), and is psdk_prefix right?"
 )
+_Take = Callable[[list[Reading]], None]
 
 
 class SerialSource:
     """Read one port and decode its bytes."""
 
-    def __init__(
-        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
-    ) -> None:
+    def __init__(self, node: GraphNode, config: DjiConfig, take: _Take) -> None:
         """Raise DjiError for a key or a table of packages that cannot be used."""
         self._node = node
         self._turn = node.guarded("serial link", self._read)
@@ -86,10 +85,11 @@ class SerialSource:
         with self._lock:
             if self._link.openings != self._openings:
                 self._openings = self._link.openings
-                readings += decoder.reopened(arrival_ns)
+                readings += decoder.rescan(arrival_ns)
             readings += decoder.take(data, arrival_ns, now_s, round(self._link.gathered_s * 1e9))
-            counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
-            report = self._watch.look(now_s, self._link.state, self._link.message, *counts)
+            counts = decoder.counts
+            totals = Totals(now_s, counts["bytes"], counts["frames"], decoder.locked)
+            report = self._watch.look(self._link.state, self._link.message, totals)
         self._take(readings)
         if report is not None:
             self._node.log(min(report.level, WARN), report.message)
@@ -101,8 +101,7 @@ class SerialSource:
         if report is None or not report.level:
             return []
         remedy = "check the aircraft, the cable, and the parameters port, baud and key"
-        evidence = report.message
-        return [Finding("serial_link", Severity.CAUTION, evidence, "dji_node port", remedy)]
+        return [Finding("serial_link", Severity.CAUTION, report.message, "dji_node port", remedy)]
 
     def report(self) -> DiagnosticItem:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
@@ -118,22 +117,19 @@ class SerialSource:
 class PsdkSource:
     """Subscribe to psdk_ros2 and pass the readings of its messages to ``take``."""
 
-    def __init__(
-        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
-    ) -> None:
+    def __init__(self, node: GraphNode, config: DjiConfig, take: _Take) -> None:
         """Raise ConfigError for a prefix that is no valid topic name."""
         self._node, self._take = node, take
         self._decoder = PsdkDecoder()
         self._prefix = _checked(config.psdk_prefix)
         self._received_s = time.monotonic()
         self._logged: list[str] = []
-        missing = [topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)]
+        missing = [topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic][0])]
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
-        for topic in PSDK_TOPICS:
+        for topic, (typename, _) in PSDK_TOPICS.items():
             if topic not in missing:
-                name, typename = self._prefix + topic, PSDK_TOPICS[topic].typename
                 handle = partial(self.handle, topic)
-                node.listen(name, handle, sensor_input(), typename)
+                node.listen(self._prefix + topic, handle, sensor_input(), typename)
         for topic in _NEEDED:
             node.monitor.expects(self._prefix + topic)
         self._timer = node.steady_timer("waiting for flags", _DUE_S, self._due)

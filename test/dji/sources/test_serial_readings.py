@@ -10,7 +10,7 @@ import pytest
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch
+from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch, Totals
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Layout, Time, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import (
@@ -248,7 +248,7 @@ def test_a_wrong_key_is_named(key, words):
         now_s = k * 0.02
         decoder.take(data, NOW_NS + k * 20_000_000, now_s)
         counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
-        report = watch.look(now_s, LinkState.OPEN, "", *counts)
+        report = watch.look(LinkState.OPEN, "", Totals(now_s, *counts))
         reports += [report.condition] if report else []
     assert reports == ["waiting", "wrong_key"]
     assert watch.report.level is Severity.STOP

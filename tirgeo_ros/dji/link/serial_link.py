@@ -218,13 +218,13 @@ class LinkReport(NamedTuple):
     message: str  # one line: the port and what to do
 
 
-class _Totals(NamedTuple):
+class Totals(NamedTuple):
     """Hold the total numbers of bytes, frames and undecrypted frames at a time (s)."""
 
-    at_s: float
+    at_s: float  # of a monotonic clock
     bytes: int
     frames: int
-    locked: int
+    locked: int = 0
 
 
 class LinkWatch:
@@ -241,27 +241,18 @@ class LinkWatch:
             "others": ", ".join(str(usual) for usual in _USUAL_BAUDS if usual != baud),
             "wrong_key": "is not the aircraft's" if has_key else "is not set",
         }
-        self._history: deque[_Totals] = deque()
-        self._last = _Totals(0.0, 0, 0, 0)
+        self._history: deque[Totals] = deque()
+        self._last = Totals(0.0, 0, 0)
         self._opened_s = self._last_bytes_s = self._last_frame_s = _NEVER_S
         self.report: LinkReport | None = None  # of the last call of ``look``
 
-    def look(
-        self,
-        now_s: float,
-        state: LinkState,
-        message: str,
-        byte_count: int,
-        frame_count: int,
-        locked_count: int = 0,
-    ) -> LinkReport | None:
+    def look(self, state: LinkState, message: str, totals: Totals) -> LinkReport | None:
         """Take the port's state and message, and the total numbers of bytes and frames.
 
-        Returns the report if the condition has changed since the last call, else None. ``now_s``:
-        of a monotonic clock. ``locked_count``: number of frames that were not decrypted.
+        Returns the report if the condition has changed since the last call, else None.
         """
         if state is LinkState.OPEN:
-            condition = self._condition(_Totals(now_s, byte_count, frame_count, locked_count))
+            condition = self._condition(totals)
             message = f"{self._port}: {_CONDITIONS[condition].format(**self._words)}"
         else:
             self._history.clear()
@@ -271,7 +262,7 @@ class LinkWatch:
         self.report = report
         return report if changed else None
 
-    def _condition(self, totals: _Totals) -> str:
+    def _condition(self, totals: Totals) -> str:
         """Take the totals of the open port; return its condition."""
         if not self._history:  # bytes from before the port was opened do not count
             self._opened_s, self._last = totals.at_s, totals
