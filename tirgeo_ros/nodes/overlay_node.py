@@ -120,8 +120,7 @@ class OverlayNode(GraphNode):
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
-            counted = partial(self._frames.counting, topic)
-            self.listen(topic, take_frame, frames, wrapped=counted)
+            self.listen(topic, take_frame, frames, wrapped=partial(self._frames.counting, topic))
         set_targets = self._overlay.clicks.set_targets
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
@@ -253,8 +252,7 @@ class OverlayNode(GraphNode):
         overlay, clicks = self._overlay, self._overlay.clicks.counts
         counts = overlay.counts | {"waiting": len(overlay.frames)} | self.resources.counts
         counts |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
-        frames = {"frames_sent": self._frames.sent, "frames_missed": self._frames.missed}
-        return counts | frames
+        return counts | {"frames_sent": self._frames.sent, "frames_missed": self._frames.missed}
 
     def _picture_state(self) -> PictureState:
         config, newest_ns = self._config, self._frames.newest_ns

@@ -93,8 +93,7 @@ class Restarts:
         findings = []
         for node, starts in sorted(self.starts.items()):
             if len(starts) > 1:
-                recent = time.monotonic() - max(starts.values()) < RECENT_S
-                case = "recent" if recent else ""
+                case = "recent" if time.monotonic() - max(starts.values()) < RECENT_S else ""
                 findings.append(
                     finding("restarts_of_{topic}", case, topic=node, number=len(starts) - 1)
                 )

@@ -65,28 +65,22 @@ class Backend(Protocol):
 
     async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
-        ...
 
     async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
         """Return where a place is in the newest picture, or why it isn't there."""
-        ...
 
     async def record(self, aircraft: str, on: bool) -> str:
         """Begin or end a recording; return words for the operator."""
-        ...
 
     async def share(self, on: bool) -> str:
         """Begin or end to send Cursor-on-Target; return words for the operator."""
-        ...
 
     def vector_map(self, aircraft: str) -> bytes:
         """Return the map as GeoJSON in WGS84; empty without one."""
-        ...
 
     @property
     def targets(self) -> TargetStore:
         """Return the store of targets."""
-        ...
 
 
 class RequestError(ValueError):
@@ -255,8 +249,7 @@ class Actions:
     async def _click(
         self, aircraft: str, stamp_ns: int, u: float, v: float, kind: str, refine: str | None
     ) -> dict[str, Any]:
-        feed = self._feed(aircraft)
-        cut_out = feed.cut_out(stamp_ns, u, v)  # now: the picture may soon be gone
+        cut_out = self._feed(aircraft).cut_out(stamp_ns, u, v)  # now: the picture may soon be gone
         click = Click(aircraft, stamp_ns, u, v)
         try:
             place = await asyncio.wait_for(self._backend.click(click), _CLICK_S)
@@ -345,8 +338,7 @@ def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict
     texts = dict.fromkeys(sent.keys() - now.keys(), "")
     for id_, (target, others) in now.items():
         if sent.get(id_) != (target, others):
-            fields = target_fields(target, undulation_m) | {"alternatives": others}
-            texts[id_] = json.dumps(fields)
+            texts[id_] = json.dumps(target_fields(target, undulation_m) | {"alternatives": others})
     sent.clear()
     sent.update(now)
     return texts
