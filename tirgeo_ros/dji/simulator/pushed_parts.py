@@ -19,23 +19,21 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS
-from tirgeo_ros.dji.interpret.gnss_samples import baseline_deg
+from tirgeo_ros.dji.interpret.gnss_samples import FIXED_FLAG, baseline_deg
 from tirgeo_ros.dji.interpret.imu_samples import G_M_S2
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 
 #: NovAtel's numbers, which DJI uses: narrow-lane integer, narrow-lane float, single point, none.
 _POSITION_FLAGS = {
-    FixStatus.FIXED: 50,
+    FixStatus.FIXED: FIXED_FLAG,
     FixStatus.FLOAT: 34,
     FixStatus.SINGLE: 16,
     FixStatus.NONE: 0,
 }
-_YAW_FIXED = 50
 #: A receiver that has been silent for longer than this has no solution.
 _SILENT_NS = 1_000_000_000
 #: The dates in the aircraft's messages are in its maker's time zone.
 _GMT8 = timezone(timedelta(hours=8))
-_NO_FIX = 0.0, 0.0, 0.0
 _U32 = 0xFFFFFFFF
 #: Values that no flight records: in the air, position mode; sticks at rest; a lasting battery.
 _STATUS = parts.Status(2, 6, 0, 0)
@@ -68,7 +66,7 @@ class Receivers:
     def degrees(self, position: PositionSample | None) -> tuple[float, float, float]:
         """Return longitude (deg), latitude (deg) and height above the sea (m)."""
         if position is None or position.status is FixStatus.NONE:
-            return _NO_FIX
+            return 0.0, 0.0, 0.0
         lon_deg = math.degrees(position.longitude_rad)
         lon_deg = lon_deg if abs(lon_deg) <= 180 else math.remainder(lon_deg, 360)
         return lon_deg, math.degrees(position.latitude_rad), position.height_m - self.undulation_m
@@ -149,7 +147,7 @@ class Instant(NamedTuple):
         if heading is not None:
             heading_deg = math.degrees(heading.heading_rad)
             yaw_deg = (round(heading_deg + self.receivers.baseline_deg) + 180) % 360 - 180
-            yaw_flag = _YAW_FIXED
+            yaw_flag = FIXED_FLAG
         flag = 0 if position is None else _POSITION_FLAGS[position.status]
         when, place = _date_and_time(self.imu.stamp_ns, position), self.receivers.degrees(position)
         return parts.Rtk(*when, *place, _ned_cm_s(velocity), yaw_deg, flag, yaw_flag)
