@@ -63,6 +63,8 @@ class Backend(Protocol):
     are called in threads. A refusal is a text for the operator.
     """
 
+    targets: TargetStore
+
     async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
 
@@ -77,10 +79,6 @@ class Backend(Protocol):
 
     def vector_map(self, aircraft: str) -> bytes:
         """Return the map as GeoJSON in WGS84; empty without one."""
-
-    @property
-    def targets(self) -> TargetStore:
-        """Return the store of targets."""
 
 
 class RequestError(ValueError):
@@ -175,7 +173,7 @@ _request_name = _text(40, 1)
 def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
     """Return a request's own name, its type and its fields; raises RequestError."""
     try:
-        fields = json.loads(text, parse_constant=_refuse_constant)
+        fields = json.loads(text, parse_constant=int)  # which refuses NaN and Infinity
     except (ValueError, RecursionError):
         raise RequestError("a request is JSON") from None
     if not isinstance(fields, dict):
@@ -200,10 +198,6 @@ def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
     except ValueError as error:
         raise RequestError(f"{kind}: {field} must be {error}", name) from None
     return name, kind, fields
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(name)
 
 
 class Actions:
