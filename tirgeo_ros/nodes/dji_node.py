@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from typing import Any
 
@@ -35,7 +36,6 @@ from tirgeo_ros.nodes.runner import run
 _WAIT_S = 0.02
 #: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
-_WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
 #: Topic whose message type may not be installed -> what is missing without it.
 _LOST = {"rtk_yaw": "no rtk/heading", "gps_details": "no accuracy and no kind of fix on gps/fix"}
 #: Without these topics no map can be drawn on the picture.
@@ -69,12 +69,10 @@ class SerialSource:
 
     def serve(self, stop: threading.Event) -> None:
         """Read until ``stop`` is set. Neither cable faults nor wrong bytes end the loop."""
-        try:
+        with closing(self._link):
             while not stop.is_set():
                 if not self._turn():
                     stop.wait(_WAIT_S)
-        finally:
-            self._link.close()
 
     def _read(self) -> None:
         data = self._link.read(_WAIT_S)
@@ -158,7 +156,7 @@ class PsdkSource:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._received_s = time.monotonic()
         arrival_ns = self._node.now_ns
-        sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
+        sent_ns = 0 if topic.endswith("_info") else stamp_ns(message)  # flags have no header
         self._take(self._decoder.take(topic, message, sent_ns, arrival_ns))
 
     def _due(self) -> None:

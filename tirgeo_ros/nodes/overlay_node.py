@@ -21,7 +21,7 @@ from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult
 from tirgeo_ros.core.streams.stamps import Arrivals, RateLimit
 from tirgeo_ros.core.types.errors import shown
-from tirgeo_ros.core.types.finding import Severity, sorted_findings, verdict_line
+from tirgeo_ros.core.types.finding import Severity, verdict_line
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     FINDINGS_TOPIC,
@@ -67,12 +67,11 @@ class OverlayNode(GraphNode):
         self._config = self.configured(OverlayConfig, self._reconfigure)
         if not self._config.map:
             self.log(OK, "no map is given: clicks are answered, no lines are drawn")
-        layers = None if self._config.map else ()
         ground = unless_stopped(partial(ground_of, self._config))
         for note in ground.notes if isinstance(ground, Terrain) else ():
             self.log(WARN, f"{self._config.dem}: {note}")
         terrain = ground if isinstance(ground, Terrain) else None
-        self._overlay = Overlay(self._config, layers, terrain)
+        self._overlay = Overlay(self._config, None if self._config.map else (), terrain)
         self._map_checks = MapChecks(ground)
         self._picture_checks = PictureChecks(
             self._config, ground, given_names(self, OverlayConfig)
@@ -190,8 +189,7 @@ class OverlayNode(GraphNode):
         node, _, findings = findings_of(message)
         if node not in self._verdicts and len(self._verdicts) >= _MOST_NODES:
             return
-        worst = sorted_findings(findings)[:1]
-        severity = worst[0].severity if worst else Severity.NOTE
+        severity = max((finding.severity for finding in findings), default=Severity.NOTE)
         self._verdicts[node] = DrawingVerdict(severity, shown(verdict_line(findings)))
         self._overlay.verdict = max(self._verdicts.values(), key=lambda verdict: verdict.severity)
 
