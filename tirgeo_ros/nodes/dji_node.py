@@ -85,7 +85,7 @@ class SerialSource:
                 self._openings = self._link.openings
                 readings += decoder.rescan(arrival_ns)
             readings += decoder.take(data, arrival_ns, now_s, round(self._link.gathered_s * 1e9))
-            counts = decoder.counts
+            counts = decoder.frames.counts
             totals = Totals(now_s, counts["bytes"], counts["frames"], decoder.locked)
             report = self._watch.look(self._link.state, self._link.message, totals)
         self._take(readings)

@@ -85,7 +85,7 @@ class PageServer:
     def counts(self) -> dict[str, int]:
         """Return counts of the page, for diagnostics."""
         return {
-            "connections": self._listener.connections,
+            "connections": len(self._listener.owners),
             "connections refused": self._listener.refused,
             "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
         }

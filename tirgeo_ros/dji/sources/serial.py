@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, AircraftClock
-from tirgeo_ros.dji.clocks.capture_clock import CaptureClock
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame, parse_key
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
@@ -27,6 +26,9 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
+if TYPE_CHECKING:  # a live link does not need it, nor what it imports
+    from tirgeo_ros.dji.clocks.capture_clock import CaptureClock
+
 PUSH_SET, _BROADCAST, _SUBSCRIPTION = 0x02, 0x00, 0x05
 _RTK_TOPICS = {"RTK_POSITION", "RTK_VELOCITY", "RTK_YAW", "RTK_POSITION_INFO", "RTK_YAW_INFO"}
 _GPS_TOPICS = {"GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"}
@@ -35,15 +37,14 @@ _RAW_DEG = math.radians(1e-7)
 #: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
 _PAUSE_S = 0.05
 _BITS_A_BYTE = 10  # with start bit and stop bit
-_Clock = AircraftClock | CaptureClock  # live, or of a capture
 
 
 class Clocks(NamedTuple):
     """Hold a clock for each counter of the aircraft; counters may start and step separately."""
 
-    broadcast: _Clock  # ms
-    subscription: _Clock  # ms
-    hard_sync: _Clock  # ticks of 2.5 ms; a sync command resets it
+    broadcast: AircraftClock | CaptureClock  # ms
+    subscription: AircraftClock | CaptureClock  # ms
+    hard_sync: AircraftClock | CaptureClock  # ticks of 2.5 ms; a sync command resets it
 
 
 class Telemetry:
@@ -203,7 +204,7 @@ class SerialDecoder:
 
     def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
         """Build the parsers; raise DjiError for an invalid key."""
-        self._frames = FrameReader(parse_key(config.key))
+        self.frames = FrameReader(parse_key(config.key))
         self._clocks = {
             "broadcast": AircraftClock(config.clock),
             "subscription": AircraftClock(config.clock),
@@ -229,15 +230,15 @@ class SerialDecoder:
             is_pause = self._received_s is not None and now_s - self._received_s > _PAUSE_S
             return self.rescan(arrival_ns) if is_pause else []
         self._received_s = now_s
-        first_ns = arrival_ns - gathered_ns - self.counts["bytes"] * self._byte_ns
-        frames = self._frames.feed(data)
+        first_ns = arrival_ns - gathered_ns - self.frames.counts["bytes"] * self._byte_ns
+        frames = self.frames.feed(data)
         ends = [first_ns + (f.offset + f.length) * self._byte_ns for f in frames]
         return self._read(frames, [min(end_ns, arrival_ns) for end_ns in ends])
 
     def rescan(self, arrival_ns: int) -> list[Reading]:
         """Drop a frame that was cut, as the port was lost; return the readings after it."""
         self._received_s = None
-        frames = self._frames.rescan()
+        frames = self.frames.rescan()
         return self._read(frames, [arrival_ns] * len(frames))
 
     def _read(self, frames: list[ProtocolFrame], arrivals: list[int]) -> list[Reading]:
@@ -251,14 +252,9 @@ class SerialDecoder:
         return readings
 
     @property
-    def counts(self) -> dict[str, int]:
-        """Return the counts of bytes and frames by kind (``FrameReader.counts``)."""
-        return self._frames.counts
-
-    @property
     def diagnostics(self) -> dict[str, str]:
         """Return the counts of frames and the state of each clock."""
-        items = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
+        items = {f"frames {name}": str(n) for name, n in self.frames.counts.items()}
         items |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
         for name, clock in self._clocks.items():
             items |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
