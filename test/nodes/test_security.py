@@ -86,7 +86,7 @@ def expected() -> dict[str, Permissions]:
     """What the policy allows our nodes, without the types that are not installed here."""
     policy = find_resource("config/sros2_policy.xml")
     result = {n: dict(may) for n, may in allowed(policy, "/uav1").items() if n not in OTHERS}
-    absent = {topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)}
+    absent = {topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic][0])}
     result["dji_node"]["subscribe"] -= {f"/uav1/psdk_ros2/{topic}" for topic in absent}
     if not TF:
         for may in result.values():

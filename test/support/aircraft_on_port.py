@@ -10,6 +10,7 @@ from typing import final
 
 import numpy as np
 
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -21,7 +22,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.simulator import Aircraft, Outgoing, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 MS = 1_000_000
@@ -72,7 +73,11 @@ class AircraftOnPort:
     ) -> None:
         self.terminal = PseudoTerminal(path, baud)
         self.begun = threading.Event()
-        self._frames = frames if frames is not None else frames_of(Aircraft(), hovering(600))
+        self._frames = (
+            frames
+            if frames is not None
+            else frames_of(Aircraft(SimulatedAircraftConfig(), AircraftConfig()), hovering(600))
+        )
         self._guard = threading.Lock()  # nobody pulls the cable amid a frame
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._fly, daemon=True)

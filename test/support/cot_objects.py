@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -18,7 +19,6 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.targets.cot_events import AircraftState
-from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink
 
 #: 2 m in each level direction and 0.5 m up, one standard deviation.
@@ -44,7 +44,7 @@ def flying() -> AircraftState:
 @contextlib.contextmanager
 def sharing(cot: str, **parameters: str) -> Iterator[CotLink]:
     """Run a link that shares."""
-    link = CotLink(CotParameters(cot, **parameters))
+    link = CotLink(ViewerConfig(cot=cot, **parameters), lambda _: None)
     link.start()
     link.share(on=True)
     try:

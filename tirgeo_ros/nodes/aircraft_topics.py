@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, Generic
 
 import numpy as np
+from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.config.viewer_parameters import GroundConfig
@@ -166,26 +167,21 @@ class AircraftTopics:
         self._camera_poses = PoseTape(lambda data: camera_pose(decoded(data, POSE)))
         self._body_poses = PoseTape(lambda data: body_pose(decoded(data, ODOMETRY)))
         for topic, tape in ((POSE, self._camera_poses), (ODOMETRY, self._body_poses)):
-            self.listen(topic, partial(self._keep, topic, tape=tape), STREAM_DEPTH, decoded=False)
+            keep = partial(self._keep, topic, tape=tape)
+            self.listen(topic, keep, output(STREAM_DEPTH), decoded=False)
         for topic in (INFO, FOOTPRINT):
-            self.listen(topic, partial(self._keep, topic), 1, decoded=False)
-        self.listen(VIDEO, self._take_picture, IMAGE_DEPTH)
-        self.listen("tirgeo/origin", self._take_origin, latch=1)
+            self.listen(topic, partial(self._keep, topic), output(1), decoded=False)
+        self.listen(VIDEO, self._take_picture, output(IMAGE_DEPTH))
+        self.listen("tirgeo/origin", self._take_origin, latched())
         now_s, take = time.monotonic, self.reports.take_state
-        self.listen(STATE_TOPIC, lambda message: take(now_s(), message), latch=_MOST_NODES)
+        self.listen(STATE_TOPIC, lambda message: take(now_s(), message), latched(_MOST_NODES))
 
     def listen(
-        self,
-        topic: str,
-        take: Callable[[Any], None],
-        depth: int = 0,
-        *,
-        latch: int = 0,
-        decoded: bool = True,
+        self, topic: str, take: Callable[[Any], None], qos: QoSProfile, *, decoded: bool = True
     ) -> None:
-        """Call ``take`` with each message of a contract topic; ``latch`` is the latched depth."""
-        name, qos = f"{self._prefix}{topic}", latched(latch) if latch else output(depth)
-        self._node.listen(name, take, qos, TOPIC_TYPES[topic], decoded=decoded)
+        """Call ``take`` with each message of a contract topic."""
+        name, typename = f"{self._prefix}{topic}", TOPIC_TYPES[topic]
+        self._node.listen(name, take, qos, typename, decoded=decoded)
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""

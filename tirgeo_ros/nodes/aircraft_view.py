@@ -46,7 +46,6 @@ _STEP_S = 0.4
 Place = list[float]  # latitude, longitude (deg)
 #: Largest age (s) of the last pose for a picture that was drawn with a predicted pose.
 _LAST_POSE_S = 0.2
-_SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))  # semi-axis of the 95 % ellipse, in sigmas
 #: Least time between markers: those of 2000 targets take 0.4 s of processor time.
 _MARKERS_S = 2.0
 _DIGITS = 8  # of degrees: a millimetre
@@ -56,7 +55,7 @@ _NO_POSITION: Mapping[str, None] = dict.fromkeys(
 _COLOUR = ColorRGBA(r=1.0, g=0.3, b=1.0, a=0.6)
 _TEXT_HEIGHT_M = 1.0
 _LEAST_AXIS_M = 2e-3  # RViz warns of a scale of zero
-_RADIUS = math.sqrt(CHI2_95)
+_RADIUS = math.sqrt(CHI2_95)  # semi-axis of the 95 % ellipse, in sigmas
 #: Inputs of the nodes: topic -> its words for the operator; and the words for overlay_node.
 _CAMERA = {"thermal/image_raw": "The camera", "thermal/image_raw/compressed": "The camera"}
 _GIMBAL = {"gimbal/joint_states": "The gimbal", "gimbal/attitude": "The gimbal"}
@@ -221,10 +220,10 @@ class AircraftView(AircraftTopics):
     ) -> None:
         super().__init__(node, aircraft, terrain, show)
         self._track, self._sent = list[Place](), list[Place]()
-        self.listen("tirgeo/path", self._take_path, 1)
+        self.listen("tirgeo/path", self._take_path, output(1))
         now_s, take = time.monotonic, self.reports.take_findings
-        self.listen("tirgeo/findings", lambda message: take(now_s(), message), 10)
-        self.listen("tirgeo/locate/answer", lambda m: answered(answer_of(m)), 20)
+        self.listen("tirgeo/findings", lambda message: take(now_s(), message), output(10))
+        self.listen("tirgeo/locate/answer", lambda m: answered(answer_of(m)), output())
         self._pixel = self._advertise("tirgeo/locate/pixel", output())
         self.targets = self._advertise("tirgeo/targets", latched())
         self._markers = self._advertise("tirgeo/targets/markers", latched())
@@ -239,11 +238,10 @@ class AircraftView(AircraftTopics):
         """Show these targets in RViz while it listens, unless it shows them in this plane."""
         marked, now_s = (revision, self.plane, self.map_frame), time.monotonic()
         soon = now_s - self._marked_s < _MARKERS_S
-        if self.plane is None or soon or marked == self._marked:
+        if self.plane is None or soon or marked == self._marked or not self._markers.is_wanted:
             return
-        if self._markers.is_wanted:
-            self._markers.publish(target_markers(self.map_frame, self.plane, targets))
-            self._marked, self._marked_s = marked, now_s
+        self._markers.publish(target_markers(self.map_frame, self.plane, targets))
+        self._marked, self._marked_s = marked, now_s
 
     def _take_path(self, message: Any) -> None:
         if self.plane is not None:
@@ -332,7 +330,7 @@ def position_fields(odometry: Any, plane: TangentPlane, footprint_n: Array) -> d
         "stamp_ns": str(pose.stamp_ns),
         "position": [*_degrees(latitude, longitude), round(height_m, 3)],
         "heading_deg": math.degrees(math.atan2(rotation[1, 0], rotation[0, 0])) % 360,
-        "position_sigma_m": float(semi_axes[0, 0]) / _SIGMA_OF_ELLIPSE,
+        "position_sigma_m": float(semi_axes[0, 0]) / _RADIUS,
         "speed_m_s": float(np.hypot(v_n[0], v_n[1])),
         "above_ground_m": down_m - float(pose.position_n[2]),
     }

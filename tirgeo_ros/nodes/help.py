@@ -38,9 +38,7 @@ def _parameter(parameter: Parameter) -> str:
     unit = f" {parameter.unit}" if parameter.unit and value not in NONE else ""
     live = "  [in flight]" if parameter.live else ""
     choices = f" ({', '.join(parameter.choices)})" if parameter.choices else ""
-    text = textwrap.fill(
-        parameter.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
-    )
+    text = textwrap.indent(textwrap.fill(parameter.description + choices, 93), " " * 6)
     return f"  {parameter.name}  {value}{unit}{live}\n{text}"
 
 

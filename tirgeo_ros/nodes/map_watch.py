@@ -179,8 +179,7 @@ class PageMap:
             if state != self._state:
                 self._state, self._body, self.error = state, b"", ""
                 try:
-                    content = self._child.answer(self._map_text, "page", self._map_text)
-                    self._body = bytes(content)
+                    self._body = self._child.answer(self._map_text, "page", self._map_text)
                     self._child.close()
                 except TirgeoError as error:
                     self.error = str(error)

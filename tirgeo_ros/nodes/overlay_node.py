@@ -21,7 +21,7 @@ from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult
 from tirgeo_ros.core.streams.stamps import Arrivals, RateLimit
 from tirgeo_ros.core.types.errors import shown
-from tirgeo_ros.core.types.finding import Severity, sorted_findings, verdict_line
+from tirgeo_ros.core.types.finding import Severity, verdict_line
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     FINDINGS_TOPIC,
@@ -67,12 +67,11 @@ class OverlayNode(GraphNode):
         self._config = self.configured(OverlayConfig, self._reconfigure)
         if not self._config.map:
             self.log(OK, "no map is given: clicks are answered, no lines are drawn")
-        layers = None if self._config.map else ()
         ground = unless_stopped(partial(ground_of, self._config))
         for note in ground.notes if isinstance(ground, Terrain) else ():
             self.log(WARN, f"{self._config.dem}: {note}")
         terrain = ground if isinstance(ground, Terrain) else None
-        self._overlay = Overlay(self._config, layers, terrain)
+        self._overlay = Overlay(self._config, None if self._config.map else (), terrain)
         self._map_checks = MapChecks(ground)
         self._picture_checks = PictureChecks(
             self._config, ground, given_names(self, OverlayConfig)
@@ -120,8 +119,7 @@ class OverlayNode(GraphNode):
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
-            counted = partial(self._frames.counting, topic)
-            self.listen(topic, take_frame, frames, wrapped=counted)
+            self.listen(topic, take_frame, frames, wrapped=partial(self._frames.counting, topic))
         set_targets = self._overlay.clicks.set_targets
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
@@ -191,8 +189,7 @@ class OverlayNode(GraphNode):
         node, _, findings = findings_of(message)
         if node not in self._verdicts and len(self._verdicts) >= _MOST_NODES:
             return
-        worst = sorted_findings(findings)[:1]
-        severity = worst[0].severity if worst else Severity.NOTE
+        severity = max((finding.severity for finding in findings), default=Severity.NOTE)
         self._verdicts[node] = DrawingVerdict(severity, shown(verdict_line(findings)))
         self._overlay.verdict = max(self._verdicts.values(), key=lambda verdict: verdict.severity)
 
@@ -253,8 +250,7 @@ class OverlayNode(GraphNode):
         overlay, clicks = self._overlay, self._overlay.clicks.counts
         counts = overlay.counts | {"waiting": len(overlay.frames)} | self.resources.counts
         counts |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
-        frames = {"frames_sent": self._frames.sent, "frames_missed": self._frames.missed}
-        return counts | frames
+        return counts | {"frames_sent": self._frames.sent, "frames_missed": self._frames.missed}
 
     def _picture_state(self) -> PictureState:
         config, newest_ns = self._config, self._frames.newest_ns

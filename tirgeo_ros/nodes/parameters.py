@@ -57,8 +57,7 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
     named = dict(rule.split(":=", 1) for rule in rules)
     name, namespace = named.get("__node", name), named.get("__ns", "")
     for path in parameter_files(arguments) if name in NODE_CONFIGS else ():
-        values = ParameterFile(path).values(name, namespace)
-        for key, value in values.items():
+        for key, value in ParameterFile(path).values(name, namespace).items():
             if isinstance(value, list) and len({type(item) for item in value}) > 1:
                 raise ConfigError(
                     f"{path}: parameter {key}: ROS takes lists of one type only: "

@@ -42,8 +42,7 @@ class Recorder(GraphNode):
         unknown = [name for name in topics if name not in _CONTRACT]
         if unknown or not topics:
             fault = f"unknown: {', '.join(unknown)}" if unknown else "it is empty"
-            names = ", ".join(_CONTRACT)
-            raise ConfigError(f"parameter topics: {fault}: choose from {names}")
+            raise ConfigError(f"parameter topics: {fault}: choose from {', '.join(_CONTRACT)}")
         for name in topics:
             self._record(_CONTRACT[name])
         self.resources = BagWriter(Path(config.output), growing=True)

@@ -25,7 +25,7 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.missing_package import missing_line
 from tirgeo_ros.io.files.child_process import node_command
-from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.video.live_stream import stream_url
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
@@ -36,17 +36,11 @@ _POLL_S = 0.05
 _RETRY_S = 5.0
 _MEET_S = 5.0  # until a node that has just started has discovered a camera
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
-#: Topics of a recording. The overlay only as JPEG: overlay_node would have to make the raw form
-#: for the recording alone.
-TOPICS = (
-    *SENSED_TOPICS,
-    *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
-    *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
-    *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
-    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
-    "/diagnostics",
-)
 _TF = ("/tf", "/tf_static")
+#: Not in every recording. The overlay only as JPEG: overlay_node would have to make the raw form
+#: for the recording alone.
+_LEFT_OUT = {_RAW, _COMPRESSED, "tirgeo/overlay/image", "tirgeo/targets/markers", "/clock", *_TF}
+TOPICS = [topic for topic in TOPIC_TYPES if topic not in _LEFT_OUT]
 
 
 class ChildNode:

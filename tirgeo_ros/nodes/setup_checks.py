@@ -92,12 +92,10 @@ class Restarts:
         """Return one finding for each node that was started again."""
         findings = []
         for node, starts in sorted(self.starts.items()):
-            if len(starts) > 1:
-                recent = time.monotonic() - max(starts.values()) < RECENT_S
-                case = "recent" if recent else ""
-                findings.append(
-                    finding("restarts_of_{topic}", case, topic=node, number=len(starts) - 1)
-                )
+            again = len(starts) - 1
+            if again > 0:
+                case = "recent" if time.monotonic() - max(starts.values()) < RECENT_S else ""
+                findings.append(finding("restarts_of_{topic}", case, topic=node, number=again))
         return findings
 
 

@@ -12,6 +12,7 @@ import importlib
 import os
 import signal
 import sys
+from contextlib import suppress
 from functools import partial
 
 from tirgeo_ros.core.types.missing_package import missing_line
@@ -53,12 +54,10 @@ def keep_memory() -> None:
     page by page. Without a large block in memory that costs over a thousand page faults per
     picture, and half of the time that it takes to pass a picture on.
     """
-    try:
+    with suppress(AttributeError):  # no glibc
         mallopt = ctypes.CDLL(None).mallopt
-    except AttributeError:
-        return  # no glibc
-    mallopt(_TRIM_THRESHOLD, _TRIM_BYTES)
-    mallopt(_MMAP_THRESHOLD, _MMAP_BYTES)
+        mallopt(_TRIM_THRESHOLD, _TRIM_BYTES)
+        mallopt(_MMAP_THRESHOLD, _MMAP_BYTES)
 
 
 # The executables of setup.py.

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
@@ -39,17 +38,12 @@ class VideoWriter(GraphNode):
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
         self._aircraft = AircraftTopics(self, "", terrain_of(config), self._take)
-        self.resources = self._open()
         self.report_each_second(self._items)
-
-    @contextmanager
-    def _open(self) -> Iterator[None]:
-        with ExitStack() as ends:
-            if self._stream is not None:
-                ends.callback(self._stream.close)
-            if self._film is not None:
-                ends.enter_context(self._film)
-            yield
+        self.resources = ExitStack()
+        if self._stream is not None:
+            self.resources.callback(self._stream.close)
+        if self._film is not None:
+            self.resources.enter_context(self._film)
 
     def _take(self, stamp_ns: int, jpeg: bytes) -> None:
         exposure_ns = self._aircraft.exposure_ns(stamp_ns)

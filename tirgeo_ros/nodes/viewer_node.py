@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from functools import partial
@@ -77,7 +77,9 @@ class TeamLink:
         self.findings: list[Finding] = []
         if config.cot:
             try:
-                self.link = cot_link(config, partial(node.log, OK))
+                from tirgeo_ros.page.cot.link import CotLink  # noqa: PLC0415  PyTAK is an extra
+
+                self.link = CotLink(config, partial(node.log, OK))
             except ModuleNotFoundError as error:
                 evidence = f"nothing is sent to the team: {missing_line(str(error.name))}"
                 node.log(WARN, evidence)
@@ -107,15 +109,6 @@ class TeamLink:
             state = aircraft_state(name or "aircraft", view)
             if state is not None:
                 self.link.aircraft(name, state)
-
-
-def cot_link(config: ViewerConfig, say: Callable[[str], None]) -> CotLink:
-    """Return the link; raise ConfigError, or ModuleNotFoundError without PyTAK."""
-    from tirgeo_ros.page.cot.address import CotParameters  # noqa: PLC0415  PyTAK is an extra
-    from tirgeo_ros.page.cot.link import CotLink  # noqa: PLC0415
-
-    files = config.cot_certificate, config.cot_key, config.cot_ca
-    return CotLink(CotParameters(config.cot, *files, config.cot_password), say)
 
 
 def aircraft_state(name: str, aircraft: AircraftView) -> AircraftState | None:
@@ -150,15 +143,10 @@ class PageBackend:
         recordings: Recordings,
         cot: CotLink | None,
     ) -> None:
-        self._aircraft, self._targets, self._map = aircraft, targets, page_map
+        self._aircraft, self.targets, self._map = aircraft, targets, page_map
         self._recordings, self._cot = recordings, cot
         self._lock = threading.Lock()
         self._waiting: defaultdict[_Key, list[asyncio.Future[Answer]]] = defaultdict(list)
-
-    @property
-    def targets(self) -> TargetStore:
-        """Return the store of targets."""
-        return self._targets
 
     async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
@@ -208,7 +196,7 @@ class PageBackend:
     async def _kept(self, what: str, on: bool) -> str:
         """Save what is on, for the next run if this one is killed; return why that failed."""
         try:
-            await asyncio.to_thread(self._targets.switch, what, on)
+            await asyncio.to_thread(self.targets.switch, what, on)
         except TargetError as error:
             return f"; after a crash it will not go on: {error}"
         return ""

@@ -52,7 +52,14 @@ class PageServer:
 
     def start(self) -> None:
         """Start the thread, and wait until the page can be opened; raises PageError."""
-        self._socket = self._listen()
+        try:
+            self._socket = listening_socket(*address_of(self._config.listen))
+        except OSError as error:
+            reason = str(error.strerror or error).partition(" (while")[0]
+            raise PageError(
+                f"listen: {self._config.listen}: {reason}: is another page "
+                "running? Choose an address of this computer and a free port"
+            ) from None
         self._port = self._socket.getsockname()[1]
         self._thread.start()
         self._loop = self._started.result()
@@ -78,7 +85,7 @@ class PageServer:
     def counts(self) -> dict[str, int]:
         """Return counts of the page, for diagnostics."""
         return {
-            "connections": self._listener.connections,
+            "connections": len(self._listener.owners),
             "connections refused": self._listener.refused,
             "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
         }
@@ -113,16 +120,6 @@ class PageServer:
         host = f"[{host}]" if ":" in host else host
         token = "" if self._access.open else f"?token={self._access.tokens[role]}"
         return f"{self._access.scheme}://{host}:{self._port}/{token}"
-
-    def _listen(self) -> socket.socket:
-        try:
-            return listening_socket(*address_of(self._config.listen))
-        except OSError as error:
-            reason = str(error.strerror or error).partition(" (while")[0]
-            raise PageError(
-                f"listen: {self._config.listen}: {reason}: is another page "
-                "running? Choose an address of this computer and a free port"
-            ) from None
 
     def _run(self) -> None:
         try:

@@ -104,10 +104,9 @@ class Track:
         if not 0 <= at <= len(self.points):  # the node was started again
             at, self.first, self.points = 0, start or 0, []
         self.points[at:] = points
-        spare = len(self.points) - _MOST_POINTS
-        if spare > 0:
-            self.points = self.points[spare:]
-            self.first += spare
+        spare = max(len(self.points) - _MOST_POINTS, 0)
+        del self.points[:spare]
+        self.first += spare
 
     def after(self, index: int) -> tuple[int, list[Any]]:
         """Return the next points from an index on, and the index of the first of them."""
@@ -184,9 +183,8 @@ class StateHub:
 
     def report(self, aircraft: str, state: dict[str, Any]) -> None:
         """Give all pages a state, now or when the last is 0.2 s old; ``track`` has new points."""
-        track = self._tracks.setdefault(aircraft, Track())
         start = state.pop("track_from", None)
-        track.add(state.pop("track", None) or [], start)
+        self._tracks.setdefault(aircraft, Track()).add(state.pop("track", None) or [], start)
         for outbox in self._pages if start is not None else ():  # points from there are replaced
             outbox.track_ends[aircraft] = min(outbox.track_ends.get(aircraft, 0), start)
         self._states[aircraft] = {"type": "state", "aircraft": aircraft, **state}

@@ -120,9 +120,8 @@ class Pace:
         return more_s / (1 - LEVELS[least].share / LEVELS[self.level].share)
 
     def _forget(self, which: Callable[[int, float], bool]) -> None:
-        gone = [n for n, (sent_s, _) in self._on_the_way.items() if which(n, sent_s)]
-        for number in gone:
-            del self._on_the_way[number]
+        sent = self._on_the_way.items()
+        self._on_the_way = {number: at for number, at in sent if not which(number, at[0])}
 
     def _shrink(self, trip_s: float, now_s: float) -> None:
         """Take the level whose trip is short enough if trips are proportional to the bytes."""

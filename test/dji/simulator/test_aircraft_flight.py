@@ -27,7 +27,7 @@ from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.subscription import PackageTable
-from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.sources.serial import Clocks, Telemetry
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES

@@ -8,8 +8,9 @@ import struct
 import pytest
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch
+from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch, Totals
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Layout, Time, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import (
@@ -201,8 +202,8 @@ def test_bytes_become_readings_at_the_aircrafts_pace(decoder):
         stamps += [reading.stamp_ns for reading in readings]
     last = NOW_NS + 198 * 10_000_000
     assert stamps[-2:] == pytest.approx([last - 10_000_000, last], abs=100_000)
-    assert decoder.counts["frames"] == 198
-    assert decoder.counts["bytes"] == 198 * len(frame(0))
+    assert decoder.frames.counts["frames"] == 198
+    assert decoder.frames.counts["bytes"] == 198 * len(frame(0))
 
 
 def test_each_frame_of_a_batch_has_the_time_at_which_its_bytes_were_complete():
@@ -246,10 +247,10 @@ def test_a_wrong_key_is_named(key, words):
             data += encode_frame(bytes(2), is_ack=True, session=2, key=KEY)
         now_s = k * 0.02
         decoder.take(data, NOW_NS + k * 20_000_000, now_s)
-        counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
-        report = watch.look(now_s, LinkState.OPEN, "", *counts)
+        counts = decoder.frames.counts["bytes"], decoder.frames.counts["frames"], decoder.locked
+        report = watch.look(LinkState.OPEN, "", Totals(now_s, *counts))
         reports += [report.condition] if report else []
     assert reports == ["waiting", "wrong_key"]
-    assert watch.report.level is LinkLevel.ERROR
+    assert watch.report.level is Severity.STOP
     assert words in watch.report.message
     assert "/dev/ttyUSB0" in watch.report.message

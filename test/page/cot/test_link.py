@@ -10,9 +10,9 @@ from cot_objects import flying, sharing, target
 from project import free_port, wait_until
 from tak_server import Member
 
+from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.page.cot import link as link_module
-from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink, Outbox, aircraft_uid
 
 GROUP = "239.2.3.1"
@@ -134,8 +134,8 @@ def test_an_impossible_event_is_counted_and_delays_nothing():
 
 def test_changes_are_logged_once_but_no_attempts_and_the_link_ends_at_once():
     reports = []
-    CotLink(CotParameters("tcp://127.0.0.1")).stop()  # never started
-    link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"), reports.append)
+    CotLink(ViewerConfig(cot="tcp://127.0.0.1"), reports.append).stop()  # never started
+    link = CotLink(ViewerConfig(cot=f"tcp://127.0.0.1:{free_port()}"), reports.append)
     link.start()
     link.share(on=True)
     wait_until(lambda: link.status.error)

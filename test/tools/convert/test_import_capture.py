@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import heading_of
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import decode_broadcast, encode_broadcast
-from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, frames_of
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES

@@ -183,10 +183,9 @@ def guess_utc_offset(newest_words_ns: int, hint_ns: int) -> int | None:
     ``hint_ns`` is the approximate UTC of the newest words, such as the time of the file's last
     change. Returns None if neither offset fits within 2 h.
     """
-    for hours in (DOCUMENTED_OFFSET_H, 0):
-        if abs(newest_words_ns - hours * _HOUR_NS - hint_ns) <= _HINT_NS:
-            return hours
-    return None
+    ahead_ns, possible = newest_words_ns - hint_ns, (DOCUMENTED_OFFSET_H, 0)
+    fits = (hours for hours in possible if abs(ahead_ns - hours * _HOUR_NS) <= _HINT_NS)
+    return next(fits, None)
 
 
 class WholeSeconds:

@@ -77,7 +77,7 @@ class SteadyStamps:
     @property
     def period_ns(self) -> float:
         """Return the period by the host's clock; 0 as long as it is not known."""
-        return self._period_ns * (1 + self._clock.drift)
+        return self._period_ns * (1 + self._clock.line.drift)
 
     def _in_order(self, arrival_ns: int) -> int:
         """Return the arrival, at least the last one; begin again after a pause or a step back."""
@@ -157,7 +157,7 @@ class SteadyStamps:
         """Learn the period again if the count is wrong too often."""
         self._judged += 1
         too_wrong = self._wrong > _WRONG_NUMBER or self._missing > _LOST_NUMBER
-        if too_wrong or abs(self._clock.drift) > _LARGEST_DRIFT:
+        if too_wrong or abs(self._clock.line.drift) > _LARGEST_DRIFT:
             self._learn_number = min(2 * self._learn_number, _LEARN_MOST)
             self._begin()
             self._period_ns = 0.0

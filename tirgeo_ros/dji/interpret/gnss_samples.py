@@ -181,12 +181,10 @@ class Receiver(Generic[R]):
     published again because its fix is worse now).
     """
 
-    def __init__(
-        self, name: str, delay_s: float, undulation_m: float, counts: Counter[str]
-    ) -> None:
+    def __init__(self, name: str, undulation_m: float, counts: Counter[str]) -> None:
         """Take ``name`` (rtk or gps) and ``undulation_m``, which is added to heights."""
         self._name = name
-        self._delay_ns = round(delay_s * 1e9)
+        self._delay_ns = 0  # set by ``configure``
         self._position_source = Source[f"{name.upper()}_POSITION"]
         self._velocity_source = Source[f"{name.upper()}_VELOCITY"]
         self._undulation_m = undulation_m
@@ -313,7 +311,7 @@ class RtkInterpreter(Receiver[RtkReading]):
     """
 
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
-        super().__init__("rtk", config.rtk.delay_s, undulation_m, counts)
+        super().__init__("rtk", undulation_m, counts)
         self._offset_deg = baseline_deg(config.aircraft)
         self.configure(config)
         self._position_flag: NewestValue[int] = NewestValue()
@@ -386,7 +384,8 @@ class GpsInterpreter(Receiver[GpsReading]):
     """
 
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
-        super().__init__("gps", config.delay.gps_s, undulation_m, counts)
+        super().__init__("gps", undulation_m, counts)
+        self.configure(config)
         self._fix: NewestValue[int] = NewestValue()
         self._sigmas: NewestValue[_Sigmas] = NewestValue()
 

@@ -120,8 +120,7 @@ class GimbalInterpreter:
                 return []
             self._counts["gimbal_without_joints"] += 1
             return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
-        nose = heading_of(q_nb)
-        yaw += nose if self._from_nose else 0.0
+        yaw += heading_of(q_nb) if self._from_nose else 0.0
         q_ng = _camera_attitude(roll, pitch, yaw)
         q_bg = quat_multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
         joint_yaw, joint_roll, joint_pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
@@ -190,9 +189,7 @@ class Interpreter:
     @property
     def counts(self) -> dict[str, int]:
         """Return the counts of readings without a sample or with an unusual one."""
-        counts = Counter(self._counts)
-        counts.update(self._imu.counts)
-        return {name: number for name, number in sorted(counts.items()) if number}
+        return dict(sorted(self._counts.items()))
 
     @property
     def diagnostics(self) -> dict[str, str]:

@@ -3,7 +3,3 @@
 This reverses the conversion from bytes to samples (``dji.link.framing``, ``dji.sources.serial``,
 ``dji.interpret``), to test that conversion, and for a demonstration without hardware.
 """
-
-from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
-
-__all__ = ["Aircraft", "Outgoing", "frames_of"]

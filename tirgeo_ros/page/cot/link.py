@@ -26,6 +26,7 @@ from xml.etree import ElementTree as ET
 import pytak
 from pytak.client_functions import supervise_with_reconnect
 
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.targets.cot_events import (
@@ -38,7 +39,7 @@ from tirgeo_ros.io.targets.cot_events import (
     target_uid,
     withdrawn_event,
 )
-from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
+from tirgeo_ros.page.cot.address import endpoint, pytak_settings
 
 #: Makes an event for a time of sending (ns).
 Maker = Callable[[int], ET.Element]
@@ -201,10 +202,8 @@ class CotLink:
     called with a line, in that thread, each time the connection is made or lost.
     """
 
-    def __init__(
-        self, parameters: CotParameters, say: Callable[[str], None] = lambda _: None
-    ) -> None:
-        self._settings = pytak_settings(parameters)
+    def __init__(self, config: ViewerConfig, say: Callable[[str], None]) -> None:
+        self._settings = pytak_settings(config)
         self.endpoint = endpoint(self._settings)
         self._outbox = Outbox()
         self._say = say
@@ -294,8 +293,7 @@ async def transmit(settings: SectionProxy, outbox: Outbox, connected: Callable[[
         tcp = writer.get_extra_info("socket") if hasattr(writer, "get_extra_info") else None
         if tcp is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
             # The system ends a connection whose bytes nobody acknowledges.
-            patience_ms = round(_PATIENCE_S * 1e3)
-            tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, patience_ms)
+            tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(_PATIENCE_S * 1e3))
         await _first_failure(tasks, _REFUSAL_S if reader else 0.0)
         connected()
         sender = pytak.TXWorker(asyncio.Queue(), settings, writer)

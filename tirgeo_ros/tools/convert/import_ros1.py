@@ -65,7 +65,7 @@ class _Import:
         """Yield the first messages that can be read: name in the wrapper, message, record time."""
         for message in islice(self.bag.messages(set(self.names)), _SURVEYED):
             name = self.names[message.topic]
-            if message.typename == TOPICS[name].typename:
+            if message.typename == TOPICS[name][0]:
                 with suppress(MessageError):  # counted when it is read again
                     yield name, self.bag.decoded(message), message.log_time_ns
 
@@ -91,7 +91,7 @@ class _Import:
             sink.pass_on(arrival_ns, contract, self.bag.cdr(message))
             return
         name = self.names[message.topic]
-        if message.typename != TOPICS[name].typename:
+        if message.typename != TOPICS[name][0]:
             raise MessageError("of another type")
         for arrived in self.decoder.take(name, self.bag.decoded(message), message.log_time_ns):
             sink.take(*arrived)
