@@ -351,12 +351,6 @@ def tangent_plane(msg: Any) -> TangentPlane:
     return TangentPlane(*place)
 
 
-def ground_point(msg: Any) -> tuple[int, Array, Array]:
-    """Decode ``tirgeo/locate/point``: stamp (ns), point (3,) and covariance (3, 3), local NED."""
-    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)[:3, :3]
-    return stamp_ns(msg), _ned(msg.pose.pose.position), covariance
-
-
 def pixel(msg: Any) -> tuple[int, float, float]:
     """Convert ``PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
     return stamp_ns(msg), float(msg.point.x), float(msg.point.y)
