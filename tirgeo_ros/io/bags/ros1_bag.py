@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager, suppress
 from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
@@ -261,11 +261,7 @@ def _not_of_type(message: BagMessage, error: Exception) -> MessageError:
     return MessageError(f"{message.topic}: {size} are no {message.typename} of ROS 1: {error}")
 
 
-#: A bag of ROS 2 or ROS 1; its ``cdr`` returns a message as CDR of ROS 2.
-AnyBag: TypeAlias = BagReader | Ros1Bag
-
-
-def any_bag(path: Path) -> AnyBag:
+def any_bag(path: Path) -> BagReader | Ros1Bag:
     """Open a bag of ROS 1 or ROS 2, by the file's first bytes. Raises BagError if unreadable."""
     if path.is_file() and first_bytes(path, len(MAGIC), BagError) == MAGIC:
         return Ros1Bag(path)
