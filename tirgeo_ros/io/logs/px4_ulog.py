@@ -65,8 +65,11 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     LogError if it is not a ULog, has no IMU, or has only heights above mean sea level while the
     undulation is not given.
     """
-    log, cut = _opened(path)
-    contents = LogContents(damaged=cut or log.file_corruption)
+    from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
+
+    with parsing(path, "ULog"), _File(FileIO(path)) as file:
+        log = ULog(file, _WANTED)
+    contents = LogContents(damaged=file.cut or log.file_corruption)
     tables = _instances_taken(log)
     imu = tables.get(_IMUS[0], tables.get(_IMUS[1]))
     receiver = tables.get(_RECEIVERS[0], tables.get(_RECEIVERS[1]))
@@ -93,14 +96,6 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
         if name in tables
     ]
     return contents
-
-
-def _opened(path: Path) -> tuple[Any, bool]:
-    """Return the log, and whether it is cut off."""
-    from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
-
-    with parsing(path, "ULog"), _File(FileIO(path)) as file:
-        return ULog(file, _WANTED), file.cut
 
 
 def _instances_taken(log: Any) -> dict[str, Records]:
