@@ -187,7 +187,7 @@ class McapFile(BagFile):
         covered = len(summary) - len(MAGIC) - 4
         if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
             raise McapError("checksum of the index is wrong")
-        index = SeekingReader(data).get_summary()  # type: ignore[arg-type]  mmap reads as a file does
+        index = SeekingReader(data).get_summary()  # type: ignore[arg-type]  # a file too
         assert index is not None
         self._schemas, self._channels = index.schemas, index.channels
         for chunk in index.chunk_indexes:
