@@ -31,6 +31,7 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, camera_pose, stamp_ns
+from tirgeo_ros.io.messages.json_codec import state_text
 from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output, sensor_input
 from tirgeo_ros.nodes.overlay_node import FrameStatistics
@@ -194,7 +195,7 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
     lost = dataclasses.replace(
         STATUS, state=FilterState.LOST, began_again=None, reason="\x1b[2Jno \n" * 5_000
     )
-    report = MESSAGES.state(NodeState("/ekf_node", 0, 1, navigation=lost))
+    report = MESSAGES.text(state_text(NodeState("/ekf_node", 0, 1, navigation=lost)))
     longer = String(data="{" * 200_000)
     state = Output(flown.stranger.node.create_publisher(String, STATE_TOPIC, latched()))
     for height_m in (math.inf, math.nan, 1e9):
