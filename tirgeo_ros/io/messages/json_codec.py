@@ -136,12 +136,8 @@ def _target(row: Mapping[str, Any]) -> Target:
 
 
 def _place_row(point: Located) -> dict[str, Any]:
-    return {
-        "latitude_deg": point.latitude_deg,
-        "longitude_deg": point.longitude_deg,
-        "height_m": point.height_m,
-        "covariance_enu": point.covariance_enu,
-    }
+    names = ("latitude_deg", "longitude_deg", "height_m", "covariance_enu")
+    return {name: getattr(point, name) for name in names}
 
 
 def _point(row: Mapping[str, Any], uv: tuple[float, float] = (math.nan, math.nan)) -> Located:

@@ -105,12 +105,9 @@ def put_picture(db: sqlite3.Connection, target_id: str, jpeg: bytes) -> None:
 
 def remove_target(db: sqlite3.Connection, target_id: str) -> None:
     """Remove the rows of a target; its picture stays."""
-    for statement in (
-        "DELETE FROM targets WHERE id = ?",
-        "DELETE FROM ellipses WHERE target = ?",
-        "DELETE FROM clicks WHERE target = ?",
-    ):
-        db.execute(statement, (target_id,))
+    db.execute("DELETE FROM targets WHERE id = ?", (target_id,))
+    db.execute("DELETE FROM ellipses WHERE target = ?", (target_id,))
+    db.execute("DELETE FROM clicks WHERE target = ?", (target_id,))
     db.execute("UPDATE gpkg_contents SET last_change = strftime('%Y-%m-%dT%H:%M:%fZ', 'now')")
 
 
