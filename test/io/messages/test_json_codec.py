@@ -104,9 +104,8 @@ def test_targets_come_back_without_notes_each_with_one_click():
     assert json.loads(message.data)["targets"][1]["clicks"] == 2
     assert targets_of(MESSAGES.text(targets_text([]))) == []
     moved = dataclasses.replace(TARGET, clicks=(dataclasses.replace(LOCATED, height_m=1.0),))
-    assert targets_of(MESSAGES.text(targets_text([moved]))) == [
-        moved
-    ]  # of the same id, written anew
+    # Of the same id, written anew.
+    assert targets_of(MESSAGES.text(targets_text([moved]))) == [moved]
 
 
 @pytest.mark.parametrize(
