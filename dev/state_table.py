@@ -24,7 +24,7 @@ from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import csv_text
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.presentation.progress import silent
 from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Sample, navigated
@@ -53,7 +53,7 @@ def states_text(bag: Path, params: Path) -> str:
 
 
 def _rows(bag: Path, params: Path) -> Iterator[list[str]]:
-    navigation = Navigation(load_config(params, "ekf_node", EkfConfig))
+    navigation = Navigation(ParameterFile(params).config("ekf_node", EkfConfig))
     rate, samples = RateLimit(RATE_HZ), list[Sample]()
     flight = Flight(BagReader(bag), needs_camera=False)
     flight.add(SAMPLES, samples.append)

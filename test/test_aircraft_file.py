@@ -9,7 +9,7 @@ import pytest
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, DjiConfig
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 SHIPPED = ("m600_xt2.yaml", "m300_h20t.yaml", "generic.yaml")
@@ -71,18 +71,20 @@ def test_what_nobody_measured_is_not_given(path, waiting):
 @pytest.mark.parametrize("node", NODE_CONFIGS)
 def test_all_but_the_antennas_is_at_its_default_for_an_m600_and_but_the_source_for_an_m300(node):
     kind = NODE_CONFIGS[node]
-    m600, m300 = load_config(M600, node, kind), load_config(M300, node, kind)
+    m600, m300 = ParameterFile(M600).config(node, kind), ParameterFile(M300).config(node, kind)
     if hasattr(m600, "aircraft"):
         m600 = replace(m600, aircraft=AircraftConfig())
     if node == "dji_node":
         assert m300.source == "psdk"
         m300 = replace(m300, source="serial")
     # repr, since NaN is not equal to itself
-    assert repr(m600) == repr(m300) == repr(kind()) == repr(load_config(GENERIC, node, kind))
+    assert (
+        repr(m600) == repr(m300) == repr(kind()) == repr(ParameterFile(GENERIC).config(node, kind))
+    )
 
 
 def test_djis_antennas_stand_across():
-    places = load_config(M600, "dji_node", DjiConfig).aircraft
+    places = ParameterFile(M600).config("dji_node", DjiConfig).aircraft
     assert places.baseline_deg == 90.0
     assert 1.0 <= float(abs(places.baseline_b[1])) <= 1.2
     assert "MEASURE YOURS" in M600.read_text()

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
+from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def parameters(node: str, **values: Value) -> Planter:
     def plant(good: FlightFiles, folder: Path) -> FlightFiles:
         path = folder / f"{node or 'all'}.yaml"
         dotted = {name.replace("__", "."): value for name, value in values.items()}
-        write_parameters(path, {node: dotted}, "planted")
+        path.write_text(parameters_yaml({node: dotted}, "planted"))
         return dataclasses.replace(good, params=[*good.params, path])
 
     return plant

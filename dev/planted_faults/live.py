@@ -18,7 +18,7 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
-from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
+from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, run_graph
 from tirgeo_ros.tools.presentation.progress import Report as Progress
 from tirgeo_ros.tools.presentation.progress import silent
@@ -84,7 +84,7 @@ def play(
         params.append(folder / "planted" / "options.yaml")
         named: dict[str, Value] = {"ground_height_m": math.nan}
         named |= {name: str(value) for name, value in planted.options.items()}
-        write_parameters(params[-1], {"overlay_node": named}, "planted")
+        params[-1].write_text(parameters_yaml({"overlay_node": named}, "planted"))
     setup = GraphSetup(
         planted.bag.absolute(),
         folder.absolute(),

@@ -30,7 +30,7 @@ from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.io.messages.pictures import image_pixels
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, run_graph
 from tirgeo_ros.tools.replay.graph_outputs import Outputs, differences, read_outputs
 from tirgeo_ros.tools.replay.process import process
@@ -185,7 +185,9 @@ def test_drawn_lines_lie_on_the_true_outlines(flown, sample):
     true_poses: PoseBuffer[CameraPose] = PoseBuffer(1e9)
     for pose in truth.cameras:
         true_poses.add(pose)
-    ground_m = load_config(sample / "params.yaml", "overlay_node", OverlayConfig).ground_height_m
+    ground_m = (
+        ParameterFile(sample / "params.yaml").config("overlay_node", OverlayConfig).ground_height_m
+    )
     features = load_layers(str(sample / "map.geojson"))[0].features
     outlines = Outlines(features, truth.plane, ground_m)
     means, covered = [], []

@@ -21,6 +21,7 @@ from std_msgs.msg import String
 
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.messages import STATE_TOPIC, NodeState
+from tirgeo_ros.io.messages.json_codec import findings_text
 from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.nodes import setup_checks
 from tirgeo_ros.nodes.graph_node import Output
@@ -147,7 +148,7 @@ def test_the_picture_shows_a_finding_of_another_node_in_its_namespace(flight):
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]
 
     def tells(aircraft: str, *result: Finding) -> bool:
-        message = MESSAGES.findings(f"{aircraft}/ekf_node", time.time_ns(), result)
+        message = MESSAGES.text(findings_text(f"{aircraft}/ekf_node", time.time_ns(), result))
         others[aircraft].publish(message)
         return bool(pictures) and written(pictures[-1], AMBER_BGR) > 100
 

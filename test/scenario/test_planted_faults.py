@@ -9,7 +9,7 @@ import pytest
 
 from dev.planted_faults.__main__ import found_in, naming
 from dev.planted_faults.faults import FAULTS, FlightFiles
-from tirgeo_ros.io.parameters.parameter_file import write_parameters
+from tirgeo_ros.io.parameters.parameter_file import parameters_yaml
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process
@@ -96,8 +96,8 @@ def test_nothing_is_wrong_with_other_simulated_flights(name, tmp_path):
 
 def test_a_right_boresight_is_no_fault(sample, tmp_path):
     """What is planted is not the parameter as such: the same one at its true value is right."""
-    write_parameters(
-        tmp_path / "true.yaml", {"gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}, ""
+    (tmp_path / "true.yaml").write_text(
+        parameters_yaml({"gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}, "")
     )
     good = FlightFiles.in_folder(sample)
     params = [*good.params, tmp_path / "true.yaml"]

@@ -35,6 +35,7 @@ from tirgeo_ros.io.messages import (
     navigation_item,
 )
 from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.json_codec import answer_text, findings_text, state_text, targets_text
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -158,11 +159,14 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
         lambda m: m.footprint(STAMP_NS, np.arange(12.0).reshape(4, 3)),
     ),
     "path": ("nav_msgs/msg/Path", lambda m: m.path(STAMP_NS, [m.track_point(BODY)] * 2)),
-    "targets": ("std_msgs/msg/String", lambda m: m.targets([TARGET] * 2)),
-    "answer": ("std_msgs/msg/String", lambda m: m.answer(LOCATED)),
+    "targets": ("std_msgs/msg/String", lambda m: m.text(targets_text([TARGET] * 2))),
+    "answer": ("std_msgs/msg/String", lambda m: m.text(answer_text(LOCATED))),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
-    "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
-    "state": ("std_msgs/msg/String", lambda m: m.state(STATE)),
+    "findings": (
+        "std_msgs/msg/String",
+        lambda m: m.text(findings_text("/ekf_node", STAMP_NS, [FINDING])),
+    ),
+    "state": ("std_msgs/msg/String", lambda m: m.text(state_text(STATE))),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
         lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),

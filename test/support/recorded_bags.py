@@ -85,7 +85,7 @@ def write_mcap(path, messages):
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.NONE, chunk_size=4000)
         writer.start("ros2", "another")
-        for topic, typename, log_ns, data in messages:
+        for topic, typename, log_ns, data, *_ in messages:
             if topic not in channels:
                 text = CDR.definition(typename).encode()
                 schema = writer.register_schema(typename, "ros2msg", text)
@@ -104,7 +104,7 @@ def write_sqlite(path, messages, form="cdr"):
 def insert(base, messages, form="cdr"):
     """Add topics and messages."""
     keys = {}
-    for topic, typename, log_ns, data in messages:
+    for topic, typename, log_ns, data, *_ in messages:
         if topic not in keys:
             keys[topic] = len(keys) + 1
             row = (keys[topic], topic, typename, form, "", "")

@@ -259,7 +259,7 @@ def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfi
     if not {"rtk/fix", "gps/fix"} & tables.keys():
         return "there is no position: give rtk_fix or gps_fix"
     own = arrived({"imu/data": tables["imu/data"]}, _ARGUMENTS)
-    for finding in imu_findings((item.sample for item in own), configs.ekf.aircraft.rotation_bi):
+    for finding in imu_findings((sample for *_, sample in own), configs.ekf.aircraft.rotation_bi):
         return finding.line
     bad = [
         f"{number} {source} {outcome}"

@@ -374,18 +374,10 @@ OUTPUTS: Mapping[str, Output] = {
 }
 
 
-class Arrived(NamedTuple):
-    """Hold a sample, its topic and the time at which it arrived, ns."""
-
-    topic: str
-    arrival_ns: int
-    sample: SensedSample
-
-
 def arrived(
     tables: Mapping[str, Table], names: Mapping[str, str] | None = None
-) -> Iterator[Arrived]:
-    """Yield the samples of tables (by topic) in the order of arrival.
+) -> Iterator[tuple[str, int, SensedSample]]:
+    """Yield topic, time of arrival (ns) and sample of the rows of tables, in order of arrival.
 
     They are sorted by ``arrival_ns``, then ``arrival_order``, then the order of the tables.
     ``names`` are what errors call the tables, by default the topics. Raises TableError.
@@ -407,4 +399,4 @@ def arrived(
     for which, k in zip(place[order].tolist(), row[order].tolist(), strict=True):
         topic, form, numbers = read[which]
         sample = form.sample(int(numbers.stamps_ns[k]), numbers.rows[k].tolist())
-        yield Arrived(topic, int(numbers.arrivals_ns[k]), sample)
+        yield topic, int(numbers.arrivals_ns[k]), sample

@@ -37,6 +37,7 @@ from tirgeo_ros.io.messages import (
     NodeState,
 )
 from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.json_codec import findings_text, state_text
 from tirgeo_ros.io.messages.topics import OUTPUT_DEPTH, STREAM_DEPTH, TF_DEPTH
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
@@ -277,7 +278,8 @@ class GraphNode(Node):
                 own = items()
             finally:  # if ``items()`` raises, the monitor's item reports it
                 name = self.get_fully_qualified_name()
-                self._findings.publish(self.messages.findings(name, self.now_ns, findings()))
+                text = findings_text(name, self.now_ns, findings())
+                self._findings.publish(self.messages.text(text))
                 self.report([*own, self.monitor.report(self.item_name("topics"))])
 
         self._report_timer = self.steady_timer("diagnostics", _REPORT_S, report)
@@ -288,7 +290,7 @@ class GraphNode(Node):
         own = {name: field() for name, field in self._state_fields.items()}
         node, started_ns = self.get_fully_qualified_name(), self.monitor.started_ns
         state = NodeState(node, self.now_ns, started_ns, self.monitor.topics(), **own)
-        self._state.publish(self.messages.state(state))
+        self._state.publish(self.messages.text(state_text(state)))
 
 
 def with_info(work: Callable[[Any, Any], None]) -> Callable[..., None]:

@@ -36,6 +36,7 @@ from tirgeo_ros.io.messages import (
     tangent_plane,
     targets_of,
 )
+from tirgeo_ros.io.messages.json_codec import answer_text
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import configured_camera
@@ -169,7 +170,7 @@ class OverlayNode(GraphNode):
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
         if self._answer.is_wanted:
-            self._answer.publish(self.messages.answer(answer))
+            self._answer.publish(self.messages.text(answer_text(answer)))
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
             self._point.publish(self.messages.located_point(answer))

@@ -34,6 +34,7 @@ from tirgeo_ros.io.coordinates.crs import has_mgrs
 from tirgeo_ros.io.files.child_process import parent_ended
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.messages import DiagnosticItem, body_pose
+from tirgeo_ros.io.messages.json_codec import targets_text
 from tirgeo_ros.io.targets.cot_events import AircraftState
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_topics import ODOMETRY, terrain_of
@@ -307,7 +308,7 @@ class ViewerNode(GraphNode):
         revision = self._targets.revision
         if revision != self._revision:
             self._drawn = self._targets.all()
-            message = self.messages.targets(self._drawn)
+            message = self.messages.text(targets_text(self._drawn))
             for view in self._aircraft.values():
                 view.targets.publish(message)
             self._server.targets_changed()

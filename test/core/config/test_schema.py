@@ -19,7 +19,7 @@ from tirgeo_ros.core.config import (
 )
 from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of, values_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 nodes = pytest.mark.parametrize("kind", NODE_CONFIGS.values(), ids=list(NODE_CONFIGS))
@@ -206,7 +206,7 @@ def test_names_that_tf2_refuses_are_refused(name, value, message, tmp_path):
     path = tmp_path / "frames.yaml"
     path.write_text(f"/**: {{ros__parameters: {{{name}: {value!r}}}}}\n")
     with pytest.raises(ConfigError) as caught:
-        load_config(path, "ekf_node", EkfConfig)
+        ParameterFile(path).config("ekf_node", EkfConfig)
     assert f"parameter {name}: {message}" in str(caught.value)
     assert str(path) in str(caught.value)
 

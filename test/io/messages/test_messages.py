@@ -320,10 +320,10 @@ def test_the_point_is_in_the_map_and_has_no_attitude():
     assert (q.w, q.x, q.y, q.z) == (1.0, 0.0, 0.0, 0.0)
     covariance = point.pose.covariance.reshape(6, 6)
     assert covariance.diagonal()[3:].tolist() == [UNKNOWN_VARIANCE] * 3
-    stamp_ns, point_n, covariance_n = messages.ground_point(point)
-    assert stamp_ns == samples.STAMP_NS
-    assert_array_equal(point_n, samples.LOCATED.point_n)
-    assert_array_equal(covariance_n, samples.LOCATED.covariance_n)
+    pose = messages.camera_pose(point)
+    assert pose.stamp_ns == samples.STAMP_NS
+    assert_array_equal(pose.position_n, samples.LOCATED.point_n)
+    assert_array_equal(pose.covariance[:3, :3], samples.LOCATED.covariance_n)
 
 
 def test_a_clicked_pixel_comes_back():

@@ -18,6 +18,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, NodeState, TopicState
+from tirgeo_ros.io.messages.json_codec import state_text
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb
 from tirgeo_ros.tools.graph import find_resource
@@ -54,7 +55,7 @@ def status_at(stamp_ns: int, sigma_rad: float) -> tuple[str, object, int]:
         "ekf_heading", FilterState.RUNNING, "", FixStatus.FIXED, sigma_rad, {}, {}
     )
     state = NodeState("/ekf_node", stamp_ns, 1, navigation=status)
-    return "tirgeo/state", MESSAGES.state(state), stamp_ns
+    return "tirgeo/state", MESSAGES.text(state_text(state)), stamp_ns
 
 
 def test_the_summary_has_what_the_nodes_published(tmp_path):
@@ -71,7 +72,7 @@ def test_the_summary_has_what_the_nodes_published(tmp_path):
     statuses = [status_at(300 * MS, np.radians(0.2)), status_at(600 * MS, np.radians(0.1))]
     topics = {"tirgeo/overlay/image": TopicState(9.0, latency_ms=12.5)}
     overlay = NodeState("/overlay_node", 700 * MS, 1, topics, {"drawn": 7, "notices": 3})
-    statuses.append(("tirgeo/state", MESSAGES.state(overlay), 700 * MS))
+    statuses.append(("tirgeo/state", MESSAGES.text(state_text(overlay)), 700 * MS))
     path = write(tmp_path / "run.mcap", pictures + poses + statuses)
     result = summary(read_outputs(path), begin_ns=0)
     assert result["method"] == "ekf_heading"

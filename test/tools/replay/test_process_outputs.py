@@ -18,9 +18,9 @@ from tirgeo_ros.core.navigation.estimator.track import MOST_POINTS
 from tirgeo_ros.core.types.measurements import SetHeading
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose, ground_point
+from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose
 from tirgeo_ros.io.messages import pictures as picture_messages
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.process import process
 
 #: Interpolating on a globe of attitudes and chaining, twice: positions of order 100 m.
@@ -159,21 +159,22 @@ def clicked(cut, tmp_path_factory):
 
 
 def located(path):
-    """Stamp, point and covariance of the one point in a bag of outputs."""
+    """The one point in a bag of outputs, as a pose whose rotation is unknown."""
     ((_, message),) = messages_of(path, "/tirgeo/locate/point")
-    return ground_point(message)
+    return convert.camera_pose(message)
 
 
 def test_a_click_in_the_bag_becomes_a_point(clicked, options, tmp_path):
     bag, stamp_ns = clicked
     output = tmp_path / "out.mcap"
     summary = process(bag, output, **options)
-    stamp, point_n, covariance_n = located(output)
-    assert stamp == stamp_ns
+    point = located(output)
+    point_n = point.position_n
+    assert point.stamp_ns == stamp_ns
     # The ground is the plane's own height there: the Earth's bend over 100 m is below 1 mm.
     assert point_n[2] == pytest.approx(0.0, abs=0.001)
     assert 10 < np.linalg.norm(point_n[:2]) < 300
-    assert np.linalg.eigvalsh(covariance_n)[0] > 0
+    assert np.linalg.eigvalsh(point.covariance[:3, :3])[0] > 0
     assert summary["overlay"]["drawn"] > 10
     assert summary["written"]["/tirgeo/locate/fix"] == 1
 
@@ -182,8 +183,8 @@ def test_an_elevation_model_stands_before_the_parameters_height(clicked, options
     """The model is level, ellipsoidal, 2 m above the parameter's height."""
     rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
     params, dem = options["params"], tmp_path / "dem.tif"
-    ground_m = load_config(params, "overlay_node", OverlayConfig).ground_height_m
-    latitude, longitude, _ = load_config(params, "ekf_node", EkfConfig).origin_lat_lon_h
+    ground_m = ParameterFile(params).config("overlay_node", OverlayConfig).ground_height_m
+    latitude, longitude, _ = ParameterFile(params).config("ekf_node", EkfConfig).origin_lat_lon_h
     place = rasterio.transform.from_origin(longitude - 0.01, latitude + 0.01, 1e-4, 1e-4)
     shape = {"height": 200, "width": 200, "count": 1, "dtype": "float32", "crs": "EPSG:4979"}
     with rasterio.open(dem, "w", driver="GTiff", transform=place, **shape) as target:
@@ -191,7 +192,7 @@ def test_an_elevation_model_stands_before_the_parameters_height(clicked, options
     output = tmp_path / "out.mcap"
     process(clicked[0], output, dem=dem, **options)
     # 1 mm of the Earth's bend, and what float32 leaves of the height
-    assert located(output)[1][2] == pytest.approx(-2.0, abs=0.002)
+    assert located(output).position_n[2] == pytest.approx(-2.0, abs=0.002)
 
 
 SIGMA = math.radians(2.0)

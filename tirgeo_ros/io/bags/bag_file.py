@@ -25,7 +25,8 @@ class BagMessage(NamedTuple):
     topic: str
     typename: str
     log_time_ns: int
-    data: bytes  # CDR
+    data: bytes  # CDR; of a ROS 1 bag its own encoding
+    definition: str = ""  # of the type with all parts, in a ROS 1 bag
 
 
 class TopicForm(NamedTuple):

@@ -82,8 +82,7 @@ class BagWriter:
         try:
             with writing(self.path, BagError):
                 self._sink.close(complete=kind is None or self._growing)
-            if kind is None:
-                with writing(self.path, BagError):
+                if kind is None:
                     self._part.replace(self.path)
         finally:
             if not self._growing and self._part.is_file():

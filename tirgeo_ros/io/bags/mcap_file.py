@@ -20,8 +20,8 @@ from typing import NamedTuple, final
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
-from mcap.stream_reader import StreamReader
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema
 from mcap.writer import CompressionType, Writer
 
 from tirgeo_ros import __version__
@@ -187,19 +187,12 @@ class McapFile(BagFile):
         covered = len(summary) - len(MAGIC) - 4
         if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
             raise McapError("checksum of the index is wrong")
-        counts: dict[int, int] = {}
-        chunks: list[ChunkIndex] = []
-        for record in StreamReader(BytesIO(summary), skip_magic=True, emit_chunks=True).records:
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._channels[record.id] = record
-            elif isinstance(record, Statistics):
-                counts = record.channel_message_counts
-            elif isinstance(record, ChunkIndex):
-                chunks.append(record)
-        for chunk in chunks:
+        index = SeekingReader(data).get_summary()  # type: ignore[arg-type]  # a file too
+        assert index is not None
+        self._schemas, self._channels = index.schemas, index.channels
+        for chunk in index.chunk_indexes:
             self._take_chunk(data, chunk)
+        counts = index.statistics.channel_message_counts if index.statistics else {}
         return {key for key in self._channels if counts and not counts.get(key)}
 
     def _take_chunk(self, data: mmap, chunk: ChunkIndex) -> None:

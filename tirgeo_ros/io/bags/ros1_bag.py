@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager, suppress
 from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
@@ -28,7 +28,7 @@ from rosbags.typesys.store import Typestore
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.bags.bag_file import TOO_LATE
+from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagMessage
 from tirgeo_ros.io.bags.packed import MOST_BYTES, unpacked
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
@@ -137,16 +137,6 @@ class UnindexedReader(Reader):
             self._offset = source.seek(end)
 
 
-class Ros1Message(NamedTuple):
-    """Hold a message as it is in a bag."""
-
-    topic: str
-    typename: str  # sensor_msgs/msg/Imu
-    log_time_ns: int  # when the recorder received it
-    data: bytes
-    definition: str  # of its type, with all parts
-
-
 class Ros1Bag:
     """Read a bag.
 
@@ -215,7 +205,7 @@ class Ros1Bag:
             by_topic.setdefault(connection.topic, set()).add(connection.msgtype)
         return {topic: ", ".join(sorted(types)) for topic, types in sorted(by_topic.items())}
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Return the messages of these topics in the order in which they were recorded."""
         with self._opened() as reader:
             chosen = [c for c in reader.connections if topics is None or c.topic in topics]
@@ -227,7 +217,7 @@ class Ros1Bag:
                     late += 1
                     self._losses["late"] = f"{late} {TOO_LATE}"
                     continue
-                yield Ros1Message(
+                yield BagMessage(
                     connection.topic, connection.msgtype, record_ns, data, connection.msgdef.data
                 )
 
@@ -240,7 +230,7 @@ class Ros1Bag:
         except _UNREADABLE as error:
             raise _not_of_type(message, error) from None
 
-    def decoded(self, message: Ros1Message) -> Any:
+    def decoded(self, message: BagMessage) -> Any:
         """Decode the message by its definition in the bag. Raises MessageError."""
         # A store for each type's definition: two wrappers may use one name for different types.
         key = message.typename, message.definition
@@ -266,16 +256,12 @@ def _ros2_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _not_of_type(message: Ros1Message, error: Exception) -> MessageError:
+def _not_of_type(message: BagMessage, error: Exception) -> MessageError:
     size = f"{len(message.data)} bytes"
     return MessageError(f"{message.topic}: {size} are no {message.typename} of ROS 1: {error}")
 
 
-#: A bag of ROS 2 or ROS 1; its ``cdr`` returns a message as CDR of ROS 2.
-AnyBag: TypeAlias = BagReader | Ros1Bag
-
-
-def any_bag(path: Path) -> AnyBag:
+def any_bag(path: Path) -> BagReader | Ros1Bag:
     """Open a bag of ROS 1 or ROS 2, by the file's first bytes. Raises BagError if unreadable."""
     if path.is_file() and first_bytes(path, len(MAGIC), BagError) == MAGIC:
         return Ros1Bag(path)

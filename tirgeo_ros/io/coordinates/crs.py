@@ -153,10 +153,8 @@ def range_fault(x: float, y: float, *, all_are: bool) -> str:
 
 def once_around(longitudes: Array) -> Array:
     """Return longitudes (deg) wrapped to -180 to 180; rounding errors beyond are clipped."""
-    beyond = np.abs(longitudes) > 180
-    rounded = np.abs(longitudes) < 180 + _ROUNDING_DEG
-    around = np.where(rounded, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)
-    return np.where(beyond, around, longitudes)
+    once = np.abs(longitudes) < 180 + _ROUNDING_DEG
+    return np.where(once, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)
 
 
 class Plane:

@@ -18,6 +18,7 @@ import resource
 import struct
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TypeVar
@@ -93,8 +94,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
     proj.set_network_enabled(active=network)  # type: ignore[attr-defined]
     if network:
         return work()
-    results: list[T] = []
-    raised: list[BaseException] = []
+    result = Future[T]()
 
     def run() -> None:
         try:
@@ -103,16 +103,12 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
                 raise ConfigError(  # noqa: TRY301  caught below
                     f"GDAL cannot be kept from the network here ({why}); set network: true"
                 )
-            results.append(work())
+            result.set_result(work())
         except BaseException as error:  # noqa: BLE001  raised again below
-            raised.append(error)
+            result.set_exception(error)
 
-    thread = threading.Thread(target=run, name="without network", daemon=True)
-    thread.start()
-    thread.join()
-    if raised:
-        raise raised[0]
-    return results[0]
+    threading.Thread(target=run, name="without network", daemon=True).start()
+    return result.result()
 
 
 def elsewhere(text: str) -> str:

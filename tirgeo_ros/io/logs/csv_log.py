@@ -278,12 +278,11 @@ class Columns:
 
     def _quantity(self, name: str, keys: Keys) -> NamedQuantity:
         inner = keys.inner(name)
-        kind, source = QUANTITIES[name]
         time = TimeColumns(inner.inner("time"), self._log) if "time" in inner else self._time
         if time is None:
             raise LogError(f"{self.path}: time is missing: give time for all, or {name}.time")
         where = _where(inner.inner("where")) if "where" in inner else ()
-        quantity = NamedQuantity(name, kind(inner, source, self._log), time, where)
+        quantity = NamedQuantity(name, QUANTITIES[name](inner, self._log), time, where)
         inner.finish()
         return quantity
 

@@ -22,6 +22,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from operator import itemgetter
@@ -75,12 +76,9 @@ def load_layers(
     network: bool = False,
 ) -> list[MapLayer]:
     """Call ``read_layers`` in a process of its own; return and raise what it does."""
-    child = MapProcess()
-    try:
-        layers = child.answer(map or style, "layers", map, style, label_field, network)
-    finally:
-        child.close()
-    assert isinstance(layers, list)
+    arguments = (map, style, label_field, network)
+    with closing(MapProcess()) as child:
+        layers: list[MapLayer] = child.answer(map or style, "layers", *arguments)
     return layers
 
 
@@ -111,16 +109,14 @@ class MapProcess:
         an answer or was stopped, or if the map has nothing to draw.
         """
         self.close()
-        contents = self.answer(config.map, "contents", config)
-        assert isinstance(contents, MapContents)
+        contents: MapContents = self.answer(config.map, "contents", config)
         return contents
 
     def drape(self, plane: TangentPlane) -> DrapedMap:
         """Return the map draped in a tangent plane, once after ``read``. Raises as ``read``."""
         if self._child is None:
             raise MapError(f"{self._name}: nothing was read")
-        draped = self.answer(self._name, "layout", plane)
-        assert isinstance(draped, DrapedMap)
+        draped: DrapedMap = self.answer(self._name, "layout", plane)
         self.close()
         return draped
 

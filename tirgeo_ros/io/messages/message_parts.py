@@ -79,7 +79,8 @@ class MessageParts:
         header = Cdr.types("std_msgs/msg/Header")(stamp=self._time(stamp_ns), frame_id=frame_id)
         return Cdr.types(typename)(header=header, **fields)
 
-    def _text(self, text: str) -> Any:
+    def text(self, text: str) -> Any:
+        """Return ``std_msgs/String``."""
         return Cdr.types("std_msgs/msg/String")(data=text)
 
     def _time(self, stamp_ns: int) -> Any:

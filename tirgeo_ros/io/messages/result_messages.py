@@ -22,23 +22,14 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_of,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Answer, Located
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.ins.strapdown import cross
 from tirgeo_ros.core.streams.sanity_checks import place_fault
-from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.errors import MessageError
-from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.messages.cdr import Cdr
-from tirgeo_ros.io.messages.json_codec import (
-    NodeState,
-    answer_text,
-    findings_text,
-    state_text,
-    targets_text,
-)
 from tirgeo_ros.io.messages.message_parts import (
     COVARIANCE_KNOWN,
     NO_ROTATION,
@@ -202,22 +193,6 @@ class Messages(SensorMessages):
         """Return ``rosgraph_msgs/Clock``."""
         return Cdr.types("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
 
-    def findings(self, node: str, stamp_ns: int, findings: Sequence[Finding]) -> Any:
-        """Return ``std_msgs/String`` of the findings of a node's checks."""
-        return self._text(findings_text(node, stamp_ns, findings))
-
-    def answer(self, answer: Answer) -> Any:
-        """Return ``std_msgs/String`` of the answer to a click."""
-        return self._text(answer_text(answer))
-
-    def targets(self, targets: Sequence[Target]) -> Any:
-        """Return ``std_msgs/String`` of all targets."""
-        return self._text(targets_text(targets))
-
-    def state(self, state: NodeState) -> Any:
-        """Return ``std_msgs/String`` of a node's state."""
-        return self._text(state_text(state))
-
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""
         status = [
@@ -349,12 +324,6 @@ def tangent_plane(msg: Any) -> TangentPlane:
             f"tirgeo/origin: {fault}: {msg.latitude:g}, {msg.longitude:g} deg, {msg.altitude:g} m"
         )
     return TangentPlane(*place)
-
-
-def ground_point(msg: Any) -> tuple[int, Array, Array]:
-    """Decode ``tirgeo/locate/point``: stamp (ns), point (3,) and covariance (3, 3), local NED."""
-    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)[:3, :3]
-    return stamp_ns(msg), _ned(msg.pose.pose.position), covariance
 
 
 def pixel(msg: Any) -> tuple[int, float, float]:

@@ -23,14 +23,6 @@ from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 _BLOCK_PX = 512
-_TILED = {
-    "driver": "GTiff",
-    "tiled": True,
-    "blockxsize": _BLOCK_PX,
-    "blockysize": _BLOCK_PX,
-    "compress": "DEFLATE",
-    "bigtiff": "IF_SAFER",
-}
 #: GDAL's cache of unpacked blocks. By default it is 5 % of all memory.
 CACHE_MB = 64
 
@@ -96,7 +88,12 @@ def _created(rasterio: Any, path: Path, form: RasterForm) -> Iterator[Any]:
     """Create a plain GeoTIFF, in which parts may be written in any order."""
     alpha = {} if form.is_float else {"alpha": "YES"}
     profile = {
-        **_TILED,
+        "driver": "GTiff",
+        "tiled": True,
+        "blockxsize": _BLOCK_PX,
+        "blockysize": _BLOCK_PX,
+        "compress": "DEFLATE",
+        "bigtiff": "IF_SAFER",
         "width": form.width,
         "height": form.height,
         "count": form.bands + bool(alpha),

@@ -87,14 +87,6 @@ def load_observations(path: PathLike) -> list[Observation]:
     return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation)
 
 
-def load_marks(path: PathLike) -> dict[str, list[float]]:
-    """Load column and row by id of a CSV file ``id,column,row``. Raises SurveyError."""
-    text = read_text(path, SurveyError)
-    marks = _csv_rows(path, text, _MARK_COLUMNS, lambda n, *uv: (_name(n), _finite(*uv)))
-    _refuse_repeated(path, [name for name, _ in marks])
-    return dict(marks)
-
-
 def save_observations(path: PathLike, observations: Sequence[Observation]) -> None:
     """Write observations as CSV, pixels to a thousandth."""
     rows = [(o.id, str(o.stamp_ns), f"{o.u:.3f}", f"{o.v:.3f}") for o in observations]
@@ -217,7 +209,10 @@ def load_control_points(points: PathLike, survey: PathLike | None) -> ControlPoi
     """
     if survey is None:
         return _qgis(points)
-    marks, places = load_marks(points), {point.id: point for point in load_survey(survey)}
+    text = read_text(points, SurveyError)
+    rows = _csv_rows(points, text, _MARK_COLUMNS, lambda n, *uv: (_name(n), _finite(*uv)))
+    _refuse_repeated(points, [name for name, _ in rows])
+    marks, places = dict(rows), {point.id: point for point in load_survey(survey)}
     used = [name for name in marks if name in places]
     if not used:
         raise SurveyError(f"{points}: none of its ids is in {survey}")

@@ -13,24 +13,20 @@ from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.surveys.survey import Answered
 
-#: Fields of a click that files keep.
-CLICK = ("stamp_ns", "latitude_deg", "longitude_deg", "height_m", "covariance_enu")
+#: Field of a click that files keep -> its type in SQL.
+CLICK = {
+    "stamp_ns": "INTEGER NOT NULL",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
+    "covariance_enu": "TEXT NOT NULL",
+}
 #: Column of a place -> its type in SQL; sigmas are one standard deviation, ellipses 95 %.
 _PLACE_COLUMNS = {
     "stamp_ns": "INTEGER",
     "time": "DATETIME",
-    "latitude_deg": "REAL",
-    "longitude_deg": "REAL",
-    "height_m": "REAL",
-    "sigma_north_m": "REAL",
-    "sigma_east_m": "REAL",
-    "sigma_height_m": "REAL",
-    "ellipse_major_m": "REAL",
-    "ellipse_minor_m": "REAL",
-    "ellipse_azimuth_deg": "REAL",
-    "covariance_enu": "TEXT",
-    "mgrs": "TEXT",
-    "utm": "TEXT",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL"),
+    **dict.fromkeys(("sigma_north_m", "sigma_east_m", "sigma_height_m"), "REAL"),
+    **dict.fromkeys(("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg"), "REAL"),
+    **dict.fromkeys(("covariance_enu", "mgrs", "utm"), "TEXT"),
 }
 #: Column of a target -> its type in SQL, and its cell. A point that a GIS adds has neither id nor
 #: number.

@@ -132,14 +132,9 @@ def packet(time_ns: int, values: Mapping[int, Value]) -> bytes:
     for tag, value in (first | dict(sorted(values.items()))).items():
         content = ITEMS[tag].encoded(value)
         if content is not None:
-            items += local_item(tag, content)
+            items += bytes((tag,)) + ber(len(content)) + content  # tags below 128 take one byte
     head = KEY + ber(len(items) + 4) + items + bytes((CHECKSUM, 2))
     return head + checksum(head).to_bytes(2, "big")
-
-
-def local_item(tag: int, content: bytes) -> bytes:
-    """Return an item of a local set; the tag is below 128 and so takes one byte."""
-    return bytes((tag,)) + ber(len(content)) + content
 
 
 def ber(length: int) -> bytes:

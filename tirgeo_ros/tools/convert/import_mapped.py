@@ -28,7 +28,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message, any_bag
+from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, any_bag
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, stamp_ns
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
@@ -304,7 +304,7 @@ class _Import:
                 except MessageError as error:
                     stream.refuse(error)
 
-    def _pass(self, message: BagMessage | Ros1Message, stream: _Stream) -> None:
+    def _pass(self, message: BagMessage, stream: _Stream) -> None:
         """Write a message to its topic of the contract. Raise MessageError."""
         data, log_time_ns, (contract,) = self._bag.cdr(message), message.log_time_ns, stream.feeds
         convert = CONVERTERS.get(contract, {}).get(stream.typename)

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.sources.ros1 import NEEDED, TOPICS, WRAPPERS, Ros1Decoder, survey
-from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
+from tirgeo_ros.io.bags.bag_file import BagMessage
+from tirgeo_ros.io.bags.ros1_bag import Ros1Bag
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.convert.import_mapped import asked_topics, suggested
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
@@ -83,7 +84,7 @@ class _Import:
         for arrived in self.decoder.flush():
             sink.take(*arrived)
 
-    def _take(self, message: Ros1Message, sink: ImportSink) -> None:
+    def _take(self, message: BagMessage, sink: ImportSink) -> None:
         """Convert a message. Raise MessageError if it cannot be used."""
         contract = self.copied.get(message.topic)
         if contract is not None:
@@ -96,7 +97,7 @@ class _Import:
         for arrived in self.decoder.take(name, self.bag.decoded(message), message.log_time_ns):
             sink.take(*arrived)
 
-    def _topic(self, message: Ros1Message) -> _Topic:
+    def _topic(self, message: BagMessage) -> _Topic:
         key = message.topic, message.typename
         if key not in self.topics:
             contract = self.copied.get(message.topic)

@@ -32,6 +32,7 @@ from tirgeo_ros.io.messages import (
     NodeState,
     navigation_item,
 )
+from tirgeo_ros.io.messages.json_codec import state_text
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
@@ -376,7 +377,7 @@ class ProcessOutputs:
         # The node starts with the flight, so that the same input gives the same bytes.
         node, started_ns = f"{self._prefix}ekf_node", self._flight.begun_ns or 0
         state = NodeState(node, log_time_ns, started_ns, navigation=status)
-        self._write(STATE_TOPIC, self._messages.state(state), log_time_ns)
+        self._write(STATE_TOPIC, self._messages.text(state_text(state)), log_time_ns)
 
     def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}
