@@ -17,17 +17,18 @@ from pathlib import Path
 from typing import Any
 
 from dev.flights import LoopedFlight
-from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput
+from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, STATE_TOPIC, node_state, sensed
 from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 _LAST_REPORT_S = 3.0  # the filter reports each second
+_MEETING_S = 0.5
 
 
 class ImuSource(GraphNode):
-    """Send one minute of hover, again and again."""
+    """Send one minute of hover, again and again, as soon as the filter listens."""
 
     def __init__(self) -> None:
         super().__init__("bench_imu")
@@ -49,6 +50,8 @@ class ImuSource(GraphNode):
 
     def play(self, stop: threading.Event) -> int:
         """Send samples for ``duration_s``, then write what was sent."""
+        while not (self._outputs[Source.IMU].is_wanted or stop.wait(_MEETING_S)):
+            pass
         samples = chain.from_iterable(self._flight.minutes())
         first_ns = next(samples).stamp_ns
         shift_ns = time.time_ns() - first_ns

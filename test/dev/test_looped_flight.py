@@ -79,21 +79,22 @@ def test_ages_are_those_of_the_settled_samples_and_losses_of_all():
     ages_ns[-1] = 7 * MS
     came = np.stack([STAMPS, STAMPS + ages_ns], axis=1)[::4]
     came[-1] = STAMPS[-1], STAMPS[-1] + ages_ns[-1]
-    values = values_of(load_of(SENT, came, len(SENT) - 3, 0.25, 80.0))
+    values = values_of(load_of(SENT, came, len(SENT) - 3, 0.25, 0.05, 80.0))
     assert values["samples lost"] == 3
     assert values["stamp to odometry, 50 %"] == pytest.approx(2.0)
     assert values["stamp to odometry, 99 %"] == pytest.approx(2.0)
     assert values["stamp to odometry, 100 %"] == pytest.approx(7.0)
     assert values["the sender's lateness, 99 %"] == pytest.approx(0.1)
-    assert values["one core"] == pytest.approx(25.0)
+    assert values["over the bare one"] == pytest.approx(5.0)
 
 
 def test_nobody_who_listens_is_no_age():
     nobody = np.empty((0, 2), np.int64)
-    values = values_of(load_of(SENT, nobody, len(SENT), 0.1, 80.0))
-    assert set(values) == {"the sender's lateness, 99 %", "one core", "samples lost", "memory"}
+    values = values_of(load_of(SENT, nobody, len(SENT), 0.1, 0.05, 80.0))
+    assert not any("odometry" in name for name in values)
+    assert values["samples lost"] == 0
 
 
 def test_too_short_a_run_is_an_error():
     with pytest.raises(GraphError, match="longer than 30 s"):
-        load_of(SENT[:10], SENT[:10], 10, 0.25, 80.0)
+        load_of(SENT[:10], SENT[:10], 10, 0.25, 0.05, 80.0)

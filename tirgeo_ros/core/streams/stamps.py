@@ -49,12 +49,19 @@ class RateLimit:
         two periods from the schedule (after a pause, or when stamps go back), the schedule
         restarts at this stamp.
         """
+        if not self.is_due(stamp_ns):
+            return False
         if self._next_ns is None or abs(stamp_ns - self._next_ns) > 2 * self._period_ns:
             self._next_ns = stamp_ns
-        if stamp_ns < self._next_ns - self._period_ns // 4:
-            return False
         self._next_ns += self._period_ns
         return True
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return what ``due`` would return, and schedule nothing."""
+        if self._next_ns is None:
+            return True
+        early_ns = self._next_ns - stamp_ns
+        return not self._period_ns // 4 < early_ns <= 2 * self._period_ns
 
 
 class Spacing:

@@ -297,6 +297,10 @@ class Navigation:
             self._enter(FilterState.LOST)
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))
 
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether a solution is due at the stamp (ns) of an IMU sample that comes next."""
+        return self._rate.is_due(stamp_ns - self._delays.imu_ns)
+
     def _due_solution(self, stamp_ns: int) -> NavSolution | None:
         """Return a solution, at most ``publish_rate_hz`` times a second, else None."""
         if not self._rate.due(stamp_ns):
