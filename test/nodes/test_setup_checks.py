@@ -94,8 +94,20 @@ def test_a_fault_in_a_check_stops_neither_the_node_nor_its_findings():
     setup.report()
     check.findings = lambda: 1 / 0
     assert setup.report().level == ERROR
-    assert not setup.take(lambda _: 1 / 0, "a sample")
-    assert node.monitor.report("topics").values["set-up failed"] == "2"
+    setup.take(lambda _: 1 / 0, "a sample")
+    setup.report()  # takes the sample and asks again
+    assert node.monitor.report("topics").values["set-up failed"] == "3"
+
+
+def test_checks_take_what_came_in_its_order_some_at_a_time_or_before_they_are_asked():
+    taken = []
+    check = SimpleNamespace(findings=list, take=lambda *data: taken.append(data))
+    setup = SetupChecks(KeptLog(), check)
+    for number in range(25):
+        setup.take(check.take, "imu/data", number)
+    assert 0 < len(taken) < 25
+    setup.report()
+    assert taken == [("imu/data", number) for number in range(25)]
 
 
 def written(image: Image, bgr) -> int:

@@ -296,10 +296,12 @@ class EkfNode(GraphNode):
                 self._path.publish(self.messages.path(stamp_ns, self._track.points()))
 
     def _items(self) -> list[DiagnosticItem]:
-        self._inbox.work()  # the last samples of an IMU that fell silent
+        self._inbox.work()  # also the last samples of an IMU that fell silent
+        set_up = self._setup.report()
+        self._inbox.work()  # what came during these milliseconds
         status = self._navigation.status()
         self._state_log.note(status, reasons=True)
-        return [self._item(status), self._setup.report()]
+        return [self._item(status), set_up]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
         item = navigation_item(self.item_name("navigation"), status)

@@ -140,7 +140,8 @@ class GraphNode(Node):
     @property
     def now_ns(self) -> int:
         """Return the time of the node's clock (ns)."""
-        return int(self.get_clock().now().nanoseconds)
+        clock = self.get_clock()
+        return int(clock.now().nanoseconds) if clock.ros_time_is_active else time.time_ns()
 
     def log(self, level: int, text: str) -> None:
         """Log a text with the severity of a diagnostic level."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -37,6 +37,8 @@ _KEPT_REPORTS = 10
 _SETTLED = 10
 #: Reports to wait for a topic: nodes discover each other within 4 s (at the start of a graph).
 _PATIENCE = 5
+#: Data that the checks take at once: one alone finds the processor's caches cold.
+_TOGETHER = 10
 
 
 class OtherPublishers:
@@ -117,9 +119,20 @@ class SetupChecks:
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
         self._quiet = 0  # reports with data and nothing worse than a note
-        #: ``take(checks.pose, pose)`` passes new data to a check.
-        self.take = node.guarded(SUBJECT, lambda check, *data: check(*data))
+        self._waiting: list[tuple[Callable[..., object], tuple[Any, ...]]] = []
+        self._pass = node.guarded(SUBJECT, lambda check, *data: check(*data))
         self._renew = node.guarded(SUBJECT, self._ask)
+
+    def take(self, check: Callable[..., object], *data: Any) -> None:
+        """Pass new data to a check, soon: some wait for each other."""
+        self._waiting.append((check, data))
+        if len(self._waiting) >= _TOGETHER:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for check, data in waiting:
+            self._pass(check, *data)
 
     def findings(self) -> list[Finding]:
         """Return the findings of the last ``report``, the worst first."""
@@ -127,6 +140,7 @@ class SetupChecks:
 
     def report(self) -> DiagnosticItem:
         """Ask the checks, log a change of the verdict, and return the item for diagnostics."""
+        self._pass_on()
         self._renew()
         findings = self.findings()
         worst = findings[0].severity if findings else Severity.NOTE
