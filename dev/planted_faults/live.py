@@ -20,8 +20,7 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, run_graph
-from tirgeo_ros.tools.presentation.progress import Report as Progress
-from tirgeo_ros.tools.presentation.progress import silent
+from tirgeo_ros.tools.presentation.progress import Report as Progress, silent
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 #: A fault is named so soon after the data can show it.

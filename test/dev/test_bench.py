@@ -8,8 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from dev.bench import dji as bench_dji
-from dev.bench import filters
+from dev.bench import dji as bench_dji, filters
 from dev.bench.graph import times_of
 from dev.bench.pyins import pyins_is_installed, pyins_run
 from dev.judging import Figure

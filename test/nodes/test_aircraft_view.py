@@ -22,8 +22,7 @@ from message_samples import (
     STATUS,
     TARGET,
 )
-from overlays import PLANE as FIELD
-from overlays import SQUARE_N, pose_at
+from overlays import PLANE as FIELD, SQUARE_N, pose_at
 from visualization_msgs.msg import Marker
 
 from tirgeo_ros.core.camera.camera_model import XT2

@@ -26,8 +26,7 @@ from std_msgs.msg import UInt8
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.messages import camera_attitude, imu_sample, joint_sample
-from tirgeo_ros.io.messages import stamp_ns as stamp_of
+from tirgeo_ros.io.messages import camera_attitude, imu_sample, joint_sample, stamp_ns as stamp_of
 from tirgeo_ros.io.messages.sensor_messages import heading_sample
 from tirgeo_ros.nodes import dji_node
 from tirgeo_ros.nodes.dji_node import PsdkSource

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.io import messages
-from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages import Messages, pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import Cdr
 
 serialization = pytest.importorskip("rclpy.serialization", exc_type=ImportError)

@@ -9,8 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tirgeo_ros.page.actions import RequestError, read_request
 from tirgeo_ros.page.state_hub import Outbox, StateHub, Track, plain

@@ -25,8 +25,7 @@ from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import JointSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import pictures as picture_messages
-from tirgeo_ros.io.messages import sensed
+from tirgeo_ros.io.messages import pictures as picture_messages, sensed
 from tirgeo_ros.io.messages.result_messages import Messages
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registration

@@ -6,8 +6,14 @@ import functools
 from dataclasses import replace
 from typing import NamedTuple
 
-from dev.flight_errors import NAVIGATION_SAMPLES, Errors, errors, navigation_samples, solutions
-from dev.flight_errors import fitting_config as config_for
+from dev.flight_errors import (
+    NAVIGATION_SAMPLES,
+    Errors,
+    errors,
+    fitting_config as config_for,
+    navigation_samples,
+    solutions,
+)
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import ImuSample, Source

@@ -15,8 +15,13 @@ from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError, near
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
-from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages import (
+    SENSED_SAMPLES,
+    TOPIC_TYPES,
+    Messages,
+    pictures as picture_messages,
+    sensed,
+)
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.library.tables import ARRIVAL, ORDER, OUTPUTS, SENSORS, STAMP, Table, arrived
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved

@@ -6,10 +6,18 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from imu_noise import FLIGHT_DENSITY as DENSITY
-from imu_noise import FLIGHT_HZ, flicker, flown, gauss_markov, noise, record, walk, white
+from hypothesis import given, settings, strategies as st
+from imu_noise import (
+    FLIGHT_DENSITY as DENSITY,
+    FLIGHT_HZ,
+    flicker,
+    flown,
+    gauss_markov,
+    noise,
+    record,
+    walk,
+    white,
+)
 
 from tirgeo_ros.core.calibration import allan
 from tirgeo_ros.core.calibration.allan import allan_curve, fit_noise

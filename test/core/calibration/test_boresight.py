@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from imu_noise import gauss_markov
 
 from tirgeo_ros.core.calibration.boresight_fit import check_numbers, doubt, fit, foreseen

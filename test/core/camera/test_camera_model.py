@@ -6,8 +6,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.overlay.picture_painter import Rectifier

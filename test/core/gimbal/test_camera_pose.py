@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.frames.rotations import (

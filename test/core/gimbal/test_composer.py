@@ -6,8 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tirgeo_ros.core.config import GimbalConfig, NorthConfig
 from tirgeo_ros.core.frames.rotations import (

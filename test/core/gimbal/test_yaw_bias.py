@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tirgeo_ros.core.config import NorthConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_from_matrix

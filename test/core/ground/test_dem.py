@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scenes import graticule
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

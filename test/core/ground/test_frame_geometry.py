@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from coded_frames import GROUND_M, terrain_of
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.testing import assert_allclose
 from scenes import PLANE, camera_pose
 

@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scenes import camera_pose, graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera

@@ -1,8 +1,7 @@
 """Polylines in one block, against plain loops; and their levels of detail."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.map.polylines import TOLERANCES_M, Details, Polylines
 

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2

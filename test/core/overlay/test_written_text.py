@@ -8,8 +8,7 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from overlays import PLANE, SQUARE_N, geo, luminance
 from PIL import Image, ImageDraw, ImageFont
 

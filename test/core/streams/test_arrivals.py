@@ -6,8 +6,7 @@ import dataclasses
 
 import message_samples as readings
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.streams.stamps import ArrivalOrder, Arrivals
 

@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from message_samples import HEADING, IMU, POSITION, VELOCITY
 
 from tirgeo_ros.core.streams.sanity_checks import (

@@ -9,8 +9,7 @@ import math
 import numpy as np
 import pytest
 from flights import config_for, errors, flight, solutions
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from target_samples import COVARIANCE, PLACE, click, east_north_up, target
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -1,7 +1,6 @@
 """How errors show text from outside: cut to a length, with unprintable characters escaped."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.types.errors import MOST, MapError, cut, shown
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock

@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 from aircraft_readings import KIT, epoch, gimbal, gps, imu, of, place, rtk, t_ms, taken, wxyz
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.config.dji_parameters import DjiDelayConfig

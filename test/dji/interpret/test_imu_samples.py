@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 from aircraft_readings import KIT, MS, START, attitude, gimbal, imu, of, t_ms, taken, wxyz
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.rotations import (

@@ -7,8 +7,7 @@ import sys
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from dev.fuzz import KEY, damaged_stream
 from tirgeo_ros.core.types.errors import DjiError

@@ -7,8 +7,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import (

@@ -9,8 +9,7 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.rotations import (

@@ -8,8 +8,7 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
 from tirgeo_ros.core.frames.rotations import ENU_NED, FLU_FRD, matrix_from_quat, quat_from_euler

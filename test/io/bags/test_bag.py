@@ -10,8 +10,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from message_samples import EVERY_MESSAGE
-from message_samples import IMU as SAMPLE
+from message_samples import EVERY_MESSAGE, IMU as SAMPLE
 from rosbags.typesys import Stores, get_typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError

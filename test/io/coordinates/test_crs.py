@@ -11,8 +11,7 @@ import mgrs
 import numpy as np
 import pyproj
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from map_files import UTM33_PRJ
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

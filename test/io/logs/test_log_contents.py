@@ -8,8 +8,7 @@ from datetime import datetime, timedelta, timezone
 import numpy as np
 import pytest
 from foreign_logs import OPTIONS, by_topic, read_table
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from project import PROJECT
 
 from tirgeo_ros.core.streams.stamps import lone_stamps

@@ -14,8 +14,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage, write_shapefile
-from wild_map_files import LINE as KML_LINE
-from wild_map_files import collection, feature, kml, mark
+from wild_map_files import LINE as KML_LINE, collection, feature, kml, mark
 
 from tirgeo_ros.core.map.vector_map import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError

@@ -21,8 +21,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.types.errors import ConfigError, MapError
-from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.maps import map_process as module
+from tirgeo_ros.io.maps import load_layers, map_process as module
 from tirgeo_ros.io.maps.map_process import MapProcess, page_map
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)

@@ -8,8 +8,7 @@ import math
 import message_samples as samples
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from message_samples import EXACT, assert_same_rotation, builder, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 

@@ -9,8 +9,7 @@ import re
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.testing import assert_allclose
 from PIL.ExifTags import Base
 from scenes import camera_pose

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from klv_reader import SIGNED, UNSIGNED, by_klvdata, items_in, number_of, step_of, values_in
 from klvdata.common import ber_encode
 from pyproj import Transformer

@@ -8,9 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from imu_noise import FLIGHT_DENSITY as DENSITY
-from imu_noise import FLIGHT_HZ as RATE_HZ
-from imu_noise import START_NS, flown, imu_bag, white
+from imu_noise import (
+    FLIGHT_DENSITY as DENSITY,
+    FLIGHT_HZ as RATE_HZ,
+    START_NS,
+    flown,
+    imu_bag,
+    white,
+)
 
 from dev.real_flights import fly_bag, hidden_fixes, samples_of
 from tirgeo_ros.core.config import EkfConfig

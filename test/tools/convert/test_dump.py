@@ -7,8 +7,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import (

@@ -11,8 +11,7 @@ from dataclasses import replace
 import pytest
 from autopilot_logs import MAGIC
 from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from project import PROJECT
 
 from tirgeo_ros.core.types.errors import LogError, TirgeoError

@@ -18,8 +18,7 @@ from tirgeo_ros.core.navigation.estimator.track import MOST_POINTS
 from tirgeo_ros.core.types.measurements import SetHeading
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose
-from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose, pictures as picture_messages
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.process import process
 

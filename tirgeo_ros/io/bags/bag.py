@@ -24,8 +24,7 @@ from tirgeo_ros.io.bags.bag_file import (
 )
 from tirgeo_ros.io.bags.bag_writer import BagWriter
 from tirgeo_ros.io.bags.mcap_backend import mcap_backend
-from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
-from tirgeo_ros.io.bags.sqlite_file import SqliteFile
+from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE, SqliteFile
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of, read_text, reading
 from tirgeo_ros.io.messages.cdr import Cdr
 

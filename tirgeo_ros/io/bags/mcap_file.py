@@ -27,8 +27,14 @@ from mcap.writer import CompressionType, Writer
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import LAST_NS
-from tirgeo_ros.io.bags.bag_file import MCAP_MAGIC as MAGIC
-from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagFile, Connection, Row, TopicForm
+from tirgeo_ros.io.bags.bag_file import (
+    MCAP_MAGIC as MAGIC,
+    TOO_LATE,
+    BagFile,
+    Connection,
+    Row,
+    TopicForm,
+)
 from tirgeo_ros.io.bags.packed import unpacked
 from tirgeo_ros.io.files.whole_files import reading
 

@@ -1,4 +1,4 @@
-"""Build the parts that messages share, of rclpy's message classes or of rosbags'."""
+"""Build the parts that messages share."""
 
 from __future__ import annotations
 

@@ -31,8 +31,7 @@ from tirgeo_ros.core.types.errors import (
 )
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks

@@ -36,8 +36,7 @@ from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
-from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES, pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight

@@ -19,8 +19,7 @@ from filter_states import (
     ns,
     state_of,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of

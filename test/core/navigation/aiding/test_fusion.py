@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_states import LEVEL as HOVER
 from filter_states import (
+    LEVEL as HOVER,
     LEVER_B,
     MEASURED,
     NOW_NS,
@@ -24,8 +24,7 @@ from filter_states import (
     velocity,
 )
 from flights import GPS, RTK, config_for, filtered, flight, navigation_samples, without
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid import StateEstimate, floored

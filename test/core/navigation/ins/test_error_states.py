@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from filter_states import ekf_config
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from motions import difference, state_at
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from motions import ZERO, angle_between, state_at, steady_readings
 
 from tirgeo_ros.core.frames import rotations as att
