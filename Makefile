@@ -1,3 +1,6 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # make demo, make test: each sets up what it needs first. PYTHON=... chooses a Python.
 
 VENV := .venv

@@ -1,4 +1,7 @@
 #!/bin/sh
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # Installs with the pip of the virtual environment $1, within its constraints; the rest of the
 # arguments is pip's. Makes the environment smaller and compiles it. Pip's own words are shown only
 # where they help: without a network one line says so, in seconds instead of pip's minutes and pages.

@@ -1,4 +1,7 @@
 #!/bin/sh
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # Makes the virtual environment $1 with tirgeo in it, editable. Run by make, from the project.
 #   setup.sh .venv user          what the demo needs; ROS 2 Jazzy from wheels, or the sourced one
 #   setup.sh .venv-floor floor   the oldest versions that tirgeo is made for, without ROS
