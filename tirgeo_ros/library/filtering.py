@@ -38,12 +38,7 @@ from tirgeo_ros.library.projecting import PicturePose
 from tirgeo_ros.library.tables import Table, arrived, is_frame
 from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
-from tirgeo_ros.tools.replay.registration import (
-    GIMBAL_TOPICS,
-    METHOD_TOPICS,
-    Registered,
-    Sample,
-)
+from tirgeo_ros.tools.replay.registration import GIMBAL_TOPICS, METHOD_TOPICS, Registered, Sample
 
 _NED = ("north", "east", "down")
 #: Ends of geodetic place, position, velocity, attitude, rate and covariance in a row of numbers.

@@ -43,12 +43,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
     reported_direction_rad,
     values_of_config,
 )
-from tirgeo_ros.core.calibration.aircraft_run import (
-    FilterRun,
-    FlightRuns,
-    huber_weight,
-    squared,
-)
+from tirgeo_ros.core.calibration.aircraft_run import FilterRun, FlightRuns, huber_weight, squared
 from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array

@@ -48,12 +48,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import FLU_FRD, matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.aiding.aid import (
-    Aiding,
-    AidMeasurement,
-    Fused,
-    StateEstimate,
-)
+from tirgeo_ros.core.navigation.aiding.aid import Aiding, AidMeasurement, Fused, StateEstimate
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment

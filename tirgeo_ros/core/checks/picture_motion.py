@@ -28,12 +28,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.checks.motion_fit import (
-    OFFSETS_S,
-    MotionFit,
-    PicturePair,
-    fit_motion,
-)
+from tirgeo_ros.core.checks.motion_fit import OFFSETS_S, MotionFit, PicturePair, fit_motion
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain, is_given

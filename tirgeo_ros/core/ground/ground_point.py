@@ -34,11 +34,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import (
-    CameraRates,
-    ellipse_95,
-    timed_covariance,
-)
+from tirgeo_ros.core.camera.projection_covariance import CameraRates, ellipse_95, timed_covariance
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import ENU_NED, matrix_from_quat, skew
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

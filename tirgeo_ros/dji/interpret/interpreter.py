@@ -35,11 +35,7 @@ from tirgeo_ros.core.gimbal.camera_pose import joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.ins.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import (
-    CameraAttitudeSample,
-    JointSample,
-    NavigationInput,
-)
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
 from tirgeo_ros.dji.interpret.gnss_samples import NOT_SET, GpsInterpreter, RtkInterpreter
 from tirgeo_ros.dji.interpret.imu_samples import AutopilotAttitudes, ImuInterpreter, Sequence
 from tirgeo_ros.dji.sources.readings import (

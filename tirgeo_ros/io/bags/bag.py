@@ -29,13 +29,7 @@ import yaml
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.missing_package import needed
-from tirgeo_ros.io.bags.bag_file import (
-    MCAP_MAGIC,
-    ZSTD_MAGIC,
-    BagFile,
-    BagMessage,
-    TopicForm,
-)
+from tirgeo_ros.io.bags.bag_file import MCAP_MAGIC, ZSTD_MAGIC, BagFile, BagMessage, TopicForm
 from tirgeo_ros.io.bags.bag_writer import BagWriter
 from tirgeo_ros.io.bags.mcap_backend import mcap_backend
 from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE, SqliteFile

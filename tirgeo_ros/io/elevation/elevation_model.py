@@ -33,11 +33,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError, MapError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.coordinates.crs import checked_system
-from tirgeo_ros.io.files.bounded_reading import (
-    bounded_memory,
-    elsewhere,
-    read_map,
-)
+from tirgeo_ros.io.files.bounded_reading import bounded_memory, elsewhere, read_map
 from tirgeo_ros.io.files.whole_files import PathLike, named_files, path_of
 
 #: A larger grid is refused: a quarter of a gigabyte as float32.

@@ -29,12 +29,7 @@ from tirgeo_ros.core.calibration.checkerboard import (
     RefusalReason,
     Refused,
 )
-from tirgeo_ros.core.calibration.lens_fit import (
-    LensFit,
-    doubtful_views,
-    fit_lens,
-    most_distinct,
-)
+from tirgeo_ros.core.calibration.lens_fit import LensFit, doubtful_views, fit_lens, most_distinct
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs

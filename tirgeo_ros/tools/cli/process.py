@@ -37,14 +37,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import (
-    ANY_BAG,
-    NEEDED,
-    REGISTRATION,
-    WORD,
-    UsageError,
-    call,
-)
+from tirgeo_ros.tools.cli._verb import ANY_BAG, NEEDED, REGISTRATION, WORD, UsageError, call
 
 _OUTPUT = "the new bag; for several flights (or with an existing folder or DIR/) the folder"
 _VIDEO = (

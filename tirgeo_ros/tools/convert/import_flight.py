@@ -30,11 +30,7 @@ from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
 from tirgeo_ros.tools.convert.import_logs import forms_of, import_logs
-from tirgeo_ros.tools.convert.import_mapped import (
-    MappedTopics,
-    import_mapped,
-    what_can_be_mapped,
-)
+from tirgeo_ros.tools.convert.import_mapped import MappedTopics, import_mapped, what_can_be_mapped
 from tirgeo_ros.tools.convert.import_ros1 import Pictures, import_ros1
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
