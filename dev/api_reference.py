@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Build the reference of the public interface from its docstrings, by pdoc: ``make api``.
 
 Exit code 1 where a public name has no docstring, where a docstring names an error that is not
@@ -18,7 +32,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import tirgeo_ros
-from tirgeo_ros.io.files.missing_package import missing_line
+from tirgeo_ros.core.types.missing_package import missing_line
 
 _ERROR = re.compile(r"\b[A-Z]\w*Error\b")
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Ask pip whether every dependency has a wheel for Linux on ARM64: ``make check-arm64``.
 
 ROS itself has none: on ARM64 it comes from Ubuntu's packages (docs/install.md).
@@ -32,7 +46,7 @@ def requirements(setup_py: Path) -> list[str]:
     arguments = setup.call_args.kwargs
     extras = [wanted for name, wanted in arguments["extras_require"].items() if name != _FROM_APT]
     every = chain(arguments["install_requires"], *extras)
-    return [wanted for wanted in every if not wanted.startswith(_FROM_SOURCE)]
+    return [wanted for wanted in dict.fromkeys(every) if not wanted.startswith(_FROM_SOURCE)]
 
 
 def refusal(wanted: Sequence[str], python: str) -> str:

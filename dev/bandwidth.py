@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Measure what each topic takes on a network: bytes of a message, and kbit/s with all overhead.
 
 The sample flight goes through the graph; then each topic is played again over UDP, without shared
@@ -101,7 +115,7 @@ def _run() -> int:
     with tempfile.TemporaryDirectory() as made, Progress("measuring") as bar:
         folder, bag = Path(made), sample / "flight.mcap"
         setup = GraphSetup(
-            bag, folder, sample / "params.yaml", sample / "map.geojson", topics=RECORDED
+            bag, folder, [sample / "params.yaml"], sample / "map.geojson", topics=RECORDED
         )
         run = run_graph(setup, 30.0)
         lines = rows(run.recording, folder, bar) + rows(bag, folder, bar)

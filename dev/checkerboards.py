@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write pictures and a video of a thermal checkerboard for ``tirgeo calibrate lens``, ``gimbal``.
 
 ``python -m dev.checkerboards -o boards`` writes ``lens/``, pictures as for a lens calibration, and
@@ -25,7 +39,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, matrix_from_euler, rotation_z
 from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
@@ -233,7 +247,7 @@ def write_wall(path: Path, duration_s: float, seed: int) -> Array:
     """Write the video; return the true angles (n, 3), rad, of its pictures. Raise BagError."""
     times_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
     angles = camera_angles(times_s, duration_s, seed)
-    messages, draw = Messages(Cdr().types), BoardRenderer(XT2, BOARD)
+    messages, draw = Messages(), BoardRenderer(XT2, BOARD)
     with BagWriter(path) as bag:
         for number, rpy in enumerate(angles):
             stamp_ns = Scenario().start_ns + round(number * 1e9 / RATE_HZ)

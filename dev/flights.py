@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Make flights to measure with: one without end, a round for the soak, and those of a fleet."""
 
 from __future__ import annotations
@@ -17,9 +31,9 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
@@ -71,6 +85,7 @@ class LoopedFlight:
         flight = fly(scenario_from(hover))
         first_ns = flight.scenario.start_ns + round(_HOVER_FIRST_S * 1e9)
         end_ns = first_ns + round(_MINUTE_S * 1e9)
+        self.scenario = flight.scenario
         self.config: EkfConfig = fitting_config(flight)
         self._samples: list[NavigationInput] = [
             sample
@@ -166,7 +181,7 @@ def make_fleet(
     Each is written as ``uavN.mcap`` with its parameters ``uavN.yaml``.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    fleet, default, messages = [], Scenario(), Messages(Cdr().types)
+    fleet, default, messages = [], Scenario(), Messages()
     for number in range(1, aircraft + 1):
         own = {
             "seed": default.seed + number,

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Start node graphs and ``tirgeo demo --page`` for a measurement, and end them with it."""
 
 from __future__ import annotations
@@ -84,6 +98,12 @@ def await_end(node: NodeProcess, limit_s: float) -> None:
 def read_json(path: Path) -> Any:
     """Return what a node wrote at its end."""
     return json.loads(path.read_text())
+
+
+def memory_mib(pid: int, field: str = "VmRSS") -> float:
+    """Return a field of a process's status: its memory now, at most (``VmHWM``), or shared."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition(f"{field}:")[2].split()[0]) / 1024
 
 
 @contextmanager

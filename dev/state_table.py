@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """``make states``: what the filter says over a recorded flight, ten times a second, as CSV.
 
 The table of the sample flight is tracked (``test/data/sample_states.csv``) and compared with a
@@ -24,7 +38,7 @@ from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import csv_text
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.presentation.progress import silent
 from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Sample, navigated
@@ -53,7 +67,7 @@ def states_text(bag: Path, params: Path) -> str:
 
 
 def _rows(bag: Path, params: Path) -> Iterator[list[str]]:
-    navigation = Navigation(load_config(params, "ekf_node", EkfConfig))
+    navigation = Navigation(ParameterFile(params).config("ekf_node", EkfConfig))
     rate, samples = RateLimit(RATE_HZ), list[Sample]()
     flight = Flight(BagReader(bag), needs_camera=False)
     flight.add(SAMPLES, samples.append)

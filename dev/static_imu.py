@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write a record of the simulated IMU at rest, for ``tirgeo calibrate allan``.
 
 ``python -m dev.static_imu -o static.mcap --hours 5``
@@ -57,7 +71,7 @@ def write_imu(bag: BagWriter, stamps_ns: IntArray, values: Array) -> None:
     but never earlier than that of the message before.
     """
     cdr = Cdr()
-    template = Messages(cdr.types).imu(ImuSample(0, np.zeros(3), np.zeros(3), None))
+    template = Messages().imu(ImuSample(0, np.zeros(3), np.zeros(3), None))
     rows = np.tile(np.frombuffer(cdr.serialize(template, _TYPE), np.uint8), (len(stamps_ns), 1))
     seconds = np.stack(np.divmod(stamps_ns, 1_000_000_000), -1)
     rows[:, 4:12] = seconds.astype("<u4").view(np.uint8)

@@ -1,4 +1,7 @@
 #!/bin/sh
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # Installs Debian's Chromium, for the tests of the operator's page, where there is no browser yet.
 # Only root can; anyone else is told what to do.
 set -eu

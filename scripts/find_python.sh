@@ -1,4 +1,7 @@
 #!/bin/sh
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # Prints a Python from 3.10 up to the version $1 (3.13) that can make a virtual environment.
 # PYTHON, where set, is the only candidate; with ROS 2 sourced it must also import rclpy.
 # A candidate is run, not only looked for: version managers leave names that run nothing.

@@ -1,6 +1,9 @@
 #!/bin/sh
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # Makes the virtual environment $1 with tirgeo in it, editable. Run by make, from the project.
-#   setup.sh .venv user          ROS 2 Jazzy from wheels, or the sourced one where there is one
+#   setup.sh .venv user          what the demo needs; ROS 2 Jazzy from wheels, or the sourced one
 #   setup.sh .venv-floor floor   the oldest versions that tirgeo is made for, without ROS
 set -eu
 venv=$1
@@ -15,14 +18,14 @@ if [ "$kind" = floor ]; then
     unset ROS_DISTRO PYTHONPATH # a sourced ROS would bring its own versions in
     newest=3.12                 # NumPy 1.26 has no wheels for a later Python
     options=
-    extras=test
+    extras='test,maps,video,plots,page,dji'
     pins='numpy==1.26.* opencv-python-headless==4.6.* pyproj==3.6.* Pillow==10.2.*'
     pins="$pins mcap==1.1.* rosbags==0.10.11 cryptography==41.* pyogrio==0.12.* matplotlib==3.6.* scipy==1.11.* av==16.1.*"
     pins="$pins aiohttp==3.9.* mgrs==1.4.6 segno==1.5.* pytak==7.5.2"
 elif [ "${ROS_DISTRO:-}" = jazzy ]; then
     newest=3.13
     options=--system-site-packages
-    extras=test,dem,logs,cluster
+    extras=video
     # The messages of a ROS 2 from packages are compiled against NumPy 1, and so is OpenCV to 4.11.
     pins='numpy<2 opencv-python-headless<4.12'
 elif [ -n "${ROS_DISTRO:-}" ]; then
@@ -31,7 +34,7 @@ elif [ -n "${ROS_DISTRO:-}" ]; then
 elif [ "$(uname -sm)" = "Linux x86_64" ]; then
     newest=3.13
     options=
-    extras=ros,test,dem,logs,cluster
+    extras=ros,video
     pins=
 else
     stop "the wheels of ROS 2 Jazzy are for Linux on x86-64, this is $(uname -sm):" \
@@ -51,13 +54,10 @@ if [ -d "$venv" ]; then mv "$venv" "$old"; fi
 trap put_back EXIT
 trap 'exit 130' HUP INT TERM
 
-echo "tirgeo: setting up $venv with $python (once, a minute or two)" >&2
+echo "tirgeo: setting up $venv with $python (once, some 40 s)" >&2
 # shellcheck disable=SC2086 # no option must be no argument
 "$python" -m venv $options "$venv"
 for pin in $pins; do echo "$pin"; done >"$venv/constraints.txt"
 "$here/pip_install.sh" "$venv" --editable ".[$extras]"
-"$venv/bin/python" "$here/slim.py"
-# Files that are no Python of this version are among the libraries, as templates: no matter.
-"$venv/bin/python" -m compileall -qq -j 0 -x '/tests/' "$venv/lib" || true
 trap - EXIT
 rm -rf "$old"

@@ -1,8 +1,23 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Makes the virtual environment that runs it smaller; nothing that runs is lost.
 
 Wheels hold no links, so ROS's have one library under up to five names; identical ones become one
-file with several names. Headers of C++ are for who compiles against ROS. Some libraries bring
-their tests; NumPy's stay, for NumPy imports one.
+file with several names. Headers of C++ and CMake's files are for who compiles against ROS. Some
+libraries bring their tests; NumPy's stay, for NumPy imports one. Zstandard brings a second library
+that is for PyPy.
 """
 
 from __future__ import annotations
@@ -23,11 +38,13 @@ def main() -> None:
     prefix = Path(sys.prefix)
     if sys.prefix == sys.base_prefix:
         sys.exit("slim.py: this Python is not of a virtual environment")
-    for headers in (prefix / "include").iterdir():
-        shutil.rmtree(headers)
-    for library in WITH_TESTS:
-        for tests in list(prefix.glob(f"lib/python3*/site-packages/{library}/**/tests")):
-            shutil.rmtree(tests)
+    packages = "lib/python3*/site-packages"
+    unused = ["include/*", "lib/cmake", "share/*/cmake"]
+    unused += [f"{packages}/{library}/**/tests" for library in WITH_TESTS]
+    for folder in [folder for pattern in unused for folder in prefix.glob(pattern)]:
+        shutil.rmtree(folder)
+    for library in prefix.glob(f"{packages}/zstandard/_cffi.*"):
+        library.unlink()
     by_size: dict[int, list[Path]] = defaultdict(list)
     for path in sorted((prefix / "lib").rglob("*.so*")):
         if path.is_file() and not path.is_symlink() and path.stat().st_size >= SMALLEST_BYTES:

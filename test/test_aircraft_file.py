@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The shipped aircraft files: few lines, all of them parameters; none claims to be measured."""
 
 from __future__ import annotations
@@ -9,7 +23,7 @@ import pytest
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, DjiConfig
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 SHIPPED = ("m600_xt2.yaml", "m300_h20t.yaml", "generic.yaml")
@@ -71,18 +85,20 @@ def test_what_nobody_measured_is_not_given(path, waiting):
 @pytest.mark.parametrize("node", NODE_CONFIGS)
 def test_all_but_the_antennas_is_at_its_default_for_an_m600_and_but_the_source_for_an_m300(node):
     kind = NODE_CONFIGS[node]
-    m600, m300 = load_config(M600, node, kind), load_config(M300, node, kind)
+    m600, m300 = ParameterFile(M600).config(node, kind), ParameterFile(M300).config(node, kind)
     if hasattr(m600, "aircraft"):
         m600 = replace(m600, aircraft=AircraftConfig())
     if node == "dji_node":
         assert m300.source == "psdk"
         m300 = replace(m300, source="serial")
     # repr, since NaN is not equal to itself
-    assert repr(m600) == repr(m300) == repr(kind()) == repr(load_config(GENERIC, node, kind))
+    assert (
+        repr(m600) == repr(m300) == repr(kind()) == repr(ParameterFile(GENERIC).config(node, kind))
+    )
 
 
 def test_djis_antennas_stand_across():
-    places = load_config(M600, "dji_node", DjiConfig).aircraft
+    places = ParameterFile(M600).config("dji_node", DjiConfig).aircraft
     assert places.baseline_deg == 90.0
     assert 1.0 <= float(abs(places.baseline_b[1])) <= 1.2
     assert "MEASURE YOURS" in M600.read_text()

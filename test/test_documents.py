@@ -1,4 +1,18 @@
-"""README.md, CONTRIBUTING.md and docs/*.md: links lead somewhere, what they name exists."""
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The documents: links lead somewhere, what they name exists."""
 
 from __future__ import annotations
 
@@ -7,7 +21,7 @@ import re
 from pathlib import Path
 
 import pytest
-from project import PROJECT
+from project import NODES, PROJECT
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import parameters_of
@@ -15,7 +29,7 @@ from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
 from tirgeo_ros.tools.cli import calibrate
 from tirgeo_ros.tools.cli.main import verbs
 
-PAGES = [PROJECT / "README.md", PROJECT / "CONTRIBUTING.md", *sorted(PROJECT.glob("docs/*.md"))]
+PAGES = [*sorted(PROJECT.glob("*.md")), *sorted(PROJECT.glob("docs/*.md"))]
 LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"`[^`]+`|^(?: {4,}|\t).*$", re.MULTILINE)
@@ -71,6 +85,16 @@ def test_files_make_targets_and_verbs_exist(page):
     named = command.findall(text.replace("ros2 run tirgeo tirgeo", "tirgeo"))
     assert {verb for verb, _ in named} <= all_verbs
     assert {what for verb, what in named if verb == "calibrate" and what} <= calibrations
+
+
+def test_every_feature_has_its_row_with_tests():
+    """What a reader of REP-2004's points 3.i and 4.i looks for."""
+    declaration = (PROJECT / "QUALITY_DECLARATION.md").read_text()
+    _, _, table = declaration.partition("## Features and their tests")
+    rows = re.findall(r"^\| (.+) \| (.+\.md.+) \| (`test/.+) \|$", table, re.MULTILINE)
+    features = " ".join(feature for feature, _, _ in rows)
+    all_verbs = {f"tirgeo {verb.__name__.rpartition('.')[2].rstrip('_')}" for verb in verbs()}
+    assert all_verbs | NODES == set(re.findall(r"`(tirgeo \w+|\w+_node|bag_player)`", features))
 
 
 def test_every_input_is_there_with_its_type():

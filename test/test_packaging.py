@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The files that describe the package agree with one another and with the code."""
 
 from __future__ import annotations
@@ -7,6 +21,7 @@ import configparser
 import importlib
 import re
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
@@ -20,28 +35,23 @@ import setuptools
 from project import NODES, PROJECT
 
 import tirgeo_ros
-from tirgeo_ros.io.files.missing_package import PACKAGES
+from tirgeo_ros.core.types.missing_package import PACKAGES
 
 NAME = "tirgeo"
 
-#: What the modules that the code imports are called in package.xml, where not the same. Neither
-#: lz4 and zstandard, which come with mcap, nor what has no key of rosdep that a system with an
-#: externally managed Python would take.
-BY_PIP_ALONE = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak"}
-KEYS = {name: apt for name, (apt, _) in PACKAGES.items() if name not in BY_PIP_ALONE}
+#: What rosdep has no key for, or one for pip, which neither a released package nor a system with
+#: an externally managed Python can use.
+NO_KEY = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak"}
+NO_KEY |= {"pyulog", "pymavlink", "pyubx2", "distributed"}
+#: What the modules that the code imports are called in package.xml, where not the same.
+KEYS = {name: apt for name, (_, _, apt) in PACKAGES.items() if name not in NO_KEY}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
-#: Imported where they are needed and installed: extras of setup.py.
-OPTIONAL = {
-    "rasterio": "dem",
-    "pyulog": "logs",
-    "pymavlink": "logs",
-    "pyubx2": "logs",
-    "distributed": "cluster",
-}
 #: Types of messages in bags that others recorded: their definitions come with the bags.
 IN_BAGS = {"dji_sdk"}
 LAUNCH = {"ament_index_python", "launch", "launch_ros", "ros2launch"}
+#: Loaded by rosbag2_py, and imported by nobody.
+PLUGINS = {"rosbag2_storage_mcap"}
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +88,8 @@ def imported_modules(folder):
             names |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             names.add(node.module.partition(".")[0])
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "needed":
+            names |= {a.value.partition(".")[0] for a in node.args[:1] if type(a) is ast.Constant}
     return names - set(sys.stdlib_module_names) - {"tirgeo_ros"}
 
 
@@ -103,31 +115,85 @@ def test_names_and_versions_agree(package_xml, arguments):
     assert {*versions} == {tirgeo_ros.__version__}
 
 
+def test_names_and_addresses_are_those_of_package_xml(package_xml, arguments):
+    urls = {url.get("type"): url.text for url in package_xml.findall("url")}
+    maintainer = package_xml.find("maintainer")
+    assert arguments["maintainer"] == maintainer.text
+    assert arguments["maintainer_email"] == maintainer.get("email")
+    assert arguments["author"] == package_xml.findtext("author")
+    assert arguments["url"] == urls["website"]
+    assert arguments["project_urls"]["Tracker"] == urls["bugtracker"]
+    assert f"{arguments['project_urls']['Source']}.git" == urls["repository"]
+
+
+def test_the_description_links_to_files_of_the_repository(arguments):
+    links = re.findall(r"\]\(([^)]+)\)", arguments["long_description"])
+    start = re.escape(arguments["project_urls"]["Source"]) + "/(blob|raw)/HEAD/([^#]+)"
+    ours = [match for link in links if (match := re.match(start, link))]
+    assert ours
+    assert all((PROJECT / match[2]).exists() for match in ours)
+    assert {match[1] for match in ours if match[2].endswith(".webp")} == {"raw"}
+    assert all(link.startswith(("https://", "#")) for link in links)
+
+
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     code = imported_modules(PROJECT / "tirgeo_ros") | message_packages(PROJECT / "tirgeo_ros")
-    keys = {
-        KEYS.get(name, name)
-        for name in code - BY_PIP_ALONE - FROM_SOURCE - IN_BAGS - OPTIONAL.keys()
-    }
-    tags = ("depend", "exec_depend")
-    assert {item.text for tag in tags for item in package_xml.findall(tag)} == keys | LAUNCH
+    keys = {KEYS.get(name, name) for name in code - NO_KEY - FROM_SOURCE - IN_BAGS}
+    assert package_xml.get("format") == "3"
+    assert not package_xml.findall("depend")
+    listed = [item.text for item in package_xml.findall("exec_depend")]
+    assert sorted(listed) == sorted(keys | LAUNCH | PLUGINS)
     assert imported_modules(PROJECT / "launch") <= LAUNCH
 
 
+def packages_by_pip(name):
+    """What pip installs in a file beside Ubuntu's packages, without limits to a version."""
+    text = (PROJECT / name).read_text().replace("\\\n", "")
+    (line,) = re.findall(r"pip install (--break[^`\n]* mcap [^`&\n]*)", text)
+    return {word for word in shlex.split(line) if not re.search("^--|<", word)}
+
+
+def test_container_and_workflow_install_by_pip_what_the_documents_say():
+    documented = packages_by_pip("docs/install.md")
+    assert documented <= NO_KEY
+    assert packages_by_pip("Dockerfile") == documented
+    assert packages_by_pip(".github/workflows/ci.yml") == documented
+
+
+def test_the_tests_that_run_by_default_need_what_package_xml_lists(package_xml):
+    """Those are the quick ones: ``colcon test``, and so the build farm, names no tests."""
+    options = (PROJECT / "pyproject.toml").read_text()
+    (folder,) = re.search(r'^testpaths = \["([^"]+)"\]$', options, re.MULTILINE).groups()
+    assert f"$(WORKERS) {folder}\n" in (PROJECT / "Makefile").read_text().partition("quick:")[2]
+    listed = {item.text for item in package_xml.findall("test_depend")}
+    assert listed == {"python3-hypothesis", "python3-pytest"}
+    support = {path.stem for path in (PROJECT / "test/support").rglob("*.py")}
+    known = {"hypothesis", "pytest", "dev", *KEYS.keys() - NO_KEY, *support}
+    assert imported_modules(PROJECT / folder) <= known
+
+
 def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
-    code = imported_modules(PROJECT / "tirgeo_ros") & PACKAGES.keys()
-    assert code | OPTIONAL.keys() == PACKAGES.keys()
-    needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
-    assert needed == {PACKAGES[name][1] for name in code - OPTIONAL.keys()}
-    for name, extra in OPTIONAL.items():
-        items = {re.split(r"[<>=]", item)[0] for item in arguments["extras_require"][extra]}
-        assert PACKAGES[name][1] in items
+    assert PACKAGES.keys() <= imported_modules(PROJECT / "tirgeo_ros")
+    extras = arguments["extras_require"] | {"": arguments["install_requires"]}
+    for extra in {extra for _, extra, _ in PACKAGES.values()}:
+        items = {re.split(r"[<>=]", item)[0] for item in extras[extra]}
+        assert items == {pip for pip, own, _ in PACKAGES.values() if own == extra}
+        assert not extra or {*extras[extra]} <= {*extras["all"]}
 
 
 @pytest.mark.slow
 def test_a_source_distribution_holds_the_whole_project(tmp_path):
     """Tests and documents too, so that ``make test`` runs where it was unpacked."""
-    made = (".git*", ".venv*", "*.egg-info", "__pycache__", "build", "dist", ".*_cache")
+    made = (
+        ".git",
+        ".gitignore",
+        ".venv*",
+        "*.egg-info",
+        "__pycache__",
+        "build",
+        "dist",
+        ".*_cache",
+    )
     made += (".hypothesis", "demo", "examples_output")
     copy = tmp_path / "project"
     shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(*made))

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """tirgeo: a map on a drone's thermal video, placed by sensors alone.
 
 The public interface is what ``__all__`` lists; ``docs/library.md`` is its guide.
@@ -33,7 +47,7 @@ Heading: 0 is true north, clockwise positive.
 Time: integer nanoseconds, of the measurement (not of its arrival); float seconds for steps.
 """
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 #: The public interface: each name and the module that it comes from, at its first use.
 _HOMES = {

@@ -1,3 +1,6 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # Types of the public interface; __init__.py imports each name when it is first used.
 
 from tirgeo_ros.core.camera.camera_model import Camera

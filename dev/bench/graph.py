@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Measure the node graph: its processors and the age of its pictures."""
 
 from __future__ import annotations
@@ -60,7 +74,7 @@ def _cores_of(folder: Path, work: Path, params: Path, *, serial: bool = False) -
     """Return the CPU cores of each process while the bag plays at rate 1."""
     bag, map_file = folder / "flight.mcap", folder / "map.geojson"
     first_ns, last_ns = BagReader(bag).span_ns
-    setup = GraphSetup(bag, work, params=params, map=map_file, serial=serial)
+    setup = GraphSetup(bag, work, params=[params], map=map_file, serial=serial)
     return run_graph(setup, (last_ns - first_ns) * 1e-9).cores
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Measure overlay frames beside the bare array and drawing calls in them."""
 
 from __future__ import annotations
@@ -148,7 +162,7 @@ def _whole_frame(
         nonlocal stamp_ns
         stamp_ns += _FRAME_NS
         exposed_ns = exposure_ns(stamp_ns, OverlayConfig().video_latency_s)
-        overlay.add_pose(CameraPose(exposed_ns, pose.position_n, pose.q_nc, pose.covariance))
+        overlay.poses.add(CameraPose(exposed_ns, pose.position_n, pose.q_nc, pose.covariance))
         overlay.add_frame(stamp_ns, picture, stamp_ns)
         result = overlay.take(stamp_ns)
         assert result is not None

@@ -1,4 +1,18 @@
-"""Note when messages of some topics arrive, for ``make bench``.
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Note when messages of some topics arrive, for ``make bench`` and ``dev.bench.imu_load``.
 
 After ``duration_s``, or when it is stopped, it writes as JSON stamp and time of arrival (ns) of
 each message by topic, and whether the overlay's last picture has lines.
@@ -14,7 +28,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.messages.pictures import compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run

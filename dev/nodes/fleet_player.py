@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Play the flights of several aircraft at once, each in its namespace, for ``dev.fleet``.
 
 All begin now. An aircraft's stamps are later than those of the one before by a millisecond, so
@@ -23,8 +37,8 @@ from rclpy.qos import QoSProfile
 
 from dev.flights import stamped
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.bag_player import PlayClock, await_readers
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write down what the graph gives, one JSON list a line, for ``make soak``.
 
     ["pose", TIME_S, STAMP_NS, north, east, down, w, x, y, z, six variances]
@@ -19,7 +33,8 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.overlay.written_text import status_box
-from tirgeo_ros.io.messages import STATE_TOPIC, camera_pose, image_pixels, node_state, stamp_ns
+from tirgeo_ros.io.messages import STATE_TOPIC, camera_pose, node_state, stamp_ns
+from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.runner import run
 

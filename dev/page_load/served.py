@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Serve the page in a process of its own, with pictures of a flight at 30 Hz, and view it."""
 
 from __future__ import annotations
@@ -18,6 +32,7 @@ import aiohttp
 import cv2
 import numpy as np
 
+from dev.graphs import memory_mib
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.bags.bag import BagReader
@@ -68,8 +83,7 @@ class ServedPage:
 
     def memory_mib(self, field: str) -> float:
         """Return ``VmRSS`` or ``VmHWM`` of the process: what it has in memory, or had at most."""
-        status = Path(f"/proc/{self._process.pid}/status").read_text()
-        return int(status.partition(f"{field}:")[2].split()[0]) / 1024
+        return memory_mib(self._process.pid or 0, field)
 
 
 class _Level:

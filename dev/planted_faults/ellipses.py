@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """How far located pixels of a planted flight are from the truth, in units of their ellipses."""
 
 from __future__ import annotations
@@ -19,10 +33,10 @@ from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
@@ -51,7 +65,7 @@ class Locator:
         item = next(iter(BagReader(flight.bag).messages(["/thermal/camera_info"])), None)
         if item is None or ground is None or outputs.plane is None or not outputs.cameras:
             return None
-        camera = convert.camera(Cdr().deserialize(item.data, item.typename))
+        camera = picture_messages.camera(Cdr().deserialize(item.data, item.typename))
         poses: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
         for pose in outputs.cameras:
             poses.add(pose)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The table of faults: how each is planted in a good flight, and what a finding must name.
 
 A planted flight has its bag, its parameters or its map written anew.
@@ -18,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
+from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 
 
 @dataclass(frozen=True)
@@ -101,7 +115,7 @@ def parameters(node: str, **values: Value) -> Planter:
     def plant(good: FlightFiles, folder: Path) -> FlightFiles:
         path = folder / f"{node or 'all'}.yaml"
         dotted = {name.replace("__", "."): value for name, value in values.items()}
-        write_parameters(path, {node: dotted}, "planted")
+        path.write_text(parameters_yaml({node: dotted}, "planted"))
         return dataclasses.replace(good, params=[*good.params, path])
 
     return plant

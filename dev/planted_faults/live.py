@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Plant faults in a flight, play it through the node graph, and tell who named them when."""
 
 from __future__ import annotations
@@ -17,11 +31,10 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, run_graph
-from tirgeo_ros.tools.presentation.progress import Report as Progress
-from tirgeo_ros.tools.presentation.progress import silent
+from tirgeo_ros.tools.presentation.progress import Report as Progress, silent
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 #: A fault is named so soon after the data can show it.
@@ -84,12 +97,12 @@ def play(
         params.append(folder / "planted" / "options.yaml")
         named: dict[str, Value] = {"ground_height_m": math.nan}
         named |= {name: str(value) for name, value in planted.options.items()}
-        write_parameters(params[-1], {"overlay_node": named}, "planted")
+        params[-1].write_text(parameters_yaml({"overlay_node": named}, "planted"))
     setup = GraphSetup(
         planted.bag.absolute(),
         folder.absolute(),
         map=planted.map.absolute() if planted.map else None,
-        more_params=[path.absolute() for path in params],
+        params=[path.absolute() for path in params],
         environment={"ROS_DOMAIN_ID": str(domain)},
     )
     try:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the graph on the soak's flight while processes are killed and stopped, and clocks jump.
 
 What happens when is drawn from a seed, each kind in each round once. Each life of each node is
@@ -22,7 +36,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from dev.flights import SOAK_PERIOD_S, SoakFlight
-from dev.graphs import Graph, busy, started_graph
+from dev.graphs import Graph, busy, memory_mib, started_graph
 from tirgeo_ros.tools.graph.node_graph import NodeProcess, await_words
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
@@ -247,11 +261,7 @@ def held_by(pid: int) -> set[str]:
 
 def _own_bytes(pid: int) -> int:
     """Return the bytes resident, less those of shared memory (proc(5), status)."""
-    status = Path(f"/proc/{pid}/status").read_text()
-    resident, shared = (
-        int(status.partition(f"{name}:")[2].split()[0]) for name in ("VmRSS", "RssShmem")
-    )
-    return 1024 * (resident - shared)
+    return round(2**20 * (memory_mib(pid) - memory_mib(pid, "RssShmem")))
 
 
 def run_soak(

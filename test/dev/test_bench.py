@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """What make bench says of filter, smoother, DJI's bytes and DDS; its rivals fly well."""
 
 from __future__ import annotations
@@ -8,8 +22,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from dev.bench import dji as bench_dji
-from dev.bench import filters
+from dev.bench import dji as bench_dji, filters
 from dev.bench.graph import times_of
 from dev.bench.pyins import pyins_is_installed, pyins_run
 from dev.judging import Figure

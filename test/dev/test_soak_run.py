@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A short soak of the real graph, and how the witness sees lines."""
 
 from __future__ import annotations
@@ -30,7 +44,7 @@ def drawn(variance, state=None):
     overlay.add_frame(START, GREY, START)
     for before_ms in (100, 0) if variance else ():
         pose = pose_at(START - LATENCY - before_ms * MS)
-        overlay.add_pose(dataclasses.replace(pose, covariance=np.eye(6) * variance))
+        overlay.poses.add(dataclasses.replace(pose, covariance=np.eye(6) * variance))
     result = overlay.take(START + 3 * WAIT)
     assert bool(result.notice) is not bool(variance)
     return result.image

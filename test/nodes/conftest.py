@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A short flight in a bag, and nodes as processes in a domain of their own."""
 
 from __future__ import annotations
@@ -12,7 +26,7 @@ import pytest
 from project import taken_port
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, NodeProcess, graph_environment
 from tirgeo_ros.tools.simulate.flight import fly
@@ -25,7 +39,7 @@ Spawn = Callable[..., NodeProcess]
 def flight_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four seconds of a simulated flight without pictures."""
     path = tmp_path_factory.mktemp("flight") / "flight.mcap"
-    messages = Messages(Cdr().types)
+    messages = Messages()
     with BagWriter(path) as writer:
         for arrival_ns, sample in fly(Scenario(duration_s=4.0)).samples:
             topic, message = sensed(messages, sample)
@@ -62,7 +76,7 @@ def sample_graph(sample: Path, environment: dict[str, str]) -> Callable[..., Gra
         params.write_text((sample / "params.yaml").read_text() + deep_queues())
         domain = {"ROS_DOMAIN_ID": environment["ROS_DOMAIN_ID"]}
         bag, map_file = sample / "flight.mcap", sample / "map.geojson"
-        return GraphSetup(bag, folder, params, map_file, environment=domain, **options)
+        return GraphSetup(bag, folder, [params], map_file, environment=domain, **options)
 
     return setup
 

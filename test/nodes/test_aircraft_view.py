@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Messages of an aircraft become its state on the page, with one verdict."""
 
 from __future__ import annotations
@@ -22,8 +36,7 @@ from message_samples import (
     STATUS,
     TARGET,
 )
-from overlays import PLANE as FIELD
-from overlays import SQUARE_N, pose_at
+from overlays import PLANE as FIELD, SQUARE_N, pose_at
 from visualization_msgs.msg import Marker
 
 from tirgeo_ros.core.camera.camera_model import XT2
@@ -35,7 +48,6 @@ from tirgeo_ros.core.ground.ground_point import enu_of
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import (
     TOPIC_TYPES,
     Messages,
@@ -44,12 +56,14 @@ from tirgeo_ros.io.messages import (
     camera_pose,
     finding_row,
 )
+from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.json_codec import findings_text, state_text
 from tirgeo_ros.nodes import aircraft_view as view
 from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of
 from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge, target_markers
 
 CDR = Cdr()
-MESSAGES = Messages(CDR.types)
+MESSAGES = Messages()
 POSE_TYPE = TOPIC_TYPES["tirgeo/camera_pose"]
 MS = 1_000_000
 START_NS = 10**18
@@ -59,7 +73,7 @@ SIGHT = Sight(XT2, pose_at(0), FIELD, 25.0)
 def test_the_estimators_state_is_passed_on_until_it_is_silent():
     reports = Reports()
     assert view.navigation_fields(reports, 0.0)["navigation"]["state"] == "waiting"
-    state = MESSAGES.state(NodeState("/uav1/ekf_node", 0, 1, navigation=STATUS))
+    state = MESSAGES.text(state_text(NodeState("/uav1/ekf_node", 0, 1, navigation=STATUS)))
     reports.take_state(100.0, state)
     fields = view.navigation_fields(reports, 101.0)
     assert fields["navigation"] == {"state": "aligning", "reason": "too slow"}
@@ -74,7 +88,7 @@ def test_the_videos_delay_is_known_from_the_first_report_on_and_the_notice_while
     """Earlier, a recording's first and last pictures had no place, for want of a diagnostic."""
     reports = Reports()
     assert reports.picture() is None
-    reports.take_state(100.0, MESSAGES.state(STATE))
+    reports.take_state(100.0, MESSAGES.text(state_text(STATE)))
     assert reports.picture().video_latency_s == 0.05
     assert reports.picture().confidence.latency_sigma_s == 0.01
     assert reports.picture(101.0).notice == "NO MAP: no pose"
@@ -87,7 +101,7 @@ def test_the_videos_delay_is_known_from_the_first_report_on_and_the_notice_while
 
 def test_findings_reach_the_page_part_by_part():
     """A remedy with a colon stays whole: earlier, the text was parsed and cut there."""
-    message, reports = MESSAGES.findings("/uav1/ekf_node", 5, [FINDING]), Reports()
+    message, reports = MESSAGES.text(findings_text("/uav1/ekf_node", 5, [FINDING])), Reports()
     assert reports.findings(100.0) is None
     reports.take_findings(100.0, message)
     assert reports.findings(100.0) == [FINDING]
@@ -101,9 +115,9 @@ def test_findings_reach_the_page_part_by_part():
 def test_checks_are_silent_if_only_the_page_and_a_player_report():
     reports = Reports("/uav1/viewer_node")
     for node in ("viewer_node", "bag_player"):
-        reports.take_findings(100.0, MESSAGES.findings(f"/uav1/{node}", 5, [FINDING]))
+        reports.take_findings(100.0, MESSAGES.text(findings_text(f"/uav1/{node}", 5, [FINDING])))
     assert reports.findings(100.0) is None
-    reports.take_findings(100.0, MESSAGES.findings("/uav1/ekf_node", 5, []))
+    reports.take_findings(100.0, MESSAGES.text(findings_text("/uav1/ekf_node", 5, [])))
     assert reports.findings(100.0) == [FINDING]  # the player's
 
 
@@ -245,7 +259,7 @@ class Graph:
         topics = {topic: TopicState(10.0, self.now_s - s) for topic, s in heard_s.items()}
         status = self.status if node == "ekf_node" else None
         state = NodeState(f"/{node}", 0, 1, topics, navigation=status)
-        self.reports.take_state(self.now_s, MESSAGES.state(state))
+        self.reports.take_state(self.now_s, MESSAGES.text(state_text(state)))
 
 
 @pytest.fixture

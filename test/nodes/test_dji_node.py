@@ -1,3 +1,18 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 # ruff: noqa: E402 what follows imports ROS, which may be absent
 """dji_node: psdk_ros2's topics to readings, and a port with an aircraft that hovers."""
 
@@ -26,8 +41,7 @@ from std_msgs.msg import UInt8
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.messages import camera_attitude, imu_sample, joint_sample
-from tirgeo_ros.io.messages import stamp_ns as stamp_of
+from tirgeo_ros.io.messages import camera_attitude, imu_sample, joint_sample, stamp_ns as stamp_of
 from tirgeo_ros.io.messages.sensor_messages import heading_sample
 from tirgeo_ros.nodes import dji_node
 from tirgeo_ros.nodes.dji_node import PsdkSource

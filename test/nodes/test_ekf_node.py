@@ -1,3 +1,18 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 # ruff: noqa: E402 what follows imports ROS, which may be absent
 """ekf_node: messages in the order of arrival, its log, a heading set by a person."""
 
@@ -28,6 +43,7 @@ from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.messages import body_pose, stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.nodes.ekf_node import Inbox, StateLog
 from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.monitor import ERROR
@@ -40,7 +56,7 @@ S = 1_000_000_000
 class Listener:
     """A node with an inbox, and the messages that its handler got: topic, stamp in s."""
 
-    def __init__(self, domain: int, depth: int = 100) -> None:
+    def __init__(self, domain: int, depth: int = 100, may_wait=None) -> None:
         self.context = Context()
         rclpy.init(context=self.context, args=[], domain_id=domain)
         self.node = GraphNode("listener", context=self.context)
@@ -48,7 +64,8 @@ class Listener:
         self.inbox = Inbox(self.node)
         self.work = lambda topic, stamp_s: self.handled.append((topic, stamp_s))
         for topic in KINDS:
-            self.inbox.subscribe(topic, self._taker(topic), sensor_input(depth))
+            waits = may_wait if topic == IMU else None
+            self.inbox.subscribe(topic, self._taker(topic), sensor_input(depth), may_wait=waits)
         make = self.node.create_publisher
         self._publishers = {t: make(kind, t, output(1000)) for t, kind in KINDS.items()}
         self._executor = EventsExecutor(context=self.context)
@@ -123,6 +140,25 @@ def test_messages_left_in_a_full_queue_keep_their_order(listen):
     kept += [item for item in sent if item[0] == IMU][-20:]
     listener.spin_until(lambda: len(listener.handled) == len(kept))
     assert listener.handled == sorted(kept, key=lambda item: item[1])
+
+
+@pytest.mark.graph
+def test_messages_that_may_wait_are_handled_with_the_next_that_may_not(listen):
+    """Or four together, or when somebody asks: never later, and in their order."""
+    listener = listen(may_wait=lambda data: header_stamp_ns(data) // S % 10 != 0)
+
+    def send(topic, stamp_s):
+        listener.send(topic, stamp_s)
+        end_s = time.monotonic() + 0.3
+        listener.spin_until(lambda: time.monotonic() > end_s)
+        return len(listener.handled)
+
+    counts = [send(IMU, stamp_s) for stamp_s in (1, 2, 10)]  # 10 may not wait
+    counts += [send(IMU, 11), send(FIX, 12)]  # another topic never waits
+    counts += [send(IMU, stamp_s) for stamp_s in (13, 14, 15, 16, 17)]
+    assert counts == [0, 0, 3, 3, 5, 5, 5, 5, 9, 9]
+    listener.inbox.work()
+    assert [stamp_s for _, stamp_s in listener.handled] == [1, 2, *range(10, 18)]
 
 
 @pytest.mark.graph

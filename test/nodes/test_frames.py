@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Frames over DDS: transforms, the track, the picture's calibration and its footprint."""
 
 from __future__ import annotations
@@ -22,8 +36,9 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import Messages, camera, stamp_ns
+from tirgeo_ros.io.messages import Messages, stamp_ns
+from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.pictures import camera
 from tirgeo_ros.nodes import graph_node
 
 PREFIX = ("-p", "frame_prefix:=uav1/")
@@ -33,11 +48,11 @@ class Topics:
     """Stands in for a node, and for its publishers: keeps what is published by topic."""
 
     def __init__(self):
-        self.messages, self.now_ns, self.kept = Messages(Cdr().types), 5, {}
+        self.messages, self.now_ns, self.kept = Messages(), 5, {}
 
     def advertise(self, topic, _quality):
         kept = self.kept.setdefault(topic, [])
-        return SimpleNamespace(publish=kept.append, get_subscription_count=lambda: 1)
+        return SimpleNamespace(publish=kept.append, is_wanted=True)
 
 
 def test_through_tf_the_camera_is_at_its_pose(monkeypatch):

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The whole graph on the sample flight: processes over DDS, watched by a stranger."""
 
 from __future__ import annotations
@@ -28,8 +42,9 @@ from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.messages import image_pixels, stamp_ns
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.messages.pictures import image_pixels
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, run_graph
 from tirgeo_ros.tools.replay.graph_outputs import Outputs, differences, read_outputs
 from tirgeo_ros.tools.replay.process import process
@@ -184,7 +199,9 @@ def test_drawn_lines_lie_on_the_true_outlines(flown, sample):
     true_poses: PoseBuffer[CameraPose] = PoseBuffer(1e9)
     for pose in truth.cameras:
         true_poses.add(pose)
-    ground_m = load_config(sample / "params.yaml", "overlay_node", OverlayConfig).ground_height_m
+    ground_m = (
+        ParameterFile(sample / "params.yaml").config("overlay_node", OverlayConfig).ground_height_m
+    )
     features = load_layers(str(sample / "map.geojson"))[0].features
     outlines = Outlines(features, truth.plane, ground_m)
     means, covered = [], []
@@ -287,7 +304,7 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
 def test_a_node_that_dies_is_named_with_its_last_words(sample, tmp_path):
     params = tmp_path / "params.yaml"
     params.write_text("/**/overlay_node: {ros__parameters: {style: /nowhere.yaml}}\n")
-    result = {"map": sample / "map.geojson", "params": params}
+    result = {"map": sample / "map.geojson", "params": [params]}
     setup = GraphSetup(sample / "flight.mcap", tmp_path, **result)
     with pytest.raises(GraphError, match=r"overlay_node ended .*nowhere\.yaml"):
         run_graph(setup, 30.0)

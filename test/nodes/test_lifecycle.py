@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Nodes as processes: they start, refuse what is wrong in one line, and end without accident."""
 
 from __future__ import annotations
@@ -137,30 +151,36 @@ def test_wrong_arguments_end_in_one_line(spawn):
 
 
 @pytest.mark.parametrize(
-    ("missing", "distribution", "remedy"),
+    ("node", "missing", "remedy"),
     [
         (
+            "bag_player",
             "rclpy",
-            "",
-            "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'",
+            'source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install "tirgeo[ros]"',
         ),
-        ("std_msgs", "jazzy", "sudo apt install ros-jazzy-std-msgs"),
-        ("cv2", "jazzy", "sudo apt install python3-opencv, or pip install opencv-python-headless"),
-        ("mcap", "jazzy", "pip install mcap"),
+        (
+            "bag_player",
+            "std_msgs",
+            'sudo apt install ros-jazzy-std-msgs, or pip install "tirgeo[ros]"',
+        ),
+        (
+            "overlay_node",
+            "cv2",
+            "sudo apt install python3-opencv, or pip install opencv-python-headless",
+        ),
     ],
 )
 @pytest.mark.graph
-def test_a_node_names_the_package_that_is_missing(missing, distribution, remedy, monkeypatch):
-    monkeypatch.setenv("ROS_DISTRO", distribution)
+def test_a_node_names_the_package_that_is_missing(node, missing, remedy):
     program = (
         f"import sys; sys.modules[{missing!r}] = None\n"
-        "from tirgeo_ros.nodes.start import start\nsys.exit(start('bag_player'))"
+        f"from tirgeo_ros.nodes.start import start\nsys.exit(start({node!r}))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 1
-    assert done.stderr == f"bag_player: the Python package {missing} is missing: {remedy}\n"
+    assert done.stderr == f"{node}: the Python package {missing} is missing: {remedy}\n"
 
 
 @pytest.mark.slow

@@ -1,3 +1,18 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 # ruff: noqa: E402 what follows imports ROS, which may be absent
 """Single nodes over DDS: bad messages, reset, latched origin, notices, other names."""
 
@@ -24,7 +39,7 @@ from std_srvs.srv import Trigger
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.nodes.graph_node import message_class
+from tirgeo_ros.nodes.graph_node import Output
 
 pytestmark = pytest.mark.graph
 
@@ -69,7 +84,7 @@ def test_useless_messages_and_missing_stamps_are_counted_and_reported(spawn, mee
     for topic, message in (("thermal/image_raw", raw), ("thermal/image_raw/compressed", jpeg)):
         until(topic, [message], "/overlay_node: topics", f"{topic} unreadable", 0)
     # A frame without a pose comes back with a notice, across the upper part of the grey picture.
-    frame = Messages(message_class).image(5_000_000_000, np.full((512, 640), 90, np.uint8))
+    frame = Messages().image(5_000_000_000, np.full((512, 640), 90, np.uint8))
     got = observer.received["tirgeo/overlay/image"]
     observer.send({"thermal/image_raw": [frame]}, lambda: bool(got))
     assert got[0].encoding == "bgr8"
@@ -206,8 +221,8 @@ def test_a_camera_of_another_name_and_a_map_that_is_not_there_yet(spawn, meet, t
     )
     stranger = meet(**{"tirgeo/overlay/image": Image, "/diagnostics": DiagnosticArray})
     flown = Flight(stranger)
-    flown.image = stranger.node.create_publisher(Image, "/flir/image_raw", 1)
-    flown.info = stranger.node.create_publisher(CameraInfo, "/flir/camera_info", 1)
+    flown.image = Output(stranger.node.create_publisher(Image, "/flir/image_raw", 1))
+    flown.info = Output(stranger.node.create_publisher(CameraInfo, "/flir/camera_info", 1))
     flown.until(lambda: stranger.received["tirgeo/overlay/image"])
     flown.until(lambda: "there is no such map" in flown.diagnostics().get("", ""))
     flown.until(lambda: "map_unreadable" in flown.diagnostics("/overlay_node: set-up"))

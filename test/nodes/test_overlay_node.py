@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """overlay_node over DDS: pictures, clicks, missed frames, a map that changes meanwhile."""
 
 from __future__ import annotations
@@ -30,8 +44,10 @@ from std_msgs.msg import Header, String
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, ground_point, image_pixels, stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input
+from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, camera_pose, stamp_ns
+from tirgeo_ros.io.messages.json_codec import state_text
+from tirgeo_ros.io.messages.pictures import image_pixels
+from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output, sensor_input
 from tirgeo_ros.nodes.overlay_node import FrameStatistics
 
 NORTH_N = np.array([3.0, 0.0, 0.0])
@@ -86,15 +102,15 @@ def a_click_becomes_a_point_on_the_ground(flown, _):
         return bool(points and flown.stranger.received["tirgeo/locate/fix"])
 
     flown.stranger.spin_until(clicked)
-    stamp, point_n, covariance_n = ground_point(points[0])
-    assert stamp == stamp_ns(picture)
-    np.testing.assert_allclose(point_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
-    assert np.linalg.eigvalsh(covariance_n)[0] > 0
+    located = camera_pose(points[0])  # of the same type; its rotation is unknown
+    assert located.stamp_ns == stamp_ns(picture)
+    np.testing.assert_allclose(located.position_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
+    assert np.linalg.eigvalsh(located.covariance[:3, :3])[0] > 0
     fix = flown.stranger.received["tirgeo/locate/fix"][0]
     place_n = PLANE.ned_from_geodetic(
         math.radians(fix.latitude), math.radians(fix.longitude), fix.altitude
     )
-    np.testing.assert_allclose(place_n, point_n, atol=1e-4)
+    np.testing.assert_allclose(place_n, located.position_n, atol=1e-4)
     before = len(points)
     refused = "clicks_refused_outside_picture"
     flown.until(lambda: flown.click(-5.0, 3.0) or flown.diagnostics().get(refused, "0") != "0")
@@ -135,7 +151,7 @@ def test_a_click_without_a_map_becomes_a_point(spawn, take_off, tmp_path, conten
     flown = take_off()
     located = flown.stranger.received["tirgeo/locate/point"]
     flown.until(lambda: flown.click(320.0, 256.0) or located)
-    assert np.isfinite(ground_point(located[0])[1]).all()
+    assert np.isfinite(camera_pose(located[0]).position_n).all()
     reports = flown.next_diagnostics()
     assert reports.get("notice", "") == ("" if content is None else "NO MAP: its reading failed")
     flown.until(lambda: flown.diagnostics("/overlay_node: set-up"))
@@ -193,9 +209,9 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
     lost = dataclasses.replace(
         STATUS, state=FilterState.LOST, began_again=None, reason="\x1b[2Jno \n" * 5_000
     )
-    report = MESSAGES.state(NodeState("/ekf_node", 0, 1, navigation=lost))
+    report = MESSAGES.text(state_text(NodeState("/ekf_node", 0, 1, navigation=lost)))
     longer = String(data="{" * 200_000)
-    state = flown.stranger.node.create_publisher(String, STATE_TOPIC, latched())
+    state = Output(flown.stranger.node.create_publisher(String, STATE_TOPIC, latched()))
     for height_m in (math.inf, math.nan, 1e9):
         flown.origin.publish(MESSAGES.origin(dataclasses.replace(PLANE, height_m=height_m), 0))
     wide = MESSAGES.camera_info(XT2, 0)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Who reaches the nodes: this machine alone, or by SROS 2 each what it does and no more."""
 
 from __future__ import annotations
@@ -86,7 +100,7 @@ def expected() -> dict[str, Permissions]:
     """What the policy allows our nodes, without the types that are not installed here."""
     policy = find_resource("config/sros2_policy.xml")
     result = {n: dict(may) for n, may in allowed(policy, "/uav1").items() if n not in OTHERS}
-    absent = {topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)}
+    absent = {topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic][0])}
     result["dji_node"]["subscribe"] -= {f"/uav1/psdk_ros2/{topic}" for topic in absent}
     if not TF:
         for may in result.values():

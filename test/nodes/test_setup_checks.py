@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A node's checks of its set-up and graph: their findings in reports, log and picture."""
 
 from __future__ import annotations
@@ -20,8 +34,11 @@ from sensor_msgs.msg import Image, Imu
 from std_msgs.msg import String
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, image_pixels
+from tirgeo_ros.io.messages import STATE_TOPIC, NodeState
+from tirgeo_ros.io.messages.json_codec import findings_text
+from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.nodes import setup_checks
+from tirgeo_ros.nodes.graph_node import Output
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, Restarts, SetupChecks
 
@@ -91,8 +108,20 @@ def test_a_fault_in_a_check_stops_neither_the_node_nor_its_findings():
     setup.report()
     check.findings = lambda: 1 / 0
     assert setup.report().level == ERROR
-    assert not setup.take(lambda _: 1 / 0, "a sample")
-    assert node.monitor.report("topics").values["set-up failed"] == "2"
+    setup.take(lambda _: 1 / 0, "a sample")
+    setup.report()  # takes the sample and asks again
+    assert node.monitor.report("topics").values["set-up failed"] == "3"
+
+
+def test_checks_take_what_came_in_its_order_some_at_a_time_or_before_they_are_asked():
+    taken = []
+    check = SimpleNamespace(findings=list, take=lambda *data: taken.append(data))
+    setup = SetupChecks(KeptLog(), check)
+    for number in range(25):
+        setup.take(check.take, "imu/data", number)
+    assert 0 < len(taken) < 25
+    setup.report()
+    assert taken == [("imu/data", number) for number in range(25)]
 
 
 def written(image: Image, bgr) -> int:
@@ -139,11 +168,13 @@ def test_a_ground_47_m_too_high_is_in_diagnostics_log_and_picture(flight):
 def test_the_picture_shows_a_finding_of_another_node_in_its_namespace(flight):
     aircraft, _ = flight(PLANE.height_m)
     create = aircraft.stranger.node.create_publisher
-    others = {name: create(String, f"{name}/tirgeo/findings", 10) for name in ("", "/uav2")}
+    others = {
+        name: Output(create(String, f"{name}/tirgeo/findings", 10)) for name in ("", "/uav2")
+    }
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]
 
     def tells(aircraft: str, *result: Finding) -> bool:
-        message = MESSAGES.findings(f"{aircraft}/ekf_node", time.time_ns(), result)
+        message = MESSAGES.text(findings_text(f"{aircraft}/ekf_node", time.time_ns(), result))
         others[aircraft].publish(message)
         return bool(pictures) and written(pictures[-1], AMBER_BGR) > 100
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """viewer_node in a real graph: a page's clicks become targets that are drawn in the pictures."""
 
 from __future__ import annotations
@@ -37,7 +51,8 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages import image_pixels, targets_of
+from tirgeo_ros.io.messages import targets_of
+from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.viewer_node import PageBackend, lost_clicks, taken_ns

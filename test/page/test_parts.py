@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Parts of the page's server: connections, pace, files, tiles, exports, invitations."""
 
 from __future__ import annotations
@@ -94,7 +108,7 @@ def test_at_the_limit_the_oldest_connection_of_the_largest_owner_is_ended(monkey
         listener._assign(few[0], "operator", "few")
     listener._assign(Held(), None, "other")
     assert [item.ended for item in crowd + few] == [True, True] + [False] * 6
-    assert (listener.refused, listener.connections) == (2, 7)
+    assert (listener.refused, len(listener.owners)) == (2, 7)
 
 
 def test_the_terminals_code_can_be_scanned():

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Faults of set-up and sensors that a new user makes, each named; none on good flights.
 
 ``make planted-faults`` prints what is said of each.
@@ -9,7 +23,7 @@ import pytest
 
 from dev.planted_faults.__main__ import found_in, naming
 from dev.planted_faults.faults import FAULTS, FlightFiles
-from tirgeo_ros.io.parameters.parameter_file import write_parameters
+from tirgeo_ros.io.parameters.parameter_file import parameters_yaml
 from tirgeo_ros.tools.replay.check import check
 from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process
@@ -96,8 +110,8 @@ def test_nothing_is_wrong_with_other_simulated_flights(name, tmp_path):
 
 def test_a_right_boresight_is_no_fault(sample, tmp_path):
     """What is planted is not the parameter as such: the same one at its true value is right."""
-    write_parameters(
-        tmp_path / "true.yaml", {"gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}, ""
+    (tmp_path / "true.yaml").write_text(
+        parameters_yaml({"gimbal_node": {"boresight_rpy_deg": [0.0, 0.0, 0.0]}}, "")
     )
     good = FlightFiles.in_folder(sample)
     params = [*good.params, tmp_path / "true.yaml"]

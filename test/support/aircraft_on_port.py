@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """An aircraft on a pseudo-terminal for tests of what reads it: in real time, in a thread."""
 
 from __future__ import annotations
@@ -10,6 +24,7 @@ from typing import final
 
 import numpy as np
 
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -21,7 +36,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.simulator import Aircraft, Outgoing, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 MS = 1_000_000
@@ -72,7 +87,11 @@ class AircraftOnPort:
     ) -> None:
         self.terminal = PseudoTerminal(path, baud)
         self.begun = threading.Event()
-        self._frames = frames if frames is not None else frames_of(Aircraft(), hovering(600))
+        self._frames = (
+            frames
+            if frames is not None
+            else frames_of(Aircraft(SimulatedAircraftConfig(), AircraftConfig()), hovering(600))
+        )
         self._guard = threading.Lock()  # nobody pulls the cable amid a frame
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._fly, daemon=True)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Flights as the checks get them, in order of arrival: recorded or simulated, right or planted.
 
 The checks of the filter's inputs get samples alone (``recorded``, ``simulated``, ``checked``);
@@ -25,7 +39,7 @@ from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import JointSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import sensed
+from tirgeo_ros.io.messages import pictures as picture_messages, sensed
 from tirgeo_ros.io.messages.result_messages import Messages
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registration
@@ -67,9 +81,9 @@ def read(path: Path, topics: Collection[str]) -> Iterator[Arrived]:
         if topic in SAMPLES:
             yield Arrived(topic, SAMPLES[topic](decoded), message.log_time_ns)
         elif topic == "thermal/camera_info":
-            yield Arrived("camera", convert.camera(decoded), message.log_time_ns)
+            yield Arrived("camera", picture_messages.camera(decoded), message.log_time_ns)
         else:
-            frame = convert.stamp_ns(decoded), convert.compressed_pixels(decoded)
+            frame = convert.stamp_ns(decoded), picture_messages.compressed_pixels(decoded)
             yield Arrived("frame", frame, message.log_time_ns)
 
 
@@ -80,7 +94,7 @@ def recorded(path: Path) -> list[Arrived]:
 
 def simulated(flight: SimulatedFlight) -> list[Arrived]:
     """The filter's inputs of a simulated flight."""
-    messages = Messages(Cdr().types)
+    messages = Messages()
     return [
         Arrived(sensed(messages, sample)[0], sample, arrival_ns)
         for arrival_ns, sample in flight.samples

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A target and an aircraft to say as Cursor-on-Target, and a link that says them."""
 
 from __future__ import annotations
@@ -10,6 +24,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -18,7 +33,6 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.targets.cot_events import AircraftState
-from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink
 
 #: 2 m in each level direction and 0.5 m up, one standard deviation.
@@ -44,7 +58,7 @@ def flying() -> AircraftState:
 @contextlib.contextmanager
 def sharing(cot: str, **parameters: str) -> Iterator[CotLink]:
     """Run a link that shares."""
-    link = CotLink(CotParameters(cot, **parameters))
+    link = CotLink(ViewerConfig(cot=cot, **parameters), lambda _: None)
     link.start()
     link.share(on=True)
     try:

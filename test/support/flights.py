@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Flights for tests of the filter; what is done with them is in ``dev/flight_errors.py``."""
 
 from __future__ import annotations
@@ -6,8 +20,14 @@ import functools
 from dataclasses import replace
 from typing import NamedTuple
 
-from dev.flight_errors import NAVIGATION_SAMPLES, Errors, errors, navigation_samples, solutions
-from dev.flight_errors import fitting_config as config_for
+from dev.flight_errors import (
+    NAVIGATION_SAMPLES,
+    Errors,
+    errors,
+    fitting_config as config_for,
+    navigation_samples,
+    solutions,
+)
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import ImuSample, Source

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A node that knows nothing of this package, one that has only a log, waiting for processes."""
 
 from __future__ import annotations
@@ -18,7 +32,7 @@ from rclpy.node import Node
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages, stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
@@ -155,7 +169,7 @@ class KeptLog:
 
     log, guarded, item = GraphNode.log, GraphNode.guarded, GraphNode.item
     item_name = GraphNode.item_name
-    messages, now_ns = Messages(message_class), 0
+    messages, now_ns = Messages(), 0
 
     def __init__(self) -> None:
         self.lines: list[tuple[str, str]] = []

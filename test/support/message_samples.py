@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """One of every message that tirgeo sends or reads, with no two numbers alike."""
 
 from __future__ import annotations
@@ -27,7 +41,6 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
@@ -35,6 +48,8 @@ from tirgeo_ros.io.messages import (
     TopicState,
     navigation_item,
 )
+from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.json_codec import answer_text, findings_text, state_text, targets_text
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -158,11 +173,14 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
         lambda m: m.footprint(STAMP_NS, np.arange(12.0).reshape(4, 3)),
     ),
     "path": ("nav_msgs/msg/Path", lambda m: m.path(STAMP_NS, [m.track_point(BODY)] * 2)),
-    "targets": ("std_msgs/msg/String", lambda m: m.targets([TARGET] * 2)),
-    "answer": ("std_msgs/msg/String", lambda m: m.answer(LOCATED)),
+    "targets": ("std_msgs/msg/String", lambda m: m.text(targets_text([TARGET] * 2))),
+    "answer": ("std_msgs/msg/String", lambda m: m.text(answer_text(LOCATED))),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
-    "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
-    "state": ("std_msgs/msg/String", lambda m: m.state(STATE)),
+    "findings": (
+        "std_msgs/msg/String",
+        lambda m: m.text(findings_text("/ekf_node", STAMP_NS, [FINDING])),
+    ),
+    "state": ("std_msgs/msg/String", lambda m: m.text(state_text(STATE))),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
         lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),
@@ -177,7 +195,7 @@ EXACT = 1e-14
 cdr = Cdr()
 
 
-builder = Messages(cdr.types)
+builder = Messages()
 
 
 def through_cdr(message):

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A camera that stands still, as messages, for overlay_node over DDS."""
 
 from __future__ import annotations
@@ -12,10 +26,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.io.messages import Messages, image_pixels
-from tirgeo_ros.nodes.graph_node import message_class
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.pictures import image_pixels
+from tirgeo_ros.nodes.graph_node import Output
 
-MESSAGES = Messages(message_class)
+MESSAGES = Messages()
 ITEM = "/overlay_node: overlay"
 
 
@@ -41,12 +56,12 @@ class Flight:
         self.stranger, self.prefix, self.north = stranger, prefix, north
         node = stranger.node
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.origin = node.create_publisher(NavSatFix, prefix + "tirgeo/origin", latched)
+        self.origin = Output(node.create_publisher(NavSatFix, prefix + "tirgeo/origin", latched))
         self.origin.publish(MESSAGES.origin(PLANE, 0))
-        self.info = node.create_publisher(CameraInfo, prefix + "thermal/camera_info", 1)
-        self.image = node.create_publisher(Image, prefix + "thermal/image_raw", 1)
+        self.info = Output(node.create_publisher(CameraInfo, prefix + "thermal/camera_info", 1))
+        self.image = Output(node.create_publisher(Image, prefix + "thermal/image_raw", 1))
         pose = prefix + "tirgeo/camera_pose"
-        self.pose = node.create_publisher(PoseWithCovarianceStamped, pose, 10)
+        self.pose = Output(node.create_publisher(PoseWithCovarianceStamped, pose, 10))
         self.pixel = node.create_publisher(PointStamped, prefix + "tirgeo/locate/pixel", 10)
         self.sent_s = 0.0
         self.unstamped = False

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """An overlay over a square on the ground, and where its lines truly are."""
 
 import math
@@ -80,7 +94,7 @@ def distances(pixels, outline):
 
 def pictured(overlay, stamp_ns=START, now_ns=START, frame=GREY, **pose):
     """Return what becomes of a frame whose pose is there."""
-    overlay.add_pose(pose_at(stamp_ns, **pose))
+    overlay.poses.add(pose_at(stamp_ns, **pose))
     overlay.add_frame(stamp_ns + LATENCY, frame, now_ns)
     return overlay.take(now_ns)
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Bags of samples or changed copies of others, what is in them, and the sample flight's files."""
 
 from __future__ import annotations
@@ -61,7 +75,7 @@ def data_of(path, *topics):
 
 def write_samples(path, samples):
     """A bag of samples; log time = stamp."""
-    messages = Messages(CDR.types)
+    messages = Messages()
     with BagWriter(path) as bag:
         for sample in sorted(samples, key=lambda one: one.stamp_ns):
             topic, message = sensed(messages, sample)
@@ -78,7 +92,7 @@ def write_hover(path, flown, *reports):
 
 def picture_bag(path, stamps_ns, images, *, info=True, namespace=""):
     """A bag of raw pictures, with the calibration of XT2 beside each unless ``info`` is false."""
-    messages = Messages(CDR.types)
+    messages = Messages()
     with BagWriter(path) as writer:
         for stamp_ns, image in zip(stamps_ns, images, strict=True):
             made = messages.image(stamp_ns, image)

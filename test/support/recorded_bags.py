@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Bags as ``ros2 bag record`` leaves them: folders, split, compressed, MCAP and SQLite."""
 
 from __future__ import annotations
@@ -85,7 +99,7 @@ def write_mcap(path, messages):
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.NONE, chunk_size=4000)
         writer.start("ros2", "another")
-        for topic, typename, log_ns, data in messages:
+        for topic, typename, log_ns, data, *_ in messages:
             if topic not in channels:
                 text = CDR.definition(typename).encode()
                 schema = writer.register_schema(typename, "ros2msg", text)
@@ -104,7 +118,7 @@ def write_sqlite(path, messages, form="cdr"):
 def insert(base, messages, form="cdr"):
     """Add topics and messages."""
     keys = {}
-    for topic, typename, log_ns, data in messages:
+    for topic, typename, log_ns, data, *_ in messages:
         if topic not in keys:
             keys[topic] = len(keys) + 1
             row = (keys[topic], topic, typename, form, "", "")

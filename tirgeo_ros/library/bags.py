@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read bags into tables and write tables to bags."""
 
 from __future__ import annotations
@@ -13,11 +27,16 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
 from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError, nearest
 from tirgeo_ros.core.types.measurements import LAST_NS
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.io.messages import (
+    SENSED_SAMPLES,
+    TOPIC_TYPES,
+    Messages,
+    pictures as picture_messages,
+    sensed,
+)
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.library.tables import ARRIVAL, ORDER, OUTPUTS, SENSORS, STAMP, Table, arrived
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
@@ -73,7 +92,9 @@ def read_camera(path: PathLike, *, namespace: str = "") -> Camera:
     """
     reader = BagReader(path)
     names = _chosen(reader, [CAMERA_INFO], namespace)
-    for _, _, camera in _read(reader, names, lambda topic, info: convert.camera(info, topic)):
+    for _, _, camera in _read(
+        reader, names, lambda topic, info: picture_messages.camera(info, topic)
+    ):
         return camera
     raise BagError(f"{path}: no {CAMERA_INFO} could be used")
 
@@ -86,7 +107,7 @@ def read_pictures(path: PathLike, *, namespace: str = "") -> Iterator[Picture]:
     reader = BagReader(path)
     present = [topic for topic in PICTURES if resolved(topic, namespace) in reader.topics()]
     names = _chosen(reader, present[:1] or [PICTURES[-1]], namespace)
-    for _, message, pixels in _read(reader, names, convert.pixels):
+    for _, message, pixels in _read(reader, names, picture_messages.pixels):
         yield Picture(header_stamp_ns(message.data), pixels)
 
 
@@ -100,7 +121,7 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
     """
     if not isinstance(tables, Mapping):
         raise TableError(f"{path}: tables must be a dict of tables by topic; it is {tables!r}")
-    messages, written = Messages(Cdr().types), 0
+    messages, written = Messages(), 0
     with BagWriter(path) as writer:
         for written, (topic, arrival_ns, sample) in enumerate(arrived(tables), 1):  # noqa: B007  used after the loop
             if not (0 <= sample.stamp_ns < LAST_NS and 0 <= arrival_ns < LAST_NS):

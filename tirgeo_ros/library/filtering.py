@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Filter a flight given as tables: the work of ``tirgeo process`` without a bag."""
 
 from __future__ import annotations
@@ -24,12 +38,7 @@ from tirgeo_ros.library.projecting import PicturePose
 from tirgeo_ros.library.tables import Table, arrived, is_frame
 from tirgeo_ros.tools.replay.flight import FlightPoses, pose_at
 from tirgeo_ros.tools.replay.node_configs import Config, NodeConfigs, load_config
-from tirgeo_ros.tools.replay.registration import (
-    GIMBAL_TOPICS,
-    METHOD_TOPICS,
-    Registered,
-    Sample,
-)
+from tirgeo_ros.tools.replay.registration import GIMBAL_TOPICS, METHOD_TOPICS, Registered, Sample
 
 _NED = ("north", "east", "down")
 #: Ends of geodetic place, position, velocity, attitude, rate and covariance in a row of numbers.
@@ -259,7 +268,7 @@ def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfi
     if not {"rtk/fix", "gps/fix"} & tables.keys():
         return "there is no position: give rtk_fix or gps_fix"
     own = arrived({"imu/data": tables["imu/data"]}, _ARGUMENTS)
-    for finding in imu_findings((item.sample for item in own), configs.ekf.aircraft.rotation_bi):
+    for finding in imu_findings((sample for *_, sample in own), configs.ekf.aircraft.rotation_bi):
         return finding.line
     bad = [
         f"{number} {source} {outcome}"

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define the tables of the library, a form for each topic, and read samples from them.
 
 A table is a dict of arrays, a NumPy structured array or a data frame of any library. It gives its
@@ -374,18 +388,10 @@ OUTPUTS: Mapping[str, Output] = {
 }
 
 
-class Arrived(NamedTuple):
-    """Hold a sample, its topic and the time at which it arrived, ns."""
-
-    topic: str
-    arrival_ns: int
-    sample: SensedSample
-
-
 def arrived(
     tables: Mapping[str, Table], names: Mapping[str, str] | None = None
-) -> Iterator[Arrived]:
-    """Yield the samples of tables (by topic) in the order of arrival.
+) -> Iterator[tuple[str, int, SensedSample]]:
+    """Yield topic, time of arrival (ns) and sample of the rows of tables, in order of arrival.
 
     They are sorted by ``arrival_ns``, then ``arrival_order``, then the order of the tables.
     ``names`` are what errors call the tables, by default the topics. Raises TableError.
@@ -407,4 +413,4 @@ def arrived(
     for which, k in zip(place[order].tolist(), row[order].tolist(), strict=True):
         topic, form, numbers = read[which]
         sample = form.sample(int(numbers.stamps_ns[k]), numbers.rows[k].tolist())
-        yield Arrived(topic, int(numbers.arrivals_ns[k]), sample)
+        yield topic, int(numbers.arrivals_ns[k]), sample

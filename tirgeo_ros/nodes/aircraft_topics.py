@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Subscribe to one aircraft: its video, poses and place, and the reports of its nodes."""
 
 from __future__ import annotations
@@ -12,6 +26,7 @@ from functools import partial
 from typing import Any, Generic
 
 import numpy as np
+from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.config.viewer_parameters import GroundConfig
@@ -24,7 +39,6 @@ from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.verdicts import NavigationStatus
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
 from tirgeo_ros.io.messages import (
     STATE_TOPIC,
@@ -32,13 +46,14 @@ from tirgeo_ros.io.messages import (
     NodeState,
     PictureState,
     body_pose,
-    camera,
     camera_pose,
     findings_of,
     node_state,
     stamp_ns,
     tangent_plane,
 )
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.pictures import camera
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH, STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 
@@ -166,26 +181,21 @@ class AircraftTopics:
         self._camera_poses = PoseTape(lambda data: camera_pose(decoded(data, POSE)))
         self._body_poses = PoseTape(lambda data: body_pose(decoded(data, ODOMETRY)))
         for topic, tape in ((POSE, self._camera_poses), (ODOMETRY, self._body_poses)):
-            self.listen(topic, partial(self._keep, topic, tape=tape), STREAM_DEPTH, decoded=False)
+            keep = partial(self._keep, topic, tape=tape)
+            self.listen(topic, keep, output(STREAM_DEPTH), decoded=False)
         for topic in (INFO, FOOTPRINT):
-            self.listen(topic, partial(self._keep, topic), 1, decoded=False)
-        self.listen(VIDEO, self._take_picture, IMAGE_DEPTH)
-        self.listen("tirgeo/origin", self._take_origin, latch=1)
+            self.listen(topic, partial(self._keep, topic), output(1), decoded=False)
+        self.listen(VIDEO, self._take_picture, output(IMAGE_DEPTH))
+        self.listen("tirgeo/origin", self._take_origin, latched())
         now_s, take = time.monotonic, self.reports.take_state
-        self.listen(STATE_TOPIC, lambda message: take(now_s(), message), latch=_MOST_NODES)
+        self.listen(STATE_TOPIC, lambda message: take(now_s(), message), latched(_MOST_NODES))
 
     def listen(
-        self,
-        topic: str,
-        take: Callable[[Any], None],
-        depth: int = 0,
-        *,
-        latch: int = 0,
-        decoded: bool = True,
+        self, topic: str, take: Callable[[Any], None], qos: QoSProfile, *, decoded: bool = True
     ) -> None:
-        """Call ``take`` with each message of a contract topic; ``latch`` is the latched depth."""
-        name, qos = f"{self._prefix}{topic}", latched(latch) if latch else output(depth)
-        self._node.listen(name, take, qos, TOPIC_TYPES[topic], raw=True, decoded=decoded)
+        """Call ``take`` with each message of a contract topic."""
+        name, typename = f"{self._prefix}{topic}", TOPIC_TYPES[topic]
+        self._node.listen(name, take, qos, typename, decoded=decoded)
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Give one aircraft's state to the operator's page, pass on clicks, find places in its video."""
 
 from __future__ import annotations
@@ -9,7 +23,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -34,7 +47,7 @@ from tirgeo_ros.nodes.aircraft_topics import (
     Reports,
     places_n,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
+from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output
 
 #: Silence (s) of a needed stream, or time without a map, that ends GO; faultless time for GO.
 _SILENT_S, _GOOD_S = 1.0, 2.0
@@ -47,7 +60,6 @@ _STEP_S = 0.4
 Place = list[float]  # latitude, longitude (deg)
 #: Largest age (s) of the last pose for a picture that was drawn with a predicted pose.
 _LAST_POSE_S = 0.2
-_SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))  # semi-axis of the 95 % ellipse, in sigmas
 #: Least time between markers: those of 2000 targets take 0.4 s of processor time.
 _MARKERS_S = 2.0
 _DIGITS = 8  # of degrees: a millimetre
@@ -57,7 +69,7 @@ _NO_POSITION: Mapping[str, None] = dict.fromkeys(
 _COLOUR = ColorRGBA(r=1.0, g=0.3, b=1.0, a=0.6)
 _TEXT_HEIGHT_M = 1.0
 _LEAST_AXIS_M = 2e-3  # RViz warns of a scale of zero
-_RADIUS = math.sqrt(CHI2_95)
+_RADIUS = math.sqrt(CHI2_95)  # semi-axis of the 95 % ellipse, in sigmas
 #: Inputs of the nodes: topic -> its words for the operator; and the words for overlay_node.
 _CAMERA = {"thermal/image_raw": "The camera", "thermal/image_raw/compressed": "The camera"}
 _GIMBAL = {"gimbal/joint_states": "The gimbal", "gimbal/attitude": "The gimbal"}
@@ -222,10 +234,10 @@ class AircraftView(AircraftTopics):
     ) -> None:
         super().__init__(node, aircraft, terrain, show)
         self._track, self._sent = list[Place](), list[Place]()
-        self.listen("tirgeo/path", self._take_path, 1)
+        self.listen("tirgeo/path", self._take_path, output(1))
         now_s, take = time.monotonic, self.reports.take_findings
-        self.listen("tirgeo/findings", lambda message: take(now_s(), message), 10)
-        self.listen("tirgeo/locate/answer", lambda m: answered(answer_of(m)), 20)
+        self.listen("tirgeo/findings", lambda message: take(now_s(), message), output(10))
+        self.listen("tirgeo/locate/answer", lambda m: answered(answer_of(m)), output())
         self._pixel = self._advertise("tirgeo/locate/pixel", output())
         self.targets = self._advertise("tirgeo/targets", latched())
         self._markers = self._advertise("tirgeo/targets/markers", latched())
@@ -233,18 +245,17 @@ class AircraftView(AircraftTopics):
         self._marked: tuple[object, ...] = ()  # revision of the targets, plane and frame
         self._marked_s = -math.inf
 
-    def _advertise(self, topic: str, qos: QoSProfile) -> Publisher:
+    def _advertise(self, topic: str, qos: QoSProfile) -> Output:
         return self._node.advertise(f"{self._prefix}{topic}", qos, TOPIC_TYPES[topic])
 
     def mark(self, targets: Sequence[Target], revision: int) -> None:
         """Show these targets in RViz while it listens, unless it shows them in this plane."""
         marked, now_s = (revision, self.plane, self.map_frame), time.monotonic()
         soon = now_s - self._marked_s < _MARKERS_S
-        if self.plane is None or soon or marked == self._marked:
+        if self.plane is None or soon or marked == self._marked or not self._markers.is_wanted:
             return
-        if self._markers.get_subscription_count():
-            self._markers.publish(target_markers(self.map_frame, self.plane, targets))
-            self._marked, self._marked_s = marked, now_s
+        self._markers.publish(target_markers(self.map_frame, self.plane, targets))
+        self._marked, self._marked_s = marked, now_s
 
     def _take_path(self, message: Any) -> None:
         if self.plane is not None:
@@ -254,7 +265,7 @@ class AircraftView(AircraftTopics):
     def click(self, stamp: int, u: float, v: float) -> bool:
         """Publish a click; return whether anybody subscribes to clicks."""
         self._pixel.publish(self._node.messages.pixel(stamp, u, v))
-        return bool(self._pixel.get_subscription_count())
+        return self._pixel.is_wanted
 
     def state(self, more_findings: Sequence[Finding]) -> dict[str, Any]:
         """Return the page's state of this aircraft, without ``recording`` and ``sharing``."""
@@ -333,7 +344,7 @@ def position_fields(odometry: Any, plane: TangentPlane, footprint_n: Array) -> d
         "stamp_ns": str(pose.stamp_ns),
         "position": [*_degrees(latitude, longitude), round(height_m, 3)],
         "heading_deg": math.degrees(math.atan2(rotation[1, 0], rotation[0, 0])) % 360,
-        "position_sigma_m": float(semi_axes[0, 0]) / _SIGMA_OF_ELLIPSE,
+        "position_sigma_m": float(semi_axes[0, 0]) / _RADIUS,
         "speed_m_s": float(np.hypot(v_n[0], v_n[1])),
         "above_ground_m": down_m - float(pose.position_n[2]),
     }

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Play a bag onto topics in real time, once its subscribers are there.
 
 It publishes /clock. With ``live`` it shifts all stamps instead, as if the flight were now; then
@@ -23,10 +37,10 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
-from tirgeo_ros.core.config import AircraftConfig, BagPlayerConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError, shown
-from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES, SensedSample, stamp_ns
@@ -143,19 +157,13 @@ def await_readers(
 class SerialAircraft:
     """Simulate an aircraft on a pseudo-terminal, for one program that reads it."""
 
-    def __init__(
-        self,
-        path: str,
-        config: SimulatedAircraftConfig,
-        places: AircraftConfig,
-        topics: Mapping[str, str],
-    ) -> None:
+    def __init__(self, config: BagPlayerConfig, topics: Mapping[str, str]) -> None:
         """Open the port; ``topics`` of the bag, name -> type. Raise DjiError if that fails."""
-        self.terminal = PseudoTerminal(path)
+        self.terminal = PseudoTerminal(config.serial_port)
         self._topics = topics
         self._arrivals = Arrivals()
         self._unreadable: Counter[str] = Counter()
-        self._aircraft = Aircraft(config, places=places)
+        self._aircraft = Aircraft(config.simulated_aircraft, config.aircraft)
 
     def frames(self, reader: BagReader, start_ns: int, shift_ns: int) -> Iterator[Due]:
         """Yield bag times (ns) and the calls that send the frames of that time, stamps shifted."""
@@ -187,8 +195,7 @@ class SerialAircraft:
                 self._unreadable[topic] += 1
                 continue
             sample = self._arrivals.stamped(topic, sample, item.log_time_ns)
-            moved = replace(sample, stamp_ns=sample.stamp_ns + shift_ns)
-            yield item.log_time_ns + shift_ns, moved
+            yield item.log_time_ns + shift_ns, replace(sample, stamp_ns=sample.stamp_ns + shift_ns)
 
 
 class PlayClock:
@@ -203,16 +210,14 @@ class PlayClock:
         self._begin: tuple[float, int] | None = None  # real s, bag ns
         self._next_tick_s = 0.0
 
-    def begin(self, bag_ns: int, in_s: float) -> None:
+    def begin(self, bag_ns: int, in_s: float) -> tuple[float, int]:
         """Start bag time: it is ``bag_ns`` in ``in_s`` seconds. By default the first wait does."""
-        self._begin = (time.monotonic() + in_s, bag_ns)
+        self._begin = time.monotonic() + in_s, bag_ns
+        return self._begin
 
     def wait_until(self, bag_ns: int, stop: threading.Event) -> bool:
         """Sleep and tick until bag time reaches ``bag_ns``; return False if stopped before."""
-        if self._begin is None:
-            self.begin(bag_ns, 0.0)
-            return self.wait_until(bag_ns, stop)
-        begin_s, begin_ns = self._begin
+        begin_s, begin_ns = self._begin or self.begin(bag_ns, 0.0)
         due_s = begin_s + (bag_ns - begin_ns) * 1e-9 / self._rate
         while not stop.is_set():
             now_s = time.monotonic()
@@ -248,8 +253,7 @@ class BagPlayer(GraphNode):
         on_port = aircraft_topics(topics, config.topics) if port else {}
         self._topics = publishers_for(self, topics, config.topics, on_port)
         self._clock_publisher = None if config.live else self.advertise("/clock", output())
-        places = config.simulated_aircraft, config.aircraft
-        self._aircraft = SerialAircraft(port, *places, on_port) if port else None
+        self._aircraft = SerialAircraft(config, on_port) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
         self.report_each_second(list)
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read the aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out.
 
 Two topics of psdk_ros2 need its own message package, psdk_interfaces, and are used only if it is
@@ -9,6 +23,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from typing import Any
 
@@ -19,7 +34,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
-from tirgeo_ros.dji.link.serial_link import LinkWatch, SerialLink
+from tirgeo_ros.dji.link.serial_link import LinkWatch, SerialLink, Totals
 from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
 from tirgeo_ros.dji.sources.psdk import PSDK_TOPICS, PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Reading
@@ -35,7 +50,6 @@ from tirgeo_ros.nodes.runner import run
 _WAIT_S = 0.02
 #: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
-_WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
 #: Topic whose message type may not be installed -> what is missing without it.
 _LOST = {"rtk_yaw": "no rtk/heading", "gps_details": "no accuracy and no kind of fix on gps/fix"}
 #: Without these topics no map can be drawn on the picture.
@@ -48,21 +62,19 @@ _SILENT = (
     "nothing comes from psdk_ros2 on {prefix}*: is its node running and active (it is a lifecycle "
     "node), and is psdk_prefix right?"
 )
+_Take = Callable[[list[Reading]], None]
 
 
 class SerialSource:
     """Read one port and decode its bytes."""
 
-    def __init__(
-        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
-    ) -> None:
+    def __init__(self, node: GraphNode, config: DjiConfig, take: _Take) -> None:
         """Raise DjiError for a key or a table of packages that cannot be used."""
         self._node = node
         self._turn = node.guarded("serial link", self._read)
         self._take = take
-        packages = PackageTable()
-        if config.packages:
-            packages = package_table(load_yaml(config.packages), config.packages)
+        file = config.packages
+        packages = package_table(load_yaml(file), file) if file else PackageTable()
         self._decoder = SerialDecoder(config, packages)
         self._link = SerialLink(config.port, config.baud)
         self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))
@@ -71,12 +83,10 @@ class SerialSource:
 
     def serve(self, stop: threading.Event) -> None:
         """Read until ``stop`` is set. Neither cable faults nor wrong bytes end the loop."""
-        try:
+        with closing(self._link):
             while not stop.is_set():
                 if not self._turn():
                     stop.wait(_WAIT_S)
-        finally:
-            self._link.close()
 
     def _read(self) -> None:
         data = self._link.read(_WAIT_S)
@@ -87,10 +97,11 @@ class SerialSource:
         with self._lock:
             if self._link.openings != self._openings:
                 self._openings = self._link.openings
-                readings += decoder.reopened(arrival_ns)
+                readings += decoder.rescan(arrival_ns)
             readings += decoder.take(data, arrival_ns, now_s, round(self._link.gathered_s * 1e9))
-            counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
-            report = self._watch.look(now_s, self._link.state, self._link.message, *counts)
+            counts = decoder.frames.counts
+            totals = Totals(now_s, counts["bytes"], counts["frames"], decoder.locked)
+            report = self._watch.look(self._link.state, self._link.message, totals)
         self._take(readings)
         if report is not None:
             self._node.log(min(report.level, WARN), report.message)
@@ -102,8 +113,7 @@ class SerialSource:
         if report is None or not report.level:
             return []
         remedy = "check the aircraft, the cable, and the parameters port, baud and key"
-        evidence = report.message
-        return [Finding("serial_link", Severity.CAUTION, evidence, "dji_node port", remedy)]
+        return [Finding("serial_link", Severity.CAUTION, report.message, "dji_node port", remedy)]
 
     def report(self) -> DiagnosticItem:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
@@ -119,22 +129,19 @@ class SerialSource:
 class PsdkSource:
     """Subscribe to psdk_ros2 and pass the readings of its messages to ``take``."""
 
-    def __init__(
-        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
-    ) -> None:
+    def __init__(self, node: GraphNode, config: DjiConfig, take: _Take) -> None:
         """Raise ConfigError for a prefix that is no valid topic name."""
         self._node, self._take = node, take
         self._decoder = PsdkDecoder()
         self._prefix = _checked(config.psdk_prefix)
         self._received_s = time.monotonic()
         self._logged: list[str] = []
-        missing = [topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic].typename)]
+        missing = [topic for topic in _LOST if not _is_installed(PSDK_TOPICS[topic][0])]
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
-        for topic in PSDK_TOPICS:
+        for topic, (typename, _) in PSDK_TOPICS.items():
             if topic not in missing:
-                name, typename = self._prefix + topic, PSDK_TOPICS[topic].typename
                 handle = partial(self.handle, topic)
-                node.listen(name, handle, sensor_input(), typename)
+                node.listen(self._prefix + topic, handle, sensor_input(), typename)
         for topic in _NEEDED:
             node.monitor.expects(self._prefix + topic)
         self._timer = node.steady_timer("waiting for flags", _DUE_S, self._due)
@@ -163,7 +170,7 @@ class PsdkSource:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._received_s = time.monotonic()
         arrival_ns = self._node.now_ns
-        sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
+        sent_ns = 0 if topic.endswith("_info") else stamp_ns(message)  # flags have no header
         self._take(self._decoder.take(topic, message, sent_ns, arrival_ns))
 
     def _due(self) -> None:

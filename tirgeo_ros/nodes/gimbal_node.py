@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Compose the camera's pose: the body's pose and the gimbal's angles in; the camera's pose out."""
 
 from __future__ import annotations
@@ -44,12 +58,12 @@ class GimbalNode(GraphNode):
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)
         self._transforms = Transforms(self, config)
-        self.listen("tirgeo/odometry", self._take_body, stream, raw=True)
+        self.listen("tirgeo/odometry", self._take_body, stream)
         self.monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
-            self.listen("gimbal/joint_states", self._take_joints, sensor_input(), raw=True)
-        self.listen("gimbal/attitude", self._take_attitude, sensor_input(), raw=True)
-        self.listen("imu/data", self._take_autopilot, sensor_input(), raw=True, decoded=False)
+            self.listen("gimbal/joint_states", self._take_joints, sensor_input())
+        self.listen("gimbal/attitude", self._take_attitude, sensor_input())
+        self.listen("imu/data", self._take_autopilot, sensor_input(), decoded=False)
         self._logged_composition = ""
         self.report_each_second(
             self._items,
@@ -96,10 +110,10 @@ class GimbalNode(GraphNode):
 
     def _publish(self, poses: list[CameraPose]) -> None:
         for pose in poses:
-            message = self.cdr_messages.camera_pose(pose)
-            self.publish_bytes(self._camera_pose, "tirgeo/camera_pose", message)
             self._transforms.camera(pose, self._composer.body_at)
-            self.monitor.published("tirgeo/camera_pose", 1e-9 * (self.now_ns - pose.stamp_ns))
+            if self._camera_pose.is_wanted:
+                self._camera_pose.publish(self.messages.camera_pose(pose))
+                self.monitor.published("tirgeo/camera_pose", 1e-9 * (self.now_ns - pose.stamp_ns))
 
     def _items(self) -> list[DiagnosticItem]:
         composition = self._composer.composition

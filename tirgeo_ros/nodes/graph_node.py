@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define what nodes share: topics with their QoS, guarded callbacks, a log, reports."""
 
 from __future__ import annotations
@@ -28,7 +42,6 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError, shown
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import (
     FINDINGS_TOPIC,
     STATE_TOPIC,
@@ -37,6 +50,8 @@ from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
 )
+from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.json_codec import findings_text, state_text
 from tirgeo_ros.io.messages.topics import OUTPUT_DEPTH, STREAM_DEPTH, TF_DEPTH
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
@@ -79,6 +94,23 @@ def message_class(typename: str) -> type:
         raise ConfigError(f"message type {typename} is not installed") from None
 
 
+class Output:
+    """Publish messages of our own classes, which are encoded as those of a bag are, or rclpy's."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+
+    def publish(self, message: Any) -> None:
+        """Publish a message, or its bytes."""
+        is_ours = hasattr(message, "__msgtype__")
+        self._publisher.publish(Cdr.serialize(message) if is_ours else message)
+
+    @property
+    def is_wanted(self) -> bool:
+        """Return whether someone subscribes."""
+        return self._publisher.get_subscription_count() > 0
+
+
 def topic_names(listed: str) -> list[str]:
     """Return the relative names in a list separated by commas."""
     return [name.strip().lstrip("/") for name in listed.split(",") if name.strip()]
@@ -87,8 +119,7 @@ def topic_names(listed: str) -> list[str]:
 class GraphNode(Node):
     """Serve as the base of the nodes.
 
-    ``messages`` builds ROS messages; ``monitor`` counts what comes and goes. For a stream,
-    ``cdr_messages`` builds messages for ``publish_bytes``, in half the time.
+    ``messages`` builds messages for the outputs; ``monitor`` counts what comes and goes.
     """
 
     _parameters_of_kind: LiveParameters[Any] | None = None
@@ -96,8 +127,7 @@ class GraphNode(Node):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self._cdr = Cdr()
-        self.messages = Messages(message_class)
-        self.cdr_messages = Messages(self._cdr.types)
+        self.messages = Messages()
         self.monitor = Monitor()
 
     def configured(self, kind: type[T], take: Callable[[T], None] = unchanging) -> T:
@@ -109,8 +139,7 @@ class GraphNode(Node):
         self._parameters_of_kind = LiveParameters(self, kind, take)
         config = self._parameters_of_kind.config
         if isinstance(config, FramesConfig):
-            self.messages = Messages(message_class, config.frame_ids)
-            self.cdr_messages = Messages(self._cdr.types, config.frame_ids)
+            self.messages = Messages(config.frame_ids)
         return config
 
     def set_parameters_atomically(self, parameter_list: Sequence[Parameter]) -> Any:
@@ -125,7 +154,8 @@ class GraphNode(Node):
     @property
     def now_ns(self) -> int:
         """Return the time of the node's clock (ns)."""
-        return int(self.get_clock().now().nanoseconds)
+        clock = self.get_clock()
+        return int(clock.now().nanoseconds) if clock.ros_time_is_active else time.time_ns()
 
     def log(self, level: int, text: str) -> None:
         """Log a text with the severity of a diagnostic level."""
@@ -179,16 +209,12 @@ class GraphNode(Node):
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         return self.create_timer(period_s, self.guarded(name, work), clock=clock)
 
-    def advertise(self, topic: str, qos: QoSProfile, typename: str = "") -> Publisher:
-        """Return a publisher of a contract topic whose QoS a parameter can override."""
+    def advertise(self, topic: str, qos: QoSProfile, typename: str = "") -> Output:
+        """Return an output to a contract topic whose QoS a parameter can override."""
         options = QoSOverridingOptions.with_default_policies()
         kind = message_class(typename or TOPIC_TYPES[topic])
         with _overrides():
-            return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
-
-    def publish_bytes(self, publisher: Publisher, topic: str, message: object) -> None:
-        """Publish a message that ``cdr_messages`` has built, encoded like a message of a bag."""
-        publisher.publish(self._cdr.serialize(message, TOPIC_TYPES[topic]))
+            return Output(self.create_publisher(kind, topic, qos, qos_overriding_options=options))
 
     def listen(
         self,
@@ -198,17 +224,17 @@ class GraphNode(Node):
         typename: str = "",
         wrapped: Callable[[Callable[[Any], None]], Callable[..., None]] | None = None,
         *,
-        raw: bool = False,
         decoded: bool = True,
     ) -> Subscription:
         """Return a subscription to a contract topic; a failing callback does not end the node.
 
         ``typename`` is for a topic outside the contract. ``wrapped`` makes the callback from the
-        function that takes a message. With ``raw`` that function takes bytes; they are decoded
-        before ``handle``, five times as fast as by rclpy, unless ``decoded`` is false.
+        function that takes the message's bytes. They are decoded before ``handle``, faster than by
+        rclpy, unless ``decoded`` is false; rclpy decodes a type that is none of Jazzy's.
         """
         typename = typename or TOPIC_TYPES[topic]
         kind, cdr = message_class(typename), self._cdr
+        raw = typename in cdr
         decodes = raw and decoded
         work = (lambda data: handle(cdr.deserialize(data, typename))) if decodes else handle
         take = self.guarded(topic, work)
@@ -267,7 +293,8 @@ class GraphNode(Node):
                 own = items()
             finally:  # if ``items()`` raises, the monitor's item reports it
                 name = self.get_fully_qualified_name()
-                self._findings.publish(self.messages.findings(name, self.now_ns, findings()))
+                text = findings_text(name, self.now_ns, findings())
+                self._findings.publish(self.messages.text(text))
                 self.report([*own, self.monitor.report(self.item_name("topics"))])
 
         self._report_timer = self.steady_timer("diagnostics", _REPORT_S, report)
@@ -278,7 +305,7 @@ class GraphNode(Node):
         own = {name: field() for name, field in self._state_fields.items()}
         node, started_ns = self.get_fully_qualified_name(), self.monitor.started_ns
         state = NodeState(node, self.now_ns, started_ns, self.monitor.topics(), **own)
-        self._state.publish(self.messages.state(state))
+        self._state.publish(self.messages.text(state_text(state)))
 
 
 def with_info(work: Callable[[Any, Any], None]) -> Callable[..., None]:
@@ -304,8 +331,8 @@ class Transforms:
 
     def __init__(self, node: GraphNode, config: TransformsConfig) -> None:
         self._node = node
-        self._tf: Publisher | None = None
-        self._tf_static: Publisher | None = None
+        self._tf: Output | None = None
+        self._tf_static: Output | None = None
         if not config.publish_tf:
             return
         try:
@@ -323,15 +350,20 @@ class Transforms:
             transforms = messages.fixed_transforms(aircraft, self._node.now_ns)
             self._tf_static.publish(messages.tf(transforms))
 
+    @property
+    def are_heard(self) -> bool:
+        """Return whether someone listens to the transforms."""
+        return self._tf is not None and self._tf.is_wanted
+
     def body(self, pose: BodyPose) -> None:
         """Publish map -> base_link."""
-        if self._tf is not None and self._tf.get_subscription_count():
+        if self._tf is not None and self.are_heard:
             messages = self._node.messages
             self._tf.publish(messages.tf([messages.body_transform(pose)]))
 
     def camera(self, pose: CameraPose, body_at: Callable[[int], BodyPose | Miss]) -> None:
         """Publish base_link -> camera; ``body_at`` gives the body's pose at a stamp (ns)."""
-        if self._tf is not None and self._tf.get_subscription_count():
+        if self._tf is not None and self.are_heard:
             messages, body = self._node.messages, body_at(pose.stamp_ns)
             if not isinstance(body, Miss):
                 self._tf.publish(messages.tf([messages.camera_transform(body, pose)]))

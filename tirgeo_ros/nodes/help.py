@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Print ``NODE --help``, without ROS: what a node does, and its parameters."""
 
 from __future__ import annotations
@@ -38,9 +52,7 @@ def _parameter(parameter: Parameter) -> str:
     unit = f" {parameter.unit}" if parameter.unit and value not in NONE else ""
     live = "  [in flight]" if parameter.live else ""
     choices = f" ({', '.join(parameter.choices)})" if parameter.choices else ""
-    text = textwrap.fill(
-        parameter.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
-    )
+    text = textwrap.indent(textwrap.fill(parameter.description + choices, 93), " " * 6)
     return f"  {parameter.name}  {value}{unit}{live}\n{text}"
 
 

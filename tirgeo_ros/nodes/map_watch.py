@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read the map while a node runs, and again when its files change: for pictures and pages."""
 
 from __future__ import annotations
@@ -179,8 +193,7 @@ class PageMap:
             if state != self._state:
                 self._state, self._body, self.error = state, b"", ""
                 try:
-                    content = self._child.answer(self._map_text, "page", self._map_text)
-                    self._body = bytes(content)
+                    self._body = self._child.answer(self._map_text, "page", self._map_text)
                     self._child.close()
                 except TirgeoError as error:
                     self.error = str(error)

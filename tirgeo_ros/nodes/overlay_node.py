@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Draw the map on the video: frames, camera poses and the map's origin in; pictures out."""
 
 from __future__ import annotations
@@ -21,24 +35,23 @@ from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult
 from tirgeo_ros.core.streams.stamps import Arrivals, RateLimit
 from tirgeo_ros.core.types.errors import shown
-from tirgeo_ros.core.types.finding import Severity, sorted_findings, verdict_line
+from tirgeo_ros.core.types.finding import Severity, verdict_line
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     FINDINGS_TOPIC,
     STATE_TOPIC,
     DiagnosticItem,
     PictureState,
-    camera,
     camera_pose,
-    compressed_pixels,
     findings_of,
-    image_pixels,
     node_state,
     pixel,
     stamp_ns,
     tangent_plane,
     targets_of,
 )
+from tirgeo_ros.io.messages.json_codec import answer_text
+from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
@@ -69,12 +82,11 @@ class OverlayNode(GraphNode):
         self._config = self.configured(OverlayConfig, self._reconfigure)
         if not self._config.map:
             self.log(OK, "no map is given: clicks are answered, no lines are drawn")
-        layers = None if self._config.map else ()
         ground = unless_stopped(partial(ground_of, self._config))
         for note in ground.notes if isinstance(ground, Terrain) else ():
             self.log(WARN, f"{self._config.dem}: {note}")
         terrain = ground if isinstance(ground, Terrain) else None
-        self._overlay = Overlay(self._config, layers, terrain)
+        self._overlay = Overlay(self._config, None if self._config.map else (), terrain)
         self._map_checks = MapChecks(ground)
         self._picture_checks = PictureChecks(
             self._config, ground, given_names(self, OverlayConfig)
@@ -122,8 +134,7 @@ class OverlayNode(GraphNode):
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
-            counted = partial(self._frames.counting, topic)
-            self.listen(topic, take_frame, frames, wrapped=counted)
+            self.listen(topic, take_frame, frames, wrapped=partial(self._frames.counting, topic))
         set_targets = self._overlay.clicks.set_targets
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
@@ -152,7 +163,7 @@ class OverlayNode(GraphNode):
 
     def _take_pose(self, message: Any) -> None:
         pose = camera_pose(message)
-        self._overlay.add_pose(pose)
+        self._overlay.poses.add(pose)
         self._release()
         self._setup.take(self._picture_checks.pose, pose)
 
@@ -172,8 +183,8 @@ class OverlayNode(GraphNode):
     def _take_click(self, message: Any) -> None:
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
-        if self._answer.get_subscription_count():
-            self._answer.publish(self.messages.answer(answer))
+        if self._answer.is_wanted:
+            self._answer.publish(self.messages.text(answer_text(answer)))
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
             self._point.publish(self.messages.located_point(answer))
@@ -193,8 +204,7 @@ class OverlayNode(GraphNode):
         node, _, findings = findings_of(message)
         if node not in self._verdicts and len(self._verdicts) >= _MOST_NODES:
             return
-        worst = sorted_findings(findings)[:1]
-        severity = worst[0].severity if worst else Severity.NOTE
+        severity = max((finding.severity for finding in findings), default=Severity.NOTE)
         self._verdicts[node] = DrawingVerdict(severity, shown(verdict_line(findings)))
         self._overlay.verdict = max(self._verdicts.values(), key=lambda verdict: verdict.severity)
 
@@ -223,9 +233,9 @@ class OverlayNode(GraphNode):
             self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
-        if self._image.get_subscription_count():
+        if self._image.is_wanted:
             self._image.publish(self.messages.image(result.stamp_ns, result.image))
-        if self._jpeg.get_subscription_count() and self._jpeg_rate.due(result.stamp_ns):
+        if self._jpeg.is_wanted and self._jpeg_rate.due(result.stamp_ns):
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
             jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
             self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
@@ -241,9 +251,9 @@ class OverlayNode(GraphNode):
         The footprint of a picture without a trusted pose is empty, so that no viewer keeps an old
         one.
         """
-        if result.camera is not None and self._info.get_subscription_count():
+        if result.camera is not None and self._info.is_wanted:
             self._info.publish(self.messages.camera_info(result.camera, result.stamp_ns))
-        if self._footprint.get_subscription_count() and self._footprint_rate.due(result.stamp_ns):
+        if self._footprint.is_wanted and self._footprint_rate.due(result.stamp_ns):
             outline_n = self._overlay.painter.footprint(result.pose)
             self._footprint.publish(self.messages.footprint(result.stamp_ns, outline_n))
 
@@ -255,8 +265,7 @@ class OverlayNode(GraphNode):
         overlay, clicks = self._overlay, self._overlay.clicks.counts
         counts = overlay.counts | {"waiting": len(overlay.frames)} | self.resources.counts
         counts |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
-        frames = {"frames_sent": self._frames.sent, "frames_missed": self._frames.missed}
-        return counts | frames
+        return counts | {"frames_sent": self._frames.sent, "frames_missed": self._frames.missed}
 
     def _picture_state(self) -> PictureState:
         config, newest_ns = self._config, self._frames.newest_ns

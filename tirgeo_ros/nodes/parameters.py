@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check a node's command line and files; declare the dataclasses as ROS parameters; set them.
 
 rcl's errors are rewritten, because they name neither the key nor a remedy.
@@ -57,8 +71,7 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
     named = dict(rule.split(":=", 1) for rule in rules)
     name, namespace = named.get("__node", name), named.get("__ns", "")
     for path in parameter_files(arguments) if name in NODE_CONFIGS else ():
-        values = ParameterFile(path).values(name, namespace)
-        for key, value in values.items():
+        for key, value in ParameterFile(path).values(name, namespace).items():
             if isinstance(value, list) and len({type(item) for item in value}) > 1:
                 raise ConfigError(
                     f"{path}: parameter {key}: ROS takes lists of one type only: "

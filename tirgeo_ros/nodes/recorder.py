@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Record topics of the running graph into a bag, byte for byte, until it is stopped.
 
 A process that is killed leaves a bag that can be read up to its last second or so.
@@ -42,8 +56,7 @@ class Recorder(GraphNode):
         unknown = [name for name in topics if name not in _CONTRACT]
         if unknown or not topics:
             fault = f"unknown: {', '.join(unknown)}" if unknown else "it is empty"
-            names = ", ".join(_CONTRACT)
-            raise ConfigError(f"parameter topics: {fault}: choose from {names}")
+            raise ConfigError(f"parameter topics: {fault}: choose from {', '.join(_CONTRACT)}")
         for name in topics:
             self._record(_CONTRACT[name])
         self.resources = BagWriter(Path(config.output), growing=True)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Record aircraft, bag and video, each by a child process of viewer_node, as live streams are."""
 
 from __future__ import annotations
@@ -14,6 +28,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -22,8 +37,9 @@ from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.config.viewer_parameters import GroundConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.missing_package import missing_line
 from tirgeo_ros.io.files.child_process import node_command
-from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.video.live_stream import stream_url
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
@@ -34,17 +50,11 @@ _POLL_S = 0.05
 _RETRY_S = 5.0
 _MEET_S = 5.0  # until a node that has just started has discovered a camera
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
-#: Topics of a recording. The overlay only as JPEG: overlay_node would have to make the raw form
-#: for the recording alone.
-TOPICS = (
-    *SENSED_TOPICS,
-    *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
-    *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
-    *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
-    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
-    "/diagnostics",
-)
 _TF = ("/tf", "/tf_static")
+#: Not in every recording. The overlay only as JPEG: overlay_node would have to make the raw form
+#: for the recording alone.
+_LEFT_OUT = {_RAW, _COMPRESSED, "tirgeo/overlay/image", "tirgeo/targets/markers", "/clock", *_TF}
+TOPICS = [topic for topic in TOPIC_TYPES if topic not in _LEFT_OUT]
 
 
 class ChildNode:
@@ -104,12 +114,16 @@ def _assignment(name: str, value: object) -> list[str]:
     return ["-p", f"{name}:={json.dumps(str(value), ensure_ascii=False)}"]
 
 
+def no_video() -> str:
+    """Return why this computer can write no video; empty if it can."""
+    return f"no video: {missing_line('av')}" if find_spec("av") is None else ""
+
+
 @dataclass
 class Recording:
-    """Hold one recording: its files, and the processes that write them."""
+    """Hold one recording: its bag, and the processes that write it and the video."""
 
     bag: Path
-    video: Path
     children: list[ChildNode]
 
     @property
@@ -168,8 +182,11 @@ class Recordings:
                 return f"not recorded: {trouble}"
             self._active[aircraft] = new
             self.troubles.pop(aircraft, None)
-        self._node.log(OK, f"recording to {new.bag} and {new.video}")
-        return f"recording to {new.bag}"
+        trouble = no_video()
+        video = f"; {trouble}" if trouble else f" and {new.bag.with_suffix('.ts').name}"
+        words = f"recording to {new.bag}{video}"
+        self._node.log(OK, words)
+        return words
 
     def go_on(self, aircraft: str) -> None:
         """Record an aircraft again, into new files: the last run was killed while recording it."""
@@ -244,12 +261,13 @@ class Recordings:
         topics = [*TOPICS, _COMPRESSED if compressed else _RAW]
         with suppress(ConfigError):  # tf2_msgs is not installed everywhere
             topics += [topic for topic in _TF if message_class(TOPIC_TYPES[topic])]
-        programs = {
-            "recorder": {"output": bag, "topics": ",".join(topics)},
-            "video_writer": {"output": video, "platform": aircraft} | ground_values(self._config),
-        }
+        programs: dict[str, dict[str, object]]
+        programs = {"recorder": {"output": bag, "topics": ",".join(topics)}}
+        if not no_video():
+            ground = ground_values(self._config)
+            programs["video_writer"] = {"output": video, "platform": aircraft} | ground
         children = [ChildNode(self._node, *each, namespace) for each in programs.items()]
-        return Recording(bag, video, children)
+        return Recording(bag, children)
 
 
 def _wait(done: Callable[[], object], timeout_s: float) -> None:
@@ -270,8 +288,12 @@ class PageStreams:
     ) -> None:
         self.troubles: dict[str, str] = {}
         self._node, self._config, self._namespaces = node, config, namespaces
-        if config.stream:
+        self._on = bool(config.stream)
+        if self._on:
             stream_url(config.stream)
+            if trouble := no_video():
+                self._on, self.troubles = False, dict.fromkeys(namespaces, trouble)
+                node.log(WARN, f"parameter stream: {trouble}")
         self._children: dict[str, ChildNode] = {}
         self._retry_s = 0.0
 
@@ -282,7 +304,7 @@ class PageStreams:
 
     def watch(self) -> None:
         """Start each stream that does not run; call it each second, in one thread that stays."""
-        if not self._config.stream or time.monotonic() < self._retry_s:
+        if not self._on or time.monotonic() < self._retry_s:
             return
         for number, (name, namespace) in enumerate(self._namespaces.items()):
             fault = self._children[name].fault if name in self._children else ""

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run a node's checks of its set-up and of the graph around it, for its reports and its log.
 
 The topics that a node needs must be published, by one publisher and with the right type. Nodes
@@ -8,7 +22,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -37,6 +51,8 @@ _KEPT_REPORTS = 10
 _SETTLED = 10
 #: Reports to wait for a topic: nodes discover each other within 4 s (at the start of a graph).
 _PATIENCE = 5
+#: Data that the checks take at once: one alone finds the processor's caches cold.
+_TOGETHER = 10
 
 
 class OtherPublishers:
@@ -92,12 +108,10 @@ class Restarts:
         """Return one finding for each node that was started again."""
         findings = []
         for node, starts in sorted(self.starts.items()):
-            if len(starts) > 1:
-                recent = time.monotonic() - max(starts.values()) < RECENT_S
-                case = "recent" if recent else ""
-                findings.append(
-                    finding("restarts_of_{topic}", case, topic=node, number=len(starts) - 1)
-                )
+            again = len(starts) - 1
+            if again > 0:
+                case = "recent" if time.monotonic() - max(starts.values()) < RECENT_S else ""
+                findings.append(finding("restarts_of_{topic}", case, topic=node, number=again))
         return findings
 
 
@@ -119,9 +133,20 @@ class SetupChecks:
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
         self._quiet = 0  # reports with data and nothing worse than a note
-        #: ``take(checks.pose, pose)`` passes new data to a check.
-        self.take = node.guarded(SUBJECT, lambda check, *data: check(*data))
+        self._waiting: list[tuple[Callable[..., object], tuple[Any, ...]]] = []
+        self._pass = node.guarded(SUBJECT, lambda check, *data: check(*data))
         self._renew = node.guarded(SUBJECT, self._ask)
+
+    def take(self, check: Callable[..., object], *data: Any) -> None:
+        """Pass new data to a check, soon: some wait for each other."""
+        self._waiting.append((check, data))
+        if len(self._waiting) >= _TOGETHER:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for check, data in waiting:
+            self._pass(check, *data)
 
     def findings(self) -> list[Finding]:
         """Return the findings of the last ``report``, the worst first."""
@@ -129,6 +154,7 @@ class SetupChecks:
 
     def report(self) -> DiagnosticItem:
         """Ask the checks, log a change of the verdict, and return the item for diagnostics."""
+        self._pass_on()
         self._renew()
         findings = self.findings()
         worst = findings[0].severity if findings else Severity.NOTE

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define the executables; block the stop signals before anything slow is imported.
 
 A stop signal that comes while modules load, or a second one shortly after the first, must not end
@@ -12,10 +26,11 @@ import importlib
 import os
 import signal
 import sys
+from contextlib import suppress
 from functools import partial
 
-from tirgeo_ros.io.files.child_process import stop_signals
-from tirgeo_ros.io.files.missing_package import missing_line
+from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.io.files.stop_signals import stop_signals
 
 STOP_SIGNALS = stop_signals()
 #: Parameters of mallopt (malloc.h), and values that keep some tens of pictures of 1 MB.
@@ -53,12 +68,10 @@ def keep_memory() -> None:
     page by page. Without a large block in memory that costs over a thousand page faults per
     picture, and half of the time that it takes to pass a picture on.
     """
-    try:
+    with suppress(AttributeError):  # no glibc
         mallopt = ctypes.CDLL(None).mallopt
-    except AttributeError:
-        return  # no glibc
-    mallopt(_TRIM_THRESHOLD, _TRIM_BYTES)
-    mallopt(_MMAP_THRESHOLD, _MMAP_BYTES)
+        mallopt(_TRIM_THRESHOLD, _TRIM_BYTES)
+        mallopt(_MMAP_THRESHOLD, _MMAP_BYTES)
 
 
 # The executables of setup.py.

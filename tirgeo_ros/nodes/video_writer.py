@@ -1,9 +1,22 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write the overlay as H.264 with MISB metadata: into a file, or live over UDP."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
@@ -39,17 +52,12 @@ class VideoWriter(GraphNode):
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
         self._aircraft = AircraftTopics(self, "", terrain_of(config), self._take)
-        self.resources = self._open()
         self.report_each_second(self._items)
-
-    @contextmanager
-    def _open(self) -> Iterator[None]:
-        with ExitStack() as ends:
-            if self._stream is not None:
-                ends.callback(self._stream.close)
-            if self._film is not None:
-                ends.enter_context(self._film)
-            yield
+        self.resources = ExitStack()
+        if self._stream is not None:
+            self.resources.callback(self._stream.close)
+        if self._film is not None:
+            self.resources.enter_context(self._film)
 
     def _take(self, stamp_ns: int, jpeg: bytes) -> None:
         exposure_ns = self._aircraft.exposure_ns(stamp_ns)

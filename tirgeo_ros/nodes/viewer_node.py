@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Serve the operator's page: video, clicks, targets, map and checks, for any tablet."""
 
 from __future__ import annotations
@@ -13,7 +27,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
@@ -29,9 +43,12 @@ from tirgeo_ros.core.ground.ground_point import (
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, TargetError, shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
+from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.io.coordinates.crs import has_mgrs
 from tirgeo_ros.io.files.child_process import parent_ended
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.messages import DiagnosticItem, body_pose
+from tirgeo_ros.io.messages.json_codec import targets_text
 from tirgeo_ros.io.targets.cot_events import AircraftState
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_topics import ODOMETRY, terrain_of
@@ -42,10 +59,11 @@ from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.recordings import PageStreams, Recordings
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.page.actions import Click, Pixel
-from tirgeo_ros.page.cot.address import CotParameters
-from tirgeo_ros.page.cot.link import CotLink
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
+
+if TYPE_CHECKING:
+    from tirgeo_ros.page.cot.link import CotLink
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
 _SECRET_BYTES = 1000
@@ -73,17 +91,24 @@ class TeamLink:
         self.link: CotLink | None = None
         self.findings: list[Finding] = []
         if config.cot:
-            files = config.cot_certificate, config.cot_key, config.cot_ca
-            parameters = CotParameters(config.cot, *files, config.cot_password)
-            self.link = CotLink(parameters, partial(node.log, OK))
+            try:
+                from tirgeo_ros.page.cot.link import CotLink  # noqa: PLC0415  PyTAK is an extra
+
+                self.link = CotLink(config, partial(node.log, OK))
+            except ModuleNotFoundError as error:
+                evidence = f"nothing is sent to the team: {missing_line(str(error.name))}"
+                node.log(WARN, evidence)
+                self._find(evidence, "install it, then start again")
 
     def go_on(self) -> None:
         """Share again, as before the last run was killed; without a link, report that it ended."""
         if self.link is not None:
             self.link.share(True)
-            return
-        evidence = "sharing has ended: it was on when viewer_node was killed; cot is not set now"
-        mend = "set cot to the address that it had, and start again"
+        elif not self.findings:
+            end = "sharing has ended: it was on when viewer_node was killed; cot is not set now"
+            self._find(end, "set cot to the address that it had, and start again")
+
+    def _find(self, evidence: str, mend: str) -> None:
         self.findings = [Finding("sharing", Severity.CAUTION, evidence, "viewer_node cot", mend)]
 
     @property
@@ -133,15 +158,10 @@ class PageBackend:
         recordings: Recordings,
         cot: CotLink | None,
     ) -> None:
-        self._aircraft, self._targets, self._map = aircraft, targets, page_map
+        self._aircraft, self.targets, self._map = aircraft, targets, page_map
         self._recordings, self._cot = recordings, cot
         self._lock = threading.Lock()
         self._waiting: defaultdict[_Key, list[asyncio.Future[Answer]]] = defaultdict(list)
-
-    @property
-    def targets(self) -> TargetStore:
-        """Return the store of targets."""
-        return self._targets
 
     async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
@@ -191,7 +211,7 @@ class PageBackend:
     async def _kept(self, what: str, on: bool) -> str:
         """Save what is on, for the next run if this one is killed; return why that failed."""
         try:
-            await asyncio.to_thread(self._targets.switch, what, on)
+            await asyncio.to_thread(self.targets.switch, what, on)
         except TargetError as error:
             return f"; after a crash it will not go on: {error}"
         return ""
@@ -230,6 +250,8 @@ class ViewerNode(GraphNode):
         self._map = PageMap(self, config.map)
         self._targets = TargetStore(Path(config.targets))  # last: others may be wrong
         self._lost = lost_clicks(self._targets.lost_clicks)
+        if not has_mgrs():
+            self.log(OK, f"no MGRS coordinates: {missing_line('mgrs')}")
         self._backend = PageBackend(
             self._aircraft, self._targets, self._map, self._recordings, self._team.link
         )
@@ -300,7 +322,7 @@ class ViewerNode(GraphNode):
         revision = self._targets.revision
         if revision != self._revision:
             self._drawn = self._targets.all()
-            message = self.messages.targets(self._drawn)
+            message = self.messages.text(targets_text(self._drawn))
             for view in self._aircraft.values():
                 view.targets.publish(message)
             self._server.targets_changed()

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Decide who may use the page, and how much: name, origin, token, session, role, shares.
 
 Each request is checked before anything answers it, and each answer gets the security headers.
@@ -18,6 +32,7 @@ import socket
 import time
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Any
 
 from aiohttp import web
@@ -138,11 +153,10 @@ class Access:
             if request.method not in {"GET", "HEAD"} or is_websocket(request):
                 return "the request names no origin"
             site = request.headers.get("Sec-Fetch-Site", "")
-            if request.path != "/" and site not in _SAME_SITE:
-                return "the request comes from another site"
-        elif origin != f"{self.scheme}://{host}":
-            return "the request comes from another site"
-        return ""
+            is_foreign = request.path != "/" and site not in _SAME_SITE
+        else:
+            is_foreign = origin != f"{self.scheme}://{host}"
+        return "the request comes from another site" if is_foreign else ""
 
     def _is_own(self, host: str) -> bool:
         """Return whether a Host header is an address or a name of this server.
@@ -153,7 +167,7 @@ class Access:
         if match is None or int(match[2] or 0) > 65535:
             return False
         name = match[1].strip("[]").lower()
-        return name in self._names or _is_address(name)
+        return name in self._names or _address(name) is not None
 
     def role(self, request: web.Request) -> str | None:
         """Return the role of a request's sender; None without a valid session."""
@@ -210,17 +224,15 @@ def is_websocket(request: web.Request) -> bool:
 
 def is_loopback(host: str) -> bool:
     """Return whether only this computer can reach a host."""
-    return host in _LOOPBACK_NAMES or (
-        _is_address(host) and ipaddress.ip_address(host).is_loopback
-    )
+    address = _address(host)
+    return host in _LOOPBACK_NAMES or (address is not None and address.is_loopback)
 
 
-def _is_address(host: str) -> bool:
-    try:
-        ipaddress.ip_address(host)
-    except ValueError:
-        return False
-    return True
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """Return the IP address that a host is written as; None for a name."""
+    with suppress(ValueError):
+        return ipaddress.ip_address(host)
+    return None
 
 
 def _same(own: str, offered: str) -> bool:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read the requests of pages, do them and answer; write targets in the form that pages get."""
 
 from __future__ import annotations
@@ -63,30 +77,22 @@ class Backend(Protocol):
     are called in threads. A refusal is a text for the operator.
     """
 
+    targets: TargetStore
+
     async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
-        ...
 
     async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
         """Return where a place is in the newest picture, or why it isn't there."""
-        ...
 
     async def record(self, aircraft: str, on: bool) -> str:
         """Begin or end a recording; return words for the operator."""
-        ...
 
     async def share(self, on: bool) -> str:
         """Begin or end to send Cursor-on-Target; return words for the operator."""
-        ...
 
     def vector_map(self, aircraft: str) -> bytes:
         """Return the map as GeoJSON in WGS84; empty without one."""
-        ...
-
-    @property
-    def targets(self) -> TargetStore:
-        """Return the store of targets."""
-        ...
 
 
 class RequestError(ValueError):
@@ -181,7 +187,7 @@ _request_name = _text(40, 1)
 def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
     """Return a request's own name, its type and its fields; raises RequestError."""
     try:
-        fields = json.loads(text, parse_constant=_refuse_constant)
+        fields = json.loads(text, parse_constant=int)  # which refuses NaN and Infinity
     except (ValueError, RecursionError):
         raise RequestError("a request is JSON") from None
     if not isinstance(fields, dict):
@@ -206,10 +212,6 @@ def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
     except ValueError as error:
         raise RequestError(f"{kind}: {field} must be {error}", name) from None
     return name, kind, fields
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(name)
 
 
 class Actions:
@@ -255,8 +257,7 @@ class Actions:
     async def _click(
         self, aircraft: str, stamp_ns: int, u: float, v: float, kind: str, refine: str | None
     ) -> dict[str, Any]:
-        feed = self._feed(aircraft)
-        cut_out = feed.cut_out(stamp_ns, u, v)  # now: the picture may soon be gone
+        cut_out = self._feed(aircraft).cut_out(stamp_ns, u, v)  # now: the picture may soon be gone
         click = Click(aircraft, stamp_ns, u, v)
         try:
             place = await asyncio.wait_for(self._backend.click(click), _CLICK_S)
@@ -345,8 +346,7 @@ def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict
     texts = dict.fromkeys(sent.keys() - now.keys(), "")
     for id_, (target, others) in now.items():
         if sent.get(id_) != (target, others):
-            fields = target_fields(target, undulation_m) | {"alternatives": others}
-            texts[id_] = json.dumps(fields)
+            texts[id_] = json.dumps(target_fields(target, undulation_m) | {"alternatives": others})
     sent.clear()
     sent.update(now)
     return texts

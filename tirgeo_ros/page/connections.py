@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Accept connections, and end those that are too many, too slow or send too many bytes."""
 
 from __future__ import annotations
@@ -214,15 +228,10 @@ class Listener:
 
     def __init__(self) -> None:
         #: Role and owner of each, the oldest first.
-        self._owners: dict[Connection, tuple[str | None, str]] = {}
+        self.owners: dict[Connection, tuple[str | None, str]] = {}
         self._idle: set[Connection] = set()  # those without a whole request
         self.served: dict[Any, Connection] = {}  # by transport, after any handshake
         self.refused = 0
-
-    @property
-    def connections(self) -> int:
-        """Return how many there are now."""
-        return len(self._owners)
 
     async def open(
         self, listening: socket.socket, http: web.Server, tls: ssl.SSLContext | None
@@ -236,7 +245,7 @@ class Listener:
 
     def close(self) -> None:
         """End all connections."""
-        for connection in [*self._owners]:
+        for connection in [*self.owners]:
             connection.abort()
 
     def opened(self, connection: Connection, address: str) -> None:
@@ -251,7 +260,7 @@ class Listener:
 
     def closed(self, connection: Connection) -> None:
         """Forget a connection."""
-        self._owners.pop(connection, None)
+        self.owners.pop(connection, None)
         self._idle.discard(connection)
         self.served.pop(connection.transport, None)
 
@@ -262,18 +271,18 @@ class Listener:
         the oldest one without a request, else the oldest.
         """
         own = role, owner
-        if self._owners.get(connection) == own:
+        if self.owners.get(connection) == own:
             return
-        self._owners.pop(connection, None)
-        self._owners[connection] = own
+        self.owners.pop(connection, None)
+        self.owners[connection] = own
         most, most_of_one = MOST[role]
-        counts = Counter(holder for holder in self._owners.values() if holder[0] == role)
+        counts = Counter(holder for holder in self.owners.values() if holder[0] == role)
         largest = own if counts[own] > most_of_one else max(counts, key=counts.__getitem__)
         if counts.total() > most or counts[largest] > most_of_one:
-            theirs = [other for other, holder in self._owners.items() if holder == largest]
+            theirs = [other for other, holder in self.owners.items() if holder == largest]
             ended = next((other for other in theirs[:-1] if other in self._idle), theirs[0])
             ended.abort()
-            self._owners.pop(ended, None)
+            self.owners.pop(ended, None)
             self._idle.discard(ended)
             self.refused += 1
 

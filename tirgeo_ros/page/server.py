@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Serve the operator's page from a thread of its own."""
 
 from __future__ import annotations
@@ -52,7 +66,14 @@ class PageServer:
 
     def start(self) -> None:
         """Start the thread, and wait until the page can be opened; raises PageError."""
-        self._socket = self._listen()
+        try:
+            self._socket = listening_socket(*address_of(self._config.listen))
+        except OSError as error:
+            reason = str(error.strerror or error).partition(" (while")[0]
+            raise PageError(
+                f"listen: {self._config.listen}: {reason}: is another page "
+                "running? Choose an address of this computer and a free port"
+            ) from None
         self._port = self._socket.getsockname()[1]
         self._thread.start()
         self._loop = self._started.result()
@@ -78,7 +99,7 @@ class PageServer:
     def counts(self) -> dict[str, int]:
         """Return counts of the page, for diagnostics."""
         return {
-            "connections": self._listener.connections,
+            "connections": len(self._listener.owners),
             "connections refused": self._listener.refused,
             "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
         }
@@ -113,16 +134,6 @@ class PageServer:
         host = f"[{host}]" if ":" in host else host
         token = "" if self._access.open else f"?token={self._access.tokens[role]}"
         return f"{self._access.scheme}://{host}:{self._port}/{token}"
-
-    def _listen(self) -> socket.socket:
-        try:
-            return listening_socket(*address_of(self._config.listen))
-        except OSError as error:
-            reason = str(error.strerror or error).partition(" (while")[0]
-            raise PageError(
-                f"listen: {self._config.listen}: {reason}: is another page "
-                "running? Choose an address of this computer and a free port"
-            ) from None
 
     def _run(self) -> None:
         try:

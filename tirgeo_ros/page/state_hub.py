@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Send each page the newest states and targets, and the answers to its requests."""
 
 from __future__ import annotations
@@ -104,10 +118,9 @@ class Track:
         if not 0 <= at <= len(self.points):  # the node was started again
             at, self.first, self.points = 0, start or 0, []
         self.points[at:] = points
-        spare = len(self.points) - _MOST_POINTS
-        if spare > 0:
-            self.points = self.points[spare:]
-            self.first += spare
+        spare = max(len(self.points) - _MOST_POINTS, 0)
+        del self.points[:spare]
+        self.first += spare
 
     def after(self, index: int) -> tuple[int, list[Any]]:
         """Return the next points from an index on, and the index of the first of them."""
@@ -184,9 +197,8 @@ class StateHub:
 
     def report(self, aircraft: str, state: dict[str, Any]) -> None:
         """Give all pages a state, now or when the last is 0.2 s old; ``track`` has new points."""
-        track = self._tracks.setdefault(aircraft, Track())
         start = state.pop("track_from", None)
-        track.add(state.pop("track", None) or [], start)
+        self._tracks.setdefault(aircraft, Track()).add(state.pop("track", None) or [], start)
         for outbox in self._pages if start is not None else ():  # points from there are replaced
             outbox.track_ends[aircraft] = min(outbox.track_ends.get(aircraft, 0), start)
         self._states[aircraft] = {"type": "state", "aircraft": aircraft, **state}

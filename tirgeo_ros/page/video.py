@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Send the video: each aircraft's newest pictures, as fast and large as a viewer's link allows."""
 
 from __future__ import annotations
@@ -120,9 +134,8 @@ class Pace:
         return more_s / (1 - LEVELS[least].share / LEVELS[self.level].share)
 
     def _forget(self, which: Callable[[int, float], bool]) -> None:
-        gone = [n for n, (sent_s, _) in self._on_the_way.items() if which(n, sent_s)]
-        for number in gone:
-            del self._on_the_way[number]
+        sent = self._on_the_way.items()
+        self._on_the_way = {number: at for number, at in sent if not which(number, at[0])}
 
     def _shrink(self, trip_s: float, now_s: float) -> None:
         """Take the level whose trip is short enough if trips are proportional to the bytes."""

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Faults of lens, ground and latency by the motion of pictures; stamps and rates of pictures."""
 
 import math
@@ -302,7 +316,7 @@ def test_bad_stamps_are_reported(stamp, checks):
     stamps = FrameStamps()
     for k in range(100):
         now_ns = START_NS + k * PERIOD_NS + 50_000_000
-        stamps.pose(now_ns - 20_000_000)
+        stamps.pose_ns = now_ns - 20_000_000
         stamps.frame(stamp(k), now_ns)
     assert [finding.check for finding in stamps.findings()] == checks
 

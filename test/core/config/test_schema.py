@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The parameter tree: types, ranges, messages, the trees of the nodes, the names of frames."""
 
 from __future__ import annotations
@@ -7,8 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.config import (
     NODE_CONFIGS,
@@ -19,7 +32,7 @@ from tirgeo_ros.core.config import (
 )
 from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of, values_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 nodes = pytest.mark.parametrize("kind", NODE_CONFIGS.values(), ids=list(NODE_CONFIGS))
@@ -206,7 +219,7 @@ def test_names_that_tf2_refuses_are_refused(name, value, message, tmp_path):
     path = tmp_path / "frames.yaml"
     path.write_text(f"/**: {{ros__parameters: {{{name}: {value!r}}}}}\n")
     with pytest.raises(ConfigError) as caught:
-        load_config(path, "ekf_node", EkfConfig)
+        ParameterFile(path).config("ekf_node", EkfConfig)
     assert f"parameter {name}: {message}" in str(caught.value)
     assert str(path) in str(caught.value)
 

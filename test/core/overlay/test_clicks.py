@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Clicks are located with the picture and the pose that were clicked on."""
 
 from __future__ import annotations
@@ -37,7 +51,7 @@ def clicks():
     """Three pictures, a second and ten metres apart."""
     shown = Clicks(ConfidenceConfig())
     shown.set_plane(PLANE)
-    shown.set_ground(30.0)
+    shown.ground = 30.0
     for k in range(1, 4):
         shown.show(k * S, XT2, pose_over(10.0 * k))
     return shown
@@ -86,12 +100,12 @@ def test_a_click_needs_pose_plane_and_ground():
     assert clicks.locate(CENTRE).reason is Reason.NO_POSE
     clicks.show(2 * S, XT2, pose_over(0.0))
     assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
-    clicks.set_ground(math.nan)
+    clicks.ground = math.nan
     assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
-    clicks.set_ground(31.0)
+    clicks.ground = 31.0
     assert clicks.locate((700.0, 3.0)).reason is Reason.OUTSIDE_PICTURE
     assert isinstance(clicks.locate(CENTRE), Located)
-    clicks.set_ground(None)
+    clicks.ground = None
     assert clicks.locate(CENTRE).reason is Reason.NO_GROUND
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Frames and poses: which frame is drawn when, with lines at the true place or a notice."""
 
 import math
@@ -42,7 +56,7 @@ def test_the_lines_lie_on_the_truth_at_the_exposure():
     """The pose between two poses, 50 ms before the stamp: 3 m/s and 20 deg/s move it 25 px."""
     overlay = ready()
     for i in range(6):
-        overlay.add_pose(pose_at(START + 40 * MS * i, north=0.12 * i, yaw_deg=0.8 * i))
+        overlay.poses.add(pose_at(START + 40 * MS * i, north=0.12 * i, yaw_deg=0.8 * i))
     stamp = START + 150 * MS
     overlay.add_frame(stamp, GREY, stamp + 30 * MS)
     result = overlay.take(stamp + 30 * MS)
@@ -158,7 +172,7 @@ def test_the_notice_says_why(poses_ns, state, notice):
     overlay = ready()
     overlay.status = status(*state)
     for stamp_ns in poses_ns:
-        overlay.add_pose(pose_at(START + stamp_ns))
+        overlay.poses.add(pose_at(START + stamp_ns))
     now = START + LATENCY
     overlay.add_frame(now, GREY, now)
     result = overlay.take(now + WAIT)
@@ -186,11 +200,11 @@ def test_a_frame_that_no_pose_can_help_gets_its_notice_at_once():
 
 def test_a_new_plane_forgets_poses_in_the_old_one():
     overlay = ready()
-    overlay.add_pose(pose_at(START))
+    overlay.poses.add(pose_at(START))
     overlay.set_plane(TangentPlane(PLANE.latitude_rad, PLANE.longitude_rad, PLANE.height_m))
     overlay.add_frame(START + LATENCY, GREY, START)
     assert overlay.take(START).notice == ""
-    overlay.add_pose(pose_at(START + 100 * MS))
+    overlay.poses.add(pose_at(START + 100 * MS))
     overlay.set_plane(TangentPlane(PLANE.latitude_rad + 1e-5, PLANE.longitude_rad, 25.0))
     overlay.add_frame(START + 100 * MS + LATENCY, GREY, START)
     assert overlay.take(START) is None
@@ -219,7 +233,7 @@ def test_a_located_point_stays_drawn_with_its_ellipse():
 def fly(overlay, until_ns, step_ns=20 * MS):
     """Poses of steady motion up to an instant: 3 m/s and 20 deg/s."""
     for stamp_ns in range(until_ns - 1_400 * MS, until_ns + 1, step_ns):
-        overlay.add_pose(flown(stamp_ns))
+        overlay.poses.add(flown(stamp_ns))
 
 
 def flown(stamp_ns):
@@ -229,7 +243,7 @@ def flown(stamp_ns):
 
 def test_a_pose_that_is_old_is_no_pose():
     overlay = ready()
-    overlay.add_pose(pose_at(START - 800 * MS))
+    overlay.poses.add(pose_at(START - 800 * MS))
     now = START + LATENCY
     overlay.add_frame(now, GREY, now)
     result = overlay.take(now + WAIT)
@@ -258,8 +272,8 @@ def test_a_pose_that_stops_short_of_the_exposure_is_predicted_and_marked():
     assert (counts["drawn"], counts["predicted"], counts["late"]) == (1, 1, 1)
     orange = result.image[STRIP_TOP:, :140].astype(int)
     assert (orange[..., 2] - orange[..., 0] > 100).sum() > 50  # "predicted 60 ms"
-    overlay.add_pose(flown(START - 40 * MS))
-    overlay.add_pose(flown(START + 100 * MS))
+    overlay.poses.add(flown(START - 40 * MS))
+    overlay.poses.add(flown(START + 100 * MS))
     overlay.add_frame(now + 40 * MS, GREY, now + 40 * MS)
     assert overlay.take(now + 40 * MS).predicted_s == 0
     assert overlay.counts["predicted"] == 1
@@ -291,7 +305,7 @@ def test_poses_that_always_come_late_still_give_every_picture():
         if (now - START) % step == 0:
             overlay.add_frame(now + LATENCY, GREY, now)
         if (now - START) % (10 * MS) == 0:
-            overlay.add_pose(flown(now - 80 * MS))
+            overlay.poses.add(flown(now - 80 * MS))
         result = overlay.take(now)
         if result is not None:
             assert result.predicted_s == 0
@@ -310,7 +324,7 @@ def test_a_blocked_consumer_gets_the_newest_picture_and_every_frame_is_accounted
     for _ in range(60):
         for _ in range(rng.integers(1, 9)):  # while the consumer is busy
             now += 33 * MS
-            overlay.add_pose(flown(now))
+            overlay.poses.add(flown(now))
             overlay.add_frame(now, GREY, now)
             added += 1
         result = overlay.take(now)
@@ -343,7 +357,7 @@ def test_a_clock_that_goes_back_does_not_keep_a_frame():
 def test_a_long_latency_keeps_poses_long_enough():
     overlay = ready(video_latency_s=5.0)
     for i in range(60):
-        overlay.add_pose(pose_at(START + 100 * MS * i))
+        overlay.poses.add(pose_at(START + 100 * MS * i))
     stamp = START + 5_900 * MS
     overlay.add_frame(stamp, GREY, stamp)
     assert overlay.take(stamp).notice == ""

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The picture's tones and text, and why no part of the map is in view."""
 
 from __future__ import annotations
@@ -6,8 +20,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from overlays import (
     GREY,
     LATENCY,
@@ -212,7 +225,7 @@ def notice(features, pose=None, style=None):
     overlay = Overlay(OverlayConfig(ground_height_m=25.0), [layer])
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
-    overlay.add_pose(pose or pose_at(START))
+    overlay.poses.add(pose or pose_at(START))
     overlay.add_frame(START + LATENCY, GREY, START)
     result = overlay.take(START)
     assert result.pose is not None

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The text on the picture: for every state of the filter, cut to fit, legible, any script."""
 
 import dataclasses
@@ -8,8 +22,7 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from overlays import PLANE, SQUARE_N, geo, luminance
 from PIL import Image, ImageDraw, ImageFont
 
@@ -167,7 +180,7 @@ HERE = [name for name in text._TYPEFACES if text._has(name, "\u00fc")]  # on thi
 @pytest.mark.parametrize("name", HERE[:2])
 def test_accents_are_letters_and_not_boxes(name):
     """The accented letter is the plain one and something above it."""
-    plain, accented = (text._drawn(letter, 24, name) for letter in "u\u00fc")
+    plain, accented = (text.coverage(letter, 24, name) for letter in "u\u00fc")
     assert plain.shape[0] == accented.shape[0]
     body = np.flatnonzero(plain.max(axis=1) > 60)[[0, -1]]
     same = plain[body[0] + 1 : body[1]].astype(int) - accented[body[0] + 1 : body[1]]

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Samples of RTK and ordinary GPS, each measurement once; random readings; a whole flight."""
 
 from __future__ import annotations
@@ -8,8 +22,7 @@ import math
 import numpy as np
 import pytest
 from aircraft_readings import KIT, epoch, gimbal, gps, imu, of, place, rtk, t_ms, taken, wxyz
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.config.dji_parameters import DjiDelayConfig
@@ -33,7 +46,6 @@ from tirgeo_ros.dji.sources.readings import (
     ImuReading,
     RtkReading,
 )
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages, sensed
 
 UNDULATION_M = 43.25
@@ -270,7 +282,7 @@ def test_an_accuracy_that_is_not_stated_gives_a_zero_covariance(unknown):
     assert position.status is FixStatus.SINGLE
 
 
-MESSAGES = Messages(Cdr().types)
+MESSAGES = Messages()
 
 numbers = st.floats()  # NaN and infinities, subnormal and huge
 vectors = st.tuples(numbers, numbers, numbers)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The serial port over real pseudo-terminals, and its messages: pulled, refused, silent."""
 
 from __future__ import annotations
@@ -9,8 +23,9 @@ import time
 
 import pytest
 
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch, SerialLink
+from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch, SerialLink, Totals
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 STEP_S = 0.05
@@ -30,7 +45,7 @@ class Scene:
             self.now_s += STEP_S
             self.bytes += bytes_
             self.frames += frames
-            report = self.watch.look(self.now_s, state, message, self.bytes, self.frames)
+            report = self.watch.look(state, message, Totals(self.now_s, self.bytes, self.frames))
             if report is not None:
                 self.reports.append(report)
         return self.watch.report
@@ -44,7 +59,7 @@ def test_an_open_port_without_bytes_is_silent_after_two_seconds():
     scene = Scene()
     assert scene.pass_(1.9).condition == "waiting"
     report = scene.pass_(1.0)
-    assert (report.condition, report.level) == ("silent", LinkLevel.WARN)
+    assert (report.condition, report.level) == ("silent", Severity.CAUTION)
     assert re.search(
         "ttyUSB0: open but no bytes for 2 s.*the cable.*'API control' is ticked", report.message
     )
@@ -54,7 +69,7 @@ def test_bytes_without_frames_are_a_wrong_rate():
     words = "at 230400 baud: .*usual are 921600, 115200, 1000000$"
     scene = Scene(230400)
     report = scene.pass_(2.5, bytes_=100)
-    assert (report.condition, report.level) == ("wrong_baud", LinkLevel.ERROR)
+    assert (report.condition, report.level) == ("wrong_baud", Severity.STOP)
     assert re.search(f"bytes come but no valid frame for 2 s {words}", report.message)
     assert scene.conditions == ["waiting", "wrong_baud"]
 
@@ -69,10 +84,10 @@ def test_an_aircraft_that_is_switched_off_is_silent_and_has_no_wrong_rate():
 
 @pytest.mark.parametrize("state", list(LinkState))
 def test_every_state_of_the_port_has_its_condition(state):
-    report = LinkWatch("p", 1).look(0.0, state, "why", 0, 0)
+    report = LinkWatch("p", 1).look(state, "why", Totals(0.0, 0, 0))
     expected = "waiting" if state is LinkState.OPEN else state.value
     assert report.condition == expected
-    assert report.level is not LinkLevel.OK
+    assert report.level is not Severity.NOTE
 
 
 def test_bytes_from_before_the_cable_was_pulled_do_not_count():
@@ -105,7 +120,7 @@ def test_from_no_device_to_receiving_and_back(tmp_path):
                     cable.write(FRAME)
                 reader.feed(link.read(0.02))
                 counts = reader.counts["bytes"], reader.counts["frames"]
-                report = watch.look(time.monotonic(), link.state, link.message, *counts)
+                report = watch.look(link.state, link.message, Totals(time.monotonic(), *counts))
                 reports.extend([report.condition] if report else [])
 
         wait_for("no_device")

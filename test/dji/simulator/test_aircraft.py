@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The frames of the simulated aircraft, and the simulated port."""
 
 from __future__ import annotations
@@ -10,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.core.types.measurements import (
@@ -22,7 +36,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Layout, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable, decode_push
-from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 MS = 1_000_000
@@ -46,7 +60,12 @@ def rtk(at_ms: int, status=FixStatus.FIXED, source=Source.RTK_POSITION) -> Posit
 
 def reports(samples):
     """Return the broadcasts that an aircraft makes of samples, sorted by arrival."""
-    frames = list(frames_of(Aircraft(), sorted(samples, key=lambda pair: pair[0])))
+    frames = list(
+        frames_of(
+            Aircraft(SimulatedAircraftConfig(), AircraftConfig()),
+            sorted(samples, key=lambda pair: pair[0]),
+        )
+    )
     result = FrameReader().feed(b"".join(frame.data for frame in frames))
     assert [frame.sequence for frame in result] == [k & 0xFFFF for k in range(1, len(result) + 1)]
     assert all(frame.session == 0 for frame in result)
@@ -58,7 +77,7 @@ def reports(samples):
 def test_a_second_flight_switches_the_aircraft_on_again():
     text = reports([imu(k) for k in range(300)])
     assert text[-1].time.time_ms == 60_000 + 2990
-    aircraft = Aircraft()
+    aircraft = Aircraft(SimulatedAircraftConfig(), AircraftConfig())
     back = [(START + 5_000 * MS + k * 10 * MS, imu(k)[1]) for k in range(3)]
     frames = list(frames_of(aircraft, [*(imu(k) for k in range(300)), *back]))
     result = FrameReader().feed(frames[-3].data)
@@ -66,7 +85,9 @@ def test_a_second_flight_switches_the_aircraft_on_again():
 
 
 def test_a_package_is_pushed_at_its_rate_with_interpolated_values():
-    aircraft = Aircraft(SimulatedAircraftConfig(clock_start_ms=1000, pushes=True))
+    aircraft = Aircraft(
+        SimulatedAircraftConfig(clock_start_ms=1000, pushes=True), AircraftConfig()
+    )
     samples = [
         imu(
             k,

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The sample flight through the serial link: bytes on a wire in place of a bag's messages.
 
 Samples of the bag -> the aircraft's frames -> a line of 921600 baud with a late reader -> frames
@@ -27,7 +41,7 @@ from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.subscription import PackageTable
-from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, frames_of
 from tirgeo_ros.dji.sources.serial import Clocks, Telemetry
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES

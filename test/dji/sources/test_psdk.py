@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The topics of psdk_ros2: units and axes by numbers computed by hand, and stamps."""
 
 from __future__ import annotations
@@ -9,8 +23,7 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.rotations import (
@@ -80,7 +93,7 @@ def near(metres: float) -> Message:
 @given(st.integers(-(2**15), 2**15 - 1))
 def test_every_rtk_yaw_is_read(yaw_deg):
     (sent,) = struct.unpack("<H", struct.pack("<h", yaw_deg))
-    assert PSDK_TOPICS["rtk_yaw"].read(7, Message(yaw=sent)).yaw_deg == yaw_deg
+    assert PSDK_TOPICS["rtk_yaw"][1](7, Message(yaw=sent)).yaw_deg == yaw_deg
 
 
 @given(angles, st.floats(-120, 60), st.floats(-30, 30))
@@ -92,7 +105,7 @@ def test_gimbal_round_trip(yaw_deg, pitch_deg, roll_deg):
     elif z > PI32:
         z -= 2 * PI32
     sent = (roll_deg * PI32 / 180, -pitch_deg * PI32 / 180, z)
-    _, roll, pitch, yaw = PSDK_TOPICS["gimbal_angles"].read(7, Message(vector=xyz(*sent)))
+    _, roll, pitch, yaw = PSDK_TOPICS["gimbal_angles"][1](7, Message(vector=xyz(*sent)))
     # Its pi is 8.7e-8 too large, its 1.571 is 2.4e-8 off: over a turn less than 3e-7.
     assert roll == pytest.approx(math.radians(roll_deg), abs=3e-7)
     assert pitch == pytest.approx(math.radians(pitch_deg), abs=3e-7)
@@ -107,14 +120,14 @@ def test_attitude_round_trip(rotvec):
     sent = quat_from_matrix(ENU_NED @ matrix @ FLU_FRD)
     for sign in (1, -1):
         w, x, y, z = (sign * sent).tolist()
-        reading = PSDK_TOPICS["attitude"].read(7, Message(quaternion=Message(w=w, x=x, y=y, z=z)))
+        reading = PSDK_TOPICS["attitude"][1](7, Message(quaternion=Message(w=w, x=x, y=y, z=z)))
         back = matrix_from_quat(np.array(reading.q_nb))
         np.testing.assert_allclose(back, matrix, atol=10 * ROUNDING)
 
 
 @pytest.mark.parametrize(("fix", "is_fix"), [(3.0, 3), (math.nan, 0), (math.inf, 0)])
 def test_accuracies_are_millimetres_and_centimetres_a_second(fix, is_fix):
-    reading = PSDK_TOPICS["gps_details"].read(7, details(fix, 1500.0, 2500.0, 40.0))
+    reading = PSDK_TOPICS["gps_details"][1](7, details(fix, 1500.0, 2500.0, 40.0))
     assert reading == GpsReading(7, None, None, is_fix, 1.5, 2.5, pytest.approx(0.4, rel=ROUNDING))
 
 

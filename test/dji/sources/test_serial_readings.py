@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Readings from frames and bytes of the serial link: units, axes, times, messages."""
 
 from __future__ import annotations
@@ -8,8 +22,9 @@ import struct
 import pytest
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch
+from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch, Totals
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 from tirgeo_ros.dji.protocol.rtk_gps_imu_broadcast import Broadcast, Layout, Time, encode_broadcast
 from tirgeo_ros.dji.protocol.subscription import (
@@ -201,8 +216,8 @@ def test_bytes_become_readings_at_the_aircrafts_pace(decoder):
         stamps += [reading.stamp_ns for reading in readings]
     last = NOW_NS + 198 * 10_000_000
     assert stamps[-2:] == pytest.approx([last - 10_000_000, last], abs=100_000)
-    assert decoder.counts["frames"] == 198
-    assert decoder.counts["bytes"] == 198 * len(frame(0))
+    assert decoder.frames.counts["frames"] == 198
+    assert decoder.frames.counts["bytes"] == 198 * len(frame(0))
 
 
 def test_each_frame_of_a_batch_has_the_time_at_which_its_bytes_were_complete():
@@ -246,10 +261,10 @@ def test_a_wrong_key_is_named(key, words):
             data += encode_frame(bytes(2), is_ack=True, session=2, key=KEY)
         now_s = k * 0.02
         decoder.take(data, NOW_NS + k * 20_000_000, now_s)
-        counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
-        report = watch.look(now_s, LinkState.OPEN, "", *counts)
+        counts = decoder.frames.counts["bytes"], decoder.frames.counts["frames"], decoder.locked
+        report = watch.look(LinkState.OPEN, "", Totals(now_s, *counts))
         reports += [report.condition] if report else []
     assert reports == ["waiting", "wrong_key"]
-    assert watch.report.level is LinkLevel.ERROR
+    assert watch.report.level is Severity.STOP
     assert words in watch.report.message
     assert "/dev/ttyUSB0" in watch.report.message

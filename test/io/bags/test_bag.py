@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Bags that are whole: written, read, ordered, refused; and bags that grow."""
 
 from __future__ import annotations
@@ -10,19 +24,18 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from message_samples import EVERY_MESSAGE
-from message_samples import IMU as SAMPLE
+from message_samples import EVERY_MESSAGE, IMU as SAMPLE
 from rosbags.typesys import Stores, get_typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 
 IMU = "sensor_msgs/msg/Imu"
 cdr = Cdr()
-builder = Messages(cdr.types)
+builder = Messages()
 
 
 def imu(stamp_ns):

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Bags that are cut off, damaged or packed too large: what can be read is read, the loss said."""
 
 from __future__ import annotations
@@ -17,8 +31,8 @@ from recorded_bags import segments_of
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags import mcap_file
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.bag_file import MOST_BYTES
 from tirgeo_ros.io.bags.mcap_file import MAGIC
+from tirgeo_ros.io.bags.packed import MOST_BYTES
 
 TYPE = "std_msgs/msg/Header"
 COUNT = 600

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Folders, databases and compressed files that are incomplete: read as far as they go, or said."""
 
 from __future__ import annotations
@@ -22,7 +36,7 @@ from recorded_bags import (
 )
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags import bag
+from tirgeo_ros.io.bags import packed
 from tirgeo_ros.io.bags.bag import BagReader
 
 
@@ -238,7 +252,7 @@ def test_one_clear_line(tmp_path, make, output):
 
 
 def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
-    monkeypatch.setattr(bag, "_SMALL_BYTES", 1 << 20)
+    monkeypatch.setattr(packed, "_SMALL_BYTES", 1 << 20)
     path = tmp_path / "a.mcap.zstd"
     path.write_bytes(zstandard.compress(bytes(32 << 20)))
     with pytest.raises(BagError, match=r"a\.mcap\.zstd: unpacks to more than 1000 times its size"):
@@ -248,8 +262,8 @@ def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
 def test_a_disk_that_is_full(tmp_path, scratch, monkeypatch):
     write_mcap(tmp_path / "a.mcap", MESSAGES)
     path = compressed(tmp_path / "a.mcap")
-    full = SimpleNamespace(free=bag._FREE_BYTES + 1000)
-    monkeypatch.setattr(bag.shutil, "disk_usage", lambda _: full)
+    full = SimpleNamespace(free=packed._FREE_BYTES + 1000)
+    monkeypatch.setattr(packed.shutil, "disk_usage", lambda _: full)
     text = rf"{path}: cannot be unpacked to {scratch}: only 0 MiB are free there; set TMPDIR to"
     with pytest.raises(BagError, match=text):
         BagReader(path)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """ROS 1 bags: whole, or cut off and read up to the cut; damaged and oversized ones are refused."""
 
 from __future__ import annotations
@@ -12,8 +26,7 @@ from ros1_bags import BEGUN_NS, Bag
 from rosbags.rosbag1 import Reader, Writer
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.io.bags.bag import Cdr
-from tirgeo_ros.io.bags.bag_file import MOST_BYTES
+from tirgeo_ros.io.bags.packed import MOST_BYTES
 from tirgeo_ros.io.bags.ros1_bag import MAGIC, Ros1Bag
 
 COUNT = 500  # on each of two topics
@@ -170,8 +183,8 @@ def test_a_message_that_its_type_does_not_fit(tmp_path):
     with pytest.raises(MessageError, match=r"/fix: 3 bytes are no sensor_msgs/msg/NavSatFix"):
         reader.decoded(short)
     with pytest.raises(
-        MessageError, match=r"/f: 3 bytes are no sensor_msgs/msg/NavSatFix of ROS 1"
+        MessageError, match=r"/fix: 3 bytes are no sensor_msgs/msg/NavSatFix of ROS 1"
     ):
-        Cdr().from_ros1(short.data, short.typename, "/f")
+        reader.cdr(short)
     with pytest.raises(MessageError, match=r"/x: the bag does not define x/msg/Y"):
         reader.decoded(unknown)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Layers of files and style sheets, the features of each format, and files to watch."""
 
 from __future__ import annotations
@@ -14,8 +28,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage, write_shapefile
-from wild_map_files import LINE as KML_LINE
-from wild_map_files import collection, feature, kml, mark
+from wild_map_files import LINE as KML_LINE, collection, feature, kml, mark
 
 from tirgeo_ros.core.map.vector_map import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError
@@ -332,7 +345,7 @@ def test_unreadable_files_and_pyogrio_not_installed(tmp_path, monkeypatch):
         read_layers(str(path))
     assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "pyogrio", None)
-    with pytest.raises(MapError, match=r"a.xyz: to read maps needs pyogrio: pip install pyogrio"):
+    with pytest.raises(MapError, match=r'a.xyz needs pyogrio: pip install "tirgeo\[maps\]"'):
         read_layers(str(path))
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A map read by another process, which may fail or crash, and the map for a web page."""
 
 from __future__ import annotations
@@ -21,8 +35,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.types.errors import ConfigError, MapError
-from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.maps import map_process as module
+from tirgeo_ros.io.maps import load_layers, map_process as module
 from tirgeo_ros.io.maps.map_process import MapProcess, page_map
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)

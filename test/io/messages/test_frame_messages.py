@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Transforms, outlines and tracks as messages: against rotations by SciPy, and their frames."""
 
 from __future__ import annotations
@@ -5,7 +19,7 @@ from __future__ import annotations
 import message_samples as samples
 import numpy as np
 import pytest
-from message_samples import builder, cdr, through_cdr
+from message_samples import builder, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from transform_chains import Chains, rigid
@@ -101,7 +115,7 @@ def ids_of(message) -> set[str]:
 
 def test_every_message_has_the_prefix():
     config = FramesConfig("field", "body", "eye", "uav1/")
-    named = Messages(cdr.types, config.frame_ids)
+    named = Messages(config.frame_ids)
     sent = (samples.IMU, samples.POSITION, samples.VELOCITY, samples.HEADING, samples.JOINTS)
     messages = [sensed(named, sample)[1] for sample in (*sent, samples.CAMERA_ATTITUDE)]
     without = ("position", "velocity", "clock", "diagnostics", "answer")  # given there, or none

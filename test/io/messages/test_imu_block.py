@@ -1,11 +1,25 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Blocks of Imu messages are read as the messages are one by one."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
+from rosbags.typesys import Stores, get_typestore
 
 from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.messages import stamp_ns
@@ -29,12 +43,20 @@ def message(frame="imu", stamp=(7, 5), rate=(1.0, 2.0, 3.0), force=(4.0, 5.0, 9.
 
 
 def cdr(msg, *, big=False):
-    if not big:
-        return CDR.serialize(msg, TYPE)
-    definition = CDR._definition(TYPE)
-    data = bytearray(4 + definition.getsize_cdr(0, msg, CDR._store))
-    definition.serialize_cdr_be(memoryview(data)[4:], 0, msg, CDR._store)
-    return bytes(data)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    return (
+        CDR.serialize(msg)
+        if not big
+        else bytes(store.serialize_cdr(of_rosbags(msg, store), TYPE, little_endian=False))
+    )
+
+
+def of_rosbags(part, store):
+    """Return a message as one of rosbags' classes."""
+    if not hasattr(part, "__msgtype__"):
+        return part
+    parts = (getattr(part, name) for name in part.__dataclass_fields__)
+    return store.types[part.__msgtype__](*[of_rosbags(each, store) for each in parts])
 
 
 numbers = st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3)

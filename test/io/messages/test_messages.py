@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Samples, poses, located points and diagnostics to messages and back; nothing is judged here."""
 
 from __future__ import annotations
@@ -8,8 +22,7 @@ import math
 import message_samples as samples
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from message_samples import EXACT, assert_same_rotation, builder, through_cdr
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -320,10 +333,10 @@ def test_the_point_is_in_the_map_and_has_no_attitude():
     assert (q.w, q.x, q.y, q.z) == (1.0, 0.0, 0.0, 0.0)
     covariance = point.pose.covariance.reshape(6, 6)
     assert covariance.diagonal()[3:].tolist() == [UNKNOWN_VARIANCE] * 3
-    stamp_ns, point_n, covariance_n = messages.ground_point(point)
-    assert stamp_ns == samples.STAMP_NS
-    assert_array_equal(point_n, samples.LOCATED.point_n)
-    assert_array_equal(covariance_n, samples.LOCATED.covariance_n)
+    pose = messages.camera_pose(point)
+    assert pose.stamp_ns == samples.STAMP_NS
+    assert_array_equal(pose.position_n, samples.LOCATED.point_n)
+    assert_array_equal(pose.covariance[:3, :3], samples.LOCATED.covariance_n)
 
 
 def test_a_clicked_pixel_comes_back():

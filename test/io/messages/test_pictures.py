@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Image and camera messages, sound, broken, and asking for more memory than any camera does."""
 
 from __future__ import annotations
@@ -15,11 +29,10 @@ from measured import run_measured
 from numpy.testing import assert_array_equal
 
 from tirgeo_ros.core.types.errors import CameraError, MessageError
-from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import Messages, camera, compressed_pixels, image_pixels
-from tirgeo_ros.io.messages.pictures import unpacked
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, unpacked
 
-builder = Messages(Cdr().types)
+builder = Messages()
 rng = np.random.default_rng(5)
 GREY = rng.integers(0, 256, (6, 8), np.uint8)
 COLOUR = rng.integers(0, 256, (6, 8, 3), np.uint8)
@@ -168,9 +181,9 @@ COMPRESSED = """
 import sys
 from pathlib import Path
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.bags.bag import Cdr
-from tirgeo_ros.io.messages import Messages, compressed_pixels
-message = Messages(Cdr().types).compressed(0, Path(sys.argv[1]).read_bytes())
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages.pictures import compressed_pixels
+message = Messages().compressed(0, Path(sys.argv[1]).read_bytes())
 try:
     print(compressed_pixels(message).shape)
 except TirgeoError as error:

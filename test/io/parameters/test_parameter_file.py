@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """ROS 2 parameter files: what fits a node, what wins, what is refused, what is written."""
 
 from __future__ import annotations
@@ -9,7 +23,7 @@ import pytest
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.whole_files import write_files
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config, write_parameters
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile, parameters_yaml
 
 WALK = (1.6828e-4, 1.9601e-4, 1.6542e-4)
 
@@ -38,7 +52,7 @@ def test_nested_and_dotted_names_are_the_same(write):
     wanted = {"imu.gyro_turn_on_bias": 0.25}
     assert load_parameters(write(nested), "ekf_node") == wanted
     assert load_parameters(write(dotted), "ekf_node") == wanted
-    assert load_config(write(nested), "ekf_node", EkfConfig).imu.gyro_turn_on_bias == 0.25
+    assert ParameterFile(write(nested)).config("ekf_node", EkfConfig).imu.gyro_turn_on_bias == 0.25
 
 
 @pytest.mark.parametrize(
@@ -86,9 +100,13 @@ def test_one_file_for_all_nodes(write):
     aircraft: {gimbal_pivot_m: [0.1, 0, -0.2]}     # of all that need it
 """
     )
-    assert load_config(path, "ekf_node", EkfConfig).method == "rtk"
-    assert load_config(path, "overlay_node", OverlayConfig).video_latency_s == 0.2
-    assert load_config(path, "gimbal_node", GimbalConfig).aircraft.gimbal_pivot_m == (0.1, 0, -0.2)
+    assert ParameterFile(path).config("ekf_node", EkfConfig).method == "rtk"
+    assert ParameterFile(path).config("overlay_node", OverlayConfig).video_latency_s == 0.2
+    assert ParameterFile(path).config("gimbal_node", GimbalConfig).aircraft.gimbal_pivot_m == (
+        0.1,
+        0,
+        -0.2,
+    )
     assert load_parameters(path, "gimbal_node") == {
         "use_sim_time": True,
         "qos_overrides./imu/data.subscription.depth": 3,
@@ -102,12 +120,12 @@ def test_one_file_for_all_nodes(write):
 )
 def test_numbers_as_rcl_reads_them(write, text, value):
     path = write(ekf("ekf_node", f"publish_rate_hz: {text}"))
-    assert load_config(path, "ekf_node", EkfConfig).publish_rate_hz == value
+    assert ParameterFile(path).config("ekf_node", EkfConfig).publish_rate_hz == value
 
 
 def test_texts_that_look_like_something_else(write):
     body = "label_field: 2020-01-01\n    map: 12:30:00\n    ground_height_m: .NaN"
-    config = load_config(write(ekf("overlay_node", body)), "overlay_node", OverlayConfig)
+    config = ParameterFile(write(ekf("overlay_node", body))).config("overlay_node", OverlayConfig)
     assert math.isnan(config.ground_height_m)
     assert (config.label_field, config.map) == ("2020-01-01", "12:30:00")
 
@@ -152,12 +170,12 @@ def test_what_is_refused_names_file_and_key(write, text, reason):
 
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(ConfigError, match=r"none\.yaml: cannot be read: No such file"):
-        load_config(tmp_path / "none.yaml", "ekf_node", EkfConfig)
+        ParameterFile(tmp_path / "none.yaml").config("ekf_node", EkfConfig)
     with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
-        load_config(tmp_path, "ekf_node", EkfConfig)
+        ParameterFile(tmp_path).config("ekf_node", EkfConfig)
     (tmp_path / "bytes.yaml").write_bytes(b"a: \xff\xfe")
     with pytest.raises(ConfigError, match="not a text file in UTF-8"):
-        load_config(tmp_path / "bytes.yaml", "ekf_node", EkfConfig)
+        ParameterFile(tmp_path / "bytes.yaml").config("ekf_node", EkfConfig)
 
 
 def test_sections_for_a_node_that_has_none_here(write):
@@ -174,7 +192,7 @@ def test_round_trip_also_of_what_is_for_all_nodes(tmp_path):
     values = {"imu.angle_random_walk": WALK, "method": "ekf", "rtk.delay_s": 1 / 3}
     antenna_m = {"aircraft.rtk_antenna_m": (0.1, 0.2, 0.3)}
     text = "Found by a test.\n\nOn two lines."
-    write_parameters(path, {"ekf_node": values, "": antenna_m}, text)
+    path.write_text(parameters_yaml({"ekf_node": values, "": antenna_m}, text))
     config = ParameterFile(path).config("ekf_node", EkfConfig)
     assert config.imu.angle_random_walk == WALK
     assert config.method == "ekf"
@@ -189,8 +207,10 @@ def test_the_later_file_stands_before_the_earlier(tmp_path):
     first, second = tmp_path / "aircraft.yaml", tmp_path / "boresight.yaml"
     arms = (0.1, 0.0, 0.2)
     values = {"aircraft.gimbal_pivot_m": arms, "boresight_rpy_deg": (9.0, 9.0, 9.0)}
-    write_parameters(first, {"gimbal_node": values}, "")
-    write_parameters(second, {"gimbal_node": {"boresight_rpy_deg": (1.0, -0.8, 1.5)}}, "")
+    first.write_text(parameters_yaml({"gimbal_node": values}, ""))
+    second.write_text(
+        parameters_yaml({"gimbal_node": {"boresight_rpy_deg": (1.0, -0.8, 1.5)}}, "")
+    )
     config = ParameterFile([first, second]).config("gimbal_node", GimbalConfig)
     assert config.aircraft.gimbal_pivot_m == arms
     assert config.boresight_rpy_deg == (1.0, -0.8, 1.5)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Cloud-Optimised GeoTIFFs are valid, whole or absent."""
 
 from __future__ import annotations
@@ -91,5 +105,5 @@ def test_whole_or_absent(tmp_path, monkeypatch):
         write_cog(tmp_path / "absent" / "a.tif", form_of("uint8"), [])
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    with pytest.raises(MapError, match=r"a GeoTIFF needs rasterio: pip install 'tirgeo\[dem\]'"):
+    with pytest.raises(MapError, match=r'a\.tif needs rasterio: pip install "tirgeo\[dem\]"'):
         write_cog(tmp_path / "a.tif", form_of("uint8"), [])

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Parameters of Cursor-on-Target: what is refused at the start, and with which words."""
 
 from __future__ import annotations
@@ -12,8 +26,9 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.serialization import pkcs12
 from signed_certificates import certificate
 
+from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
+from tirgeo_ros.page.cot.address import endpoint, pytak_settings
 from tirgeo_ros.page.cot.link import words_of
 
 
@@ -27,7 +42,7 @@ from tirgeo_ros.page.cot.link import words_of
     ],
 )
 def test_an_address_needs_no_port(cot, where):
-    assert endpoint(pytak_settings(CotParameters(cot))) == where
+    assert endpoint(pytak_settings(ViewerConfig(cot=cot))) == where
 
 
 @pytest.mark.parametrize(
@@ -50,25 +65,25 @@ def test_an_address_needs_no_port(cot, where):
 )
 def test_a_wrong_address_is_refused(cot, words):
     with pytest.raises(ConfigError, match=words):
-        pytak_settings(CotParameters(cot))
+        pytak_settings(ViewerConfig(cot=cot))
 
 
 def test_a_certificate_without_tls_is_refused_as_nothing_would_be_encrypted():
     with pytest.raises(ConfigError, match="does not encrypt"):
-        pytak_settings(CotParameters("tcp://tak.example", certificate="mine.p12"))
+        pytak_settings(ViewerConfig(cot="tcp://tak.example", cot_certificate="mine.p12"))
 
 
 @pytest.mark.parametrize("key", ["cot_certificate", "cot_key", "cot_ca"])
 def test_absent_and_broken_files_are_named(key, tmp_path):
     broken = tmp_path / "100%.pem"
     broken.write_text("no certificate")
-    files = {name: str(broken) for name in ("certificate", "key", "ca")}
-    absent = files | {key.removeprefix("cot_"): str(tmp_path / "absent")}
+    files = {name: str(broken) for name in ("cot_certificate", "cot_key", "cot_ca")}
+    absent = files | {key: str(tmp_path / "absent")}
     with pytest.raises(ConfigError, match=f"{key}: there is no file"):
-        pytak_settings(CotParameters("tls://tak.example", **absent))
+        pytak_settings(ViewerConfig(cot="tls://tak.example", **absent))
     for ca, named in ((str(broken), "cot_ca"), ("", "cot_certificate")):
         with pytest.raises(ConfigError, match=rf"{named}: .*100%\.pem"):
-            pytak_settings(CotParameters("tls://tak.example", **files | {"ca": ca}))
+            pytak_settings(ViewerConfig(cot="tls://tak.example", **files | {"cot_ca": ca}))
 
 
 def locked(folder, *, pem):
@@ -92,7 +107,9 @@ def test_a_key_that_does_not_open_is_refused_without_asking(tmp_path, ending, pa
     with pytest.raises(
         ConfigError, match=rf"cot_certificate: .*own\{ending} .*and its cot_password "
     ):
-        pytak_settings(CotParameters("tls://h", certificate=str(own), password=password))
+        pytak_settings(
+            ViewerConfig(cot="tls://h", cot_certificate=str(own), cot_password=password)
+        )
 
 
 WRONG_NAME = ssl.SSLCertVerificationError(1, "certificate verify failed: Hostname mismatch")

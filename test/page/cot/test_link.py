@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The link to the team: on and off, events that wait and are sent again, its end."""
 
 from __future__ import annotations
@@ -10,9 +24,9 @@ from cot_objects import flying, sharing, target
 from project import free_port, wait_until
 from tak_server import Member
 
+from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.page.cot import link as link_module
-from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink, Outbox, aircraft_uid
 
 GROUP = "239.2.3.1"
@@ -134,8 +148,8 @@ def test_an_impossible_event_is_counted_and_delays_nothing():
 
 def test_changes_are_logged_once_but_no_attempts_and_the_link_ends_at_once():
     reports = []
-    CotLink(CotParameters("tcp://127.0.0.1")).stop()  # never started
-    link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"), reports.append)
+    CotLink(ViewerConfig(cot="tcp://127.0.0.1"), reports.append).stop()  # never started
+    link = CotLink(ViewerConfig(cot=f"tcp://127.0.0.1:{free_port()}"), reports.append)
     link.start()
     link.share(on=True)
     wait_until(lambda: link.status.error)

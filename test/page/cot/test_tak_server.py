@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Cursor-on-Target over a real TAK server, as another member of the team receives it."""
 
 from __future__ import annotations
@@ -80,7 +94,7 @@ def test_targets_aircraft_and_sight_arrive_and_what_waited_for_a_dead_server(ser
 def test_tls_with_a_clients_certificate_and_none_without(secure, tmp_path):
     mine = secure.client("aircraft")
     member = Member.of(secure, secure.client("member"))
-    with sharing(secure.address, certificate=str(mine), ca=secure.ca) as link:
+    with sharing(secure.address, cot_certificate=str(mine), cot_ca=secure.ca) as link:
         link.targets([target(1)])
         arrived = member.got(of("tirgeo-" + target(1).id))
         assert place(arrived)[:2] == pytest.approx([48.20817425, 16.37381885], abs=DEGREES)
@@ -88,6 +102,6 @@ def test_tls_with_a_clients_certificate_and_none_without(secure, tmp_path):
     other = tmp_path / "other"
     other.mkdir()
     theirs = str(TakServer(other, tls=True).client("stranger"))
-    with sharing(secure.address, certificate=theirs, ca=secure.ca) as link:
+    with sharing(secure.address, cot_certificate=theirs, cot_ca=secure.ca) as link:
         wait_until(lambda: "check cot_ca, cot_certificate" in link.status.error)
         assert not link.status.connected

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """tirgeo calibrate boresight over simulated flights: planted errors are found, or refused."""
 
 from __future__ import annotations
@@ -12,7 +26,7 @@ from project import PROJECT
 from tirgeo_ros.core.calibration.boresight_model import PARAMETERS
 from tirgeo_ros.core.config import GimbalConfig, OverlayConfig
 from tirgeo_ros.core.types.errors import CalibrationError, ConfigError
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.calibrate.aircraft import HOLDS
 from tirgeo_ros.tools.calibrate.boresight import (
     IF_DETERMINED,
@@ -127,10 +141,10 @@ def test_poses_with_the_estimates_have_no_more_error(flown, held):
 def test_nodes_accept_the_file_and_its_head_has_the_sigmas(flown, held):
     path = flown.folder / "held.yaml"
     outcome = held["parameters"]
-    gimbal = load_config(path, "gimbal_node", GimbalConfig)
+    gimbal = ParameterFile(path).config("gimbal_node", GimbalConfig)
     rpy = [outcome[name]["found"] for name in ("roll", "pitch", "yaw")]
     np.testing.assert_allclose(gimbal.boresight_rpy_deg, rpy, rtol=1e-8)
-    overlay = load_config(path, "overlay_node", OverlayConfig)
+    overlay = ParameterFile(path).config("overlay_node", OverlayConfig)
     assert overlay.video_latency_s == pytest.approx(outcome["latency"]["found"] / 1e3, rel=1e-8)
     assert set(yaml.safe_load(path.read_text())) == {"/**/gimbal_node", "/**/overlay_node"}
     head = [line for line in path.read_text().splitlines() if line.startswith("#")]

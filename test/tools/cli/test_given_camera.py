@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A calibration file replaces the bag's, in every command and in the parameters."""
 
 from __future__ import annotations
@@ -11,7 +25,7 @@ from process_bags import located_or_evaluated
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.parameters.parameter_file import write_parameters
+from tirgeo_ros.io.parameters.parameter_file import parameters_yaml
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.graph_outputs import read_pictures
@@ -65,7 +79,9 @@ def test_locate_takes_the_camera_from_the_parameters(flight, lens, sample, tmp_p
     (tmp_path / "xt2.yaml").write_text(camera_yaml(XT2), encoding="utf-8")
     places = []
     for camera in (lens, tmp_path / "xt2.yaml"):
-        write_parameters(tmp_path / "more.yaml", {"overlay_node": {"camera": str(camera)}}, "")
+        (tmp_path / "more.yaml").write_text(
+            parameters_yaml({"overlay_node": {"camera": str(camera)}}, "")
+        )
         params = [sample / "params.yaml", tmp_path / "more.yaml"]
         out = tmp_path / "out.geojson"
         result = locate_pixels(flight, tmp_path / "pixels.csv", out, params=params)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """tirgeo import of logs: several of one flight, every real one, damaged ones, and the command."""
 
 from __future__ import annotations
@@ -11,8 +25,7 @@ from dataclasses import replace
 import pytest
 from autopilot_logs import MAGIC
 from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from project import PROJECT
 
 from tirgeo_ros.core.types.errors import LogError, TirgeoError
@@ -219,7 +232,8 @@ def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, 
         monkeypatch.setitem(sys.modules, name, None)
     (tmp_path / "a.log").write_bytes(head)
     assert main(["import", str(tmp_path / "a.log"), "-o", str(tmp_path / "a.mcap")]) == 1
-    assert f"{package} is missing: pip install {package}\n" in capsys.readouterr().err
+    remedy = f'a.log needs {package}: pip install "tirgeo[logs]"\n'
+    assert capsys.readouterr().err.endswith(remedy)
     assert not (tmp_path / "a.mcap").exists()
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """tirgeo import --map-topic: any bag's topics become those of the contract; wrong use, damage."""
 
 from __future__ import annotations
@@ -236,9 +250,8 @@ def test_a_bag_without_pairs_is_answered_with_options(tmp_path, capsys):
     asked = "--map-topic /mavros/imu/data=imu/data --map-topic /mavros/fix=gps/fix --map-topic "
     assert f"{asked}/mavros/gps_vel=gps/vel\n" in capsys.readouterr().err
     ros2 = tmp_path / "b"
-    data = CDR.from_ros1(
-        next(Ros1Bag(ros1).messages(["/mavros/imu/data"])).data, "sensor_msgs/msg/Imu"
-    )
+    bag = Ros1Bag(ros1)
+    data = bag.cdr(next(bag.messages(["/mavros/imu/data"])))
     record(ros2, [[BagMessage("/xsens/imu", "sensor_msgs/msg/Imu", 1, data)]])
     assert main(["import", str(ros2), "-o", str(tmp_path / "out.mcap")]) == 1
     line = f"{ros2}: a ROS 2 bag; name its topics, for example --map-topic /xsens/imu=imu/data\n"

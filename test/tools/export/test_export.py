@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """``tirgeo export`` on the sample flight: what it makes, what it counts, what it refuses."""
 
 from __future__ import annotations
@@ -116,7 +130,7 @@ def test_refusals(params, nine_s, tmp_path, capsys, monkeypatch):
     assert not [item for item in out.rglob("*") if item.is_file()]
     monkeypatch.setitem(sys.modules, "rasterio", None)
     error = refusal(capsys, nine_s, "-o", out, *params)
-    assert "need rasterio: pip install 'tirgeo[dem]'" in error
+    assert 'mosaics needs rasterio: pip install "tirgeo[dem]"' in error
 
 
 @pytest.mark.parametrize("wrong", [("--gsd", "0"), ("--grazing", "90"), ("--only", "tea")])

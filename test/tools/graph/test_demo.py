@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The demonstration's parts that need no node."""
 
 from __future__ import annotations
@@ -16,8 +30,9 @@ from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, NodeState, TopicState
+from tirgeo_ros.io.messages.json_codec import state_text
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb
 from tirgeo_ros.tools.graph import find_resource
@@ -33,7 +48,7 @@ from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 MS = 1_000_000
 PLANE = TangentPlane(0.7, 2.0, 11.0)
-MESSAGES = Messages(Cdr().types)
+MESSAGES = Messages()
 
 
 def write(path: Path, topics: list[tuple[str, object, int]]) -> Path:
@@ -54,7 +69,7 @@ def status_at(stamp_ns: int, sigma_rad: float) -> tuple[str, object, int]:
         "ekf_heading", FilterState.RUNNING, "", FixStatus.FIXED, sigma_rad, {}, {}
     )
     state = NodeState("/ekf_node", stamp_ns, 1, navigation=status)
-    return "tirgeo/state", MESSAGES.state(state), stamp_ns
+    return "tirgeo/state", MESSAGES.text(state_text(state)), stamp_ns
 
 
 def test_the_summary_has_what_the_nodes_published(tmp_path):
@@ -71,7 +86,7 @@ def test_the_summary_has_what_the_nodes_published(tmp_path):
     statuses = [status_at(300 * MS, np.radians(0.2)), status_at(600 * MS, np.radians(0.1))]
     topics = {"tirgeo/overlay/image": TopicState(9.0, latency_ms=12.5)}
     overlay = NodeState("/overlay_node", 700 * MS, 1, topics, {"drawn": 7, "notices": 3})
-    statuses.append(("tirgeo/state", MESSAGES.state(overlay), 700 * MS))
+    statuses.append(("tirgeo/state", MESSAGES.text(state_text(overlay)), 700 * MS))
     path = write(tmp_path / "run.mcap", pictures + poses + statuses)
     result = summary(read_outputs(path), begin_ns=0)
     assert result["method"] == "ekf_heading"

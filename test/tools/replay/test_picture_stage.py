@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """tirgeo process on several cores: the bytes of one, in order, and no half work."""
 
 from __future__ import annotations
@@ -16,7 +30,6 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, Unpainted
 from tirgeo_ros.core.types.errors import PictureError
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.replay.picture_stage import Painted
 from tirgeo_ros.tools.replay.process import process
@@ -119,7 +132,7 @@ def test_messages_wait_for_the_picture_before_them_and_not_for_ever():
         written.append((topic, log_time_ns))
 
     stage = _SlowStage()
-    made = PictureOutputs(stage, Messages(Cdr().types), write, None, 1.0, raw_images=False)
+    made = PictureOutputs(stage, Messages(), write, None, 1.0, raw_images=False)
     overlay = Overlay(OverlayConfig(), None)
 
     def picture(stamp_ns):

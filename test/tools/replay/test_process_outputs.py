@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """What process writes besides poses: transforms, footprints, the track, video, located clicks."""
 
 from __future__ import annotations
@@ -18,8 +32,8 @@ from tirgeo_ros.core.navigation.estimator.track import MOST_POINTS
 from tirgeo_ros.core.types.measurements import SetHeading
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose, ground_point
-from tirgeo_ros.io.parameters.parameter_file import load_config
+from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose, pictures as picture_messages
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.process import process
 
 #: Interpolating on a globe of attitudes and chaining, twice: positions of order 100 m.
@@ -49,7 +63,7 @@ def test_each_picture_has_its_calibration_and_some_their_footprint(whole):
     pictures = contents(bag, "/tirgeo/overlay/image/compressed")
     infos = contents(bag, "/tirgeo/overlay/camera_info")
     assert [*map(convert.stamp_ns, infos)] == [*map(convert.stamp_ns, pictures)]
-    result = convert.camera(infos[0])
+    result = picture_messages.camera(infos[0])
     assert (result.matrix == XT2.matrix).all()
     assert result.distortion == (*XT2.distortion, 0.0)  # plumb_bob has five
     stamps = {convert.stamp_ns(entry) for entry in pictures}
@@ -158,21 +172,22 @@ def clicked(cut, tmp_path_factory):
 
 
 def located(path):
-    """Stamp, point and covariance of the one point in a bag of outputs."""
+    """The one point in a bag of outputs, as a pose whose rotation is unknown."""
     ((_, message),) = messages_of(path, "/tirgeo/locate/point")
-    return ground_point(message)
+    return convert.camera_pose(message)
 
 
 def test_a_click_in_the_bag_becomes_a_point(clicked, options, tmp_path):
     bag, stamp_ns = clicked
     output = tmp_path / "out.mcap"
     summary = process(bag, output, **options)
-    stamp, point_n, covariance_n = located(output)
-    assert stamp == stamp_ns
+    point = located(output)
+    point_n = point.position_n
+    assert point.stamp_ns == stamp_ns
     # The ground is the plane's own height there: the Earth's bend over 100 m is below 1 mm.
     assert point_n[2] == pytest.approx(0.0, abs=0.001)
     assert 10 < np.linalg.norm(point_n[:2]) < 300
-    assert np.linalg.eigvalsh(covariance_n)[0] > 0
+    assert np.linalg.eigvalsh(point.covariance[:3, :3])[0] > 0
     assert summary["overlay"]["drawn"] > 10
     assert summary["written"]["/tirgeo/locate/fix"] == 1
 
@@ -181,8 +196,8 @@ def test_an_elevation_model_stands_before_the_parameters_height(clicked, options
     """The model is level, ellipsoidal, 2 m above the parameter's height."""
     rasterio = pytest.importorskip("rasterio", reason="elevation models need rasterio")
     params, dem = options["params"], tmp_path / "dem.tif"
-    ground_m = load_config(params, "overlay_node", OverlayConfig).ground_height_m
-    latitude, longitude, _ = load_config(params, "ekf_node", EkfConfig).origin_lat_lon_h
+    ground_m = ParameterFile(params).config("overlay_node", OverlayConfig).ground_height_m
+    latitude, longitude, _ = ParameterFile(params).config("ekf_node", EkfConfig).origin_lat_lon_h
     place = rasterio.transform.from_origin(longitude - 0.01, latitude + 0.01, 1e-4, 1e-4)
     shape = {"height": 200, "width": 200, "count": 1, "dtype": "float32", "crs": "EPSG:4979"}
     with rasterio.open(dem, "w", driver="GTiff", transform=place, **shape) as target:
@@ -190,7 +205,7 @@ def test_an_elevation_model_stands_before_the_parameters_height(clicked, options
     output = tmp_path / "out.mcap"
     process(clicked[0], output, dem=dem, **options)
     # 1 mm of the Earth's bend, and what float32 leaves of the height
-    assert located(output)[1][2] == pytest.approx(-2.0, abs=0.002)
+    assert located(output).position_n[2] == pytest.approx(-2.0, abs=0.002)
 
 
 SIGMA = math.radians(2.0)

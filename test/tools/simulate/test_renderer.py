@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The contents of pictures: spots, targets, hillsides; the map, other cameras, clicks."""
 
 from __future__ import annotations
@@ -18,9 +32,9 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.ground.backprojection import first_hit
 from tirgeo_ros.core.types.errors import ScenarioError
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
 from tirgeo_ros.tools.simulate.park import LEVEL, Relief, lay_out, map_text
@@ -253,7 +267,10 @@ def test_the_bag_contains_the_camera_of_its_pictures(tmp_path):
     cdr, reader = Cdr(), BagReader(tmp_path / "flight.mcap")
     infos, pictures = (
         [form(cdr.deserialize(m.data, m.typename)) for m in reader.messages([f"/thermal/{name}"])]
-        for name, form in (("camera_info", convert.camera), ("image_raw", convert.image_pixels))
+        for name, form in (
+            ("camera_info", picture_messages.camera),
+            ("image_raw", picture_messages.image_pixels),
+        )
     )
     (camera,) = set(infos)
     assert (camera.width, camera.height) == (320, 256)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """A scenario's flight as files: complete, repeatable, cut; the sample flight; joint orders."""
 
 from __future__ import annotations
@@ -17,7 +31,7 @@ from tirgeo_ros.core.types.measurements import USUAL_ORDER, ImuSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.io.parameters.parameter_file import load_config, load_yaml
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_yaml
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.graph_outputs import differences
@@ -98,14 +112,14 @@ def test_a_window_is_a_cut_of_the_whole(whole, scenario_path, tmp_path):
 
 def test_parameters_fit_the_flight(whole):
     path, scenario = whole[0] / "params.yaml", scenario_from({})
-    ekf = load_config(path, "ekf_node", EkfConfig)
+    ekf = ParameterFile(path).config("ekf_node", EkfConfig)
     assert ekf.aircraft == scenario.aircraft
     assert ekf.origin_lat_lon_h == (39.85, 116.7, 11.5)
     assert ekf.imu.angle_random_walk == scenario.imu.noise.angle_random_walk
-    overlay = load_config(path, "overlay_node", OverlayConfig)
+    overlay = ParameterFile(path).config("overlay_node", OverlayConfig)
     assert (overlay.ground_height_m, overlay.video_latency_s) == (11.5, 0.05)
-    dji = load_config(path, "dji_node", DjiConfig)
-    player = load_config(path, "bag_player", BagPlayerConfig)
+    dji = ParameterFile(path).config("dji_node", DjiConfig)
+    player = ParameterFile(path).config("bag_player", BagPlayerConfig)
     assert dji.geoid_undulation_m == player.simulated_aircraft.geoid_undulation_m == -9.0
     assert dji.rtk.delay_s == scenario.rtk.arrival_delay_s
 

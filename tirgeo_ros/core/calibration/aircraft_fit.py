@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Fit the aircraft's parameters so that the filter's innovations of a flight are smallest.
 
 Maximum likelihood by Gauss-Newton over whitened innovations and their slopes (``aircraft_run``),
@@ -29,12 +43,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
     reported_direction_rad,
     values_of_config,
 )
-from tirgeo_ros.core.calibration.aircraft_run import (
-    FilterRun,
-    FlightRuns,
-    huber_weight,
-    squared,
-)
+from tirgeo_ros.core.calibration.aircraft_run import FilterRun, FlightRuns, huber_weight, squared
 from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define the parameters that a flight observes, and apply their values to the filter and samples.
 
 A set of values is a vector (7,) in the order of PARAMETERS: m, rad and s. The antenna's place is
@@ -18,6 +32,7 @@ from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.fusion import AIDS
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
@@ -70,11 +85,7 @@ def values_of_config(config: EkfConfig) -> Array:
     """Return the values (7,) of the configured parameters; the IMU's delay is subtracted."""
     x, y, _ = Baseline.from_config(config.aircraft).direction_b
     lever_m = flu_from_frd(config.aircraft.rtk_lever_b)
-    position_s, heading_s = config.rtk.delay_s, config.heading.delay_s
-    velocity_s = position_s + config.rtk.velocity_delay_s
-    delays_s = np.array(
-        [position_s, velocity_s, position_s if math.isnan(heading_s) else heading_s]
-    )
+    delays_s = np.array([AIDS[source].delay_s(config) for source in DELAYS])
     return np.array([*lever_m, math.atan2(y, x), *(delays_s - config.imu.delay_s)])
 
 

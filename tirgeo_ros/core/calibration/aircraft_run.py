@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the filter over a flight with values of the aircraft's parameters; whiten its innovations.
 
 Prediction errors and their slopes by parameters (Ljung, System Identification, 2nd ed., chapter
@@ -34,12 +48,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import FLU_FRD, matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.aiding.aid import (
-    Aiding,
-    AidMeasurement,
-    Fused,
-    StateEstimate,
-)
+from tirgeo_ros.core.navigation.aiding.aid import Aiding, AidMeasurement, Fused, StateEstimate
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
@@ -280,12 +289,7 @@ class WhiteningFusion(Fusion):
         self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
         self.white: list[White] = []
 
-    def _judged(
-        self,
-        aid: AidMeasurement,
-        estimate: StateEstimate,
-        autopilot_q_nb: Array | None,  # noqa: ARG002  as the base has it
-    ) -> Fused:
+    def _judged(self, aid: AidMeasurement, estimate: StateEstimate) -> Fused:
         """Return the estimate with a measurement in it, whatever its innovation."""
         state, covariance, aids = estimate.state, estimate.covariance, estimate.aids
         reading = self._readings[aid.source, aid.stamp_ns]
@@ -303,15 +307,8 @@ class WhiteningFusion(Fusion):
         self._state_slope = moved + gain @ slope
         root = np.linalg.cholesky(spread)
         whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
-        self.white.append(
-            White(
-                number=reading.number,
-                source=aid.source,
-                stamp_ns=aid.stamp_ns,
-                error=whitened[:, 0],
-                slope=whitened[:, 1:],
-            )
-        )
+        parts = whitened[:, 0], whitened[:, 1:]  # error and slope
+        self.white.append(White(reading.number, aid.source, aid.stamp_ns, *parts))
         track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
         aids = aids.with_track(aid.source, track)
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Detect a checkerboard in a thermal picture: all its corners, or the reason for rejecting them.
 
 Foil on a board gives a contrast of a few degrees, of either sign, and unevenly. The picture is
@@ -81,11 +95,9 @@ def _candidates(grey: RawPixels, board: Checkerboard) -> Iterator[Array]:
     small, scale = _shrunk(grey)
     for form in (_stretched(small), _local(small)):
         for calm_px in (0.0, _CALM_PX):
-            calm = cv2.GaussianBlur(form, (0, 0), calm_px) if calm_px else form
+            calm = np.asarray(cv2.GaussianBlur(form, (0, 0), calm_px)) if calm_px else form
             # The detector accepts light and dark squares either way round.
-            detected, corners = cv2.findChessboardCornersSB(
-                np.asarray(calm, np.uint8), board.size, flags=_DETECTION
-            )
+            detected, corners = cv2.findChessboardCornersSB(calm, board.size, flags=_DETECTION)
             if detected:
                 yield (np.asarray(corners, float).reshape(-1, 2) + 0.5) * scale - 0.5
 

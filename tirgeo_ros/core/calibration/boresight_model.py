@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Model how the boresight, the video's latency and related parameters move the pixels of points.
 
 A surveyed point seen in a picture shows where the camera looked. Its residual is the observed
@@ -24,7 +38,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +48,7 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates, pixel_jaco
 from tirgeo_ros.core.frames.rotations import (
     BODY_OPTICAL,
     FLU_FRD,
+    euler_axes,
     flu_from_frd,
     matrix_from_euler,
     matrix_from_quat,
@@ -41,8 +56,6 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_matrix,
     quat_from_rotvec,
     quat_multiply,
-    rotation_y,
-    rotation_z,
     rotvec_from_quat,
 )
 from tirgeo_ros.core.streams.stamps import exposure_ns
@@ -157,13 +170,8 @@ def _turned(
     north, east, _ = rotation_ng @ flight.camera_offset_g
     about_down = np.array([-east, north, 0.0, 0.0, 0.0, 1.0])
     covariance = pose.covariance - flight.north_variance * np.outer(about_down, about_down)
-    turned = replace(
-        pose,
-        position_n=pose.position_n + move[:3],
-        q_nc=quat_multiply(q_ng, q_gc),
-        covariance=covariance,
-    )
-    return turned, slopes
+    position_n, q_nc = pose.position_n + move[:3], quat_multiply(q_ng, q_gc)
+    return CameraPose(pose.stamp_ns, position_n, q_nc, covariance), slopes
 
 
 @functools.lru_cache(maxsize=2)  # all sightings of a step use the same two mountings
@@ -173,10 +181,8 @@ def _mounting(rpy_rad: tuple[float, ...]) -> tuple[Array, Array]:
     The axes are columns in g: a small change of roll, pitch or yaw turns the camera about them.
     """
     roll, pitch, yaw = flu_from_frd(np.array(rpy_rad))
-    heading = rotation_z(yaw)
-    axes = np.stack([heading @ rotation_y(pitch)[:, 0], heading[:, 1], [0.0, 0.0, 1.0]], axis=1)
     q_gc = quat_from_matrix(matrix_from_euler(roll, pitch, yaw) @ BODY_OPTICAL)
-    return q_gc, axes @ FLU_FRD
+    return q_gc, euler_axes(pitch, yaw) @ FLU_FRD
 
 
 def _sight(flight: SightedFlight, sighting: PointSighting, correction: Array) -> Sight:

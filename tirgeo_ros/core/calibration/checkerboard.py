@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define a checkerboard, what a picture shows of it, and its pose before a calibrated camera.
 
 The board's frame has x along the columns, y along the rows and z into the board, like the optical
@@ -22,7 +36,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_from_matrix
+from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_axes, euler_from_matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 
@@ -229,14 +243,6 @@ def camera_angles(pose: BoardPose) -> tuple[Array, Array]:
     rotation_bc = BODY_OPTICAL @ pose.rotation_cb.T @ BODY_OPTICAL.T
     angles = euler_from_matrix(rotation_bc)
     _, pitch, yaw = angles
-    # phi_b = axes @ d(angles) for the z-y-x angles, phi in the board's frame (Groves 2.58).
-    cosine, sine = np.cos(pitch), np.sin(pitch)
-    axes = np.array(
-        [
-            [np.cos(yaw) * cosine, -np.sin(yaw), 0.0],
-            [np.sin(yaw) * cosine, np.cos(yaw), 0.0],
-            [-sine, 0.0, 1.0],
-        ]
-    )
-    turn = np.linalg.pinv(axes) @ rotation_bc @ BODY_OPTICAL
+    # phi_b = axes @ d(angles), phi in the board's frame.
+    turn = np.linalg.pinv(euler_axes(pitch, yaw)) @ rotation_bc @ BODY_OPTICAL
     return angles, np.asarray(np.sqrt(np.diag(turn @ pose.covariance @ turn.T)))

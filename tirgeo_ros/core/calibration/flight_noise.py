@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Estimate an IMU's white noise under vibration, from densities between its spectral lines.
 
 Motion of the aircraft is below 8 Hz, vibration above. The power there, by Welch's method (1967:
@@ -54,15 +68,11 @@ class Pieces(NamedTuple):
         chosen: Any = [column[these] for column in self[:-1]]
         return Pieces._make([*chosen, self.frequencies_hz])
 
-    def above_motion(self) -> BoolArray:
-        """Return (f,) which frequencies are used: without the last, whose band is half as wide."""
-        hz = self.frequencies_hz
-        return np.asarray((hz > MOTION_HZ) & (hz < hz[-1]))
-
     def lines(self, channel: int) -> list[SpectralLine]:
         """Return the lines of the mean spectrum above motion, strongest first."""
-        inside = self.above_motion()
-        hz, power = self.frequencies_hz[inside], (self.spectra[:, inside, channel] ** 2).mean(0)
+        hz = self.frequencies_hz
+        inside = (hz > MOTION_HZ) & (hz < hz[-1])  # the last one's band is half as wide
+        hz, power = hz[inside], (self.spectra[:, inside, channel] ** 2).mean(0)
         floor = np.median(power)
         excess = 2 * np.maximum(power - floor, 0.0) * self.frequencies_hz[1]
         out = np.concatenate([[False], power > _STANDS_OUT * floor, [False]])

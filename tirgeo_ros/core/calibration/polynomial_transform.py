@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define polynomials from the pixels of a picture of the ground to a plane in metres.
 
 Order 1 is affine (3 terms each way), 2 has 6 and 3 has 10 terms: the cubic with which Ren et al.
@@ -71,15 +85,13 @@ class PolynomialTransform:
         along, to = end - begin, pixels[:, None] - begin
         cross = along[:, 0] * to[..., 1] - along[:, 1] * to[..., 0]
         slack = 1e-6 * self.pixels.size * np.hypot(*along.T)
-        inside: BoolArray = (cross >= -slack).all(axis=1) | (cross <= slack).all(axis=1)
-        return inside
+        return np.asarray((cross >= -slack).all(axis=1) | (cross <= slack).all(axis=1))
 
     def folded(self, pixels: Array) -> BoolArray:
         """Return (n,) where the polynomial mirrors the picture, so that it cannot be right."""
         signs = np.linalg.det(self.jacobian(pixels))
         middle = np.linalg.det(self.jacobian(self.pixels.middle[None]))
-        folded: BoolArray = signs * np.sign(middle) <= 0
-        return folded
+        return np.asarray(signs * np.sign(middle) <= 0)
 
 
 @dataclass(frozen=True, slots=True)

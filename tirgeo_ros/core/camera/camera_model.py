@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Model a camera with lens distortion: points to pixels, pixels to rays, and its valid radius.
 
 The pinhole camera with Brown's distortion (Ren et al. 2022, Eq. 25-26) or the rational model, in
@@ -13,12 +27,10 @@ import math
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-import cv2
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial import polynomial as poly
 
-from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError
 
 T = TypeVar("T", Array, float)
@@ -43,9 +55,6 @@ _CONVERGED = 1e-12  # in normalised units: 1e-9 px with a focal length of 1000 p
 #: Lines are clipped this far outside the image, so that their cut ends are not visible.
 _BORDER_PX = 8.0
 _EDGE_SAMPLES = 33
-# Rectification.
-_BORDER_BGR = (40, 40, 110)
-_MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
 
 
 @dataclass(frozen=True)
@@ -218,22 +227,21 @@ def _fold_radius(k: tuple[float, ...]) -> float:
     Infinite if there is none.
     With s = r^2 and r_d = r N(s) / D(s): dr_d/dr = ((N + 2 s N') D - 2 s N D') / D^2.
     """
+    from numpy.polynomial import polynomial as poly  # noqa: PLC0415  nodes without camera: 1 MB
+
     top, bottom = [1.0, k[0], k[1], k[4]], [1.0, k[5], k[6], k[7]]
     two_s = [0.0, 2.0]
     rise = poly.polyadd(top, poly.polymul(two_s, poly.polyder(top)))
     fall = poly.polymul(two_s, poly.polymul(top, poly.polyder(bottom)))
     slope = poly.polysub(poly.polymul(rise, bottom), fall).astype(float)
-    widest = max(_largest_root(slope), _largest_root(np.array(bottom)))
+    # Solved as polynomials in 1 / s: their leading coefficient is then the constant 1, so
+    # distortion coefficients that are zero do no harm.
+    widest = max(_largest_root(poly.polyroots(each[::-1])) for each in (slope, bottom))
     return math.sqrt(1 / widest) if widest > 0 else math.inf
 
 
-def _largest_root(coefficients: Array) -> float:
-    """Return the largest positive 1 / s at which a polynomial in s is zero; 0 if there is none.
-
-    Solved as a polynomial in 1 / s: its leading coefficient is then the constant 1, so distortion
-    coefficients that are zero do no harm.
-    """
-    roots = poly.polyroots(coefficients[::-1])
+def _largest_root(roots: Array) -> float:
+    """Return the largest positive root, 0 if there is none."""
     # A polynomial that only touches zero has a double root, which numerically is a pair with a
     # tiny imaginary part. This counts as a fold too.
     real = np.abs(roots.imag) <= 1e-6 * np.abs(roots)
@@ -343,38 +351,3 @@ def largest_scale(camera: Camera, radius: float) -> float:
     # At radius r a small angle spans at most 1 + r^2 times as much on the plane z = 1.
     scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
     return float(scale.max())
-
-
-class Rectifier:
-    """Rectify the pictures of a camera: remove the distortion of its lens.
-
-    ``camera`` is the camera without distortion. The remap tables and the border are computed once.
-    """
-
-    def __init__(self, camera: Camera) -> None:
-        """Compute the tables; raise CameraError if the picture has too many pixels for them."""
-        if camera.width * camera.height > _MOST_RECTIFIED:
-            size = f"{camera.width}x{camera.height}"
-            raise CameraError(
-                f"camera: {size} pixels are too many to rectify: set rectify to false"
-            )
-        self.camera = Camera(
-            camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
-        )
-        shape = camera.height, camera.width
-        v, u = np.indices(shape, dtype=float)
-        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-        valid = x * x + y * y <= camera.max_radius**2
-        column, row = np.full(shape, -1e3), np.full(shape, -1e3)
-        column[valid], row[valid] = camera.pixels(x[valid], y[valid])
-        places = column.astype(np.float32), row.astype(np.float32)
-        self._maps = cv2.convertMaps(*places, cv2.CV_16SC2)
-        inside = (column >= -0.5) & (column <= camera.width - 0.5)
-        inside &= (row >= -0.5) & (row <= camera.height - 0.5)
-        self._blank = np.where(inside, np.uint8(0), np.uint8(255))
-        self._border = np.full((*shape, 3), _BORDER_BGR, np.uint8)
-
-    def rectified(self, image: Pixels) -> Pixels:
-        """Return the rectified picture, a new array (h, w, 3) BGR, of a picture (h, w, 3) BGR."""
-        straight = cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(cv2.copyTo(self._border, self._blank, straight), np.uint8)

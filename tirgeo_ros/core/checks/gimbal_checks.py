@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check the gimbal's joint angles against the reported camera attitudes.
 
 Both are yaw, roll, pitch of the same chain, so there are few ways to mistake axes, signs, unit or
@@ -172,12 +186,11 @@ class GimbalChecks:
         """Compare angles (N, 3) yaw, roll, pitch, rad, with reported ``R_bg`` (N, 3, 3)."""
         reported = joint_angles(rotations_bg, self._order)
         other = _other_order(joints, reported, rotations_bg)
+        before = _sizes(joints, reported)
         if other:
-            texts = {
-                "words": f"the joints are those of a gimbal {other}, not {self._order}",
-                "before": _sizes(joints, reported),
-                "after": _sizes(joints, joint_angles(rotations_bg, other)),
-            }
+            words = f"the joints are those of a gimbal {other}, not {self._order}"
+            after = _sizes(joints, joint_angles(rotations_bg, other))
+            texts = {"words": words, "before": before, "after": after}
             return [finding("joint_order", self._case, **texts, other=other, order=self._order)]
         limit = _SHARE * _cost(joints, reported)
         possible = _READINGS if limit > 3 * _FLOOR_RAD2 else ()  # no reading costs less
@@ -185,11 +198,8 @@ class GimbalChecks:
         least = min(costs, default=math.inf)
         if least < limit:
             best = possible[[cost <= _ALIKE * least for cost in costs].index(True)]
-            texts = {
-                "words": best.words,
-                "before": _sizes(joints, reported),
-                "after": _sizes(best.angles(joints, headings_rad), reported),
-            }
+            after = _sizes(best.angles(joints, headings_rad), reported)
+            texts = {"words": best.words, "before": before, "after": after}
             return [finding("joint_angles", self._case, **texts)]
         mean, spread = _differences(joints, reported)
         size = np.abs(mean)
@@ -236,17 +246,10 @@ class _Reading(NamedTuple):
         return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}{north}"
 
 
+_ORDERS, _SIGNS = itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)
 #: All readings, those with fewer mistakes first.
 _READINGS = sorted(
-    itertools.starmap(
-        _Reading,
-        itertools.product(
-            itertools.permutations(range(3)),
-            itertools.product((1.0, -1.0), repeat=3),
-            (False, True),
-            (False, True),
-        ),
-    ),
+    itertools.starmap(_Reading, itertools.product(_ORDERS, _SIGNS, (False, True), (False, True))),
     key=lambda r: np.sum(np.not_equal(r.axes, range(3))) + r.signs.count(-1) + r.degrees + r.north,
 )
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check ground and map against the flight: heights at rest and in flight, places, empty files.
 
 An aircraft at rest stands on the ground. It counts as at rest only if it was still for some
@@ -16,12 +30,7 @@ from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.checks.navigation_checks import LARGEST_UNDULATION_M
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain
-from tirgeo_ros.core.map.visibility import (
-    ELSEWHERE_M,
-    likely_mistake,
-    nearest_feature,
-    way_words,
-)
+from tirgeo_ros.core.map.visibility import ELSEWHERE_M, likely_mistake, nearest_feature, way_words
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
@@ -52,21 +61,17 @@ def ground_parameter(ground: Ground | None) -> str:
 
 
 class HeightChecks:
-    """Check poses over a ground."""
+    """Check poses over a ground; ``spacing`` selects those that are used."""
 
     def __init__(self, ground: Ground | None) -> None:
         self._plane: TangentPlane | None = None
         self._ground = ground
-        self._spacing = Spacing(_EVERY_NS)
+        self.spacing = Spacing(_EVERY_NS)
         # time s, position NED m, height above ground m, its sigma m
         self._rows: list[tuple[float, ...]] = []
         self._below_m = math.nan  # depth below the ground when first below it
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
         self._rest = math.inf, math.nan  # height in the plane, and above ground
-
-    def is_due(self, stamp_ns: int) -> bool:
-        """Return whether a pose of this stamp would be used."""
-        return self._spacing.is_due(stamp_ns)
 
     def plane(self, plane: TangentPlane) -> None:
         """Take the plane of the poses."""
@@ -75,7 +80,7 @@ class HeightChecks:
     def pose(self, pose: CameraPose) -> None:
         """Take a pose, in order of time."""
         plane, ground = self._plane, self._ground
-        if not self._spacing.take(pose.stamp_ns) or plane is None or ground is None:
+        if not self.spacing.take(pose.stamp_ns) or plane is None or ground is None:
             return
         latitude, longitude, height_m = plane.geodetic_from_ned(pose.position_n)
         level = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
@@ -169,12 +174,10 @@ def map_findings(draped: DrapedMap, ground: Ground) -> list[Finding]:
     nearest = nearest_feature(draped.map, np.zeros(3), draped.first_n)
     if nearest is not None and nearest.distance_m > _FAR_M:
         question = likely_mistake(draped.plane, np.asarray(nearest.point_n))
-        texts = {
-            "way": way_words(nearest.distance_m, nearest.azimuth_rad),
-            "question": f"; {question}" if question else "",
-        }
+        question = f"; {question}" if question else ""
+        way = way_words(nearest.distance_m, nearest.azimuth_rad)
         case = "far" if nearest.distance_m > ELSEWHERE_M else ""
-        findings.append(finding("map_elsewhere", case, **texts))
+        findings.append(finding("map_elsewhere", case, way=way, question=question))
     remarks = [line for layer in draped.map.layers for line in layer.left_out]
     unsure = [finding("map_system_unknown", remark=line) for line in remarks if _NO_SYSTEM in line]
     return sorted_findings([*findings, *unsure])

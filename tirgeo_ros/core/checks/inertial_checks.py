@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check the IMU's units, signs and axes: the force against gravity, rates against the attitude.
 
 The mean specific force over seconds is nearly the reaction to gravity: 9.8 m/s2, upwards.
@@ -281,9 +295,8 @@ class VibrationChecks:
             measured, densities = np.sqrt(np.mean(self._powers, axis=0)), self._densities
             ratios = np.divide(measured, densities, out=np.zeros(6), where=densities > 0)
             if ratios.max() > _STRONG:
-                of_gyroscopes, of_accelerometers = ratios.reshape(2, 3).max(axis=1).tolist()
-                numbers = {"gyroscopes": of_gyroscopes, "accelerometers": of_accelerometers}
-                findings.append(finding("vibration", **numbers))
+                gyros, accels = ratios.reshape(2, 3).max(axis=1).tolist()
+                findings.append(finding("vibration", gyroscopes=gyros, accelerometers=accels))
         counts = self._clipping.counts
         if sum(counts.values()) >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):
             listed = ", ".join(f"{name} {number}" for name, number in counts.items())

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check a flight's topics, parameters and lens calibration before its samples are read.
 
 Topics of a recording or of a running graph may be absent, or have another type or name.
@@ -183,16 +197,14 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
     ``lens`` names its source.
     """
     findings = []
-    lens_size = f"{camera.width}x{camera.height}"
+    texts = {"lens_size": f"{camera.width}x{camera.height}", "lens": lens}
     if size is not None and size != (camera.width, camera.height):
-        texts = {"size": f"{size[0]}x{size[1]}", "lens_size": lens_size, "lens": lens}
-        findings.append(finding("picture_size", **texts))
+        findings.append(finding("picture_size", size=f"{size[0]}x{size[1]}", **texts))
     right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
     aside_px = math.hypot(right, down)
     if aside_px > _ASIDE * camera.width:
         share = aside_px / camera.width
         numbers = {"cx": camera.cx, "cy": camera.cy, "aside_px": aside_px, "share": share}
-        texts = {"lens_size": lens_size, "lens": lens}
         findings.append(finding("principal_point", **numbers, **texts))
     view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:

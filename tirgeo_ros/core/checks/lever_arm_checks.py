@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Fit the RTK antenna's lever arm, its stamps' delays, the IMU's tilt and the headings' offset.
 
 The IMU's readings are integrated over windows of some seconds. Positions, velocities and headings
@@ -114,11 +128,8 @@ class LeverChecks:
         set_m = flu_from_frd(self._lever_b)
         turned = np.abs(set_m + flu_from_frd(estimate.lever_b)) < 0.5 * np.abs(set_m)
         turned &= np.abs(set_m) > _LEAST_M
-        texts = {
-            "place": _place(estimate),
-            "configured": _numbers(set_m),
-            "axes": " and ".join(np.array(("forward", "left", "up"))[turned]),
-        }
+        axes = " and ".join(np.array(("forward", "left", "up"))[turned])
+        texts = {"place": _place(estimate), "configured": _numbers(set_m), "axes": axes}
         case = f"{'set' if self._is_set else ''} {'sign' if turned.any() else ''}"
         return [finding("antenna_place", case, **texts)]
 
@@ -163,9 +174,9 @@ class LeverArmFit:
     def __init__(self, config: EkfConfig) -> None:
         delays = Delays.from_config(config)
         self._lever_b = config.aircraft.rtk_lever_b
-        self._late_ns = [delays.aid_ns[source] - delays.imu_ns for source in _AIDED]
+        self._late_ns = {source: delays.aid_ns[source] - delays.imu_ns for source in _AIDED}
         self._blocks: list[ImuMean] = []
-        self._aids: list[_AidQueue] = [deque(maxlen=_AIDS) for _ in _AIDED]
+        self._aids: dict[Source, _AidQueue] = {source: deque(maxlen=_AIDS) for source in _AIDED}
         self._stretches: deque[tuple[int, int, ImuPath]] = deque(maxlen=_PATHS)  # from, to (ns)
         self._windows: deque[Normal] = deque(maxlen=_KEPT)
         self.blind: bool | None = None
@@ -173,17 +184,9 @@ class LeverArmFit:
         self._estimate: LeverArmEstimate | None = None
         self._fresh = True
 
-    def position(self, stamp_ns: int, position_n: Array) -> None:
-        """Take a fixed position (3,) in any NED plane, m."""
-        self._aids[0].append((stamp_ns - self._late_ns[0], position_n))
-
-    def velocity(self, stamp_ns: int, velocity_n: Array) -> None:
-        """Take a velocity (3,), NED, m/s."""
-        self._aids[1].append((stamp_ns - self._late_ns[1], velocity_n))
-
-    def heading(self, stamp_ns: int, heading_rad: float) -> None:
-        """Take a heading, rad."""
-        self._aids[2].append((stamp_ns - self._late_ns[2], np.array(heading_rad)))
+    def take(self, source: Source, stamp_ns: int, value: Array) -> None:
+        """Take a fixed position (m, in any NED plane), a velocity (m/s) or a heading (rad)."""
+        self._aids[source].append((stamp_ns - self._late_ns[source], value))
 
     def block(self, block: ImuMean) -> None:
         """Take the next block of the IMU; windows begin with the autopilot's attitude."""
@@ -210,7 +213,7 @@ class LeverArmFit:
         """Return a window's equations, made for stamps that are late by ``delay_s``."""
         late_ns = round(delay_s * 1e9)
         inputs = []
-        for aids in self._aids:
+        for aids in self._aids.values():
             inside = [aid for aid in aids if start_ns < aid[0] - late_ns < end_ns]
             times_s = np.array([stamp_ns - late_ns - start_ns for stamp_ns, _ in inside]) * 1e-9
             inputs.append((times_s, np.array([value for _, value in inside])))

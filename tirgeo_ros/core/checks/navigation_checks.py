@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check the filter's inputs and their parameters.
 
 Samples are taken as they arrive, before the filter's own checks reject any.
@@ -137,19 +151,21 @@ class NavigationChecks:
         if isinstance(sample, HeadingSample):
             self._heading.heading(sample)
             if not fault_of(sample):
-                self._levers.fit.heading(sample.stamp_ns, sample.heading_rad)
+                heading = np.array(sample.heading_rad)
+                self._levers.fit.take(sample.source, sample.stamp_ns, heading)
         elif isinstance(sample, PositionSample):
             self._position(sample)
         elif isinstance(sample, VelocitySample) and not fault_of(sample):
             self._velocities[sample.source].velocity(sample)
             if sample.source is Source.RTK_VELOCITY:
                 self._heading.velocity(sample)
-                self._levers.fit.velocity(sample.stamp_ns, sample.velocity_n)
+                self._levers.fit.take(sample.source, sample.stamp_ns, sample.velocity_n)
 
     def findings(self) -> list[Finding]:
         """Return the findings from all samples so far, the most severe first."""
         imu = self._imu.findings()
         turned = any("gyro" in each.check or "axes" in each.check for each in imu)
+        waited_ns = self._arrived_ns - self._first_ns
         findings = [
             *imu,
             # Wrong gyroscopes would make headings seem wrong.
@@ -157,12 +173,7 @@ class NavigationChecks:
             *self._positions.findings(),
             *(each for checks in self._velocities.values() for each in checks.findings()),
             *self._stamps.findings(),
-            *stream_findings(
-                self._streams,
-                self._config,
-                self._arrived_ns - self._first_ns,
-                self._gap_counts_s,
-            ),
+            *stream_findings(self._streams, self._config, waited_ns, self._gap_counts_s),
             *([] if imu else self._vibration.findings()),  # its unit would be wrong too
         ]
         if all(each.severity < Severity.STOP for each in findings):  # the fit trusts all inputs
@@ -180,7 +191,7 @@ class NavigationChecks:
         velocity = Source.RTK_VELOCITY if is_rtk else Source.GPS_VELOCITY
         self._velocities[velocity].position(sample.stamp_ns, position_n)
         if is_rtk and sample.status is FixStatus.FIXED:
-            self._levers.fit.position(sample.stamp_ns, position_n)
+            self._levers.fit.take(sample.source, sample.stamp_ns, position_n)
 
 
 def nearest_causes(findings: Sequence[Finding]) -> list[Finding]:

@@ -1,7 +1,22 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check the set-up with pictures, lens, camera poses and ground together."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import deque
 from collections.abc import Collection
@@ -28,7 +43,7 @@ from tirgeo_ros.core.checks.picture_motion import PictureMotion, PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.poses import CameraPose
@@ -86,7 +101,7 @@ class PictureChecks:
         self._latency_s = config.video_latency_s
         self._default = explicit is not None and "video_latency_s" not in explicit
         self._lens = "overlay_node camera" if config.camera else "thermal/camera_info"
-        self._ground = ground_parameter(ground)
+        self._ground = ground_parameter(ground) if is_given(ground) else ""
         self._camera: Camera | None = None
         self._heights = HeightChecks(ground)
         self._stamps = FrameStamps()
@@ -113,8 +128,8 @@ class PictureChecks:
 
     def pose(self, pose: CameraPose) -> None:
         """Take a camera pose, in order of time."""
-        self._stamps.pose(pose.stamp_ns)
-        is_due = self._camera is not None or self._heights.is_due(pose.stamp_ns)
+        self._stamps.pose_ns = pose.stamp_ns
+        is_due = self._camera is not None or self._heights.spacing.is_due(pose.stamp_ns)
         if is_due and not pose_fault(pose.position_n, pose.q_nc, pose.covariance):
             self._heights.pose(pose)
             self._motion.pose(pose)
@@ -147,8 +162,7 @@ class PictureChecks:
             findings += lens_findings(camera, lens, self._size)
             fit = self._motion.fit()
             if fit is not None:
-                ground = self._ground if self._motion.has_ground else ""
-                findings += motion_findings(fit, self._latency_s, camera.fx, lens, ground)
+                findings += motion_findings(fit, self._latency_s, camera.fx, lens, self._ground)
         if self._default and self._tracker.pairs:
             findings.append(finding("latency_default", latency_s=self._latency_s))
         return findings
@@ -158,13 +172,9 @@ class FrameStamps:
     """Check the stamps of frames."""
 
     def __init__(self) -> None:
-        self._pose_ns = 0  # stamp of the newest pose since the last frame, or 0
+        self.pose_ns = 0  # stamp of the newest pose since the last frame, or 0
         # of each frame: its stamp, its arrival and that pose, ns; 0 where unknown
         self._frames: deque[tuple[int, int, int]] = deque(maxlen=_KEPT)
-
-    def pose(self, stamp_ns: int) -> None:
-        """Take the stamp of a camera pose."""
-        self._pose_ns = stamp_ns
 
     def frame(self, stamp_ns: int, arrival_ns: int) -> None:
         """Take a frame's stamp and its arrival time.
@@ -172,8 +182,8 @@ class FrameStamps:
         An arrival time of 0 means unknown, because a clock that is played with a bag is 0 until
         its first message.
         """
-        self._frames.append((stamp_ns, arrival_ns, self._pose_ns))
-        self._pose_ns = 0  # compare only with a pose that came since the last frame
+        self._frames.append((stamp_ns, arrival_ns, self.pose_ns))
+        self.pose_ns = 0  # compare only with a pose that came since the last frame
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
@@ -220,33 +230,29 @@ def motion_findings(
     ]
     cases = ["far" if is_far else "" for is_far in far]
     significant = [_is_significant(fit, part) for part in range(len(_PARTS))]
+    of_fit = functools.partial(finding, pairs=fit.pairs)
     findings = []
-    pairs = {"pairs": fit.pairs}
     if significant[LATENCY]:
-        true_s = latency_s + fit.values[LATENCY]
-        numbers = {"true_s": true_s, "sigma_s": fit.sigmas[LATENCY], "latency_s": latency_s}
-        findings.append(finding("video_latency", cases[0], **numbers, **pairs))
+        numbers = {"true_s": latency_s + fit.values[LATENCY], "sigma_s": fit.sigmas[LATENCY]}
+        findings.append(of_fit("video_latency", cases[0], **numbers, latency_s=latency_s))
     if significant[FOCAL]:
         true_px = focal_px * math.exp(fit.values[FOCAL])
         numbers = {"true_px": true_px, "sigma_px": true_px * fit.sigmas[FOCAL]}
-        numbers |= {"focal_px": focal_px}
-        findings.append(finding("focal_length", cases[1], **numbers, lens=lens, **pairs))
+        findings.append(of_fit("focal_length", cases[1], **numbers, focal_px=focal_px, lens=lens))
     true_m = fit.above_m * math.exp(fit.values[HEIGHT])
     off_m = fit.above_m - true_m
     off_enough = abs(off_m) > max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m)
     if significant[HEIGHT] and ground and off_enough:
-        numbers = {"true_m": true_m, "sigma_m": true_m * fit.sigmas[HEIGHT], "off_m": abs(off_m)}
-        numbers |= {"above_m": fit.above_m}
-        texts = {"ground": ground, "move": "raise" if off_m > 0 else "lower"}
-        findings.append(finding("ground_by_motion", cases[2], **numbers, **texts, **pairs))
+        numbers = {"true_m": true_m, "sigma_m": true_m * fit.sigmas[HEIGHT]}
+        numbers |= {"off_m": abs(off_m), "above_m": fit.above_m}
+        move = "raise" if off_m > 0 else "lower"
+        findings.append(of_fit("ground_by_motion", cases[2], **numbers, ground=ground, move=move))
     if significant[_BORESIGHT]:
         off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
-        numbers = {"off_deg": math.hypot(*off_deg)}
-        numbers |= {"sigma_deg": math.degrees(fit.sigmas[BORESIGHT].max())}
+        sigma_deg = math.degrees(fit.sigmas[BORESIGHT].max())
+        numbers = {"off_deg": math.hypot(*off_deg), "sigma_deg": sigma_deg}
         angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
-        findings.append(
-            finding("boresight_by_motion", cases[3], **numbers, angles=angles, **pairs)
-        )
+        findings.append(of_fit("boresight_by_motion", cases[3], **numbers, angles=angles))
     unclear = fit.assumed[LATENCY] or abs(fit.values[LATENCY]) > _LEAST[LATENCY]
     if unclear and not significant[LATENCY] and fit.pairs >= _LATENCY_PAIRS:
         findings.append(finding("video_latency_untold"))

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Track points from one picture to the next; fit set-up errors to them and the camera's poses.
 
 Pictures are reduced first: a shift of a quarter of a reduced pixel can still be measured. Points
@@ -14,12 +28,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.checks.motion_fit import (
-    OFFSETS_S,
-    MotionFit,
-    PicturePair,
-    fit_motion,
-)
+from tirgeo_ros.core.checks.motion_fit import OFFSETS_S, MotionFit, PicturePair, fit_motion
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain, is_given
@@ -174,11 +183,6 @@ class PictureMotion:
         self._new = 0
         self._fit: MotionFit | None = None
 
-    @property
-    def has_ground(self) -> bool:
-        """Return whether the ground's height is given, and so may be wrong."""
-        return self._ground is not None
-
     def set_camera(self, camera: Camera) -> None:
         """Set the calibration; another one removes all data so far."""
         if camera != self._camera:
@@ -217,15 +221,13 @@ class PictureMotion:
         while pose.stamp_ns - self._poses[0][0] > (_POSES_S + max(self._latency_s, 0.0)) * 1e9:
             self._poses.popleft()
         waiting = self._waiting
-        while waiting and self._exposure_ns(waiting[0].second_ns) + _WAIT_NS <= pose.stamp_ns:
+        due_ns = pose.stamp_ns - _WAIT_NS
+        while waiting and exposure_ns(waiting[0].second_ns, self._latency_s) <= due_ns:
             self._pair(waiting.popleft())
 
     def tracks(self, tracks: Tracks) -> None:
         """Take tracks; they wait for the poses after them."""
         self._waiting.append(tracks)
-
-    def _exposure_ns(self, stamp_ns: int) -> int:
-        return exposure_ns(stamp_ns, self._latency_s)
 
     def _pair(self, tracks: Tracks) -> None:
         camera, plane = self._camera, self._plane
@@ -251,8 +253,8 @@ class PictureMotion:
     def _poses_around(self, tracks: Tracks) -> Array | None:
         """Return poses (2, K, 7) at OFFSETS_S from both exposures; None if poses are missing."""
         rows = np.array(self._poses)
-        stamps_ns = (tracks.first_ns, tracks.second_ns)
-        starts_s = [(self._exposure_ns(ns) - rows[0, 0]) * 1e-9 for ns in stamps_ns]
+        exposed_ns = [exposure_ns(stamp_ns, self._latency_s) for stamp_ns in tracks[:2]]
+        starts_s = [(stamp_ns - rows[0, 0]) * 1e-9 for stamp_ns in exposed_ns]
         times_s = (rows[:, 0] - rows[0, 0]) * 1e-9
         wanted_s = np.add.outer(starts_s, OFFSETS_S)
         begin_s, end_s = wanted_s.min() - _MEAN_S / 2, wanted_s.max() + _MEAN_S / 2

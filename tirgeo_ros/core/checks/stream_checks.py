@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check that topics arrive: often enough, without gaps, in order, with stamps and covariances.
 
 Stamps are measurement times on one clock. A sample's age is its arrival time minus its stamp. The
@@ -8,9 +22,10 @@ arrival than the IMU has stamps in the future.
 from __future__ import annotations
 
 import math
-import statistics
 from collections import deque
 from collections.abc import Mapping
+
+import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import EkfConfig
@@ -180,37 +195,32 @@ def _gaps(streams: Mapping[str, Stream], counts_s: float) -> list[Finding]:
 
 def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
     """Return the faults that occur in more than a few of a topic's samples."""
+
+    def counts(numbers: Mapping[str, int]) -> str:
+        return ", ".join(f"{t} ({number} of {streams[t].count})" for t, number in numbers.items())
+
     findings = []
-    back: dict[str, str] = {}
-    unstamped: dict[str, str] = {}
-    unknown: dict[str, str] = {}
-    for topic, stream in streams.items():
-        for listed, number, least in (
-            (back, stream.back, max(3, _MOST_BACK * stream.count)),
-            (unstamped, stream.unstamped, _LEAST_UNSTAMPED),
-            (unknown, stream.unknown, max(_LEAST_UNKNOWN, 0.5 * stream.count)),
-        ):
-            if number >= least:
-                listed[topic] = f"{topic} ({number} of {stream.count})"
+    back = {t: s.back for t, s in streams.items() if s.back >= max(3, _MOST_BACK * s.count)}
+    unstamped = {t: s.unstamped for t, s in streams.items() if s.unstamped >= _LEAST_UNSTAMPED}
+    unknown = {
+        topic: stream.unknown
+        for topic, stream in streams.items()
+        if stream.unknown >= max(_LEAST_UNKNOWN, 0.5 * stream.count)
+    }
     if back:
-        counts = ", ".join(back.values())
-        findings.append(finding("stamp_order", counts=counts, topic=next(iter(back))))
+        findings.append(finding("stamp_order", counts=counts(back), topic=next(iter(back))))
     if unstamped:
         names = {IMU: "imu.delay_s"} | {topic: name for topic, (_, name) in _DELAYED.items()}
-        of_topics = sorted({names[topic] for topic in unstamped if topic in names})
+        of_topics = ", ".join(sorted({names[topic] for topic in unstamped if topic in names}))
         delays = Delays.from_config(config)
         delayed = {s.topic for s, ns in delays.aid_ns.items() if ns != delays.imu_ns}
         case = "delayed" if set(unstamped) <= delayed else ""
-        texts = {"counts": ", ".join(unstamped.values()), "delays": ", ".join(of_topics)}
-        findings.append(finding("stamp_zero", case, **texts))
+        findings.append(finding("stamp_zero", case, counts=counts(unstamped), delays=of_topics))
     if unknown:
-        texts = {
-            "counts": ", ".join(unknown.values()),
-            "floors": ", ".join(_FLOORS.get(topic, "") for topic in unknown),
-            "topic": next(iter(unknown)),
-        }
+        texts = {"counts": counts(unknown), "topic": next(iter(unknown))}
+        floors = ", ".join(_FLOORS.get(topic, "") for topic in unknown)
         case = "gps" if all(topic.startswith("gps/") for topic in unknown) else ""
-        findings.append(finding("covariance_zero", case, **texts))
+        findings.append(finding("covariance_zero", case, **texts, floors=floors))
     return findings
 
 
@@ -234,7 +244,7 @@ class StampChecks:
             return
         begin_ns, ages_ns = self._second.setdefault(topic, (stream.arrived_ns, []))
         if not 0 <= stream.arrived_ns - begin_ns < _SECOND_NS:
-            self._ended(topic, (statistics.median(ages_ns) + self._delay_ns[topic]) * 1e-9)
+            self._ended(topic, (float(np.median(ages_ns)) + self._delay_ns[topic]) * 1e-9)
             ages_ns = []
             self._second[topic] = stream.arrived_ns, ages_ns
         ages_ns.append(stream.age_ns - imu.age_ns)
@@ -244,7 +254,7 @@ class StampChecks:
         kept.append(median_s)
         before, after = list(kept)[:_WINDOWS], list(kept)[_WINDOWS:]
         if len(after) == _WINDOWS:
-            apart_s = statistics.median(after) - statistics.median(before)
+            apart_s = float(np.median(after) - np.median(before))
             spread_s = max(max(ages) - min(ages) for ages in (before, after))
             if abs(apart_s) > _STEP_S and spread_s < 0.3 * abs(apart_s):
                 self._jumped_s[topic] = apart_s

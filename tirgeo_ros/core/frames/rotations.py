@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert rotations: matrices, quaternions (w, x, y, z), vectors, Euler angles; headings; axes.
 
 Unless a single shape is given, functions accept leading axes: quaternions ``(..., 4)`` give
@@ -167,10 +181,7 @@ def matrix_from_euler(
     roll_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, yaw_rad: npt.ArrayLike
 ) -> Array:
     """Convert Euler angles (...) to ``R_nb`` (..., 3, 3), z-y'-x'' (Groves 2.24, transposed)."""
-    roll, pitch, yaw = np.broadcast_arrays(
-        np.asarray(roll_rad, float), np.asarray(pitch_rad, float), np.asarray(yaw_rad, float)
-    )
-    return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
+    return rotation_z(yaw_rad) @ rotation_y(pitch_rad) @ rotation_x(roll_rad)
 
 
 def euler_from_matrix(matrix: Array) -> Array:
@@ -214,6 +225,12 @@ def rotation_y(angle_rad: npt.ArrayLike) -> Array:
 def rotation_z(angle_rad: npt.ArrayLike) -> Array:
     """Return the rotation matrices of angles about z; (...) -> (..., 3, 3)."""
     return matrix_from_rotvec(np.multiply.outer(np.asarray(angle_rad, float), [0.0, 0.0, 1.0]))
+
+
+def euler_axes(pitch_rad: float, yaw_rad: float) -> Array:
+    """Return the axes (3, 3), as columns, about which roll, pitch and yaw turn (Groves 2.58)."""
+    heading = rotation_z(yaw_rad)
+    return np.stack([heading @ rotation_y(pitch_rad)[:, 0], heading[:, 1], [0.0, 0.0, 1.0]], 1)
 
 
 def slerp(q0: Array, q1: Array, fraction: float) -> Array:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Compute the camera's pose and its covariance from the body's pose and the gimbal's angles.
 
 Yaw turns about z, roll about x and pitch about y, each in the axes as turned by the joints before
@@ -266,9 +280,6 @@ def _camera_pose(
     covariance += np.dot(by_angles * variances, by_angles.T)
     covariance += covariance.T.copy()
     covariance *= 0.5
-    return CameraPose(
-        body.stamp_ns,
-        body.position_n + np.array((a + x, b + y, c + z)),
-        canonical(np.array(quat_multiply(q_ng, tuple(mount.q_gc.tolist())))),
-        covariance,
-    )
+    position_n = body.position_n + np.array((a + x, b + y, c + z))
+    q_nc = canonical(np.array(quat_multiply(q_ng, tuple(mount.q_gc.tolist()))))
+    return CameraPose(body.stamp_ns, position_n, q_nc, covariance)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Compose camera poses from gimbal samples, each at the sample's own time stamp.
 
 A gimbal sample waits until there are body poses before and after its stamp. Then the camera's pose
@@ -80,9 +94,8 @@ class GimbalComposer:
         for buffer in (self._autopilot, self._joints):
             buffer.keep(span_s)
         self._north.configure(config.north)
-        self._readings = YawBiasMeasurements(
-            config.north, math.radians(config.reported_sigma_deg[0])
-        )
+        roll_sigma_rad = math.radians(config.reported_sigma_deg[0])
+        self._readings = YawBiasMeasurements(config.north, roll_sigma_rad)
         self._centred = config.north.centred
 
     @property

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Back-project pixels to the ground (Ren et al. 2022, Eq. 23), or return why it is impossible.
 
 The ray through the pixel is intersected with the ground: a surface of constant ellipsoidal height,
@@ -178,8 +192,7 @@ class Slopes:
         for here, before, after in self._terrain.at(column, row).tolist():
             rises = [x for x in (here - before, after - here) if math.isfinite(x)]
             slopes.append(sum(rises) / max(len(rises), 1) / step_m)
-        normal: Array = -self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes
-        return normal
+        return np.asarray(-self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes)
 
 
 class Reason(Enum):
@@ -221,9 +234,8 @@ class _Piece:
     def is_over(self, s: float, highest_m: float) -> bool:
         """Return whether the ray, at s, is above ``highest_m`` and does not descend."""
         height, linear, square = self.height.tolist()
-        return bool(
-            height + s * (linear + s * square) > highest_m and linear + 2 * s * square >= 0
-        )
+        height += s * (linear + s * square)
+        return bool(height > highest_m and linear + 2 * s * square >= 0)
 
 
 def first_hit(

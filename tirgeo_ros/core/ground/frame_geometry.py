@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Describe where a camera was, how it was turned, and what its picture shows of the ground.
 
 Two conventions of angles are in use, both applied yaw, pitch, roll (z-y-x, intrinsic):
@@ -26,7 +40,12 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, euler_from_matrix, matrix_from_quat
+from tirgeo_ros.core.frames.rotations import (
+    BODY_OPTICAL,
+    euler_axes,
+    euler_from_matrix,
+    matrix_from_quat,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain, locate
@@ -92,9 +111,7 @@ class CameraPlace:
         _, pitch, yaw = self.mapping_rpy
         if abs(math.cos(pitch)) < _LEAST_COSINE:
             return math.nan, math.nan, math.nan
-        nose_l = (self.rotation_lc @ _MAPPING_OPTICAL.T)[:, 0]
-        axes_l = np.stack([nose_l, [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]], axis=1)
-        by_phi = np.linalg.inv(axes_l)
+        by_phi = np.linalg.inv(euler_axes(pitch, yaw))
         variances = (by_phi @ self.covariance_l[3:, 3:] @ by_phi.T).diagonal()
         roll, pitch_sigma, yaw_sigma = np.sqrt(variances).tolist()
         return roll, pitch_sigma, yaw_sigma

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Locate the ground point at a pixel, with its covariance and coordinates, or refuse it.
 
 The point has errors from the pose, the time, the lens and the ground. Let dc be the error of the
@@ -20,11 +34,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import (
-    CameraRates,
-    ellipse_95,
-    timed_covariance,
-)
+from tirgeo_ros.core.camera.projection_covariance import CameraRates, ellipse_95, timed_covariance
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import ENU_NED, matrix_from_quat, skew
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -249,12 +259,9 @@ def _off_ray(
     x, y, depth_m = (offset_n @ rotation_nc).tolist()
     ux, uy, vx, vy = camera.slopes(x / depth_m, y / depth_m)
     share = depth_m / (ux * vy - uy * vx)
-    across_n = rotation_nc[:, :2] @ np.array(
-        [[vy * share, -uy * share], [-vx * share, ux * share]]
-    )
+    across_n = rotation_nc[:, :2] @ (share * np.array([[vy, -uy], [-vx, ux]]))
     moved = np.hstack([np.eye(3), -skew(offset_n)])
-    covariance: Array = moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T)
-    return covariance
+    return np.asarray(moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T))
 
 
 def _on_ground(

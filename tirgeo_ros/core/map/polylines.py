@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Hold many polylines in one block of memory, cut them, and simplify them by distance.
 
 ``points`` is (k, V), so each coordinate is one contiguous row. Line ``i`` is
@@ -134,9 +148,8 @@ class Polylines:
         place = np.arange(len(segment)) - np.repeat(np.cumsum(pieces[many]), pieces[many])
         fraction = place / pieces[segment] + 1
         points[:, after[segment] + place] = self._along(segment, fraction)
-        return replace(
-            self, points=points, starts=np.append(after - pieces, after[-1])[self.starts]
-        )
+        starts = np.append(after - pieces, after[-1])[self.starts]
+        return replace(self, points=points, starts=starts)
 
 
 def runs(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:

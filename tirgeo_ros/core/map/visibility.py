@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Project the visible part of a map: cull, clip in the camera frame, then apply the lens model.
 
 Pieces of lines are drawn at the coarsest level of detail within half a pixel of the line. If few
@@ -111,16 +125,6 @@ def _cut_lines(
     return lines.cut(enter_all, leave_all)
 
 
-def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Polylines:
-    """Return the part of the rings' insides where ``normals @ point >= offsets``; (m, k), (m,).
-
-    The last point of a ring is joined to its first; it is not repeated.
-    """
-    for normal, offset in zip(normals, offsets, strict=True):
-        rings = _cut_rings(rings, normal @ rings.points - offset)
-    return rings
-
-
 def closed(rings: Polylines) -> Polylines:
     """Return the rings with their first point repeated at the end."""
     last = rings.starts[1:] - 1
@@ -130,7 +134,10 @@ def closed(rings: Polylines) -> Polylines:
 
 
 def _cut_rings(rings: Polylines, distance: Array) -> Polylines:
-    """Return the part of the rings where ``distance`` (V,), linear in the points, is >= 0."""
+    """Return the part of the rings' insides where ``distance`` (V,), linear there, is >= 0.
+
+    The last point of a ring is joined to its first; it is not repeated.
+    """
     inside = distance >= 0
     if inside.all():
         return rings
@@ -277,7 +284,8 @@ class View:
             _in_camera(rings.select(part), rotation_cn, rotation_cn @ pose.position_n)
             for part in (ring[whole], ring[~whole])
         )
-        outer = cut_rings_to_planes(outer, self._normals_c[:-1], offsets_c[:-1])
+        for normal, offset in zip(self._normals_c[:-1], offsets_c[:-1], strict=True):
+            outer = _cut_rings(outer, normal @ outer.points - offset)
         return self._in_pixels(joined(_flat(inner), closed(_flat(outer))))
 
     def _levels(

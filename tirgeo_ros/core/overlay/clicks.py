@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Locate clicks with the camera and pose of the picture that the person saw, and mark points.
 
 ``camera`` is the camera of the picture as shown: the rectified camera if the picture is rectified.
@@ -69,7 +83,8 @@ class Clicks:
         self.counts: Counter[str] = Counter()
         self.confidence = config
         self._plane: TangentPlane | None = None
-        self._ground: Ground | None = None
+        #: An ellipsoidal height (m) or an elevation model; None, nan: unknown.
+        self.ground: Ground | None = None
         self._shown: StampedBuffer[ShownFrame] = StampedBuffer(REMEMBERED_S)
         self._located: deque[Located] = deque(maxlen=MARKERS)
         self._targets: Sequence[Target] | None = None
@@ -100,10 +115,6 @@ class Clicks:
             mean = target.place
             point_n = plane.ned_from_geodetic(mean.latitude_rad, mean.longitude_rad, mean.height_m)
             self._target_markers.append(Marker(point_n, target.label, mean.covariance_n))
-
-    def set_ground(self, ground: Ground | None) -> None:
-        """Set the ground: an ellipsoidal height (m) or an elevation model; None, nan: unknown."""
-        self._ground = ground if is_given(ground) else None
 
     def show(
         self,
@@ -146,10 +157,10 @@ class Clicks:
             return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
-        if self._ground is None:
+        if self.ground is None or not is_given(self.ground):
             return Refusal(stamp_ns, uv, Reason.NO_GROUND)
         answer = place(
-            shown.camera, shown.pose, uv, self._plane, self._ground, self.confidence, shown.rates
+            shown.camera, shown.pose, uv, self._plane, self.ground, self.confidence, shown.rates
         )
         return dataclasses.replace(answer, stamp_ns=stamp_ns)
 

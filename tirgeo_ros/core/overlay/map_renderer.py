@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Drape the layers of a map on the ground, and draw them as a camera sees them."""
 
 from __future__ import annotations
@@ -330,11 +344,8 @@ class MapRenderer:
 
         ``scale_m_px`` is the ground length that the middle pixel spans, nan without ground.
         """
-        in_view = (
-            view.areas(self._map, pose),
-            view.lines(self._map, pose, far_m),
-            view.marks(self._map, pose, far_m),
-        )
+        of_map = self._map, pose
+        in_view = view.areas(*of_map), view.lines(*of_map, far_m), view.marks(*of_map, far_m)
         areas, lines, marks = (self._at_scale(each, scale_m_px) for each in in_view)
         shown = len(areas) + len(lines) + len(marks)
         return VisibleMap(areas, lines, marks, hidden=shown < sum(map(len, in_view)))

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Draw the map on the video: each frame waits for the camera's pose at its exposure.
 
 Only lines that can be trusted are drawn. Without a camera, an origin, or a pose at the exposure
@@ -230,8 +244,8 @@ class Overlay:
     ``layers`` are draped here as soon as the plane is known, which takes a second or two for a
     large map. If they are None, the caller drapes the map, again for each plane, and passes it to
     ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` are the
-    frames that wait, ``poses`` the camera's poses; ``plane`` is the map's plane, None until it is
-    known. ``painter`` has the camera and the map.
+    frames that wait, ``poses`` the camera's poses, added in order of time; ``plane`` is the map's
+    plane, None until it is known. ``painter`` has the camera and the map.
     """
 
     def __init__(
@@ -247,7 +261,7 @@ class Overlay:
         #: Why the map that is draped elsewhere was not set yet; else empty.
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
-        self.clicks.set_ground(self.painter.ground)
+        self.clicks.ground = self.painter.ground
         self.frames = FrameQueue()
         self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
@@ -322,10 +336,6 @@ class Overlay:
     def map_failed(self, why: str) -> None:
         """Record why the map that is draped elsewhere failed; keep a map that is drawn."""
         self._map_not_ready = self._map_not_ready and why
-
-    def add_pose(self, pose: CameraPose) -> None:
-        """Add a camera pose, in order of time; an invalid one is counted."""
-        self.poses.add(pose)
 
     def add_frame(self, stamp_ns: int, pixels: RawPixels, now_ns: int) -> None:
         """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take."""

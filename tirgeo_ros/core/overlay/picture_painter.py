@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Paint one picture: tones, the map, and the words on it.
 
 Of all that depends on earlier pictures, only tones and labels are computed here; ``Overlay``
@@ -19,7 +33,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.camera.camera_model import Camera, Rectifier
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
@@ -47,11 +61,13 @@ from tirgeo_ros.core.overlay.written_text import (
     status_line,
 )
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import CameraError, ConfigError
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
+_MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
+_BORDER_BGR = (40, 40, 110)  # of a rectified picture
 #: Number of time constants in stretch_time_s: 95 % of a change is followed within it.
 _CONSTANTS = 3.0
 #: A stretch starts to move when an end is off by more than the first share of its span, and stops
@@ -324,16 +340,8 @@ class PicturePainter:
         else:
             scene = picture.pose, picture.rates, picture.markers, picture.verdict
             notice, above_m, _ = self.draw(image, *scene, notice)
-        fields = status_line(
-            picture.status,
-            picture.age_s,
-            picture.rate_hz,
-            picture.predicted_s,
-            picture.replaced,
-            above_m,
-            picture.verdict.severity,
-        )
-        paint_status(image, fields)
+        video = picture.age_s, picture.rate_hz, picture.predicted_s, picture.replaced
+        paint_status(image, status_line(picture.status, *video, above_m, picture.verdict.severity))
         return OverlayResult(
             picture.stamp_ns, image, picture.pose, notice, picture.camera, picture.predicted_s
         )
@@ -394,3 +402,38 @@ def _notices(
         top = notices[0].box.bottom if notices else 0
         notices.append(place_notice(image, notice, top=top, beside=beside))
     return notices
+
+
+class Rectifier:
+    """Rectify the pictures of a camera: remove the distortion of its lens.
+
+    ``camera`` is the camera without distortion. The remap tables and the border are computed once.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        """Compute the tables; raise CameraError if the picture has too many pixels for them."""
+        if camera.width * camera.height > _MOST_RECTIFIED:
+            size = f"{camera.width}x{camera.height}"
+            raise CameraError(
+                f"camera: {size} pixels are too many to rectify: set rectify to false"
+            )
+        self.camera = Camera(
+            camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
+        )
+        shape = camera.height, camera.width
+        v, u = np.indices(shape, dtype=float)
+        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+        valid = x * x + y * y <= camera.max_radius**2
+        column, row = np.full(shape, -1e3), np.full(shape, -1e3)
+        column[valid], row[valid] = camera.pixels(x[valid], y[valid])
+        places = column.astype(np.float32), row.astype(np.float32)
+        self._maps = cv2.convertMaps(*places, cv2.CV_16SC2)
+        inside = (column >= -0.5) & (column <= camera.width - 0.5)
+        inside &= (row >= -0.5) & (row <= camera.height - 0.5)
+        self._blank = np.where(inside, np.uint8(0), np.uint8(255))
+        self._border = np.full((*shape, 3), _BORDER_BGR, np.uint8)
+
+    def rectified(self, image: Pixels) -> Pixels:
+        """Return the rectified picture, a new array (h, w, 3) BGR, of a picture (h, w, 3) BGR."""
+        straight = cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(cv2.copyTo(self._border, self._blank, straight), np.uint8)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Draw the overlay's own uncertainty: lines that fade, and ellipses.
 
 A faded line shows that a feature exists, but no longer where. The uncertainty changes slowly along
@@ -190,13 +204,8 @@ def marked(
     uncertain = ~(linear & (semi_px[:, 0] <= most_px))
     drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
     chosen = np.flatnonzero(drawn & config.ellipses)
-    dashes = ellipse_dashes(
-        anchors.uv[:, chosen],
-        np.minimum(semi_px[chosen], most_px),
-        angle[chosen],
-        anchors.owner[chosen],
-        uncertain[chosen],
-    )
+    ellipses = anchors.uv[:, chosen], np.minimum(semi_px[chosen], most_px), angle[chosen]
+    dashes = ellipse_dashes(*ellipses, anchors.owner[chosen], uncertain[chosen])
     if not fades:
         return Marked(lines, np.ones(len(lines)), dashes, uncertain)
     radius_px = radius_95(spread[:, count:])

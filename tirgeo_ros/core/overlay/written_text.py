@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Render text in any script as small bitmaps, each rendered once and then copied to pictures.
 
 OpenCV 5 writes UTF-8 with its own typeface, each letter by itself and from left to right. Pillow
@@ -103,14 +117,10 @@ class Box(NamedTuple):
     right: int
     bottom: int
 
-    def meets(self, other: Box, room: int = 0) -> bool:
-        """Return whether the boxes overlap, or have less than ``room`` px between them."""
-        return (
-            self.left - room < other.right
-            and other.left < self.right + room
-            and self.top - room < other.bottom
-            and other.top < self.bottom + room
-        )
+    def meets(self, other: Box) -> bool:
+        """Return whether the boxes overlap."""
+        beside = self.left >= other.right or other.left >= self.right
+        return not (beside or self.top >= other.bottom or other.top >= self.bottom)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,11 +191,6 @@ def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int
     return TextBitmap(keep, ink)
 
 
-def coverage(text: str, size_px: int) -> Pixels:
-    """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo."""
-    return _drawn(text, size_px, typeface(text))
-
-
 def writable(text: str) -> str:
     """Return the part of a text that can be written, cut at ``LONGEST``.
 
@@ -224,12 +229,17 @@ def _has(name: str, letter: str) -> bool:
     shaped = is_mark or unicodedata.bidirectional(letter) in {"R", "AL"}
     if shaped and (name == _OPENCV or not can_shape()):
         return False
-    drawn, absent = (_drawn(character, _SMALLEST_PX, name) for character in (letter, _NO_LETTER))
+    drawn, absent = (coverage(c, _SMALLEST_PX, name) for c in (letter, _NO_LETTER))
     return not np.array_equal(drawn, absent)
 
 
-def _drawn(text: str, size_px: int, name: str) -> Pixels:
-    """Return the coverage of a text in a typeface; texts of one size have the same line height."""
+def coverage(text: str, size_px: int, name: str | None = None) -> Pixels:
+    """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo.
+
+    The typeface is the first that can write the text, unless its ``name`` is given. Texts of one
+    size have the same line height.
+    """
+    name = typeface(text) if name is None else name
     cv: Any = cv2  # of version 5
     pad = _halo_px(size_px)
     font = _font(name, size_px)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check time stamps: an output's rate, a stream's presence and outliers, order of arrival."""
 
 from __future__ import annotations
@@ -49,12 +63,19 @@ class RateLimit:
         two periods from the schedule (after a pause, or when stamps go back), the schedule
         restarts at this stamp.
         """
+        if not self.is_due(stamp_ns):
+            return False
         if self._next_ns is None or abs(stamp_ns - self._next_ns) > 2 * self._period_ns:
             self._next_ns = stamp_ns
-        if stamp_ns < self._next_ns - self._period_ns // 4:
-            return False
         self._next_ns += self._period_ns
         return True
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return what ``due`` would return, and schedule nothing."""
+        if self._next_ns is None:
+            return True
+        early_ns = self._next_ns - stamp_ns
+        return not self._period_ns // 4 < early_ns <= 2 * self._period_ns
 
 
 class Spacing:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define the verdict on a sample, and the state and status of the estimator."""
 
 from __future__ import annotations
@@ -96,9 +110,8 @@ class NavigationStatus:
     warnings: tuple[str, ...] = ()  # faults that do not stop the navigation, with reasons
     nis: dict[str, float] = field(default_factory=dict)  # source -> mean Verdict.nis over 30 s
     process_noise: str = ""  # the source of the filter's IMU noise: parameters or vibration
-    vibration: tuple[
-        float, ...
-    ] = ()  # noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s)
+    #: Noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s).
+    vibration: tuple[float, ...] = ()
     began_again: Outcome | None = None  # GAP, TIME_JUMP or RESTART, until the filter runs again
 
     @property

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert the aircraft's clock to this computer's clock.
 
 The aircraft counts milliseconds from power-up. A message arrives later than it was sent: by the
@@ -228,7 +242,7 @@ class AircraftClock:
     ) -> None:
         self._max_drift = config.max_drift_ppm * 1e-6
         self._slew = self._max_drift + _SLEW
-        self._line = LowerEnvelope(config.window_s * 1e9, self._max_drift)
+        self.line = LowerEnvelope(config.window_s * 1e9, self._max_drift)
         self._counter = RunningCounter(tick_ns, bits)
         self._may_be_long = tick_ns == MILLISECOND_NS
         self._number = self._began_number = 0
@@ -255,7 +269,7 @@ class AircraftClock:
         x = float(aircraft_ns - self._origin_ns)
         y = float(arrival_ns - aircraft_ns - self._offset_ns)
         step_ns = aircraft_ns - self._newest_ns
-        height = y - self._line.base - self._line.drift * x
+        height = y - self.line.base - self.line.drift * x
         # Neither delay nor overtaking explains these. After a pause of the counter, a message far
         # above the line does not come from a queue, which would contain consecutive counts.
         paused = step_ns > _LATE_NS and height > _SECOND_NS
@@ -273,7 +287,7 @@ class AircraftClock:
             self._counts["resets" if run.is_counter else "host steps"] += 1
             late_ns = round(height - run.least)
             return self._begin(ticks, extra_ns, arrival_ns - late_ns)
-        self._line.add(x, y)
+        self.line.add(x, y)
         if step_ns > 0:
             self._counter.go_on(ticks, tick_ns)
             self._newest_ns = aircraft_ns
@@ -286,12 +300,7 @@ class AircraftClock:
             return 0.0
         aircraft_ns = self._counter.time_ns(ticks)
         y = arrival_ns - aircraft_ns - self._offset_ns
-        return y - self._line.base - self._line.drift * (aircraft_ns - self._origin_ns)
-
-    @property
-    def drift(self) -> float:
-        """Return the rate of the host's clock relative to the counter, minus 1."""
-        return self._line.drift
+        return y - self.line.base - self.line.drift * (aircraft_ns - self._origin_ns)
 
     @property
     def state(self) -> str:
@@ -312,7 +321,7 @@ class AircraftClock:
         if self._number:
             offset_s = (self._offset_ns + round(self._published)) * 1e-9
             texts["clock offset [s]"] = f"{offset_s:.6f}"
-            texts["clock drift [ppm]"] = f"{self._line.drift * 1e6:.2f}"
+            texts["clock drift [ppm]"] = f"{self.line.drift * 1e6:.2f}"
         texts["clock wraps"] = str(self._counter.wraps)
         return texts | {f"clock {name}": str(count) for name, count in self._counts.items()}
 
@@ -323,14 +332,14 @@ class AircraftClock:
         self._began_number = self._number
         self._published = 0.0
         self._settled = False
-        self._line.begin(0.0, 0.0)
+        self.line.begin(0.0, 0.0)
         return arrival_ns
 
     def _follow(self, x: float, step: float) -> None:
         """Move the published offset towards the line as fast as the elapsed time allows."""
-        drift = self._line.drift
+        drift = self.line.drift
         self._published += drift * step
-        gap = self._line.base + drift * x - self._published
+        gap = self.line.base + drift * x - self._published
         if self._settled and abs(gap) > _UNSETTLED_NS:
             self._settled = False
         limit = (self._slew if self._settled else _HASTE) * step

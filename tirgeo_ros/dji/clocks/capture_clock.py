@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert the aircraft's counters to stamps for a file that does not record arrival times.
 
 The receivers' date and time of day give a capture's place in civil time. These two words have
@@ -183,10 +197,9 @@ def guess_utc_offset(newest_words_ns: int, hint_ns: int) -> int | None:
     ``hint_ns`` is the approximate UTC of the newest words, such as the time of the file's last
     change. Returns None if neither offset fits within 2 h.
     """
-    for hours in (DOCUMENTED_OFFSET_H, 0):
-        if abs(newest_words_ns - hours * _HOUR_NS - hint_ns) <= _HINT_NS:
-            return hours
-    return None
+    ahead_ns, possible = newest_words_ns - hint_ns, (DOCUMENTED_OFFSET_H, 0)
+    fits = (hours for hours in possible if abs(ahead_ns - hours * _HOUR_NS) <= _HINT_NS)
+    return next(fits, None)
 
 
 class WholeSeconds:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Compute stamps for periodic messages that contain no time.
 
 They arrive in bursts, with varying delays, but the aircraft sends them at a steady rate. So their
@@ -77,7 +91,7 @@ class SteadyStamps:
     @property
     def period_ns(self) -> float:
         """Return the period by the host's clock; 0 as long as it is not known."""
-        return self._period_ns * (1 + self._clock.drift)
+        return self._period_ns * (1 + self._clock.line.drift)
 
     def _in_order(self, arrival_ns: int) -> int:
         """Return the arrival, at least the last one; begin again after a pause or a step back."""
@@ -157,7 +171,7 @@ class SteadyStamps:
         """Learn the period again if the count is wrong too often."""
         self._judged += 1
         too_wrong = self._wrong > _WRONG_NUMBER or self._missing > _LOST_NUMBER
-        if too_wrong or abs(self._clock.drift) > _LARGEST_DRIFT:
+        if too_wrong or abs(self._clock.line.drift) > _LARGEST_DRIFT:
             self._learn_number = min(2 * self._learn_number, _LEARN_MOST)
             self._begin()
             self._period_ns = 0.0

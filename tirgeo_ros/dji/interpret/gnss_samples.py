@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert readings of the RTK receiver and of the ordinary GPS to samples, each epoch once.
 
 Flags and stated accuracies become status and covariance. Heights above the sea become ellipsoidal.
@@ -181,12 +195,10 @@ class Receiver(Generic[R]):
     published again because its fix is worse now).
     """
 
-    def __init__(
-        self, name: str, delay_s: float, undulation_m: float, counts: Counter[str]
-    ) -> None:
+    def __init__(self, name: str, undulation_m: float, counts: Counter[str]) -> None:
         """Take ``name`` (rtk or gps) and ``undulation_m``, which is added to heights."""
         self._name = name
-        self._delay_ns = round(delay_s * 1e9)
+        self._delay_ns = 0  # set by ``configure``
         self._position_source = Source[f"{name.upper()}_POSITION"]
         self._velocity_source = Source[f"{name.upper()}_VELOCITY"]
         self._undulation_m = undulation_m
@@ -313,7 +325,7 @@ class RtkInterpreter(Receiver[RtkReading]):
     """
 
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
-        super().__init__("rtk", config.rtk.delay_s, undulation_m, counts)
+        super().__init__("rtk", undulation_m, counts)
         self._offset_deg = baseline_deg(config.aircraft)
         self.configure(config)
         self._position_flag: NewestValue[int] = NewestValue()
@@ -386,7 +398,8 @@ class GpsInterpreter(Receiver[GpsReading]):
     """
 
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
-        super().__init__("gps", config.delay.gps_s, undulation_m, counts)
+        super().__init__("gps", undulation_m, counts)
+        self.configure(config)
         self._fix: NewestValue[int] = NewestValue()
         self._sigmas: NewestValue[_Sigmas] = NewestValue()
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert IMU readings to samples: select the stream, the unit and the attitude."""
 
 from __future__ import annotations
@@ -93,11 +107,11 @@ class StreamUnit:
     ``factor`` converts to m/s2; 0: no specific force; None: not known yet.
     """
 
-    def __init__(self, configured: str) -> None:
+    def __init__(self, configured: str, counts: Counter[str]) -> None:
         """Take ``configured``, the parameter ``acceleration_unit``: auto, g or m/s2."""
+        self._counts = counts
         self.factor = _FACTORS.get(configured)
         self._how = "by its size" if self.factor is None else "acceleration_unit"
-        self.changes = 0
         self._mean: Vector | None = None  # the newest mean, in the stream's unit
         self._against: list[float] = []  # factors of the newest means, which contradict ``factor``
         self._span_ns, self._number = _FIRST_NS, _FIRST_NUMBER
@@ -143,7 +157,7 @@ class StreamUnit:
             self._against.append(factor)
         if len(self._against) >= _OVERTURN:
             self.factor, self._against = factor, []
-            self.changes += 1
+            self._counts["acceleration_unit_changes"] += 1
 
     @property
     def warning(self) -> str:
@@ -234,9 +248,9 @@ class AutopilotAttitudes:
 class StreamSelection:
     """Select the best stream that is present."""
 
-    def __init__(self) -> None:
+    def __init__(self, counts: Counter[str]) -> None:
         self.selected: ImuOrigin | None = None
-        self.handovers = 0
+        self._counts = counts
         self._newest_ns = 0
         self._better: ImuOrigin | None = None
         self._better_since_ns = self._better_newest_ns = 0
@@ -250,15 +264,14 @@ class StreamSelection:
             if not (silent or self._is_steadily_better(self.selected, origin, stamp_ns)):
                 return False
             self.selected, self._better = origin, None
-            self.handovers += 1
+            self._counts["imu_handovers"] += 1
         self._newest_ns = stamp_ns
         return True
 
     def _is_steadily_better(self, selected: ImuOrigin, origin: ImuOrigin, stamp_ns: int) -> bool:
         if _RANK[origin] >= _RANK[selected]:
             return False
-        newest_ns = self._better_newest_ns
-        if origin is not self._better or not 0 <= stamp_ns - newest_ns <= _SILENT_NS:
+        if origin is not self._better or not 0 <= stamp_ns - self._better_newest_ns <= _SILENT_NS:
             self._better, self._better_since_ns = origin, stamp_ns
         self._better_newest_ns = stamp_ns
         return stamp_ns - self._better_since_ns >= _STEADY_NS
@@ -300,8 +313,9 @@ class ImuInterpreter:
         self.configure(config)
         self._attitudes = attitudes
         self._counts = counts
-        self._streams = StreamSelection()
-        self._units = {origin: StreamUnit(config.acceleration_unit) for origin in ImuOrigin}
+        self._streams = StreamSelection(counts)
+        unit = config.acceleration_unit
+        self._units = {origin: StreamUnit(unit, counts) for origin in ImuOrigin}
         self._waiting: deque[_Entry] = deque()
         self._waiting_origin: ImuOrigin | None = None
         self._newest_ns: int | None = None
@@ -395,12 +409,6 @@ class ImuInterpreter:
         self._newest_ns = stamp_ns
         force_b = np.array((x * factor, y * factor, z * factor))
         return [ImuSample(stamp_ns, force_b, np.array(rate_b), attitude)]
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return the changes of stream and of unit, which the parts count."""
-        changes = sum(unit.changes for unit in self._units.values())
-        return {"imu_handovers": self._streams.handovers, "acceleration_unit_changes": changes}
 
     @property
     def diagnostics(self) -> dict[str, str]:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert readings of the aircraft to the core's samples."""
 
 from __future__ import annotations
@@ -21,11 +35,7 @@ from tirgeo_ros.core.gimbal.camera_pose import joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.ins.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import (
-    CameraAttitudeSample,
-    JointSample,
-    NavigationInput,
-)
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
 from tirgeo_ros.dji.interpret.gnss_samples import NOT_SET, GpsInterpreter, RtkInterpreter
 from tirgeo_ros.dji.interpret.imu_samples import AutopilotAttitudes, ImuInterpreter, Sequence
 from tirgeo_ros.dji.sources.readings import (
@@ -120,8 +130,7 @@ class GimbalInterpreter:
                 return []
             self._counts["gimbal_without_joints"] += 1
             return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
-        nose = heading_of(q_nb)
-        yaw += nose if self._from_nose else 0.0
+        yaw += heading_of(q_nb) if self._from_nose else 0.0
         q_ng = _camera_attitude(roll, pitch, yaw)
         q_bg = quat_multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
         joint_yaw, joint_roll, joint_pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
@@ -190,9 +199,7 @@ class Interpreter:
     @property
     def counts(self) -> dict[str, int]:
         """Return the counts of readings without a sample or with an unusual one."""
-        counts = Counter(self._counts)
-        counts.update(self._imu.counts)
-        return {name: number for name, number in sorted(counts.items()) if number}
+        return dict(sorted(self._counts.items()))
 
     @property
     def diagnostics(self) -> dict[str, str]:

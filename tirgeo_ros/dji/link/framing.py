@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Encode frames of the OPEN protocol, and find them in a stream of arbitrary bytes.
 
 The fields of a frame, little-endian: SOF 0xAA; 10 bits of length (of the whole frame), 6 of
@@ -22,6 +36,7 @@ from struct import Struct
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.core.types.missing_package import needed
 
 # Encryption.
 
@@ -76,14 +91,8 @@ class Aes256:
     """
 
     def __init__(self, key: bytes) -> None:
-        try:
-            from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes  # noqa: PLC0415 optional
-        except ImportError:
-            raise DjiError(
-                "key: encrypted frames need the library cryptography: install it "
-                "(pip install cryptography) or leave the key empty"
-            ) from None
-        cipher = Cipher(algorithms.AES(key), modes.ECB())  # noqa: S305 as the aircraft does
+        ciphers = needed("cryptography.hazmat.primitives.ciphers", "key", DjiError)
+        cipher = ciphers.Cipher(ciphers.algorithms.AES(key), ciphers.modes.ECB())
         # Blocks do not depend on each other: one context serves all frames.
         self._encrypt: Callable[[bytes], bytes] = cipher.encryptor().update
         self._decrypt: Callable[[bytes], bytes] = cipher.decryptor().update

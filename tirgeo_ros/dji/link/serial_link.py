@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Open and read the serial port, and open it again after the cable was pulled.
 
 Errors of the port are not raised: ``state`` names them, and ``message`` explains them to a person.
@@ -14,11 +28,13 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from enum import Enum, IntEnum
+from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.missing_package import needed
 
 #: Opens the port at a path with a baud rate; returns a non-blocking file with fileno and close.
 #: Raises OSError with the number of the cause, or without a number if the device is no serial
@@ -60,14 +76,6 @@ class LinkState(Enum):
     LOST = "lost"  # it was open and disappeared
 
 
-class LinkLevel(IntEnum):
-    """List the severities; the numbers are those of a DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-
-
 _STATES = {
     errno.EACCES: LinkState.PERMISSION_DENIED,
     errno.EPERM: LinkState.PERMISSION_DENIED,
@@ -90,32 +98,22 @@ _MESSAGES = {
     "the port too; it is opened again when it is back",
 }
 
-#: Level and message of each condition of an open port. The condition of a port that is not open is
-#: its state, with the level ERROR.
+#: Message of each condition of an open port.
 _CONDITIONS = {
-    "receiving": (LinkLevel.OK, "receiving at {baud} baud"),
-    "waiting": (LinkLevel.WARN, "open, no valid frame yet"),
-    "silent": (
-        LinkLevel.WARN,
-        (
-            f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the cable "
-            "(TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
-        ),
-    ),
-    "wrong_key": (
-        LinkLevel.ERROR,
-        (
-            "the frames are encrypted, and the parameter key {wrong_key}: set it to the app key "
-            "with which the aircraft was activated (DJI's developer site)"
-        ),
-    ),
-    "wrong_baud": (
-        LinkLevel.ERROR,
-        (
-            f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {{baud}} baud: set baud as "
-            "in DJI Assistant 2 (SDK tab); usual are {others}"
-        ),
-    ),
+    "receiving": "receiving at {baud} baud",
+    "waiting": "open, no valid frame yet",
+    "silent": f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the "
+    "cable (TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)",
+    "wrong_key": "the frames are encrypted, and the parameter key {wrong_key}: set it to the app "
+    "key with which the aircraft was activated (DJI's developer site)",
+    "wrong_baud": f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {{baud}} baud: set "
+    "baud as in DJI Assistant 2 (SDK tab); usual are {others}",
+}
+#: How serious a condition is; all others, and every state of a port that is not open: STOP.
+_SEVERITIES = {
+    "receiving": Severity.NOTE,
+    "waiting": Severity.CAUTION,
+    "silent": Severity.CAUTION,
 }
 
 
@@ -206,16 +204,13 @@ def _reason(error: OSError | ValueError) -> str:
 
 def pyserial_opener() -> Opener:
     """Return the function that opens real ports. Raises DjiError if pyserial is not installed."""
-    try:
-        from serial import Serial  # noqa: PLC0415 - optional
-    except ImportError as error:
-        raise DjiError("a serial port needs pyserial: pip install pyserial") from error
+    serial = needed("serial", "reading a serial port", DjiError)
 
     def opened(path: str, baud: int) -> Any:
         if not stat.S_ISCHR(Path(path).stat().st_mode):
             raise OSError(errno.ENOTTY, "this is a file or a folder")
         try:
-            port = Serial(path, baud, timeout=0, exclusive=True)
+            port = serial.Serial(path, baud, timeout=0, exclusive=True)
         except termios.error as error:
             code, reason = error.args
             if code == errno.EINVAL:
@@ -233,17 +228,17 @@ class LinkReport(NamedTuple):
     """Hold the condition of the link."""
 
     condition: str
-    level: LinkLevel
+    level: Severity
     message: str  # one line: the port and what to do
 
 
-class _Totals(NamedTuple):
+class Totals(NamedTuple):
     """Hold the total numbers of bytes, frames and undecrypted frames at a time (s)."""
 
-    at_s: float
+    at_s: float  # of a monotonic clock
     bytes: int
     frames: int
-    locked: int
+    locked: int = 0
 
 
 class LinkWatch:
@@ -260,37 +255,28 @@ class LinkWatch:
             "others": ", ".join(str(usual) for usual in _USUAL_BAUDS if usual != baud),
             "wrong_key": "is not the aircraft's" if has_key else "is not set",
         }
-        self._history: deque[_Totals] = deque()
-        self._last = _Totals(0.0, 0, 0, 0)
+        self._history: deque[Totals] = deque()
+        self._last = Totals(0.0, 0, 0)
         self._opened_s = self._last_bytes_s = self._last_frame_s = _NEVER_S
         self.report: LinkReport | None = None  # of the last call of ``look``
 
-    def look(
-        self,
-        now_s: float,
-        state: LinkState,
-        message: str,
-        byte_count: int,
-        frame_count: int,
-        locked_count: int = 0,
-    ) -> LinkReport | None:
+    def look(self, state: LinkState, message: str, totals: Totals) -> LinkReport | None:
         """Take the port's state and message, and the total numbers of bytes and frames.
 
-        Returns the report if the condition has changed since the last call, else None. ``now_s``:
-        of a monotonic clock. ``locked_count``: number of frames that were not decrypted.
+        Returns the report if the condition has changed since the last call, else None.
         """
         if state is LinkState.OPEN:
-            condition = self._condition(_Totals(now_s, byte_count, frame_count, locked_count))
-            level, form = _CONDITIONS[condition]
-            report = LinkReport(condition, level, f"{self._port}: {form.format(**self._words)}")
+            condition = self._condition(totals)
+            message = f"{self._port}: {_CONDITIONS[condition].format(**self._words)}"
         else:
             self._history.clear()
-            report = LinkReport(state.value, LinkLevel.ERROR, message)
+            condition = state.value
+        report = LinkReport(condition, _SEVERITIES.get(condition, Severity.STOP), message)
         changed = self.report is None or self.report.condition != report.condition
         self.report = report
         return report if changed else None
 
-    def _condition(self, totals: _Totals) -> str:
+    def _condition(self, totals: Totals) -> str:
         """Take the totals of the open port; return its condition."""
         if not self._history:  # bytes from before the port was opened do not count
             self._opened_s, self._last = totals.at_s, totals

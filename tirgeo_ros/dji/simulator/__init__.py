@@ -1,9 +1,19 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Simulate an aircraft: send a recorded flight in DJI's serial protocol.
 
 This reverses the conversion from bytes to samples (``dji.link.framing``, ``dji.sources.serial``,
 ``dji.interpret``), to test that conversion, and for a demonstration without hardware.
 """
-
-from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
-
-__all__ = ["Aircraft", "Outgoing", "frames_of"]

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Simulate the aircraft: convert samples of a flight to frames with their times."""
 
 from __future__ import annotations
@@ -50,15 +64,15 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 class SimulatedGimbalAngles:
     """Interpolate the recorded gimbal attitudes, without extrapolation.
 
-    ``joints``: compute the camera's attitude from the aircraft's attitude and the encoders'
-    angles, which the protocol cannot contain. If this is false, or without encoder angles, use the
+    By joints, the camera's attitude is computed from the aircraft's attitude and the encoders'
+    angles, which the protocol cannot contain. Otherwise, or without encoder angles, it is the
     recorded attitude.
     """
 
-    def __init__(self, *, joints: bool, order: str, max_gap_s: float) -> None:
-        self._by_joints, self._order = joints, order
-        self._joints: StampedBuffer[Array] = StampedBuffer(max_gap_s=max_gap_s)  # q_bg
-        self._reported: StampedBuffer[Array] = StampedBuffer(max_gap_s=max_gap_s)  # q_ng
+    def __init__(self, config: SimulatedAircraftConfig) -> None:
+        self._by_joints, self._order = config.gimbal == "joints", config.joint_order
+        self._joints: StampedBuffer[Array] = StampedBuffer(max_gap_s=_AHEAD_S)  # q_bg
+        self._reported: StampedBuffer[Array] = StampedBuffer(max_gap_s=_AHEAD_S)  # q_ng
 
     def take(self, sample: JointSample | CameraAttitudeSample) -> bool:
         """Take a sample, which may be later than the frames; return whether it is valid."""
@@ -104,14 +118,9 @@ class Aircraft:
     their true times, but are returned a quarter of a second of the flight after their samples.
     """
 
-    def __init__(
-        self,
-        config: SimulatedAircraftConfig | None = None,
-        places: AircraftConfig | None = None,
-    ) -> None:
+    def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
         """Take the settings, and ``places``, the antennas' positions."""
-        self._config = config or SimulatedAircraftConfig()
-        self._places = places or AircraftConfig()
+        self._config, self._places = config, places
         self._packages = USUAL_PACKAGES if self._config.pushes else ()
         #: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``
         self.counts: Counter[str] = Counter()
@@ -120,12 +129,9 @@ class Aircraft:
         self._switch_on()
 
     def _switch_on(self) -> None:
-        config = self._config
-        self._receivers = Receivers(config, self._places)
-        self._gimbal = SimulatedGimbalAngles(
-            joints=config.gimbal == "joints", order=config.joint_order, max_gap_s=_AHEAD_S
-        )
-        self._first_ns: int | None = None
+        self._receivers = Receivers(self._config, self._places)
+        self._gimbal = SimulatedGimbalAngles(self._config)
+        self._first_ns = 0  # stamp of the first sample of the IMU
         self._imu: ImuSample | None = None  # the newest sample that was sent
         self._sent_ns = 0
         self._slots: dict[str, int] = {}  # part -> period in which it was last sent
@@ -163,17 +169,14 @@ class Aircraft:
 
     def _frames(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
         """Return the frames of one IMU sample and of the interval before it."""
-        before = self._imu
-        if before is not None and imu.stamp_ns <= before.stamp_ns:
-            if before.stamp_ns - imu.stamp_ns < _RESTART_NS:
+        if self._imu is not None and imu.stamp_ns <= self._imu.stamp_ns:
+            if self._imu.stamp_ns - imu.stamp_ns < _RESTART_NS:
                 self.counts["imu_not_later"] += 1
                 return []
             self._switch_on()
-            before = None
-        if self._first_ns is None:
+        if self._imu is None:
             self._first_ns = imu.stamp_ns
-        frames = self._pushes(self._first_ns, before, imu, arrival_ns - imu.stamp_ns)
-        frames += self._broadcast(self._first_ns, imu, arrival_ns)
+        frames = self._pushes(imu, arrival_ns - imu.stamp_ns) + self._broadcast(imu, arrival_ns)
         self._imu = imu
         outgoing = []
         for time_ns, data in frames:
@@ -181,11 +184,11 @@ class Aircraft:
             outgoing.append(Outgoing(self._sent_ns, data))
         return outgoing
 
-    def _broadcast(self, first_ns: int, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
+    def _broadcast(self, imu: ImuSample, arrival_ns: int) -> list[Outgoing]:
         """Return the broadcast with the parts that are due."""
-        instant = self._instant(first_ns, imu)
-        step_ns = imu.stamp_ns - (self._imu.stamp_ns if self._imu else first_ns)
-        since_ns = imu.stamp_ns - first_ns + min(_EARLY_NS, step_ns // 2)
+        instant = self._instant(imu)
+        step_ns = imu.stamp_ns - (self._imu.stamp_ns if self._imu else self._first_ns)
+        since_ns = imu.stamp_ns - self._first_ns + min(_EARLY_NS, step_ns // 2)
         highest_hz = _BESIDE_PACKAGES_HZ if self._packages else _HIGHEST_HZ
         due = {}
         for name, (rate_hz, make) in PARTS.items():
@@ -199,22 +202,21 @@ class Aircraft:
         self.counts["broadcasts"] += 1
         return [Outgoing(arrival_ns, self._framed(_BROADCAST + encode_broadcast(broadcast)))]
 
-    def _pushes(
-        self, first_ns: int, before: ImuSample | None, imu: ImuSample, latency_ns: int
-    ) -> list[Outgoing]:
+    def _pushes(self, imu: ImuSample, latency_ns: int) -> list[Outgoing]:
         """Return the pushes due between two IMU samples, if all topics of a package have data."""
+        before = self._imu
         start_ns = imu.stamp_ns - 1 if before is None else before.stamp_ns
         if imu.stamp_ns - start_ns > _LONGEST_STEP_NS:
             start_ns = imu.stamp_ns - 1
         due = sorted(
             (stamp_ns, package)
             for package in self._packages
-            for stamp_ns in _grid(first_ns, start_ns, imu.stamp_ns, package.rate_hz)
+            for stamp_ns in _grid(self._first_ns, start_ns, imu.stamp_ns, package.rate_hz)
         )
         frames = []
         for stamp_ns, package in due:
             at = imu if before is None else _between(before, imu, stamp_ns)
-            instant = self._instant(first_ns, at)
+            instant = self._instant(at)
             values = {topic.name: TOPICS[topic.name](instant) for topic in package.topics}
             if None not in values.values():
                 data = _PUSH + encode_push(Push(package, *instant.counters[:2], values))
@@ -222,8 +224,8 @@ class Aircraft:
         self.counts["pushes"] += len(frames)
         return frames
 
-    def _instant(self, first_ns: int, imu: ImuSample) -> Instant:
-        since_ns = imu.stamp_ns - first_ns
+    def _instant(self, imu: ImuSample) -> Instant:
+        since_ns = imu.stamp_ns - self._first_ns
         since_ns += round(since_ns * self._config.clock_drift_ppm * 1e-6)
         if not usable_attitude(imu.autopilot_q_nb):
             imu = ImuSample(imu.stamp_ns, imu.specific_force_b, imu.angular_rate_b)

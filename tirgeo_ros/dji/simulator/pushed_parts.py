@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert a flight's samples to the parts of the aircraft's messages, in their units."""
 
 from __future__ import annotations
@@ -19,23 +33,21 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS
-from tirgeo_ros.dji.interpret.gnss_samples import baseline_deg
+from tirgeo_ros.dji.interpret.gnss_samples import FIXED_FLAG, baseline_deg
 from tirgeo_ros.dji.interpret.imu_samples import G_M_S2
 from tirgeo_ros.dji.protocol import rtk_gps_imu_broadcast as parts
 
 #: NovAtel's numbers, which DJI uses: narrow-lane integer, narrow-lane float, single point, none.
 _POSITION_FLAGS = {
-    FixStatus.FIXED: 50,
+    FixStatus.FIXED: FIXED_FLAG,
     FixStatus.FLOAT: 34,
     FixStatus.SINGLE: 16,
     FixStatus.NONE: 0,
 }
-_YAW_FIXED = 50
 #: A receiver that has been silent for longer than this has no solution.
 _SILENT_NS = 1_000_000_000
 #: The dates in the aircraft's messages are in its maker's time zone.
 _GMT8 = timezone(timedelta(hours=8))
-_NO_FIX = 0.0, 0.0, 0.0
 _U32 = 0xFFFFFFFF
 #: Values that no flight records: in the air, position mode; sticks at rest; a lasting battery.
 _STATUS = parts.Status(2, 6, 0, 0)
@@ -46,87 +58,32 @@ _GIMBAL_WELL = 0x7801  # mounted; escs, drone data
 
 
 class Receivers:
-    """Hold the newest data of each receiver, and return it in the units of the messages.
-
-    The data of a silent receiver has the flags of no solution, and zeros.
-    """
+    """Hold the newest data of each receiver."""
 
     def __init__(self, config: SimulatedAircraftConfig, places: AircraftConfig) -> None:
-        self._undulation_m = config.geoid_undulation_m
-        self._baseline_deg = baseline_deg(places)
-        self._newest: dict[Source, Any] = {}
-        self._gps_epochs = 0
+        self.undulation_m = config.geoid_undulation_m
+        self.baseline_deg = baseline_deg(places)
+        self.newest: dict[Source, Any] = {}
+        self.gps_epochs = 0
         self._first_height_m: float | None = None
 
     def take(self, sample: PositionSample | VelocitySample | HeadingSample) -> None:
         """Take a receiver's new epoch."""
-        self._newest[sample.source] = sample
-        self._gps_epochs += sample.source is Source.GPS_POSITION
+        self.newest[sample.source] = sample
+        self.gps_epochs += sample.source is Source.GPS_POSITION
 
-    def rtk(self, now_ns: int) -> parts.Rtk:
-        """Return the RTK data.
-
-        Its yaw is the azimuth from the first antenna to the second in whole degrees, -180 to 179.
-        Recorded headings that were computed from whole degrees give the same degrees if the
-        antenna positions are the same; if not, they are rounded again, always by the same amount.
-        """
-        position = self._recent(now_ns, Source.RTK_POSITION)
-        velocity = self._recent(now_ns, Source.RTK_VELOCITY)
-        heading = self._recent(now_ns, Source.RTK_HEADING)
-        yaw_deg = yaw_flag = 0
-        if heading is not None:
-            heading_deg = math.degrees(heading.heading_rad)
-            yaw_deg = (round(heading_deg + self._baseline_deg) + 180) % 360 - 180
-            yaw_flag = _YAW_FIXED
-        flag = 0 if position is None else _POSITION_FLAGS[position.status]
-        when, place = _date_and_time(now_ns, position), self._degrees(position)
-        return parts.Rtk(*when, *place, _ned_cm_s(velocity), yaw_deg, flag, yaw_flag)
-
-    def gps(self, now_ns: int) -> parts.Gps:
-        """Return the ordinary receiver's data."""
-        position = self._recent(now_ns, Source.GPS_POSITION)
-        velocity = self._recent(now_ns, Source.GPS_VELOCITY)
-        fixed = position is not None and position.status is not FixStatus.NONE
-        (horizontal_m, vertical_m), (speed_m_s, _) = _sigmas(position), _sigmas(velocity)
-        accuracies = vertical_m * 1e3, horizontal_m * 1e3, speed_m_s * 1e2
-        satellites, dilution = (9 * fixed, 5 * fixed, 14 * fixed), (90.0, 150.0)
-        epoch = self._gps_epochs & 0xFFFF
-        detail = parts.GpsDetail(*dilution, 3.0 * fixed, *accuracies, *satellites, epoch)
-        lon_deg, lat_deg, height_m = self._degrees(position)
-        place = round(lon_deg * 1e7), round(lat_deg * 1e7), round(height_m * 1e3)
-        return parts.Gps(*_date_and_time(now_ns, position), *place, _ned_cm_s(velocity), detail)
-
-    def position(self, now_ns: int) -> parts.Position:
-        """Return the fused position: the receiver's, with heights above the sea and the start."""
-        best = self._recent(now_ns, Source.RTK_POSITION, Source.GPS_POSITION)
-        if best is None or best.status is FixStatus.NONE:  # its position may be anything
-            return parts.Position(0.0, 0.0, 0.0, 0.0, 0)
-        height_m = best.height_m - self._undulation_m
+    def above_start_m(self, height_m: float) -> float:
+        """Return a height above the sea as the height above the first one."""
         self._first_height_m = height_m if self._first_height_m is None else self._first_height_m
-        above_m = height_m - self._first_height_m
-        return parts.Position(best.latitude_rad, best.longitude_rad, height_m, above_m, 5)
+        return height_m - self._first_height_m
 
-    def velocity(self, now_ns: int) -> parts.Velocity:
-        """Return the fused velocity: the receiver's, north, east, up (m/s)."""
-        best = self._recent(now_ns, Source.RTK_VELOCITY, Source.GPS_VELOCITY)
-        if best is None:
-            return parts.Velocity((0.0, 0.0, 0.0), 0)
-        north, east, down = best.velocity_n.tolist()
-        return parts.Velocity((north, east, -down), 1)
-
-    def _recent(self, now_ns: int, *sources: Source) -> Any:
-        """Return the sample of the first source that is not silent; None if all are silent."""
-        newest = (self._newest[source] for source in sources if source in self._newest)
-        return next((sample for sample in newest if now_ns - sample.stamp_ns <= _SILENT_NS), None)
-
-    def _degrees(self, position: PositionSample | None) -> tuple[float, float, float]:
+    def degrees(self, position: PositionSample | None) -> tuple[float, float, float]:
         """Return longitude (deg), latitude (deg) and height above the sea (m)."""
         if position is None or position.status is FixStatus.NONE:
-            return _NO_FIX
+            return 0.0, 0.0, 0.0
         lon_deg = math.degrees(position.longitude_rad)
         lon_deg = lon_deg if abs(lon_deg) <= 180 else math.remainder(lon_deg, 360)
-        height_m = position.height_m - self._undulation_m
-        return lon_deg, math.degrees(position.latitude_rad), height_m
+        return lon_deg, math.degrees(position.latitude_rad), position.height_m - self.undulation_m
 
 
 def _ned_cm_s(velocity: VelocitySample | None) -> parts.Vector:
@@ -154,7 +111,10 @@ def _numbers(v: Array) -> Any:
 
 
 class Instant(NamedTuple):
-    """Hold the aircraft's state at one instant."""
+    """Hold the aircraft's state at one instant, and return it in the units of the messages.
+
+    The data of a silent receiver has the flags of no solution, and zeros.
+    """
 
     time_ns: int  # of the aircraft's clock
     since_ns: int  # since the aircraft was switched on
@@ -180,25 +140,66 @@ class Instant(NamedTuple):
         q = self.imu.autopilot_q_nb
         return None if q is None else _numbers(matrix_from_quat(q) @ v_b * (1, 1, up))
 
+    def _recent(self, *sources: Source) -> Any:
+        """Return the sample of the first source that is not silent; None if all are silent."""
+        newest = filter(None, map(self.receivers.newest.get, sources))
+        earliest_ns = self.imu.stamp_ns - _SILENT_NS
+        return next((sample for sample in newest if sample.stamp_ns >= earliest_ns), None)
+
     @property
     def rtk(self) -> parts.Rtk:
-        """Return the RTK receiver's data."""
-        return self.receivers.rtk(self.imu.stamp_ns)
+        """Return the RTK data.
+
+        Its yaw is the azimuth from the first antenna to the second in whole degrees, -180 to 179.
+        Recorded headings that were computed from whole degrees give the same degrees if the
+        antenna positions are the same; if not, they are rounded again, always by the same amount.
+        """
+        position = self._recent(Source.RTK_POSITION)
+        velocity = self._recent(Source.RTK_VELOCITY)
+        heading = self._recent(Source.RTK_HEADING)
+        yaw_deg = yaw_flag = 0
+        if heading is not None:
+            heading_deg = math.degrees(heading.heading_rad)
+            yaw_deg = (round(heading_deg + self.receivers.baseline_deg) + 180) % 360 - 180
+            yaw_flag = FIXED_FLAG
+        flag = 0 if position is None else _POSITION_FLAGS[position.status]
+        when, place = _date_and_time(self.imu.stamp_ns, position), self.receivers.degrees(position)
+        return parts.Rtk(*when, *place, _ned_cm_s(velocity), yaw_deg, flag, yaw_flag)
 
     @property
     def gps(self) -> parts.Gps:
         """Return the ordinary receiver's data."""
-        return self.receivers.gps(self.imu.stamp_ns)
+        position = self._recent(Source.GPS_POSITION)
+        velocity = self._recent(Source.GPS_VELOCITY)
+        fixed = position is not None and position.status is not FixStatus.NONE
+        (horizontal_m, vertical_m), (speed_m_s, _) = _sigmas(position), _sigmas(velocity)
+        accuracies = vertical_m * 1e3, horizontal_m * 1e3, speed_m_s * 1e2
+        satellites, dilution = (9 * fixed, 5 * fixed, 14 * fixed), (90.0, 150.0)
+        epoch = self.receivers.gps_epochs & 0xFFFF
+        detail = parts.GpsDetail(*dilution, 3.0 * fixed, *accuracies, *satellites, epoch)
+        lon_deg, lat_deg, height_m = self.receivers.degrees(position)
+        place = round(lon_deg * 1e7), round(lat_deg * 1e7), round(height_m * 1e3)
+        when = _date_and_time(self.imu.stamp_ns, position)
+        return parts.Gps(*when, *place, _ned_cm_s(velocity), detail)
 
     @property
     def position(self) -> parts.Position:
-        """Return the fused position."""
-        return self.receivers.position(self.imu.stamp_ns)
+        """Return the fused position: the receiver's, with heights above the sea and the start."""
+        best = self._recent(Source.RTK_POSITION, Source.GPS_POSITION)
+        if best is None or best.status is FixStatus.NONE:  # its position may be anything
+            return parts.Position(0.0, 0.0, 0.0, 0.0, 0)
+        height_m = best.height_m - self.receivers.undulation_m
+        above_m = self.receivers.above_start_m(height_m)
+        return parts.Position(best.latitude_rad, best.longitude_rad, height_m, above_m, 5)
 
     @property
     def velocity(self) -> parts.Velocity:
-        """Return the fused velocity."""
-        return self.receivers.velocity(self.imu.stamp_ns)
+        """Return the fused velocity: the receiver's, north, east, up (m/s)."""
+        best = self._recent(Source.RTK_VELOCITY, Source.GPS_VELOCITY)
+        if best is None:
+            return parts.Velocity((0.0, 0.0, 0.0), 0)
+        north, east, down = best.velocity_n.tolist()
+        return parts.Velocity((north, east, -down), 1)
 
 
 def _time(i: Instant) -> parts.Time:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read the topics of psdk_ros2 (M300, M350): convert messages and their times to readings.
 
 psdk_ros2 stamps a message when its node receives it. For streams of a steady rate the jitter is
@@ -15,7 +29,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from tirgeo_ros.core.frames.rotations import quat_turned_both
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
@@ -90,34 +104,24 @@ def _gps_details(stamp_ns: int, details: Any) -> GpsReading:
     )
 
 
-class PsdkTopic(NamedTuple):
-    """Hold a topic's type, and the function that converts a stamp and a message to a reading."""
-
-    typename: str
-    read: Callable[[int, Any], Reading]
-
-
-#: The topics that are read. Velocities are NED (m/s), whatever their frames are. ``rtk_yaw`` is an
-#: int16 (deg) that comes as uint16.
-PSDK_TOPICS: dict[str, PsdkTopic] = {
-    "attitude": PsdkTopic(_QUATERNION, lambda t, m: AttitudeReading(t, _q_nb(m.quaternion))),
-    "imu": PsdkTopic("sensor_msgs/msg/Imu", _imu),
-    "gimbal_angles": PsdkTopic(_VECTOR, _gimbal),
-    "gps_position": PsdkTopic(_FIX, lambda t, m: GpsReading(t, _place(m))),
-    "gps_velocity": PsdkTopic(
-        _TWIST, lambda t, m: GpsReading(t, velocity_n=_vector(m.twist.linear))
-    ),
-    "gps_details": PsdkTopic("psdk_interfaces/msg/GPSDetails", _gps_details),
-    "rtk_position": PsdkTopic(_FIX, lambda t, m: RtkReading(t, _place(m))),
-    "rtk_velocity": PsdkTopic(
-        _TWIST, lambda t, m: RtkReading(t, velocity_n=_vector(m.twist.linear))
-    ),
-    "rtk_yaw": PsdkTopic(
+#: The topics that are read: their types, and the functions that convert a stamp and a message.
+#: Velocities are NED (m/s), whatever their frames are. ``rtk_yaw`` is an int16 (deg) that comes as
+#: uint16.
+PSDK_TOPICS: dict[str, tuple[str, Callable[[int, Any], Reading]]] = {
+    "attitude": (_QUATERNION, lambda t, m: AttitudeReading(t, _q_nb(m.quaternion))),
+    "imu": ("sensor_msgs/msg/Imu", _imu),
+    "gimbal_angles": (_VECTOR, _gimbal),
+    "gps_position": (_FIX, lambda t, m: GpsReading(t, _place(m))),
+    "gps_velocity": (_TWIST, lambda t, m: GpsReading(t, velocity_n=_vector(m.twist.linear))),
+    "gps_details": ("psdk_interfaces/msg/GPSDetails", _gps_details),
+    "rtk_position": (_FIX, lambda t, m: RtkReading(t, _place(m))),
+    "rtk_velocity": (_TWIST, lambda t, m: RtkReading(t, velocity_n=_vector(m.twist.linear))),
+    "rtk_yaw": (
         "psdk_interfaces/msg/RTKYaw",
         lambda t, m: RtkReading(t, yaw_deg=(m.yaw + 0x8000) % 0x10000 - 0x8000),
     ),
-    "rtk_position_info": PsdkTopic(_FLAG, lambda t, m: RtkReading(t, position_flag=m.data)),
-    "rtk_yaw_info": PsdkTopic(_FLAG, lambda t, m: RtkReading(t, yaw_flag=m.data)),
+    "rtk_position_info": (_FLAG, lambda t, m: RtkReading(t, position_flag=m.data)),
+    "rtk_yaw_info": (_FLAG, lambda t, m: RtkReading(t, yaw_flag=m.data)),
 }
 
 
@@ -141,7 +145,8 @@ class PsdkDecoder:
                 self.counts["unstamped"] += 1
         if topic in self._steady:
             stamp_ns = self._steady[topic].stamp_ns(stamp_ns)
-        reading = PSDK_TOPICS[topic].read(stamp_ns, message)
+        _, read = PSDK_TOPICS[topic]
+        reading = read(stamp_ns, message)
         if isinstance(reading, RtkReading):
             return [arrived.reading for arrived in self._rtk.take(reading, arrival_ns)]
         return [reading]

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read the topics of DJI's ROS 1 wrapper: convert messages of a bag to readings.
 
 Time. A reading has its message's stamp: the time when the wrapper received it or, with
@@ -45,6 +59,7 @@ from tirgeo_ros.dji.sources.readings import (
 )
 
 _FIX, _VECTOR = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/Vector3Stamped"
+_FLAG, _YAW = "std_msgs/msg/UInt8", "std_msgs/msg/Int16"
 #: The topics that an import should have.
 NEEDED = ("imu", "rtk_position", "rtk_yaw", "gimbal_angle")
 #: The possible names of the wrapper's node.
@@ -142,42 +157,33 @@ def _finite(x: float, y: float, z: float) -> Vector:
     return float(x), float(y), float(z)
 
 
-class Ros1Topic(NamedTuple):
-    """Hold the type of one topic of the wrapper, its output topics, and its converter."""
+_Topic = tuple[str, tuple[str, ...], Callable[[Any, int], Reading]]
 
-    typename: str
-    feeds: tuple[str, ...]  # topics of tirgeo that get its data
-    read: Callable[[Any, int], Reading]
-
-
-#: The topics that are read, by their names in the wrapper. RTK's are in NED and degrees.
-TOPICS: dict[str, Ros1Topic] = {
-    "imu": Ros1Topic("sensor_msgs/msg/Imu", ("imu/data",), _imu),
-    "attitude": Ros1Topic(
-        "geometry_msgs/msg/QuaternionStamped", ("gimbal/joint_states",), _attitude
-    ),
-    "velocity": Ros1Topic(_VECTOR, ("gps/vel",), _velocity_enu),
-    "gps_position": Ros1Topic(
+#: The topics that are read, by their names in the wrapper: type, topics of tirgeo that get the
+#: data, and converter. RTK's are in NED and degrees.
+TOPICS: dict[str, _Topic] = {
+    "imu": ("sensor_msgs/msg/Imu", ("imu/data",), _imu),
+    "attitude": ("geometry_msgs/msg/QuaternionStamped", ("gimbal/joint_states",), _attitude),
+    "velocity": (_VECTOR, ("gps/vel",), _velocity_enu),
+    "gps_position": (
         _FIX,
         ("gps/fix",),
         lambda m, t: GpsReading(t, _place(m), vertical_sigma_m=FUSED_HEIGHT_SIGMA_M),
     ),
-    "rtk_position": Ros1Topic(_FIX, ("rtk/fix",), lambda m, t: RtkReading(t, _place(m))),
-    "rtk_velocity": Ros1Topic(
-        _VECTOR, ("rtk/vel",), lambda m, t: RtkReading(t, velocity_n=_vector(m.vector))
+    "rtk_position": (_FIX, ("rtk/fix",), lambda m, t: RtkReading(t, _place(m))),
+    "rtk_velocity": (
+        _VECTOR,
+        ("rtk/vel",),
+        lambda m, t: RtkReading(t, velocity_n=_vector(m.vector)),
     ),
-    "rtk_yaw": Ros1Topic(
-        "std_msgs/msg/Int16", ("rtk/heading",), lambda m, t: RtkReading(t, yaw_deg=int(m.data))
-    ),
-    "rtk_info_position": Ros1Topic(
-        "std_msgs/msg/UInt8",
+    "rtk_yaw": (_YAW, ("rtk/heading",), lambda m, t: RtkReading(t, yaw_deg=int(m.data))),
+    "rtk_info_position": (
+        _FLAG,
         ("rtk/fix", "rtk/vel"),
         lambda m, t: RtkReading(t, position_flag=int(m.data)),
     ),
-    "rtk_info_yaw": Ros1Topic(
-        "std_msgs/msg/UInt8", ("rtk/heading",), lambda m, t: RtkReading(t, yaw_flag=int(m.data))
-    ),
-    "gimbal_angle": Ros1Topic(_VECTOR, ("gimbal/attitude", "gimbal/joint_states"), _gimbal_angle),
+    "rtk_info_yaw": (_FLAG, ("rtk/heading",), lambda m, t: RtkReading(t, yaw_flag=int(m.data))),
+    "gimbal_angle": (_VECTOR, ("gimbal/attitude", "gimbal/joint_states"), _gimbal_angle),
 }
 
 
@@ -280,7 +286,8 @@ class Ros1Decoder:
             raise MessageError(f"its stamp is {off_s:+.0f} s from its time of recording")
         if name == "imu" and self._steady is not None and stamp_ns != arrival_ns:
             stamp_ns = self._steady.stamp_ns(stamp_ns)
-        reading = TOPICS[name].read(message, stamp_ns)
+        *_, read = TOPICS[name]
+        reading = read(message, stamp_ns)
         if isinstance(reading, ImuReading) and self._setup.gravity != 1.0:
             x, y, z = (a / self._setup.gravity for a in reading.acceleration_b)
             return reading._replace(acceleration_b=(x, y, z))

@@ -1,10 +1,24 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert bytes of the serial link to readings; the port itself is not needed."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, AircraftClock
@@ -26,6 +40,9 @@ from tirgeo_ros.dji.sources.readings import (
     Vector,
 )
 
+if TYPE_CHECKING:  # a live link does not need it, nor what it imports
+    from tirgeo_ros.dji.clocks.capture_clock import CaptureClock
+
 PUSH_SET, _BROADCAST, _SUBSCRIPTION = 0x02, 0x00, 0x05
 _RTK_TOPICS = {"RTK_POSITION", "RTK_VELOCITY", "RTK_YAW", "RTK_POSITION_INFO", "RTK_YAW_INFO"}
 _GPS_TOPICS = {"GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"}
@@ -36,19 +53,12 @@ _PAUSE_S = 0.05
 _BITS_A_BYTE = 10  # with start bit and stop bit
 
 
-class StampSource(Protocol):
-    """Convert a counter of the aircraft to stamps, live or of a capture."""
-
-    def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
-        """Return the stamp of a counter's value that was received at ``arrival_ns``."""
-
-
 class Clocks(NamedTuple):
     """Hold a clock for each counter of the aircraft; counters may start and step separately."""
 
-    broadcast: StampSource  # ms
-    subscription: StampSource  # ms
-    hard_sync: StampSource  # ticks of 2.5 ms; a sync command resets it
+    broadcast: AircraftClock | CaptureClock  # ms
+    subscription: AircraftClock | CaptureClock  # ms
+    hard_sync: AircraftClock | CaptureClock  # ticks of 2.5 ms; a sync command resets it
 
 
 class Telemetry:
@@ -88,13 +98,9 @@ class Telemetry:
             stamp_ns = self._clocks.broadcast.stamp_ns(broadcast.time.time_ms, arrival_ns)
         elif broadcast.mask:
             self.counts["untimed"] += 1
-        inertial = (
-            broadcast.acceleration_as_packed,
-            broadcast.angular_rate_radps,
-            broadcast.quaternion_wxyz,
-        )
-        unit = AccelerationUnit.UNKNOWN
-        readings = _inertial(stamp_ns, ImuOrigin.BROADCAST, unit, *inertial)
+        origin, unit = ImuOrigin.BROADCAST, AccelerationUnit.UNKNOWN
+        acceleration, rate = broadcast.acceleration_as_packed, broadcast.angular_rate_radps
+        readings = _inertial(stamp_ns, origin, unit, acceleration, rate, broadcast.quaternion_wxyz)
         if broadcast.position is not None:
             self._near = broadcast.position.lat_rad, broadcast.position.lon_rad
         if broadcast.gps is not None:
@@ -212,13 +218,13 @@ class SerialDecoder:
 
     def __init__(self, config: DjiConfig, packages: PackageTable) -> None:
         """Build the parsers; raise DjiError for an invalid key."""
-        self._frames = FrameReader(parse_key(config.key))
-        broadcast, subscription = AircraftClock(config.clock), AircraftClock(config.clock)
-        hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
-        clocks = broadcast, subscription, hard_sync
-        names = "broadcast", "subscription", "hard sync"
-        self._clocks = dict(zip(names, clocks, strict=True))
-        self._telemetry = Telemetry(Clocks(*clocks), packages)
+        self.frames = FrameReader(parse_key(config.key))
+        self._clocks = {
+            "broadcast": AircraftClock(config.clock),
+            "subscription": AircraftClock(config.clock),
+            "hard sync": AircraftClock(config.clock, LONG_TICK_NS),
+        }
+        self._telemetry = Telemetry(Clocks(*self._clocks.values()), packages)
         self._received_s: float | None = None
         self.locked = 0  # encrypted frames that were not decrypted, or with a wrong key
         self._byte_ns = round(_BITS_A_BYTE * 1e9 / config.baud)
@@ -234,24 +240,19 @@ class SerialDecoder:
         Call this without bytes as well, now and then: after a pause it stops waiting for the rest
         of a cut frame.
         """
-        if data:
-            self._received_s = now_s
-            first_ns = arrival_ns - gathered_ns - self.counts["bytes"] * self._byte_ns
-            frames = self._frames.feed(data)
-            ends = [first_ns + (f.offset + f.length) * self._byte_ns for f in frames]
-            arrivals = [min(end_ns, arrival_ns) for end_ns in ends]
-        elif self._received_s is not None and now_s - self._received_s > _PAUSE_S:
-            self._received_s = None
-            frames = self._frames.rescan()
-            arrivals = [arrival_ns] * len(frames)
-        else:
-            return []
-        return self._read(frames, arrivals)
+        if not data:
+            is_pause = self._received_s is not None and now_s - self._received_s > _PAUSE_S
+            return self.rescan(arrival_ns) if is_pause else []
+        self._received_s = now_s
+        first_ns = arrival_ns - gathered_ns - self.frames.counts["bytes"] * self._byte_ns
+        frames = self.frames.feed(data)
+        ends = [first_ns + (f.offset + f.length) * self._byte_ns for f in frames]
+        return self._read(frames, [min(end_ns, arrival_ns) for end_ns in ends])
 
-    def reopened(self, arrival_ns: int) -> list[Reading]:
-        """Drop the frame that was cut when the port was lost; return the readings after it."""
+    def rescan(self, arrival_ns: int) -> list[Reading]:
+        """Drop a frame that was cut, as the port was lost; return the readings after it."""
         self._received_s = None
-        frames = self._frames.rescan()
+        frames = self.frames.rescan()
         return self._read(frames, [arrival_ns] * len(frames))
 
     def _read(self, frames: list[ProtocolFrame], arrivals: list[int]) -> list[Reading]:
@@ -265,14 +266,9 @@ class SerialDecoder:
         return readings
 
     @property
-    def counts(self) -> dict[str, int]:
-        """Return the counts of bytes and frames by kind (``FrameReader.counts``)."""
-        return self._frames.counts
-
-    @property
     def diagnostics(self) -> dict[str, str]:
         """Return the counts of frames and the state of each clock."""
-        items = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
+        items = {f"frames {name}": str(n) for name, n in self.frames.counts.items()}
         items |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
         for name, clock in self._clocks.items():
             items |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}

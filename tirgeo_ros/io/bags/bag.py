@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read bags as ``ros2 bag record`` leaves them: a file, or a folder of files."""
 
 from __future__ import annotations
@@ -8,34 +22,27 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import yaml
-import zstandard
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.bag_file import ZSTD_MAGIC, BagFile, BagMessage, TopicForm
+from tirgeo_ros.core.types.missing_package import needed
+from tirgeo_ros.io.bags.bag_file import MCAP_MAGIC, ZSTD_MAGIC, BagFile, BagMessage, TopicForm
 from tirgeo_ros.io.bags.bag_writer import BagWriter
-from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.bags.mcap_file import MAGIC as MCAP
-from tirgeo_ros.io.bags.mcap_file import McapFile
-from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
-from tirgeo_ros.io.bags.sqlite_file import SqliteFile
+from tirgeo_ros.io.bags.mcap_backend import mcap_backend
+from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE, SqliteFile
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of, read_text, reading
+from tirgeo_ros.io.messages.cdr import Cdr
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
 
 #: First bytes of the files of a ROS 2 bag.
-ROS2_MAGICS = (MCAP, SQLITE, ZSTD_MAGIC)
+ROS2_MAGICS = (MCAP_MAGIC, SQLITE, ZSTD_MAGIC)
 METADATA = "metadata.yaml"
 _SUFFIXES, _ZSTD = (".mcap", ".db3"), ".zstd"
 _MOST_METADATA_BYTES = 4 << 20  # the recorder writes some hundred bytes a topic and a file
-#: Bytes that stay free on the disk. A file may unpack to _MOST_RATIO times its size and 64 MiB:
-#: recordings shrink to a third, pictures without noise to a hundredth.
-_FREE_BYTES, _MOST_RATIO, _SMALL_BYTES = 256 << 20, 1000, 64 << 20
-_PIECE = 1 << 20
 #: Files that SQLite writes beside a database, and merges into it after a power cut.
 _BESIDE = ("-wal", "-journal")
 
@@ -171,7 +178,10 @@ def opened_file(path: Path) -> BagFile:
     copy = folder / path.name.removesuffix(_ZSTD)
     try:
         if packed:
-            _unpack(path, copy)
+            needed("zstandard", f"reading {path}", BagError)
+            from tirgeo_ros.io.bags.packed import unpack_file  # noqa: PLC0415  few bags need it
+
+            unpack_file(path, copy)
         else:
             for source in (path, *unclosed):
                 shutil.copyfile(source, folder / source.name)
@@ -189,26 +199,9 @@ def opened_file(path: Path) -> BagFile:
     return file
 
 
-def _kind(path: Path) -> type[SqliteFile | McapFile]:
-    return SqliteFile if first_bytes(path, len(SQLITE), BagError) == SQLITE else McapFile
-
-
-def _unpack(path: Path, copy: Path) -> None:
-    """Unpack a file to ``copy``; a damaged one up to the fault, which its reader reports."""
-    free = shutil.disk_usage(copy.parent).free - _FREE_BYTES
-    most = path.stat().st_size * _MOST_RATIO + _SMALL_BYTES
-    with path.open("rb") as file, copy.open("wb") as out, suppress(zstandard.ZstdError):
-        stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-        while piece := stream.read(_PIECE):
-            written = out.tell() + len(piece)
-            if written > most:
-                times = f"{_MOST_RATIO} times its size"
-                raise BagError(f"{path}: unpacks to more than {times}: not read")
-            if written > free:
-                raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
-            out.write(piece)
-    if not copy.stat().st_size:
-        raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
+def _kind(path: Path) -> type[BagFile]:
+    is_sqlite = first_bytes(path, len(SQLITE), BagError) == SQLITE
+    return SqliteFile if is_sqlite else mcap_backend(path)[0]
 
 
 def bag_files(path: Path) -> tuple[list[Path], list[str]]:

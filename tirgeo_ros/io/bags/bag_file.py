@@ -1,22 +1,28 @@
-"""Define what all files of bags share: messages, connections, and the unpacking of chunks.
-
-A packed kilobyte can hold gigabytes, hence MOST_BYTES. Recorders close a chunk at about a
-megabyte, but one message may be larger: a 4K picture of 16 bits and three colours has 50 MB.
-"""
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Define what all files of bags share: messages, connections, and how they are read."""
 
 from __future__ import annotations
 
-import bz2
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import zstandard
-from lz4.frame import LZ4FrameDecompressor
-
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.missing_package import needed
 
 #: A message in a file: log time (ns), place (chunk, number in the chunk), connection, data.
 Row = tuple[int, int, int, int, bytes]
@@ -24,9 +30,7 @@ Row = tuple[int, int, int, int, bytes]
 TOO_LATE = "messages with a log time after 2038 left out"
 #: First bytes of a compressed file, and of a message that rosbag2 compressed; never of CDR.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-#: The largest unpacked size of a packed chunk.
-MOST_BYTES = 64 << 20
-_BROKEN = (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError, MemoryError)
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 class BagMessage(NamedTuple):
@@ -35,7 +39,8 @@ class BagMessage(NamedTuple):
     topic: str
     typename: str
     log_time_ns: int
-    data: bytes  # CDR
+    data: bytes  # CDR; of a ROS 1 bag its own encoding
+    definition: str = ""  # of the type with all parts, in a ROS 1 bag
 
 
 class TopicForm(NamedTuple):
@@ -73,9 +78,10 @@ class BagFile(ABC):
         self.name, self.path, self.read = name, path, 0
         self.losses: dict[int, str] = {}
 
-    @abstractmethod
     def fault(self, form: TopicForm) -> str:
         """Return how a topic is encoded and what to do, if it cannot be decoded; else ""."""
+        encoding = form.message_encoding
+        return "" if encoding == "cdr" else f"{encoding or 'nothing'}; record it with ROS 2 (cdr)"
 
     @abstractmethod
     def rows(self, keys: Collection[int], start_ns: int) -> Iterator[Row]:
@@ -119,49 +125,7 @@ def plain(data: bytes) -> bytes:
     """Return a message's CDR, unpacked if compressed. Raises ValueError as ``unpacked`` does."""
     if data[:4] != ZSTD_MAGIC:
         return data
-    try:
-        size = zstandard.frame_content_size(data)
-    except zstandard.ZstdError:
-        raise ValueError("is cut off or damaged") from None
-    return unpacked(data, "zstd", size if size >= 0 else None)
+    needed("zstandard", "reading a compressed message", BagError)
+    from tirgeo_ros.io.bags.packed import unpacked_message  # noqa: PLC0415  few bags need it
 
-
-def unpacked(
-    packed: bytes, compression: str, size: int | None = None, *, cut: bool = False
-) -> bytes:
-    """Return the unpacked data of a chunk; of one that is ``cut``, its beginning.
-
-    ``compression`` is ``zstd``, ``lz4``, ``bz2``, ``none`` or empty; ``size`` is the unpacked size
-    that the chunk declares, or None. Raises ValueError with words that continue a sentence about
-    the chunk: ``is cut off or damaged``.
-    """
-    if compression in {"", "none"}:
-        return packed
-    if compression not in _UNPACK:
-        raise ValueError(f"is compressed as {compression!r}, which is not supported")
-    most = min(MOST_BYTES, MOST_BYTES if size is None else size)
-    try:
-        data = _UNPACK[compression](packed, most + 1)
-    except _BROKEN:
-        raise ValueError("is cut off or damaged") from None
-    if len(data) > MOST_BYTES:
-        raise ValueError(f"holds more than {MOST_BYTES >> 20} MiB: not read")
-    if size is not None and len(data) != size and not cut:
-        raise ValueError("is cut off or damaged")
-    return data
-
-
-def _by_zstd(packed: bytes, most: int) -> bytes:
-    """Return at most ``most`` bytes; at once, in a third of the time, if the frame fits."""
-    unpacker = zstandard.ZstdDecompressor()
-    if zstandard.frame_content_size(packed) in range(most):
-        with suppress(zstandard.ZstdError):  # a cut frame: the stream reads its beginning
-            return unpacker.decompress(packed)
-    return unpacker.stream_reader(packed).read(most)
-
-
-_UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
-    "zstd": _by_zstd,
-    "lz4": lambda packed, most: bytes(LZ4FrameDecompressor().decompress(packed, most)),
-    "bz2": lambda packed, most: bz2.BZ2Decompressor().decompress(packed, most),
-}
+    return unpacked_message(data)

@@ -1,44 +1,32 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write bags: one MCAP file of profile ``ros2``, ``ros2msg`` schemas, CDR messages."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import IO, Any, final
+from typing import Any, final
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
-from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_file import TopicForm
-from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.bags.mcap_backend import mcap_backend
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of, writing
+from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.io.messages.topics import offered_qos
-
-#: What rosbag2 writes when it opens a file. From the version its reader knows that the topics' QoS
-#: has words, not numbers; it takes counts and times from the summary at the end of the file.
-_METADATA = """\
-version: 9
-storage_identifier: mcap
-duration:
-  nanoseconds: 0
-starting_time:
-  nanoseconds_since_epoch: 0
-message_count: 0
-topics_with_message_count:
-  []
-compression_format: ""
-compression_mode: ""
-relative_file_paths:
-  []
-files:
-  []
-ros_distro: ""
-custom_data: ~"""
-
-#: Bytes of messages that are lost if the process is killed: one second without pictures.
-_GROWING_CHUNK = 1 << 17
-_CHUNK = 1 << 20
 
 
 @final
@@ -64,21 +52,14 @@ class BagWriter:
         self._growing = growing
         self._cdr = Cdr()
         self._channels: dict[str, tuple[int, str]] = {}
-        self._schemas: dict[tuple[str, bytes], int] = {}
         self._forms = forms or {}
         self._part = self.path if growing else part_of(self.path)
-        self._file: IO[bytes]
-        self._writer: Writer
 
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the future bag."""
         check_place(self.path, BagError)
         with writing(self.path, BagError):
-            self._file = self._part.open("wb")
-            chunk = _GROWING_CHUNK if self._growing else _CHUNK
-            self._writer = Writer(self._file, chunk, CompressionType.ZSTD)
-            self._writer.start("ros2", f"tirgeo {__version__}")
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": _METADATA})
+            self._sink = mcap_backend(self.path)[1](self._part, growing=self._growing)
         return self
 
     def write(self, topic: str, typename: str, message: Any, log_time_ns: int) -> None:
@@ -90,46 +71,36 @@ class BagWriter:
             )
         data = message if isinstance(message, bytes) else self._cdr.serialize(message, typename)
         with writing(self.path, BagError):
-            self._writer.add_message(number, log_time_ns, data, log_time_ns)
+            self._sink.add(number, data, log_time_ns)
 
     def flush(self) -> None:
         """Pass all messages to the operating system, except those of the newest chunk."""
         with writing(self.path, BagError):
-            self._file.flush()
+            self._sink.flush()
 
     def _channel(self, topic: str, typename: str) -> tuple[int, str]:
         form = self._forms.get(topic) or TopicForm(typename, b"", "", "cdr", {})
         metadata = {**form.metadata, "offered_qos_profiles": qos_in_words(topic, form.metadata)}
-        schema = self._schema(typename, form, copied=topic in self._forms)
-        encoding = form.message_encoding
-        number = self._writer.register_channel(topic, encoding, schema, metadata)
+        if not form.definition and (typename in self._cdr or topic not in self._forms):
+            text = self._cdr.definition(typename).encode()
+            form = form._replace(encoding="ros2msg", definition=text)
+        with writing(self.path, BagError):
+            number = self._sink.add_topic(
+                topic, form._replace(typename=typename, metadata=metadata)
+            )
         self._channels[topic] = (number, typename)
         return number, typename
-
-    def _schema(self, typename: str, form: TopicForm, *, copied: bool) -> int:
-        """Return the number of a type's definition, recorded or known here; 0 without a type."""
-        if copied and not typename:
-            return 0
-        key = typename, form.definition
-        if key not in self._schemas:
-            encoding, text = form.encoding, form.definition
-            if not text and (typename in self._cdr or not copied):
-                encoding, text = "ros2msg", self._cdr.definition(typename).encode()
-            self._schemas[key] = self._writer.register_schema(typename, encoding, text)
-        return self._schemas[key]
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the file and rename it, or remove it after an error."""
         try:
-            with writing(self.path, BagError), self._file:
-                if kind is None or self._growing:
-                    self._writer.finish()  # type: ignore[no-untyped-call]
-            if kind is None:
-                with writing(self.path, BagError):
+            with writing(self.path, BagError):
+                self._sink.close(complete=kind is None or self._growing)
+                if kind is None:
                     self._part.replace(self.path)
         finally:
-            if not self._growing:
-                self._part.unlink(missing_ok=True)
+            if not self._growing and self._part.is_file():
+                self._part.unlink()
 
 
 def qos_in_words(topic: str, metadata: Mapping[str, str]) -> str:

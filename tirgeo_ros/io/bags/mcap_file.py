@@ -1,4 +1,18 @@
-"""Read the messages of an MCAP file in order of time, even if it is cut off or damaged.
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Read the messages of an MCAP file in order of time, even if it is damaged; write such files.
 
 An intact file lists its chunks in its summary. Any other file is read from its first record to the
 first broken one. A last chunk that is cut off is read up to the cut; broken chunks are left out.
@@ -15,20 +29,28 @@ from contextlib import contextmanager, suppress
 from io import BytesIO
 from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
-from mcap.stream_reader import StreamReader
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema
+from mcap.writer import CompressionType, Writer
 
+from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import LAST_NS
-from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagFile, Connection, Row, TopicForm, unpacked
+from tirgeo_ros.io.bags.bag_file import (
+    MCAP_MAGIC as MAGIC,
+    TOO_LATE,
+    BagFile,
+    Connection,
+    Row,
+    TopicForm,
+)
+from tirgeo_ros.io.bags.packed import unpacked
 from tirgeo_ros.io.files.whole_files import reading
-
-MAGIC = b"\x89MCAP0\r\n"
 
 _PROFILES = ("ros2", "")  # "": left out by a tool that copied the bag
 #: A recorder that finds no definition writes one of the last two; the contract's are known here.
@@ -42,6 +64,31 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _FOOTER_SIZE = _RECORD.size + 20
 _LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
 _PRIVATE = 0x80  # opcodes from here on belong to applications and are skipped
+
+#: What rosbag2 writes when it opens a file. From the version its reader knows that the topics' QoS
+#: has words, not numbers; it takes counts and times from the summary at the end of the file.
+_METADATA = """\
+version: 9
+storage_identifier: mcap
+duration:
+  nanoseconds: 0
+starting_time:
+  nanoseconds_since_epoch: 0
+message_count: 0
+topics_with_message_count:
+  []
+compression_format: ""
+compression_mode: ""
+relative_file_paths:
+  []
+files:
+  []
+ros_distro: ""
+custom_data: ~"""
+
+#: Bytes of messages that are lost if the process is killed: one second without pictures.
+_GROWING_CHUNK = 1 << 17
+_CHUNK = 1 << 20
 
 #: Raised by the parsers for bytes that are not a valid record.
 _BROKEN = McapError, RuntimeError, struct.error, ValueError, MemoryError, OverflowError
@@ -160,19 +207,12 @@ class McapFile(BagFile):
         covered = len(summary) - len(MAGIC) - 4
         if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
             raise McapError("checksum of the index is wrong")
-        counts: dict[int, int] = {}
-        chunks: list[ChunkIndex] = []
-        for record in StreamReader(BytesIO(summary), skip_magic=True, emit_chunks=True).records:
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._channels[record.id] = record
-            elif isinstance(record, Statistics):
-                counts = record.channel_message_counts
-            elif isinstance(record, ChunkIndex):
-                chunks.append(record)
-        for chunk in chunks:
+        index = SeekingReader(data).get_summary()  # type: ignore[arg-type]  # a file too
+        assert index is not None
+        self._schemas, self._channels = index.schemas, index.channels
+        for chunk in index.chunk_indexes:
             self._take_chunk(data, chunk)
+        counts = index.statistics.channel_message_counts if index.statistics else {}
         return {key for key in self._channels if counts and not counts.get(key)}
 
     def _take_chunk(self, data: mmap, chunk: ChunkIndex) -> None:
@@ -310,3 +350,39 @@ def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
 def _reason(error: BaseException) -> str:
     lines = str(error).splitlines()
     return lines[0] if lines else type(error).__name__
+
+
+@final
+class McapSink:
+    """Write a file of profile ``ros2``: CDR, with definitions in ``ros2msg``."""
+
+    def __init__(self, path: Path, *, growing: bool) -> None:
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._file = path.open("wb")
+        chunk = _GROWING_CHUNK if growing else _CHUNK
+        self._writer = Writer(self._file, chunk, CompressionType.ZSTD)
+        self._writer.start("ros2", f"tirgeo {__version__}")
+        self._writer.add_metadata("rosbag2", {"serialized_metadata": _METADATA})
+
+    def add_topic(self, topic: str, form: TopicForm) -> int:
+        """Return the number of a new topic."""
+        key = form.typename, form.definition
+        if form.typename and key not in self._schemas:
+            schema = form.typename, form.encoding, form.definition
+            self._schemas[key] = self._writer.register_schema(*schema)
+        number, metadata = self._schemas.get(key, 0), dict(form.metadata)
+        return self._writer.register_channel(topic, form.message_encoding, number, metadata)
+
+    def add(self, number: int, data: bytes, log_time_ns: int) -> None:
+        """Append a message."""
+        self._writer.add_message(number, log_time_ns, data, log_time_ns)
+
+    def flush(self) -> None:
+        """Pass all messages to the operating system, except those of the newest chunk."""
+        self._file.flush()
+
+    def close(self, *, complete: bool) -> None:
+        """Close the file, and write its end if it is to be complete."""
+        with self._file:
+            if complete:
+                self._writer.finish()  # type: ignore[no-untyped-call]

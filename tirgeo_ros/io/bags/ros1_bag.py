@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read ROS 1 bags without ROS, through rosbags, with a bound on what a chunk unpacks to."""
 
 from __future__ import annotations
@@ -6,10 +20,10 @@ import os
 from collections import defaultdict
 from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
@@ -21,21 +35,25 @@ from rosbags.rosbag1.reader import (
     decompressors,
     read_uint32,
 )
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.bags.bag_file import MOST_BYTES, TOO_LATE, unpacked
-from tirgeo_ros.io.bags.cdr import UNREADABLE, Cdr
+from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagMessage
+from tirgeo_ros.io.bags.packed import MOST_BYTES, unpacked
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
+from tirgeo_ros.io.messages.cdr import UNREADABLE, Cdr
 
 MAGIC = b"#ROSBAG V2.0\n"
 
+#: Raised by the decoders for bytes that are not a message of the type.
+_UNREADABLE = (*UNREADABLE, SerdeError)
 #: Raised by the reader for a damaged file.
-_DAMAGED = (*UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
+_DAMAGED = (*_UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
 #: Raised by the types' generator for an invalid definition.
 _UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
 #: Types of records between chunks, which only repeat what the chunks say.
@@ -133,16 +151,6 @@ class UnindexedReader(Reader):
             self._offset = source.seek(end)
 
 
-class Ros1Message(NamedTuple):
-    """Hold a message as it is in a bag."""
-
-    topic: str
-    typename: str  # sensor_msgs/msg/Imu
-    log_time_ns: int  # when the recorder received it
-    data: bytes
-    definition: str  # of its type, with all parts
-
-
 class Ros1Bag:
     """Read a bag.
 
@@ -153,7 +161,6 @@ class Ros1Bag:
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
-        self._cdr = Cdr()
         self._losses: dict[str, str] = {}
         self._stores: dict[tuple[str, str], Typestore | None] = {}
         with bounded_memory(), self._opened() as reader:
@@ -212,7 +219,7 @@ class Ros1Bag:
             by_topic.setdefault(connection.topic, set()).add(connection.msgtype)
         return {topic: ", ".join(sorted(types)) for topic, types in sorted(by_topic.items())}
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Return the messages of these topics in the order in which they were recorded."""
         with self._opened() as reader:
             chosen = [c for c in reader.connections if topics is None or c.topic in topics]
@@ -224,15 +231,20 @@ class Ros1Bag:
                     late += 1
                     self._losses["late"] = f"{late} {TOO_LATE}"
                     continue
-                yield Ros1Message(
+                yield BagMessage(
                     connection.topic, connection.msgtype, record_ns, data, connection.msgdef.data
                 )
 
     def cdr(self, message: Any) -> bytes:
         """Convert a message to CDR of ROS 2. Raises MessageError for bytes of another type."""
-        return self._cdr.from_ros1(message.data, message.typename, message.topic)
+        if message.typename not in Cdr():
+            raise BagError(f"message type {message.typename} is not known")
+        try:
+            return bytes(_ros2_types().ros1_to_cdr(message.data, message.typename))
+        except _UNREADABLE as error:
+            raise _not_of_type(message, error) from None
 
-    def decoded(self, message: Ros1Message) -> Any:
+    def decoded(self, message: BagMessage) -> Any:
         """Decode the message by its definition in the bag. Raises MessageError."""
         # A store for each type's definition: two wrappers may use one name for different types.
         key = message.typename, message.definition
@@ -248,17 +260,22 @@ class Ros1Bag:
             raise MessageError(f"{message.topic}: the bag does not define {message.typename}")
         try:
             return store.deserialize_ros1(message.data, message.typename)
-        except UNREADABLE as error:
-            raise MessageError(
-                f"{message.topic}: {len(message.data)} bytes are no {message.typename}: {error}"
-            ) from None
+        except _UNREADABLE as error:
+            raise _not_of_type(message, error) from None
 
 
-#: A bag of ROS 2 or ROS 1; its ``cdr`` returns a message as CDR of ROS 2.
-AnyBag: TypeAlias = BagReader | Ros1Bag
+@cache
+def _ros2_types() -> Typestore:
+    """Return the types that messages are converted to: it takes 0.25 s to build them."""
+    return get_typestore(Stores.ROS2_JAZZY)
 
 
-def any_bag(path: Path) -> AnyBag:
+def _not_of_type(message: BagMessage, error: Exception) -> MessageError:
+    size = f"{len(message.data)} bytes"
+    return MessageError(f"{message.topic}: {size} are no {message.typename} of ROS 1: {error}")
+
+
+def any_bag(path: Path) -> BagReader | Ros1Bag:
     """Open a bag of ROS 1 or ROS 2, by the file's first bytes. Raises BagError if unreadable."""
     if path.is_file() and first_bytes(path, len(MAGIC), BagError) == MAGIC:
         return Ros1Bag(path)

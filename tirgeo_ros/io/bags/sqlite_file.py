@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read the messages of one SQLite file of rosbag2 (``.db3``) in order of time."""
 
 from __future__ import annotations
@@ -15,14 +29,14 @@ from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagFile, Connection, Row, Topi
 MAGIC = b"SQLite format 3\0"
 
 _TABLES = """
-SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')
+SELECT name FROM sqlite_master
+WHERE type = 'table' AND name IN ('topics', 'messages', 'message_definitions')
 """
 #: First and last time, of numbers alone: SQLite sorts NULL before them and text after them.
 _SPAN = """
 SELECT (SELECT min(timestamp) FROM messages WHERE timestamp >= 0),
     (SELECT max(timestamp) FROM messages WHERE timestamp < ?)
 """
-_NAMES = "SELECT name FROM sqlite_master WHERE type = 'table'"
 _DEFINITIONS = """
 SELECT topic_type, encoding, encoded_message_definition AS text FROM message_definitions
 """
@@ -58,12 +72,13 @@ class SqliteFile(BagFile):
         super().__init__(path, name)
         try:
             with self._opened() as base:
-                if base.execute(_TABLES).fetchone() != (2,):
+                tables = {name for (name,) in base.execute(_TABLES)}
+                if not {"topics", "messages"} <= tables:
                     raise BagError(f"{name}: a SQLite database, but not of rosbag2")
                 first_ns, last_ns = base.execute(_SPAN, (LAST_NS,)).fetchone()
                 empty = None in (first_ns, last_ns)
                 self.span_ns = None if empty else (int(first_ns), int(last_ns))
-                self.connections = self._connections(base)
+                self.connections = self._connections(base, tables)
                 total, indexed, strays = base.execute(_COUNTS).fetchone()
                 if total != indexed:
                     self.losses[2] = (
@@ -77,17 +92,12 @@ class SqliteFile(BagFile):
                 "sqlite3 and its command .recover"
             ) from None
 
-    def fault(self, form: TopicForm) -> str:
-        """Return how a topic is encoded, unless it is CDR."""
-        encoding = form.message_encoding
-        return "" if encoding == "cdr" else f"{encoding or 'nothing'}; record it with ROS 2 (cdr)"
-
-    def _connections(self, base: sqlite3.Connection) -> dict[int, Connection]:
+    def _connections(self, base: sqlite3.Connection, tables: set[str]) -> dict[int, Connection]:
         """Return the topics that have messages."""
         used = {key for (key,) in base.execute(_USED_TOPICS)}
         base.row_factory = sqlite3.Row
         rows = [dict(row) for row in base.execute("SELECT * FROM topics") if row["id"] in used]
-        types = self._definitions(base)
+        types = self._definitions(base) if "message_definitions" in tables else {}
         base.row_factory = None
         return {
             row["id"]: Connection(str(row["name"]), _form(row, types.get(str(row["type"]))))
@@ -97,9 +107,7 @@ class SqliteFile(BagFile):
     def _definitions(self, base: sqlite3.Connection) -> dict[str, sqlite3.Row]:
         """Return the definitions of types; older recorders wrote none."""
         try:
-            tables = [str(row["name"]) for row in base.execute(_NAMES)]
-            rows = base.execute(_DEFINITIONS) if "message_definitions" in tables else ()
-            return {str(row["topic_type"]): row for row in rows}
+            return {str(row["topic_type"]): row for row in base.execute(_DEFINITIONS)}
         except sqlite3.Error as error:
             self.losses[4] = f"the definitions of its types cannot be read ({error})"
             return {}

@@ -1,13 +1,27 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Transform points between coordinate reference systems, and write positions as text."""
 
 from __future__ import annotations
 
 import re
 import threading
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib.util import find_spec
 from typing import NamedTuple
 
-import mgrs
 import numpy as np
 import pyproj
 from pyproj.crs import Datum  # type: ignore[attr-defined]
@@ -31,6 +45,7 @@ _PLATE_M = 3.0
 _ROUNDING_DEG = 1e-9  # a tenth of a millimetre
 _NO_DATUM = re.compile(r"unknown|not.?specified|undefined|unnamed|\bnone\b", re.IGNORECASE)
 _HUNDREDTHS = 360_000  # of a second of arc, in a degree
+_BANDS = "CDEFGHJKLMNPQRSTUVWXX"  # of UTM, 8 deg high from -80 on; the last is higher
 #: The library mgrs keeps a zone's numbers in C globals and releases Python's lock.
 _MGRS_LOCK = threading.Lock()
 
@@ -152,10 +167,8 @@ def range_fault(x: float, y: float, *, all_are: bool) -> str:
 
 def once_around(longitudes: Array) -> Array:
     """Return longitudes (deg) wrapped to -180 to 180; rounding errors beyond are clipped."""
-    beyond = np.abs(longitudes) > 180
-    rounded = np.abs(longitudes) < 180 + _ROUNDING_DEG
-    around = np.where(rounded, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)
-    return np.where(beyond, around, longitudes)
+    once = np.abs(longitudes) < 180 + _ROUNDING_DEG
+    return np.where(once, np.clip(longitudes, -180, 180), (longitudes + 180) % 360 - 180)
 
 
 class Plane:
@@ -206,23 +219,52 @@ class Written(NamedTuple):
 
 
 def written(latitude_deg: float, longitude_deg: float) -> Written:
-    """Return a place on WGS84, latitude -90 to 90 and longitude -180 to 180, as texts."""
-    utm = ""
-    with _MGRS_LOCK:
-        square = str(mgrs.MGRS().toMGRS(latitude_deg, longitude_deg))
-        at = 1  # near a pole the square has no zone number
-        if square[0].isdigit():
-            # In the zone of the square; in Norway it is not always the nearest zone.
-            square, at = square.zfill(15), 3
-            to_utm = _to_utm(int(square[:2]), north=square[2] >= "N")
-            easting, northing = to_utm.transform(longitude_deg, latitude_deg)
-            utm = f"{square[:3]} {easting:.1f} {northing:.1f}"
+    """Return a place on WGS84, latitude -90 to 90 and longitude -180 to 180, as texts.
+
+    ``mgrs`` is empty without the package mgrs, which Ubuntu lacks (``has_mgrs``).
+    """
     return Written(
         f"{latitude_deg:.6f}, {longitude_deg:.6f}",
         f"{_dms(latitude_deg, 'NS')} {_dms(longitude_deg, 'EW')}",
-        f"{square[:at]} {square[at : at + 2]} {square[at + 2 : -5]} {square[-5:]}",
-        utm,
+        _mgrs(latitude_deg, longitude_deg) if has_mgrs() else "",
+        _utm(latitude_deg, longitude_deg),
     )
+
+
+@cache
+def has_mgrs() -> bool:
+    """Return whether the package mgrs is installed."""
+    return find_spec("mgrs") is not None
+
+
+def _mgrs(latitude_deg: float, longitude_deg: float) -> str:
+    import mgrs  # noqa: PLC0415  an extra
+
+    with _MGRS_LOCK:
+        square = str(mgrs.MGRS().toMGRS(latitude_deg, longitude_deg))
+    at = 1  # near a pole the square has no zone number
+    if square[0].isdigit():
+        square, at = square.zfill(15), 3
+    return f"{square[:at]} {square[at : at + 2]} {square[at + 2 : -5]} {square[-5:]}"
+
+
+def _utm(latitude_deg: float, longitude_deg: float) -> str:
+    """Return zone and band, easting and northing; nothing near the poles, where UTM ends."""
+    if not -80 <= latitude_deg < 84:
+        return ""
+    band = _BANDS[int((latitude_deg + 80) // 8)]
+    zone = _utm_zone(latitude_deg, longitude_deg)
+    to_utm = _to_utm(zone, north=band >= "N")
+    easting, northing = to_utm.transform(longitude_deg, latitude_deg)
+    return f"{zone:02}{band} {easting:.1f} {northing:.1f}"
+
+
+def _utm_zone(latitude_deg: float, longitude_deg: float) -> int:
+    if latitude_deg >= 72 and 0 <= longitude_deg < 42:  # around Svalbard they are 12 deg wide
+        return 31 + 2 * int((longitude_deg + 3) // 12)
+    if 56 <= latitude_deg < 64 and 3 <= longitude_deg < 6:  # the west of Norway
+        return 32
+    return int((longitude_deg + 180) // 6) % 60 + 1
 
 
 def _dms(degrees: float, hemispheres: str) -> str:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Load elevation models from GeoTIFF and whatever else rasterio reads, without resampling."""
 
 from __future__ import annotations
@@ -17,13 +31,9 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import GridOf, Ground, Terrain
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError, MapError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.coordinates.crs import checked_system
-from tirgeo_ros.io.files.bounded_reading import (
-    bounded_memory,
-    elsewhere,
-    imported_rasterio,
-    read_map,
-)
+from tirgeo_ros.io.files.bounded_reading import bounded_memory, elsewhere, read_map
 from tirgeo_ros.io.files.whole_files import PathLike, named_files, path_of
 
 #: A larger grid is refused: a quarter of a gigabyte as float32.
@@ -95,7 +105,7 @@ def ground_of(config: OverlayConfig) -> Ground | None:
 
 
 def _loaded(paths: list[str], undulation_m: float) -> Terrain:
-    rasterio = imported_rasterio(f"{paths[0]}: elevation models need", ElevationError)
+    rasterio = needed("rasterio", f"reading {paths[0]}", ElevationError)
     with ExitStack() as opened:
         opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
         tiles = []

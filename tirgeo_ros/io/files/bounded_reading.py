@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Limit the memory, the time and the network that a file from outside may use.
 
 GDAL opens what a file names: ``/vsicurl/`` in a VRT, the service in a description of a WMS or WFS,
@@ -10,7 +24,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import importlib
 import math
 import os
 import platform
@@ -19,11 +32,12 @@ import resource
 import struct
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
+from tirgeo_ros.core.types.errors import ConfigError
 
 #: A GeoJSON of two million vertices just fits. Together with the program it stays below 1 GB.
 MOST_BYTES = 720 << 20
@@ -94,8 +108,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
     proj.set_network_enabled(active=network)  # type: ignore[attr-defined]
     if network:
         return work()
-    results: list[T] = []
-    raised: list[BaseException] = []
+    result = Future[T]()
 
     def run() -> None:
         try:
@@ -104,24 +117,12 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
                 raise ConfigError(  # noqa: TRY301  caught below
                     f"GDAL cannot be kept from the network here ({why}); set network: true"
                 )
-            results.append(work())
+            result.set_result(work())
         except BaseException as error:  # noqa: BLE001  raised again below
-            raised.append(error)
+            result.set_exception(error)
 
-    thread = threading.Thread(target=run, name="without network", daemon=True)
-    thread.start()
-    thread.join()
-    if raised:
-        raise raised[0]
-    return results[0]
-
-
-def imported_rasterio(need: str, error: type[TirgeoError]) -> Any:
-    """Return the module; if it is missing, raise ``error`` whose text begins with ``need``."""
-    try:
-        return importlib.import_module("rasterio")
-    except ImportError:
-        raise error(f"{need} rasterio: pip install 'tirgeo[dem]'") from None
+    threading.Thread(target=run, name="without network", daemon=True).start()
+    return result.result()
 
 
 def elsewhere(text: str) -> str:

@@ -1,10 +1,27 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert an autopilot's tables to samples: IMU with attitudes, satellite receiver, barometer."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +30,7 @@ from tirgeo_ros.core.frames.rotations import flu_from_frd, slerp
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
@@ -22,17 +40,38 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
+from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.log_contents import LogContents, classify_receiver
 
 #: Attitudes further apart than this are not interpolated; gimbal_node has the same limit.
 _LONGEST_GAP_NS = 250_000_000
 #: Limit of the memory to read a log: an hour at 250 Hz takes a third of it.
-LOG_BYTES = 2 << 30
+_LOG_BYTES = 2 << 30
 #: The year 2000 in Unix time (us): a later time is a date, not a time since power-on.
 _UNIX_US = 946_684_800_000_000
 #: Fix types of MAVLink, which PX4 and ArduPilot log: 4 differential, 5 RTK float, 6 RTK fixed.
 _FIXES = {3: FixStatus.SINGLE, 4: FixStatus.FLOAT, 5: FixStatus.FLOAT, 6: FixStatus.FIXED}
 LEAST_FIX = min(_FIXES)
+
+
+@contextmanager
+def parsing(path: Path, form: str) -> Iterator[StringIO]:
+    """Yield what a parser prints; raise LogError, naming the log, for whatever it raises."""
+    output = StringIO()
+    try:
+        with (
+            reading(path, LogError),
+            bounded_memory(_LOG_BYTES),
+            redirect_stdout(output),
+            redirect_stderr(output),
+        ):
+            yield output
+    except LogError:
+        raise
+    except Exception as error:  # noqa: BLE001  the parsers raise many kinds, and that very class
+        why = str(error) or type(error).__name__
+        raise LogError(f"{path}: damaged, or not a {form}: {why}") from None
 
 
 class Records:
@@ -77,14 +116,6 @@ class ImuTable:
 
 
 @dataclass(frozen=True)
-class AttitudeTable:
-    """Hold N attitudes of the autopilot, body FRD to NED; clock in us."""
-
-    time_us: IntArray
-    q_nb: Array  # (N, 4) wxyz
-
-
-@dataclass(frozen=True)
 class GnssTable:
     """Hold N records of a satellite receiver; clock in us; NaN where there is no value."""
 
@@ -111,19 +142,18 @@ def count_records(contents: LogContents, tables: Iterable[Records]) -> None:
 def add_samples(
     contents: LogContents,
     imu: ImuTable,
-    attitude: AttitudeTable | None,
+    attitude: tuple[IntArray, Array] | None,
     gnss: GnssTable | None,
     air: tuple[IntArray, Array] | None,
 ) -> None:
-    """Add the samples of an autopilot's tables; ``air`` has times and pressures (Pa).
+    """Add the samples of an autopilot's tables.
 
-    Stamps are the autopilot's clock plus its offset to the receiver's UTC.
+    ``attitude`` has times and quaternions (N, 4), body FRD to NED; ``air`` times and pressures,
+    Pa. Stamps are the autopilot's clock plus its offset to the receiver's UTC.
     """
     shift_us = _clock_shift_us(gnss, int(imu.time_us[0]), contents)
     stamps_ns = ((imu.time_us + shift_us) * 1000).tolist()
-    attitudes = (
-        [None] * len(stamps_ns) if attitude is None else _attitudes_at(imu.time_us, attitude)
-    )
+    attitudes = _attitudes_at(imu.time_us, *attitude) if attitude else [None] * len(stamps_ns)
     contents.samples += map(ImuSample, stamps_ns, imu.force_b, imu.rate_b, attitudes)
     if gnss is not None:
         _add_gnss(contents, shift_us, gnss)
@@ -158,11 +188,11 @@ def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents
     return 0
 
 
-def _attitudes_at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
+def _attitudes_at(time_us: IntArray, attitude_us: IntArray, q_nb: Array) -> list[Array | None]:
     """Return the attitude (4,) at each time, interpolated; None in a gap and beyond the ends."""
-    usable = np.array([usable_attitude(q) for q in attitude.q_nb], bool)
-    usable &= ~lone_stamps(attitude.time_us * 1000)
-    attitude_us, q_nb = attitude.time_us[usable], attitude.q_nb[usable]
+    usable = np.array([usable_attitude(q) for q in q_nb], bool)
+    usable &= ~lone_stamps(attitude_us * 1000)
+    attitude_us, q_nb = attitude_us[usable], q_nb[usable]
     order = np.argsort(attitude_us, kind="stable")
     attitude_us, q_nb = attitude_us[order], q_nb[order]
     attitudes: list[Array | None] = []

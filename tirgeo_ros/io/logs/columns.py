@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert rows of a table to samples, as the keys of a columns file say.
 
 Keys are read one by one: a missing, unknown or wrong one is an error. Each quantity has a function
@@ -9,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -149,9 +164,9 @@ class Keys:
             raise LogError(f"{self._path(key)}: {text!r} is not {what}")
         return text
 
-    def unit(self, dimension: str, key: str = "unit") -> float:
-        """Return the factor of the unit under ``key``."""
-        return UNITS[dimension][self.choice(key, list(UNITS[dimension]))]
+    def unit(self, dimension: str) -> float:
+        """Return the factor of the unit under ``unit``."""
+        return UNITS[dimension][self.choice("unit", list(UNITS[dimension]))]
 
     def cell(self, key: str, factor: float = 1.0) -> Cell:
         """Return the cell of the column under ``key``."""
@@ -197,7 +212,7 @@ class Log(NamedTuple):
     options: LogOptions
 
 
-def _imu(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
+def _imu(keys: Keys, _log: Log) -> Quantity:
     """Convert specific force, angular rate, and the attitude where the row has one."""
     force, rate = (_vector(keys, *what) for what in (("accel", "acceleration"), ("gyro", "rate")))
     turn_bi = _rotation_bi(keys)
@@ -215,9 +230,8 @@ def _imu(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
     return sample
 
 
-def _position(keys: Keys, source: Source | None, log: Log) -> Quantity:
+def _position(source: Source, keys: Keys, log: Log) -> Quantity:
     """Convert latitude, longitude (also 0 to 360 deg) and height of an antenna."""
-    assert source is not None
     place = keys.cells("latitude longitude", "angle")
     inner = keys.inner("height")
     height = inner.cell("column", inner.unit("length"))
@@ -238,9 +252,8 @@ def _position(keys: Keys, source: Source | None, log: Log) -> Quantity:
     return sample
 
 
-def _velocity(keys: Keys, source: Source | None, _log: Log) -> Quantity:
+def _velocity(source: Source, keys: Keys, _log: Log) -> Quantity:
     """Convert a velocity north, east and down or up."""
-    assert source is not None
     third = "up" if "up" in keys else "down"
     signs = np.array([1.0, 1.0, -1.0 if third == "up" else 1.0])
     cells = keys.cells(f"north east {third}", "speed")
@@ -253,7 +266,7 @@ def _velocity(keys: Keys, source: Source | None, _log: Log) -> Quantity:
     return sample
 
 
-def _heading(keys: Keys, _source: Source | None, log: Log) -> Quantity:
+def _heading(keys: Keys, log: Log) -> Quantity:
     """Convert the azimuth of the nose, or of the line between two antennas."""
     of_baseline = keys.choice("of", ("nose", "baseline")) == "baseline"
     cell = keys.cell("column", keys.unit("angle"))
@@ -272,7 +285,7 @@ def _heading(keys: Keys, _source: Source | None, log: Log) -> Quantity:
     return sample
 
 
-def _pressure(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
+def _pressure(keys: Keys, _log: Log) -> Quantity:
     """Convert a barometer's pressure; without a sigma its variance is unknown."""
     cell = keys.cell("column", keys.unit("pressure"))
     sigma = _sigmas(keys, "pressure", must=False)
@@ -284,7 +297,7 @@ def _pressure(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
     return sample
 
 
-def _gimbal_joints(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
+def _gimbal_joints(keys: Keys, _log: Log) -> Quantity:
     """Convert encoder angles: yaw, then roll, then pitch, in FLU or FRD axes."""
     sign = -1.0 if keys.choice("axes", ("flu", "frd")) == "flu" else 1.0
     cells = keys.cells("yaw roll pitch", "angle")
@@ -296,23 +309,23 @@ def _gimbal_joints(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
     return sample
 
 
-def _gimbal_attitude(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
+def _gimbal_attitude(keys: Keys, _log: Log) -> Quantity:
     """Convert the camera's attitude."""
     attitude = _attitude(keys.inner("attitude"))
     return lambda stamp_ns, row: CameraAttitudeSample(stamp_ns, attitude(row))
 
 
-#: Key of a columns file -> the function that returns its Quantity, and the source of its samples.
-QUANTITIES: dict[str, tuple[Callable[[Keys, Source | None, Log], Quantity], Source | None]] = {
-    "imu": (_imu, None),
-    "rtk_position": (_position, Source.RTK_POSITION),
-    "rtk_velocity": (_velocity, Source.RTK_VELOCITY),
-    "rtk_heading": (_heading, None),
-    "gps_position": (_position, Source.GPS_POSITION),
-    "gps_velocity": (_velocity, Source.GPS_VELOCITY),
-    "pressure": (_pressure, None),
-    "gimbal_joints": (_gimbal_joints, None),
-    "gimbal_attitude": (_gimbal_attitude, None),
+#: Key of a columns file -> the function that returns its Quantity.
+QUANTITIES: dict[str, Callable[[Keys, Log], Quantity]] = {
+    "imu": _imu,
+    "rtk_position": partial(_position, Source.RTK_POSITION),
+    "rtk_velocity": partial(_velocity, Source.RTK_VELOCITY),
+    "rtk_heading": _heading,
+    "gps_position": partial(_position, Source.GPS_POSITION),
+    "gps_velocity": partial(_velocity, Source.GPS_VELOCITY),
+    "pressure": _pressure,
+    "gimbal_joints": _gimbal_joints,
+    "gimbal_attitude": _gimbal_attitude,
 }
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read a table (CSV) by a columns file: the YAML that says what its columns mean."""
 
 from __future__ import annotations
@@ -278,12 +292,11 @@ class Columns:
 
     def _quantity(self, name: str, keys: Keys) -> NamedQuantity:
         inner = keys.inner(name)
-        kind, source = QUANTITIES[name]
         time = TimeColumns(inner.inner("time"), self._log) if "time" in inner else self._time
         if time is None:
             raise LogError(f"{self.path}: time is missing: give time for all, or {name}.time")
         where = _where(inner.inner("where")) if "where" in inner else ()
-        quantity = NamedQuantity(name, kind(inner, source, self._log), time, where)
+        quantity = NamedQuantity(name, QUANTITIES[name](inner, self._log), time, where)
         inner.finish()
         return quantity
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read ArduPilot's logs (DataFlash) through pymavlink: IMU, attitude, receiver, barometer.
 
 A log is binary, or a text file that a ground station converted it to.
@@ -10,9 +24,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from io import StringIO
 from mmap import mmap
 from pathlib import Path
 from typing import Any
@@ -22,17 +34,15 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import first_bytes
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
-    LOG_BYTES,
-    AttitudeTable,
     GnssTable,
     ImuTable,
     Records,
     add_samples,
     count_records,
+    parsing,
     receiver_notes,
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions, utc_ns_of_week
@@ -101,7 +111,7 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     rates_b = imu.columns("GyrX", "GyrY", "GyrZ")
     inertial = ImuTable(imu.time_us, imu.columns("AccX", "AccY", "AccZ"), rates_b)
     q_nb = quat_from_euler(*np.radians(attitude.columns("Roll", "Pitch", "Yaw")).T)
-    attitudes = AttitudeTable(attitude.time_us, q_nb) if len(attitude) else None
+    attitudes = (attitude.time_us, q_nb) if len(attitude) else None
     add_samples(contents, inertial, attitudes, gnss, pressures)
     contents.notes += _notes(log, used)
     return contents
@@ -129,23 +139,13 @@ def _read_log(path: Path) -> _Log:
             ends = (at + form.len for form, at in lasts if form)
             log.cut = max(ends, default=0) > self.data_len
 
-    output = StringIO()  # pymavlink prints each place that it cannot read
     log = _Log({name: {key: array("d") for key in names} for name, names in _FIELDS.items()}, {})
     is_text = first_bytes(path, len(_TEXT), LogError) == _TEXT
-    try:
-        with (
-            bounded_memory(LOG_BYTES),
-            redirect_stdout(output),
-            redirect_stderr(output),
-            (DFReader_text if is_text else Reader)(str(path)) as file,
-        ):
-            while message := file.recv_match(type={*_FIELDS, _PARAMETER}, strict=True):
-                _take(log, message)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # noqa: BLE001  pymavlink raises that very class
-        why = str(error) or type(error).__name__
-        raise LogError(f"{path}: damaged, or not a DataFlash log: {why}") from None
+    form = DFReader_text if is_text else Reader
+    with parsing(path, "DataFlash log") as output, form(str(path)) as file:
+        while message := file.recv_match(type={*_FIELDS, _PARAMETER}, strict=True):
+            _take(log, message)
+    # pymavlink prints each place that it cannot read.
     log.damaged = log.damaged or bool(output.getvalue())
     return log
 

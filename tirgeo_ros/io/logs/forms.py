@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Recognise the form of a log by its content; list the readers."""
 
 from __future__ import annotations
@@ -17,21 +31,19 @@ _NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
 
 
 class Form(NamedTuple):
-    """Hold a form of logs: its name, how a file's first bytes show it, and its reader.
-
-    A reader imports optional packages only when it is called.
-    """
+    """Hold a form of logs: its name, how a file's first bytes show it, and its reader."""
 
     name: str
     is_form: Callable[[bytes], bool]
     read: Callable[[Path, LogOptions], LogContents]  # raises LogError naming the log
+    module: str = ""  # the optional one that the reader needs
 
 
-UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx)
+UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx, "pyubx2")
 #: The first form that fits is used.
 FORMS = (
-    Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog),
-    Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash),
+    Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog, "pyulog"),
+    Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash, "pymavlink"),
     UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, rtklib_pos.read_pos),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, dji_srt.read_srt),

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read PX4's logs (ULog) through pyulog: IMU, attitude, satellite receiver, barometer.
 
 Fields differ by version and are taken by their names: positions in 1e-7 deg and mm, or in deg and
@@ -10,8 +24,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import redirect_stdout
-from io import BufferedReader, FileIO, StringIO
+from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +32,14 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.bounded_reading import bounded_memory
-from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
-    LOG_BYTES,
-    AttitudeTable,
     GnssTable,
     ImuTable,
     Records,
     add_samples,
     count_records,
+    parsing,
     receiver_notes,
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
@@ -69,8 +79,11 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     LogError if it is not a ULog, has no IMU, or has only heights above mean sea level while the
     undulation is not given.
     """
-    log, cut = _opened(path)
-    contents = LogContents(damaged=cut or log.file_corruption)
+    from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
+
+    with parsing(path, "ULog"), _File(FileIO(path)) as file:
+        log = ULog(file, _WANTED)
+    contents = LogContents(damaged=file.cut or log.file_corruption)
     tables = _instances_taken(log)
     imu = tables.get(_IMUS[0], tables.get(_IMUS[1]))
     receiver = tables.get(_RECEIVERS[0], tables.get(_RECEIVERS[1]))
@@ -84,7 +97,7 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
         attitudes = None
         if attitude is not None:
             q_nb = attitude.columns(*(f"q[{k}]" for k in range(4)))
-            attitudes = AttitudeTable(attitude.time_us, q_nb)
+            attitudes = attitude.time_us, q_nb
         add_samples(contents, _imu(imu), attitudes, gnss, pressures)
         if receiver is not None:
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
@@ -97,25 +110,6 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
         if name in tables
     ]
     return contents
-
-
-def _opened(path: Path) -> tuple[Any, bool]:
-    """Return the log, and whether it is cut off."""
-    from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
-
-    try:
-        with (
-            reading(path, LogError),
-            _File(FileIO(path)) as file,
-            bounded_memory(LOG_BYTES),
-            redirect_stdout(StringIO()),
-        ):
-            return ULog(file, _WANTED), file.cut
-    except LogError:
-        raise
-    except Exception as error:  # noqa: BLE001  pyulog raises many kinds for bytes that are none
-        why = str(error) or type(error).__name__
-        raise LogError(f"{path}: damaged, or not a ULog: {why}") from None
 
 
 def _instances_taken(log: Any) -> dict[str, Records]:

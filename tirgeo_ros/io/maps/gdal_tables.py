@@ -1,7 +1,21 @@
-"""Read the layers of a map file with GDAL into tables of shapes and properties.
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Read the layers of a map file into tables of shapes and properties, by GDAL but for GeoJSON.
 
-GDAL reads GeoPackage, GeoJSON, Shapefile, KML and dozens more. It limits neither its time nor its
-memory: call this module only in the process of ``map_process``.
+GDAL reads GeoPackage, Shapefile, KML and dozens more. It limits neither its time nor its memory:
+call this module only in the process of ``map_process``.
 """
 
 from __future__ import annotations
@@ -11,35 +25,36 @@ import re
 import struct
 import warnings
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
-from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
+from tirgeo_ros.core.types.errors import ConfigError, MapError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.bounded_reading import bounded_time, elsewhere
-from tirgeo_ros.io.maps.style_sheet import Wanted, own_names
+from tirgeo_ros.io.maps.geojson import geojson_table
+from tirgeo_ros.io.maps.style_sheet import Wanted
+from tirgeo_ros.io.maps.tables import (
+    Part,
+    Table,
+    check_layer,
+    check_number,
+    shapes_of,
+    wanted_columns,
+)
 
-#: Limit for a layer: to read more takes longer than some seconds, and more memory than a map may
-#: use.
-MOST_FEATURES = 500_000
 #: GDAL's warnings of geometries that it leaves out; most others concern the file's format.
 _LOST = re.compile(r"NULL geometry|coord")
 _MOST_WARNINGS = 3
 _MEMORY = re.compile(r"out of memory|alloc", re.IGNORECASE)
-#: The fewest positions that a point, a line and a ring have.
-_FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
 #: Possible names of a table's coordinate columns (GDAL's options for CSV).
 _COLUMNS = {
     "X_POSSIBLE_NAMES": "lon,lng,long,longitude,lon_*,longitude_*,x,easting",
     "Y_POSSIBLE_NAMES": "lat,latitude,lat_*,latitude_*,y,northing",
     "GEOM_POSSIBLE_NAMES": "wkt,geom,geometry,the_geom,shape",
 }
-NAMES = ("name", "id")  # properties by which messages name a feature
 _CSV = (".csv", ".tsv", ".txt")
 _KML = (".kml", ".kmz")
 #: Elements of a KML with positions: commas, in gx:coord blanks, separate the numbers.
@@ -47,49 +62,15 @@ _POSITIONS = re.compile(rb"<(?:\w+:)?coord(inates)?(?:\s[^<>]*)?(?<!/)>([^<]*)")
 _NUMBER = rb"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _POSITION = re.compile(rb"N,N(?:,N?)?".replace(b"N", _NUMBER))
 _COMMENT = re.compile(rb"<!--.*?-->|<!\[CDATA\[|\]\]>", re.DOTALL)
-#: The name in the ``crs`` member of GeoJSON before RFC 7946: GDAL reads an unknown name as
-#: WGS84.
-_CRS_MEMBER = re.compile(rb'"crs"\s*:\s*\{[^{}]*"properties"\s*:\s*\{[^{}]*"name"\s*:\s*"([^"]*)"')
 #: The beginning of a line in GeoJSON of one feature a line: GDAL skips damaged lines silently.
 _JSON_LINE = re.compile(rb"^\x1e?\{", re.MULTILINE)
 #: Endings of the maps that are looked for in a zip.
 _ZIPPED = (".shp", ".gpkg", ".geojson", ".json", ".kml", ".gml")
 
-#: A point, a line or a ring of a polygon: its type, and positions (n, 2) or (n, 3).
-_Part = tuple[str, NDArray[np.float64]]
 #: Types of well-known binary (OGC 06-103r4, ISO 13249-3). Collections: multi-point, multi-line,
 #: multi-polygon, geometry collection, polyhedral surface, TIN.
 _POINT, _LINE, _POLYGON, _TRIANGLE = 1, 2, 3, 17
 _COLLECTIONS = {4, 5, 6, 7, 15, 16}
-
-
-@dataclass(slots=True)
-class Shapes:
-    """Hold points, lines and rings of a table, end to end.
-
-    Part ``i`` is ``points[starts[i]:starts[i + 1]]``: x, y, z (N, 3), z nan where there is none.
-    ``feature`` (parts) is the number of the part's feature in the file, from 0; ``closed`` (parts)
-    marks rings.
-    """
-
-    points: Array
-    starts: IntArray
-    feature: IntArray
-    closed: BoolArray
-
-
-@dataclass(slots=True)
-class Table:
-    """Hold a layer of a file, in the file's own coordinate system."""
-
-    where: str  # file and layer, which begin every message
-    name: str
-    crs: str | None  # WKT or a code
-    shapes: Shapes
-    rows: Sequence[Mapping[str, Any]]  # of each feature: wanted property -> value
-    fields: Sequence[str]  # names of all properties
-    faults: dict[int, str]  # feature -> why it is left out, wholly or in part
-    notes: list[str] = field(default_factory=list)
 
 
 def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
@@ -100,11 +81,12 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
     if not path.exists():
         raise MapError(f"{path}: there is no such map; check its name")
     try:
-        import pyogrio  # noqa: PLC0415  heavy, and not packaged with a key of rosdep
-    except ImportError:
-        raise MapError(f"{path}: to read maps needs pyogrio: pip install pyogrio") from None
-    try:
         with bounded_time():
+            table = geojson_table(path, wanted)
+            if table is not None:
+                check_layer(path, layer, [table.name])
+                return [table]
+            pyogrio = needed("pyogrio", f"reading {path}", MapError)
             _check_content(path)
             return _tables(pyogrio, path, layer, wanted)
     except (MapError, ConfigError, MemoryError):
@@ -158,8 +140,7 @@ def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]
         ]
     drawn = [each for each in listed if each[2] is not None] or listed
     names = [name for _, name, _ in drawn]
-    if layer and layer not in names:
-        raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, names)}")
+    check_layer(path, layer, names)
     return [
         _table(pyogrio, path, place, name, wanted)
         for place, name, _ in drawn
@@ -184,28 +165,20 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         info = pyogrio.read_info(place, layer=name)
-    if info["features"] > MOST_FEATURES:
-        raise MapError(
-            f"{where}: more than {MOST_FEATURES} features; cut out the area of the flight"
-        )
+    check_number(where, info["features"])
     fields = list(map(str, info["fields"]))
-    wanted.label.check(fields, where)
-    columns = own_names((*wanted.fields, *NAMES), fields)
+    columns = wanted_columns(wanted, fields, where)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         meta, blobs, values = _read(pyogrio, place, name, sorted({*columns.values()}))
     names = list(map(str, meta["fields"]))
     places = {key: names.index(column) for key, column in columns.items()}
     rows = [{key: row[at] for key, at in places.items()} for row in zip(*values, strict=True)]
-    shapes, faults = _shapes(blobs)
+    shapes, faults = shapes_of(map(_parts, blobs))
     remarks = dict.fromkeys(str(each.message) for each in caught)
-    crs, is_file = meta["crs"], not place.startswith("/vsi")
-    if is_file and place.lower().endswith((".geojson", ".json")):
-        match = _CRS_MEMBER.search(Path(place).read_bytes())
-        crs = match[1].decode(errors="replace") if match else crs
-    table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), fields, faults)
+    table = Table(where, name, meta["crs"], shapes, rows or [{}] * len(blobs), fields, faults)
     table.notes += [f"{where}: {each}" for each in remarks if _LOST.search(each)][:_MOST_WARNINGS]
-    if info.get("driver") == "GeoJSONSeq" and is_file:
+    if info.get("driver") == "GeoJSONSeq" and not place.startswith("/vsi"):
         lost = len(_JSON_LINE.findall(Path(place).read_bytes())) - len(blobs)
         if lost > 0:
             table.notes.append(f"{where}: {lost} damaged lines left out")
@@ -237,34 +210,18 @@ def _read(
     return meta, [] if blobs is None else blobs, [each.tolist() for each in values]
 
 
-def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
-    """Return the shapes of geometries in WKB, and the fault of each feature that has one."""
-    parts: list[NDArray[np.float64]] = []
-    owners: list[tuple[int, bool]] = []  # feature, closed
-    faults: dict[int, str] = {}
-    for number, blob in enumerate(blobs):
-        try:
-            geometry: list[_Part] = []
-            if blob is not None:
-                _append_parts(bytes(blob), 0, geometry)
-        except (ValueError, struct.error) as error:
-            faults[number] = f"its geometry is damaged: {error}"
-            continue
-        for kind, points in geometry:
-            if len(points) >= _FEWEST[kind]:
-                parts.append(points)
-                owners.append((number, kind == "Polygon"))
-            elif len(points):
-                faults[number] = f"a {kind} of {len(points)} positions is too short"
-    starts = np.cumsum([0, *map(len, parts)])
-    points = np.full((starts[-1], 3), np.nan)
-    for part, (a, b) in zip(parts, itertools.pairwise(starts.tolist()), strict=True):
-        points[a:b, : part.shape[1]] = part
-    feature, closed = np.array(owners, int).reshape(-1, 2).T
-    return Shapes(points, starts, feature, closed.astype(bool)), faults
+def _parts(blob: bytes | None) -> list[Part] | str:
+    """Return the parts of a geometry in WKB, or why there are none."""
+    parts: list[Part] = []
+    try:
+        if blob is not None:
+            _append_parts(bytes(blob), 0, parts)
+    except (ValueError, struct.error) as error:
+        return f"its geometry is damaged: {error}"
+    return parts
 
 
-def _append_parts(data: bytes, at: int, parts: list[_Part]) -> int:
+def _append_parts(data: bytes, at: int, parts: list[Part]) -> int:
     """Append points, lines and rings of the WKB geometry at an offset; return its end's offset.
 
     The WKB is as GDAL writes it. Raises ValueError for a type that cannot be drawn.

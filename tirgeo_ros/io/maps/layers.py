@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Load the layers of a map's files, drawn by a style sheet or in the default style."""
 
 from __future__ import annotations
@@ -16,7 +30,7 @@ from tirgeo_ros.core.types.errors import ConfigError, MapError, shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
 from tirgeo_ros.io.files.bounded_reading import read_map
 from tirgeo_ros.io.files.whole_files import named_files
-from tirgeo_ros.io.maps.gdal_tables import NAMES, Shapes, Table, read_tables
+from tirgeo_ros.io.maps.gdal_tables import read_tables
 from tirgeo_ros.io.maps.style_sheet import (
     LabelRule,
     SheetLayer,
@@ -24,6 +38,7 @@ from tirgeo_ros.io.maps.style_sheet import (
     load_style_sheet,
     shown_value,
 )
+from tirgeo_ros.io.maps.tables import NAMES, Shapes, Table
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 _MOST_NAMED = 3

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read a map, and compute its layout, in a separate process.
 
     layers = load_layers("roads.gpkg")     # of a command
@@ -22,6 +36,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from operator import itemgetter
@@ -75,12 +90,9 @@ def load_layers(
     network: bool = False,
 ) -> list[MapLayer]:
     """Call ``read_layers`` in a process of its own; return and raise what it does."""
-    child = MapProcess()
-    try:
-        layers = child.answer(map or style, "layers", map, style, label_field, network)
-    finally:
-        child.close()
-    assert isinstance(layers, list)
+    arguments = (map, style, label_field, network)
+    with closing(MapProcess()) as child:
+        layers: list[MapLayer] = child.answer(map or style, "layers", *arguments)
     return layers
 
 
@@ -111,16 +123,14 @@ class MapProcess:
         an answer or was stopped, or if the map has nothing to draw.
         """
         self.close()
-        contents = self.answer(config.map, "contents", config)
-        assert isinstance(contents, MapContents)
+        contents: MapContents = self.answer(config.map, "contents", config)
         return contents
 
     def drape(self, plane: TangentPlane) -> DrapedMap:
         """Return the map draped in a tangent plane, once after ``read``. Raises as ``read``."""
         if self._child is None:
             raise MapError(f"{self._name}: nothing was read")
-        draped = self.answer(self._name, "layout", plane)
-        assert isinstance(draped, DrapedMap)
+        draped: DrapedMap = self.answer(self._name, "layout", plane)
         self.close()
         return draped
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Encode answers to clicks, targets, states and findings as JSON for programs, and decode them.
 
 Each text is one ``std_msgs/String``: an object whose ``schema`` names its topic and version.
@@ -136,12 +150,8 @@ def _target(row: Mapping[str, Any]) -> Target:
 
 
 def _place_row(point: Located) -> dict[str, Any]:
-    return {
-        "latitude_deg": point.latitude_deg,
-        "longitude_deg": point.longitude_deg,
-        "height_m": point.height_m,
-        "covariance_enu": point.covariance_enu,
-    }
+    names = ("latitude_deg", "longitude_deg", "height_m", "covariance_enu")
+    return {name: getattr(point, name) for name in names}
 
 
 def _point(row: Mapping[str, Any], uv: tuple[float, float] = (math.nan, math.nan)) -> Located:
@@ -222,7 +232,18 @@ def node_state(msg: Any) -> NodeState:
     """Decode ``tirgeo/state`` and cut its texts to size. Raises MessageError."""
     row = document_of(msg, STATE_TOPIC, _STATE_SCHEMA, _LONGEST)
     try:
-        return _node_state(row)
+        topics = list(row["topics"].items())[:_MOST_TOPICS]
+        navigation, picture = row.get("navigation"), row.get("picture")
+        return NodeState(
+            node=cut(str(row["node"])),
+            stamp_ns=int(row["stamp_ns"]),
+            started_ns=int(row["started_ns"]),
+            topics={cut(topic): _topic_state(state) for topic, state in topics},
+            counts=_table(row["counts"], int),
+            navigation=None if navigation is None else _navigation(navigation),
+            composition=cut(str(row.get("composition", ""))),
+            picture=None if picture is None else _picture(picture),
+        )
     except WRONG_FORM as error:
         raise MessageError(f"{STATE_TOPIC}: not a node's state: {shown(error, 100)}") from None
 
@@ -254,21 +275,6 @@ def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
         return cut(str(row["node"])), int(row["stamp_ns"]), findings
     except WRONG_FORM as error:
         raise MessageError(f"{FINDINGS_TOPIC}: not findings: {shown(error, 100)}") from None
-
-
-def _node_state(document: dict[str, Any]) -> NodeState:
-    topics = list(document["topics"].items())[:_MOST_TOPICS]
-    navigation, picture = document.get("navigation"), document.get("picture")
-    return NodeState(
-        node=cut(str(document["node"])),
-        stamp_ns=int(document["stamp_ns"]),
-        started_ns=int(document["started_ns"]),
-        topics={cut(topic): _topic_state(row) for topic, row in topics},
-        counts=_table(document["counts"], int),
-        navigation=None if navigation is None else _navigation(navigation),
-        composition=cut(str(document.get("composition", ""))),
-        picture=None if picture is None else _picture(picture),
-    )
 
 
 def _topic_state(row: dict[str, Any]) -> TopicState:

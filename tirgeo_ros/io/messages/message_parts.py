@@ -1,15 +1,26 @@
-"""Build the parts that messages share, of rclpy's message classes or of rosbags'."""
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Build the parts that messages share."""
 
 from __future__ import annotations
 
-import array
 import math
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.config import FrameIds, FramesConfig
 from tirgeo_ros.core.frames.rotations import ENU_NED, quat_turned_both
@@ -18,6 +29,7 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.io.messages.cdr import Cdr
 
 _HALF = math.sqrt(0.5)
 NO_ROTATION: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -71,39 +83,31 @@ def covariance_turned_world(covariance: Array, size: int) -> Array:
 
 
 class MessageParts:
-    """Build parts of messages; ``types`` returns the message class of a type's name.
+    """Build parts of messages; ``frames`` are their frame ids, None: the default ids."""
 
-    ``frames`` are the frame ids that the messages get; None: the default ids.
-    """
-
-    def __init__(self, types: Callable[[str], type], frames: FrameIds | None = None) -> None:
-        self.types = types
+    def __init__(self, frames: FrameIds | None = None) -> None:
         self.frames = frames or FramesConfig().frame_ids
-        #: Message class by its type's name. A look-up would take as long as building a message.
-        self._class: Callable[[str], Callable[..., Any]] = cache(types)
-        # rclpy takes an array.array as it is, but copies an ndarray byte by byte; rosbags takes
-        # an ndarray only.
-        self._takes_ndarray = hasattr(types("std_msgs/msg/Header"), "__msgtype__")
 
     def stamped(self, typename: str, stamp_ns: int, frame_id: str, **fields: Any) -> Any:
         """Return a message of a type with a header and these fields."""
-        header = self._class("std_msgs/msg/Header")(stamp=self._time(stamp_ns), frame_id=frame_id)
-        return self._class(typename)(header=header, **fields)
+        header = Cdr.types("std_msgs/msg/Header")(stamp=self._time(stamp_ns), frame_id=frame_id)
+        return Cdr.types(typename)(header=header, **fields)
 
-    def _text(self, text: str) -> Any:
-        return self._class("std_msgs/msg/String")(data=text)
+    def text(self, text: str) -> Any:
+        """Return ``std_msgs/String``."""
+        return Cdr.types("std_msgs/msg/String")(data=text)
 
     def _time(self, stamp_ns: int) -> Any:
         seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
-        return self._class("builtin_interfaces/msg/Time")(sec=seconds, nanosec=nanoseconds)
+        return Cdr.types("builtin_interfaces/msg/Time")(sec=seconds, nanosec=nanoseconds)
 
     def _quaternion(self, q: Quaternion) -> Any:
         w, x, y, z = q
-        return self._class("geometry_msgs/msg/Quaternion")(x=x, y=y, z=z, w=w)
+        return Cdr.types("geometry_msgs/msg/Quaternion")(x=x, y=y, z=z, w=w)
 
     def _vector(self, xyz: Sequence[float]) -> Any:
         x, y, z = xyz
-        return self._class("geometry_msgs/msg/Vector3")(x=x, y=y, z=z)
+        return Cdr.types("geometry_msgs/msg/Vector3")(x=x, y=y, z=z)
 
     def _fix(
         self,
@@ -121,7 +125,7 @@ class MessageParts:
             "sensor_msgs/msg/NavSatFix",
             stamp_ns,
             frame_id,
-            status=self._class(status_type)(status=int(status), service=_SERVICE_GPS),
+            status=Cdr.types(status_type)(status=int(status), service=_SERVICE_GPS),
             latitude=math.degrees(place.latitude_rad),
             longitude=math.degrees(place.longitude_rad),
             altitude=float(place.height_m),
@@ -139,33 +143,20 @@ class MessageParts:
     def _pose(self, position_n: Array, q_enu: Quaternion, covariance: Array) -> Any:
         """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) NED; attitude in ENU."""
         pose, flat = self._bare_pose(position_n, q_enu), covariance_turned_world(covariance, 6)
-        return self._class("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=flat)
+        return Cdr.types("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=flat)
 
     def _bare_pose(self, position_n: Array, q_enu: Quaternion) -> Any:
         """Return ``geometry_msgs/Pose`` of (3,) in NED and an attitude in ENU."""
         north, east, down = position_n.tolist()
-        return self._class("geometry_msgs/msg/Pose")(
-            position=self._class("geometry_msgs/msg/Point")(x=east, y=north, z=-down),
+        return Cdr.types("geometry_msgs/msg/Pose")(
+            position=Cdr.types("geometry_msgs/msg/Point")(x=east, y=north, z=-down),
             orientation=self._quaternion(q_enu),
         )
 
     def _twist(self, linear: Sequence[float], angular: Sequence[float], covariance: Array) -> Any:
         """Return ``geometry_msgs/TwistWithCovariance``; (36,) covariance."""
-        twist = self._class("geometry_msgs/msg/Twist")(
+        twist = Cdr.types("geometry_msgs/msg/Twist")(
             linear=self._vector(linear), angular=self._vector(angular)
         )
         typename = "geometry_msgs/msg/TwistWithCovariance"
-        return self._class(typename)(twist=twist, covariance=covariance)
-
-    def _octets(self, data: npt.NDArray[Any]) -> Any:
-        """Return a contiguous array's bytes in the type that a field ``uint8[]`` takes fastest."""
-        flat = data.reshape(-1).view(np.uint8)
-        if self._takes_ndarray:
-            return flat
-        out = array.array("B")
-        out.frombytes(flat.data)
-        return out
-
-    def _doubles(self, values: Sequence[float]) -> Any:
-        """Return the values in the type of a field ``float64[]``."""
-        return np.array(values, float) if self._takes_ndarray else array.array("d", values)
+        return Cdr.types(typename)(twist=twist, covariance=covariance)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert image and camera messages to arrays and cameras; decode picture files.
 
 A PNG of one colour can be a thousandth of the size of its pixels. So the width and height in the
@@ -18,7 +32,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.types.arrays import Array, RawPixels
+from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import CameraError, MessageError
 
 #: Formats that Pillow may open: those that OpenCV reads too.
@@ -155,12 +169,3 @@ def camera(msg: Any, topic: str = "thermal/camera_info") -> Camera:
         return _camera(int(msg.width), int(msg.height), fx, fy, cx, cy, distortion)
     except CameraError as error:
         raise CameraError(f"{topic}: {error}") from None
-
-
-def calibration_of(camera: Camera) -> tuple[Array, list[float], str]:
-    """Return K (3, 3), D and the name of its model: plumb_bob has five numbers, rational eight."""
-    k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], float)
-    size = 5 if len(camera.distortion) <= 5 else 8
-    padding = [0.0] * (size - len(camera.distortion))
-    model = "plumb_bob" if size == 5 else "rational_polynomial"
-    return k, [*map(float, camera.distortion), *padding], model

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert the core's results to messages, and convert back the messages that our nodes read."""
 
 from __future__ import annotations
@@ -22,22 +36,14 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_of,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Answer, Located
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.ins.strapdown import cross
 from tirgeo_ros.core.streams.sanity_checks import place_fault
-from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.errors import MessageError
-from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.io.messages.json_codec import (
-    NodeState,
-    answer_text,
-    findings_text,
-    state_text,
-    targets_text,
-)
+from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.io.messages.message_parts import (
     COVARIANCE_KNOWN,
     NO_ROTATION,
@@ -48,7 +54,6 @@ from tirgeo_ros.io.messages.message_parts import (
     quat_turned_world,
     stamp_ns,
 )
-from tirgeo_ros.io.messages.pictures import calibration_of
 from tirgeo_ros.io.messages.sensor_messages import SensorMessages
 
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
@@ -98,11 +103,7 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
 
 
 class Messages(SensorMessages):
-    """Build messages; ``types`` returns the class of a name like ``nav_msgs/msg/Odometry``.
-
-    ``frames`` are the frame ids that the messages get. Nodes pass rclpy's classes; writers of bags
-    pass ``io.bags.cdr.Cdr.types``.
-    """
+    """Build messages of the classes of ``Cdr.types``, for nodes and bags alike."""
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
         """Return ``nav_msgs/Odometry``, map -> base_link; twist in base_link.
@@ -138,7 +139,7 @@ class Messages(SensorMessages):
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
-        point = self._class("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
+        point = Cdr.types("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
         typename = "geometry_msgs/msg/PointStamped"
         return self.stamped(typename, stamp_ns, self.frames.camera, point=point)
 
@@ -173,12 +174,12 @@ class Messages(SensorMessages):
             encoding=encoding,
             is_bigendian=0,
             step=pixels.nbytes // height,
-            data=self._octets(np.ascontiguousarray(pixels)),
+            data=np.ascontiguousarray(pixels).reshape(-1).view(np.uint8),
         )
 
     def compressed(self, stamp_ns: int, jpeg: bytes) -> Any:
         """Return ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
-        data = self._octets(np.frombuffer(jpeg, np.uint8))
+        data = np.frombuffer(jpeg, np.uint8)
         typename = "sensor_msgs/msg/CompressedImage"
         return self.stamped(typename, stamp_ns, self.frames.camera, format="jpeg", data=data)
 
@@ -193,45 +194,29 @@ class Messages(SensorMessages):
             height=camera.height,
             width=camera.width,
             distortion_model=model,
-            d=self._doubles(distortion),
+            d=np.array(distortion, float),
             k=k.ravel(),
             r=np.eye(3).ravel(),
             p=np.pad(k, ((0, 0), (0, 1))).ravel(),
             binning_x=0,
             binning_y=0,
-            roi=self._class("sensor_msgs/msg/RegionOfInterest")(**zero),
+            roi=Cdr.types("sensor_msgs/msg/RegionOfInterest")(**zero),
         )
 
     def clock(self, stamp_ns: int) -> Any:
         """Return ``rosgraph_msgs/Clock``."""
-        return self._class("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
-
-    def findings(self, node: str, stamp_ns: int, findings: Sequence[Finding]) -> Any:
-        """Return ``std_msgs/String`` of the findings of a node's checks."""
-        return self._text(findings_text(node, stamp_ns, findings))
-
-    def answer(self, answer: Answer) -> Any:
-        """Return ``std_msgs/String`` of the answer to a click."""
-        return self._text(answer_text(answer))
-
-    def targets(self, targets: Sequence[Target]) -> Any:
-        """Return ``std_msgs/String`` of all targets."""
-        return self._text(targets_text(targets))
-
-    def state(self, state: NodeState) -> Any:
-        """Return ``std_msgs/String`` of a node's state."""
-        return self._text(state_text(state))
+        return Cdr.types("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""
         status = [
-            self._class("diagnostic_msgs/msg/DiagnosticStatus")(
-                level=item.level if self._takes_ndarray else bytes([item.level]),
+            Cdr.types("diagnostic_msgs/msg/DiagnosticStatus")(
+                level=item.level,
                 name=item.name,
                 message=item.message,
                 hardware_id=item.aircraft,
                 values=[
-                    self._class("diagnostic_msgs/msg/KeyValue")(key=key, value=value)
+                    Cdr.types("diagnostic_msgs/msg/KeyValue")(key=key, value=value)
                     for key, value in item.values.items()
                 ],
             )
@@ -277,13 +262,13 @@ class Messages(SensorMessages):
 
     def tf(self, transforms: Sequence[Any]) -> Any:
         """Return ``tf2_msgs/TFMessage``."""
-        return self._class("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
+        return Cdr.types("tf2_msgs/msg/TFMessage")(transforms=list(transforms))
 
     def footprint(self, stamp_ns: int, outline_n: Array) -> Any:
         """Return ``geometry_msgs/PolygonStamped`` of an outline (N, 3) in the map, NED, m."""
-        point = self._class("geometry_msgs/msg/Point32")
+        point = Cdr.types("geometry_msgs/msg/Point32")
         points = [point(x=east, y=north, z=-down) for north, east, down in outline_n.tolist()]
-        polygon = self._class("geometry_msgs/msg/Polygon")(points=points)
+        polygon = Cdr.types("geometry_msgs/msg/Polygon")(points=points)
         typename = "geometry_msgs/msg/PolygonStamped"
         return self.stamped(typename, stamp_ns, self.frames.map, polygon=polygon)
 
@@ -303,7 +288,7 @@ class Messages(SensorMessages):
     ) -> Any:
         """Return a transform from a parent frame to its child: the child's pose in the parent."""
         parent, child = link
-        transform = self._class("geometry_msgs/msg/Transform")(
+        transform = Cdr.types("geometry_msgs/msg/Transform")(
             translation=self._vector(xyz), rotation=self._quaternion(rotation)
         )
         typename = "geometry_msgs/msg/TransformStamped"
@@ -355,12 +340,6 @@ def tangent_plane(msg: Any) -> TangentPlane:
     return TangentPlane(*place)
 
 
-def ground_point(msg: Any) -> tuple[int, Array, Array]:
-    """Decode ``tirgeo/locate/point``: stamp (ns), point (3,) and covariance (3, 3), local NED."""
-    covariance = covariance_turned_world(msg.pose.covariance, 6).reshape(6, 6)[:3, :3]
-    return stamp_ns(msg), _ned(msg.pose.pose.position), covariance
-
-
 def pixel(msg: Any) -> tuple[int, float, float]:
     """Convert ``PointStamped`` of ``tirgeo/locate/pixel``: stamp (ns), column, row."""
     return stamp_ns(msg), float(msg.point.x), float(msg.point.y)
@@ -368,3 +347,12 @@ def pixel(msg: Any) -> tuple[int, float, float]:
 
 def _ned(point: Any) -> Array:
     return np.array([point.y, point.x, -point.z])
+
+
+def calibration_of(camera: Camera) -> tuple[Array, list[float], str]:
+    """Return K (3, 3), D and the name of its model: plumb_bob has five numbers, rational eight."""
+    k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], float)
+    size = 5 if len(camera.distortion) <= 5 else 8
+    padding = [0.0] * (size - len(camera.distortion))
+    model = "plumb_bob" if size == 5 else "rational_polynomial"
+    return k, [*map(float, camera.distortion), *padding], model

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert the sensors' samples to messages and back, each with its topic.
 
 Only axes, units and marks of absence are converted. Samples are not judged here: a NaN, a zero
@@ -43,6 +57,7 @@ from tirgeo_ros.io.messages.message_parts import (
 #: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes y
 #: and z point the other way, x does not.
 JOINT_SIGNS = {"gimbal_yaw_joint": -1.0, "gimbal_roll_joint": 1.0, "gimbal_pitch_joint": -1.0}
+_JOINT_STATES = "gimbal/joint_states"
 #: Frame id of joint angles that were computed without encoders: the topic that they come from.
 COMPUTED_FROM = "gimbal/attitude"
 _ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
@@ -51,6 +66,7 @@ _COVARIANCE_TYPE_UNKNOWN = 0
 _FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistWithCovarianceStamped"
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _IMU, _PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+_JOINTS, _ATTITUDE = "sensor_msgs/msg/JointState", "geometry_msgs/msg/QuaternionStamped"
 
 SensedSample = NavigationInput | JointSample | CameraAttitudeSample
 
@@ -87,14 +103,12 @@ class SensorMessages(MessageParts):
         covariance[:3, :3] = covariance_turned_world(sample.covariance_n, 3).reshape(3, 3)
         north, east, down = sample.velocity_n.tolist()
         twist = self._twist((east, north, -down), (0.0, 0.0, 0.0), covariance.ravel())
-        typename = "geometry_msgs/msg/TwistWithCovarianceStamped"
-        return self.stamped(typename, sample.stamp_ns, frame_id, twist=twist)
+        return self.stamped(_TWIST, sample.stamp_ns, frame_id, twist=twist)
 
     def pressure(self, sample: PressureSample) -> Any:
         """Return ``sensor_msgs/FluidPressure``."""
         values = {"fluid_pressure": sample.pressure_pa, "variance": sample.variance_pa2}
-        typename = "sensor_msgs/msg/FluidPressure"
-        return self.stamped(typename, sample.stamp_ns, self.frames.base_link, **values)
+        return self.stamped(_PRESSURE, sample.stamp_ns, self.frames.base_link, **values)
 
     def set_heading(self, sample: SetHeading) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped``: the yaw and its variance alone."""
@@ -111,20 +125,19 @@ class SensorMessages(MessageParts):
         frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
         return self.stamped(
-            "sensor_msgs/msg/JointState",
+            _JOINTS,
             sample.stamp_ns,
             COMPUTED_FROM if sample.computed else self.frames.base_link,
             name=list(JOINT_SIGNS),
-            position=self._doubles(angles),
-            velocity=self._doubles([]),
-            effort=self._doubles([]),
+            position=np.array(angles, float),
+            velocity=np.array([], float),
+            effort=np.array([], float),
         )
 
     def camera_attitude(self, sample: CameraAttitudeSample) -> Any:
         """Return ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
         q_enu = self._quaternion(positive(quat_turned_both(*sample.q_ng.tolist())))
-        typename = "geometry_msgs/msg/QuaternionStamped"
-        return self.stamped(typename, sample.stamp_ns, self.frames.map, quaternion=q_enu)
+        return self.stamped(_ATTITUDE, sample.stamp_ns, self.frames.map, quaternion=q_enu)
 
     def _imu(
         self,
@@ -139,7 +152,7 @@ class SensorMessages(MessageParts):
         """
         (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
         return self.stamped(
-            "sensor_msgs/msg/Imu",
+            _IMU,
             stamp_ns,
             self.frames.base_link,
             orientation=self._quaternion(positive(attitude[0])),
@@ -230,7 +243,7 @@ def joint_sample(msg: Any) -> JointSample:
     positions = dict(zip(msg.name, msg.position, strict=False))
     for joint in JOINT_SIGNS:
         if joint not in positions:
-            raise MessageError(f"gimbal/joint_states: no position of {joint} in the message")
+            raise MessageError(f"{_JOINT_STATES}: no position of {joint} in the message")
     yaw, roll, pitch = (sign * float(positions[joint]) for joint, sign in JOINT_SIGNS.items())
     computed = msg.header.frame_id == COMPUTED_FROM
     return JointSample(stamp_ns(msg), yaw, roll, pitch, computed=computed)
@@ -263,7 +276,6 @@ class _Row(NamedTuple):
     typename: str
     decode: Callable[[Any], Any]
     encode: Callable[[SensorMessages, Any], Any]
-    topic: str = ""  # of a sample that is not an input of the filter
     by_dji: bool = True  # whether dji_node publishes it
 
 
@@ -277,35 +289,25 @@ def _velocity(source: Source, frame: str) -> _Row:
     return _Row(_TWIST, decode, lambda m, s: m.velocity(s, getattr(m.frames, frame)))
 
 
-_ROWS: dict[Source | type, _Row] = {
-    Source.IMU: _Row(_IMU, imu_sample, SensorMessages.imu),
-    Source.RTK_POSITION: _fix(Source.RTK_POSITION, "rtk_antenna"),
-    Source.RTK_VELOCITY: _velocity(Source.RTK_VELOCITY, "rtk_antenna"),
-    Source.RTK_HEADING: _Row(_IMU, heading_sample, SensorMessages.heading),
-    Source.GPS_POSITION: _fix(Source.GPS_POSITION, "gps_antenna"),
-    Source.GPS_VELOCITY: _velocity(Source.GPS_VELOCITY, "gps_antenna"),
-    Source.BAROMETER: _Row(_PRESSURE, pressure_sample, SensorMessages.pressure, by_dji=False),
-    Source.SET_HEADING: _Row(_POSE, set_heading, SensorMessages.set_heading, by_dji=False),
-    JointSample: _Row(
-        "sensor_msgs/msg/JointState", joint_sample, SensorMessages.joints, "gimbal/joint_states"
-    ),
-    CameraAttitudeSample: _Row(
-        "geometry_msgs/msg/QuaternionStamped",
-        camera_attitude,
-        SensorMessages.camera_attitude,
-        "gimbal/attitude",
-    ),
-}
 #: Topic of a sensor -> its row.
-BY_TOPIC = {
-    (key.topic if isinstance(key, Source) else row.topic): row for key, row in _ROWS.items()
+BY_TOPIC: dict[str, _Row] = {
+    "imu/data": _Row(_IMU, imu_sample, SensorMessages.imu),
+    "rtk/fix": _fix(Source.RTK_POSITION, "rtk_antenna"),
+    "rtk/vel": _velocity(Source.RTK_VELOCITY, "rtk_antenna"),
+    "rtk/heading": _Row(_IMU, heading_sample, SensorMessages.heading),
+    "gps/fix": _fix(Source.GPS_POSITION, "gps_antenna"),
+    "gps/vel": _velocity(Source.GPS_VELOCITY, "gps_antenna"),
+    "baro/pressure": _Row(_PRESSURE, pressure_sample, SensorMessages.pressure, by_dji=False),
+    "ekf_node/set_heading": _Row(_POSE, set_heading, SensorMessages.set_heading, by_dji=False),
+    _JOINT_STATES: _Row(_JOINTS, joint_sample, SensorMessages.joints),
+    COMPUTED_FROM: _Row(_ATTITUDE, camera_attitude, SensorMessages.camera_attitude),
 }
 
 #: Source of the filter's inputs -> its topic, and the decoder of its messages.
 NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {
-    source: (source.topic, row.decode)
-    for source, row in _ROWS.items()
-    if isinstance(source, Source)
+    source: (source.topic, BY_TOPIC[source.topic].decode)
+    for source in Source
+    if source is not Source.AUTOPILOT_HEADING  # a part of the IMU's message
 }
 
 #: The topics of all sensors, and of those that dji_node publishes.
@@ -320,9 +322,9 @@ SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
 
 def topic_of(sample: SensedSample) -> str:
     """Return the contract's topic of a sensor's sample."""
-    if isinstance(sample, JointSample | CameraAttitudeSample):
-        return _ROWS[type(sample)].topic
-    return sample.source.topic
+    if isinstance(sample, JointSample):
+        return _JOINT_STATES
+    return COMPUTED_FROM if isinstance(sample, CameraAttitudeSample) else sample.source.topic
 
 
 def sensed(messages: SensorMessages, sample: SensedSample) -> tuple[str, Any]:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read and write ROS 2 parameter files (YAML) as rcl does; check them as the nodes do.
 
 A file serves all nodes. Sections are node names, whole or with the wildcards ``*`` (one name) and
@@ -17,7 +31,7 @@ import yaml
 from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
 from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.types.errors import ConfigError, nearest
-from tirgeo_ros.io.files.whole_files import PathLike, read_text, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, read_text
 
 T = TypeVar("T")
 #: A file; or several, of which the later take precedence; or none.
@@ -115,11 +129,6 @@ def paths_of(files: Files) -> list[PathLike]:
             why = f"{type(path).__name__} cannot be the name of a file: {path!r}"
             raise ConfigError(f"parameters: {why}")
     return list(files)
-
-
-def load_config(files: Files, node: str, kind: type[T], namespace: str = "") -> T:
-    """Return ``ParameterFile.config`` for one node."""
-    return ParameterFile(files).config(node, kind, namespace)
 
 
 def _full_name(node: str, namespace: str) -> str:
@@ -246,12 +255,10 @@ for _tag, _pattern, _first in (
         r"[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))|\.(nan|NaN|NAN)",
         "-+0123456789.",
     ),
-    ("null", r"~|null|Null|NULL|", "~nN\0"),
+    ("null", r"~|null|Null|NULL|", ("~", "n", "N", "")),
 ):
     _Loader.add_implicit_resolver(
-        f"tag:yaml.org,2002:{_tag}",
-        re.compile(f"^({_pattern})$"),
-        ["" if first == "\0" else first for first in _first],
+        f"tag:yaml.org,2002:{_tag}", re.compile(f"^({_pattern})$"), list(_first)
     )
 
 
@@ -264,11 +271,6 @@ def parameters_yaml(nodes: Mapping[str, Mapping[str, Value]], head: str) -> str:
     }
     body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
     return comment + body
-
-
-def write_parameters(path: PathLike, nodes: Mapping[str, Mapping[str, Value]], head: str) -> None:
-    """Write ``parameters_yaml``: the whole file or none. Raises ConfigError."""
-    write_files({path: parameters_yaml(nodes, head)}, ConfigError)
 
 
 def _plain(value: Value) -> object:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read and write cameras' calibration files: the YAML of ROS's camera_calibration.
 
 ``camera_info_manager`` reads it, and so do most camera drivers.
@@ -17,8 +31,8 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.messages.pictures import calibration_of
 from tirgeo_ros.io.messages.pictures import camera as camera_of
+from tirgeo_ros.io.messages.result_messages import calibration_of
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write Cloud-Optimised GeoTIFFs by GDAL, tile by tile.
 
 Unknown pixels are 0 in an alpha band, the last one, if the values are whole numbers; floats are
@@ -19,18 +33,10 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import BoolArray
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.files.bounded_reading import imported_rasterio
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 _BLOCK_PX = 512
-_TILED = {
-    "driver": "GTiff",
-    "tiled": True,
-    "blockxsize": _BLOCK_PX,
-    "blockysize": _BLOCK_PX,
-    "compress": "DEFLATE",
-    "bigtiff": "IF_SAFER",
-}
 #: GDAL's cache of unpacked blocks. By default it is 5 % of all memory.
 CACHE_MB = 64
 
@@ -72,7 +78,7 @@ def write_cog(path: PathLike, form: RasterForm, parts: Iterable[RasterPart]) -> 
     left under the name.
     """
     name = os.fspath(path)
-    rasterio = imported_rasterio(f"{name}: a GeoTIFF needs", MapError)
+    rasterio = needed("rasterio", f"writing {name}", MapError)
     check_place(path, MapError)
     part = part_of(path)
     plain = part.with_suffix(".plain")
@@ -96,7 +102,12 @@ def _created(rasterio: Any, path: Path, form: RasterForm) -> Iterator[Any]:
     """Create a plain GeoTIFF, in which parts may be written in any order."""
     alpha = {} if form.is_float else {"alpha": "YES"}
     profile = {
-        **_TILED,
+        "driver": "GTiff",
+        "tiled": True,
+        "blockxsize": _BLOCK_PX,
+        "blockysize": _BLOCK_PX,
+        "compress": "DEFLATE",
+        "bigtiff": "IF_SAFER",
         "width": form.width,
         "height": form.height,
         "count": form.bands + bool(alpha),

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read and write surveyed ground points and their observations in pictures."""
 
 from __future__ import annotations
@@ -85,14 +99,6 @@ def save_survey(path: PathLike, points: Sequence[SurveyPoint]) -> None:
 def load_observations(path: PathLike) -> list[Observation]:
     """Load a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
     return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation)
-
-
-def load_marks(path: PathLike) -> dict[str, list[float]]:
-    """Load column and row by id of a CSV file ``id,column,row``. Raises SurveyError."""
-    text = read_text(path, SurveyError)
-    marks = _csv_rows(path, text, _MARK_COLUMNS, lambda n, *uv: (_name(n), _finite(*uv)))
-    _refuse_repeated(path, [name for name, _ in marks])
-    return dict(marks)
 
 
 def save_observations(path: PathLike, observations: Sequence[Observation]) -> None:
@@ -217,7 +223,10 @@ def load_control_points(points: PathLike, survey: PathLike | None) -> ControlPoi
     """
     if survey is None:
         return _qgis(points)
-    marks, places = load_marks(points), {point.id: point for point in load_survey(survey)}
+    text = read_text(points, SurveyError)
+    rows = _csv_rows(points, text, _MARK_COLUMNS, lambda n, *uv: (_name(n), _finite(*uv)))
+    _refuse_repeated(points, [name for name, _ in rows])
+    marks, places = dict(rows), {point.id: point for point in load_survey(survey)}
     used = [name for name in marks if name in places]
     if not used:
         raise SurveyError(f"{points}: none of its ids is in {survey}")

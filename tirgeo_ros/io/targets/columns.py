@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define the columns of a target and of a located pixel, for every format; make their rows."""
 
 from __future__ import annotations
@@ -13,24 +27,20 @@ from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.surveys.survey import Answered
 
-#: Fields of a click that files keep.
-CLICK = ("stamp_ns", "latitude_deg", "longitude_deg", "height_m", "covariance_enu")
+#: Field of a click that files keep -> its type in SQL.
+CLICK = {
+    "stamp_ns": "INTEGER NOT NULL",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
+    "covariance_enu": "TEXT NOT NULL",
+}
 #: Column of a place -> its type in SQL; sigmas are one standard deviation, ellipses 95 %.
 _PLACE_COLUMNS = {
     "stamp_ns": "INTEGER",
     "time": "DATETIME",
-    "latitude_deg": "REAL",
-    "longitude_deg": "REAL",
-    "height_m": "REAL",
-    "sigma_north_m": "REAL",
-    "sigma_east_m": "REAL",
-    "sigma_height_m": "REAL",
-    "ellipse_major_m": "REAL",
-    "ellipse_minor_m": "REAL",
-    "ellipse_azimuth_deg": "REAL",
-    "covariance_enu": "TEXT",
-    "mgrs": "TEXT",
-    "utm": "TEXT",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL"),
+    **dict.fromkeys(("sigma_north_m", "sigma_east_m", "sigma_height_m"), "REAL"),
+    **dict.fromkeys(("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg"), "REAL"),
+    **dict.fromkeys(("covariance_enu", "mgrs", "utm"), "TEXT"),
 }
 #: Column of a target -> its type in SQL, and its cell. A point that a GIS adds has neither id nor
 #: number.

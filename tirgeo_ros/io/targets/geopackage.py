@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Open, check and fill the GeoPackage of targets (OGC 12-128r18, version 1.3).
 
 A store opens it for its own process alone. Errors say what is wrong with a file.
@@ -18,7 +32,7 @@ from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.files.geopackage_layers import Layer, Positions, insert, make_file, make_layer
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
-from tirgeo_ros.io.targets.columns import COLUMNS, target_cells
+from tirgeo_ros.io.targets.columns import CLICK, COLUMNS, target_cells
 
 _MAGIC = b"SQLite format 3\0"
 _WAIT_S = 2.0  # for a program that is just ending
@@ -44,14 +58,8 @@ ELLIPSES = Layer(
     "95 % ellipses of the places",
 )
 TARGET_LAYERS = TARGETS, ELLIPSES
-_CLICK_COLUMNS = {
-    "stamp_ns": "INTEGER NOT NULL",
-    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
-    "covariance_enu": "TEXT NOT NULL",
-}
-_TARGET = {"target": "TEXT NOT NULL"}
 _ABOUT_CLICKS = "every click; these count, the other two tables are made of them"
-_CLICKS = Layer("clicks", "", _TARGET | _CLICK_COLUMNS, _ABOUT_CLICKS)
+_CLICKS = Layer("clicks", "", {"target": "TEXT NOT NULL"} | CLICK, _ABOUT_CLICKS)
 _PICTURE = {"target": "TEXT NOT NULL UNIQUE", "jpeg": "BLOB NOT NULL"}
 _MARK = {"stamp_ns": "INTEGER NOT NULL", "time": "DATETIME NOT NULL", "text": "TEXT NOT NULL"}
 _LAYERS = (
@@ -72,7 +80,7 @@ _PAGE_TABLES = {
     "alternatives": "target TEXT NOT NULL, field TEXT NOT NULL, text TEXT NOT NULL, settled INT",
     "switches": "what TEXT NOT NULL PRIMARY KEY",
 }
-_CLICK = ", ".join(_CLICK_COLUMNS)
+_CLICK = ", ".join(CLICK)
 
 
 def make_tables(db: sqlite3.Connection) -> None:
@@ -90,7 +98,7 @@ def put_target(db: sqlite3.Connection, target: Target) -> None:
     for layer, row, positions in rows_of_target(target):
         insert(db, layer, row, positions, target.number)
     for click in target.clicks:
-        numbers = {key: getattr(click, key) for key in _CLICK_COLUMNS}
+        numbers = {key: getattr(click, key) for key in CLICK}
         texts = {"covariance_enu": " ".join(map(repr, map(float, click.covariance_enu)))}
         insert(db, _CLICKS, {"target": target.id} | numbers | texts)
 
@@ -111,12 +119,9 @@ def put_picture(db: sqlite3.Connection, target_id: str, jpeg: bytes) -> None:
 
 def remove_target(db: sqlite3.Connection, target_id: str) -> None:
     """Remove the rows of a target; its picture stays."""
-    for statement in (
-        "DELETE FROM targets WHERE id = ?",
-        "DELETE FROM ellipses WHERE target = ?",
-        "DELETE FROM clicks WHERE target = ?",
-    ):
-        db.execute(statement, (target_id,))
+    db.execute("DELETE FROM targets WHERE id = ?", (target_id,))
+    db.execute("DELETE FROM ellipses WHERE target = ?", (target_id,))
+    db.execute("DELETE FROM clicks WHERE target = ?", (target_id,))
     db.execute("UPDATE gpkg_contents SET last_change = strftime('%Y-%m-%dT%H:%M:%fZ', 'now')")
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write the metadata of a picture, what it shows and from where, as MISB ST 0601.
 
 A packet is a key, a length and items: tag, length, value, big endian. Numbers are mapped to
@@ -132,14 +146,9 @@ def packet(time_ns: int, values: Mapping[int, Value]) -> bytes:
     for tag, value in (first | dict(sorted(values.items()))).items():
         content = ITEMS[tag].encoded(value)
         if content is not None:
-            items += local_item(tag, content)
+            items += bytes((tag,)) + ber(len(content)) + content  # tags below 128 take one byte
     head = KEY + ber(len(items) + 4) + items + bytes((CHECKSUM, 2))
     return head + checksum(head).to_bytes(2, "big")
-
-
-def local_item(tag: int, content: bytes) -> bytes:
-    """Return an item of a local set; the tag is below 128 and so takes one byte."""
-    return bytes((tag,)) + ber(len(content)) + content
 
 
 def ber(length: int) -> bytes:

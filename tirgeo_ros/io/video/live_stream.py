@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Send the video live with its metadata: H.264 and KLV in MPEG-TS over UDP."""
 
 from __future__ import annotations
@@ -17,9 +31,10 @@ import numpy as np
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError, shown
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
-from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes, require_av
+from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes
 
 #: A viewer that joins waits for a key frame, so key frames come often.
 _FORM = Form(
@@ -74,7 +89,7 @@ class LiveStream:
 
     def __init__(self, address: str, metadata: FrameMetadata) -> None:
         self._address, self._url = address, stream_url(address)
-        require_av(address)
+        needed("av", f"sending video to {address}", VideoError)
         self.counts: Counter[str] = Counter(sent=0, replaced=0, failed=0, invalid=0)
         self.error = ""
         self._metadata = metadata

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Encode pictures, each at its own time, into a video file that is complete or absent."""
 
 from __future__ import annotations
@@ -13,6 +27,7 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import check_place, part_of, writing
 
 _CLOCK_HZ = 90_000
@@ -60,14 +75,6 @@ class FrameTimes:
             self.time_ns += self._step_ns
         self._last_stamp_ns = stamp_ns
         return self.time_ns
-
-
-def require_av(name: str) -> None:
-    """Raise VideoError, naming what is to be written, if PyAV is not installed."""
-    try:
-        import av  # noqa: F401, PLC0415  35 MB that only videos need
-    except ImportError as error:
-        raise VideoError(f"{name}: a video needs PyAV: pip install av ({error})") from error
 
 
 @contextlib.contextmanager
@@ -167,7 +174,7 @@ class VideoFile:
             raise VideoError(
                 f"{self.path}: the name is not UTF-8, as FFmpeg needs it; give another one"
             ) from None
-        require_av(str(path))
+        needed("av", f"writing {path}", VideoError)
         self._shape: tuple[int, ...] | None = None
         self._times = FrameTimes()
         self._encoder: Encoder | None = None

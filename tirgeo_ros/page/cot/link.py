@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Send targets, aircraft and what their cameras see to the team, by PyTAK.
 
 PyTAK connects, encrypts and waits between attempts. What is to be sent is kept here, in an
@@ -26,6 +40,7 @@ from xml.etree import ElementTree as ET
 import pytak
 from pytak.client_functions import supervise_with_reconnect
 
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.targets.cot_events import (
@@ -38,7 +53,7 @@ from tirgeo_ros.io.targets.cot_events import (
     target_uid,
     withdrawn_event,
 )
-from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
+from tirgeo_ros.page.cot.address import endpoint, pytak_settings
 
 #: Makes an event for a time of sending (ns).
 Maker = Callable[[int], ET.Element]
@@ -201,10 +216,8 @@ class CotLink:
     called with a line, in that thread, each time the connection is made or lost.
     """
 
-    def __init__(
-        self, parameters: CotParameters, say: Callable[[str], None] = lambda _: None
-    ) -> None:
-        self._settings = pytak_settings(parameters)
+    def __init__(self, config: ViewerConfig, say: Callable[[str], None]) -> None:
+        self._settings = pytak_settings(config)
         self.endpoint = endpoint(self._settings)
         self._outbox = Outbox()
         self._say = say
@@ -294,8 +307,7 @@ async def transmit(settings: SectionProxy, outbox: Outbox, connected: Callable[[
         tcp = writer.get_extra_info("socket") if hasattr(writer, "get_extra_info") else None
         if tcp is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
             # The system ends a connection whose bytes nobody acknowledges.
-            patience_ms = round(_PATIENCE_S * 1e3)
-            tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, patience_ms)
+            tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(_PATIENCE_S * 1e3))
         await _first_failure(tasks, _REFUSAL_S if reader else 0.0)
         connected()
         sender = pytak.TXWorker(asyncio.Queue(), settings, writer)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Compute the error budget of a camera's picture, as a table and maps: ``tirgeo budget``.
 
 There is the paper's closed form (Ren et al. 2022, section 3.5, Tables 1 and 2), and a general form
@@ -29,6 +43,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import (
     PathLike,
     check_outputs,
@@ -207,6 +222,7 @@ def make_budget(
     if output is not None:
         outputs = [Path(output) / name for name in _NAMES]
         check_outputs((*paths_of(params), *configs.files), outputs, CalibrationError)
+        needed("matplotlib", f"drawing maps into {output}", CalibrationError)
     lens = configured_camera(configs.overlay)
     inputs: dict[str, Any] = {"confidence": configs.overlay.confidence, **values}
     errors = budget(Setting(**inputs) if lens is None else Setting(camera=lens, **inputs))

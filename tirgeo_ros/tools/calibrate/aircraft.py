@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Estimate antennas, delays and the IMU's level from a flight: ``tirgeo calibrate aircraft``."""
 
 from __future__ import annotations
@@ -34,7 +48,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
@@ -48,7 +62,7 @@ from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table,
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.registration import Sample, resolved
+from tirgeo_ros.tools.replay.registration import Sample, topics_absent
 
 _NEEDED = ("imu/data", "rtk/fix")
 _LEAST_S = 20.0  # a shorter record is refused
@@ -70,7 +84,7 @@ _USUAL_RUNS = 18  # runs of the filter that a fit usually needs, for the progres
 
 
 def calibrate_aircraft(
-    bag_in: PathLike,
+    bag: PathLike,
     output: PathLike | None = None,
     *,
     params: Files = None,
@@ -85,9 +99,9 @@ def calibrate_aircraft(
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
-    check_outputs((bag_in, *paths_of(params), *configs.files), (output,), CalibrationError)
+    check_outputs((bag, *paths_of(params), *configs.files), (output,), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
-    reader = BagReader(bag_in)
+    reader = BagReader(bag)
     recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
     runs = FlightRuns(recorded, config)
     try:
@@ -104,8 +118,8 @@ def calibrate_aircraft(
         "notes": result.notes,
     }
     lines = aircraft_lines(result.numbers)
-    files = [(output, lambda: result.yaml("aircraft", bag_in, lines))]
-    return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
+    files = [(output, lambda: result.yaml("aircraft", bag, lines))]
+    return {"input": os.fspath(bag)} | written(files, result.numbers | numbers, reader)
 
 
 class _Samples:
@@ -145,10 +159,7 @@ def _read(
     flight, samples = Flight(reader, namespace, needs_camera=False), _Samples()
     for topic in _NEEDED:
         if not flight.has(topic):
-            hint = "" if namespace else "; give --namespace if the topics have one"
-            raise BagError(
-                f"{reader.path}: needed topic absent: {resolved(topic, namespace)}{hint}"
-            )
+            raise topics_absent(reader, [(topic,)], namespace)
     flight.add(samples.topics, samples.take)
     flight.read_all(silent)
     if flight.refused:

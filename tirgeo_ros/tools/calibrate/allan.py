@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Estimate noise parameters of an IMU from hours at rest: ``tirgeo calibrate allan``."""
 
 from __future__ import annotations
@@ -27,6 +41,7 @@ from tirgeo_ros.core.calibration.imu_record import (
     seconds_of,
 )
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
@@ -79,6 +94,8 @@ def calibrate_allan(
     """
     picture = Path(output).with_suffix(".png") if plot is None else Path(plot)
     check_outputs([bag], (output, picture), CalibrationError)
+    needed("scipy", "estimating the noise", CalibrationError)
+    needed("matplotlib", f"drawing {picture}", CalibrationError)
     reader = BagReader(bag)
     read = read_imu(reader, resolved(topic, namespace), from_s, to_s, progress)
     seconds = seconds_of(read.record)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read pictures for calibrations: from files, from folders, or from a bag's thermal video."""
 
 from __future__ import annotations
@@ -18,13 +32,12 @@ from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr, by_numbers, is_bag
-from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.messages.pictures import MOST_OF_FILE, unpacked
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.registration import PICTURES, resolved
+from tirgeo_ros.tools.replay.registration import CAMERA_INFO, picture_topic, resolved
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
-_CAMERA_INFO = "thermal/camera_info"
 #: Why a picture without pixels is not used.
 UNREADABLE = Refused(RefusalReason.UNREADABLE, "it is not a picture of 8 or 16 bits")
 _ANY_DEPTH = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
@@ -95,27 +108,21 @@ class BoardVideo:
     Raise BagError if there are no pictures.
     """
 
-    def __init__(self, bag: Path, namespace: str = "") -> None:
+    def __init__(self, bag: Path, namespace: str) -> None:
         self.reader = BagReader(bag)
-        present = self.reader.topics()
-        names = {resolved(topic, namespace): topic for topic in PICTURES}
-        present_names = [name for name in names if present.get(name) == TOPIC_TYPES[names[name]]]
-        if not present_names:
-            hint = "" if namespace else "; give --namespace if the topics have one"
-            raise BagError(f"{bag}: needed topic absent: {' or '.join(names)}{hint}")
-        self._pictures, self._contract = present_names[0], names[present_names[0]]
-        self._info = resolved(_CAMERA_INFO, namespace)
+        self._topic, self._name = picture_topic(self.reader, namespace)
+        self._info = resolved(CAMERA_INFO, namespace)
         self._cdr = Cdr()
 
     def pictures(self, progress: Report) -> Iterator[Picture]:
         """Yield all pictures, in order; call ``progress`` with seconds."""
         first_ns, last_ns = self.reader.span_ns
-        for message in self.reader.messages([self._pictures]):
+        for message in self.reader.messages([self._name]):
             progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
             try:
                 decoded = self._cdr.deserialize(message.data, message.typename)
                 stamp_ns = convert.stamp_ns(decoded)
-                pixels = convert.pixels(self._contract, decoded)
+                pixels = picture_messages.pixels(self._topic, decoded)
                 yield Picture(f"{stamp_ns / 1e9:.3f}", stamp_ns, pixels)
             except TirgeoError:
                 yield Picture(f"{message.log_time_ns / 1e9:.3f}", None, None)
@@ -130,7 +137,7 @@ class BoardVideo:
                 f"{self.reader.path}: no message of {self._info} can be read; give --camera"
             )
         decoded = self._cdr.deserialize(message.data, message.typename)
-        return convert.camera(decoded, self._info)
+        return picture_messages.camera(decoded, self._info)
 
 
 def sharpest(pictures: Iterator[Picture], every_s: float) -> Iterator[Picture]:

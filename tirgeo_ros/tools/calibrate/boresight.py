@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Estimate boresight, latency and more from a recorded flight: ``tirgeo calibrate boresight``.
 
 The flight runs through the nodes' core objects with the parameters as they are and, in the same
@@ -63,7 +77,7 @@ _FOLLOWED = (
 
 
 def calibrate_boresight(
-    bag_in: PathLike,
+    bag: PathLike,
     survey: PathLike,
     observations: PathLike,
     output: PathLike,
@@ -87,7 +101,7 @@ def calibrate_boresight(
     """
     options, inputs = {"camera": camera}, (survey, observations)
     opened = open_flight(
-        bag_in, (output,), params, namespace, options, inputs=inputs, error=CalibrationError
+        bag, (output,), params, namespace, options, inputs=inputs, error=CalibrationError
     )
     reader, configs = opened.reader, opened.configs
     observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
@@ -99,9 +113,9 @@ def calibrate_boresight(
         raise CalibrationError(f"{reader.path}: {error}") from None
     result = _result(read, configs, fitted, opened.notes + read.notes + notes)
     lines = boresight_lines(result.numbers)
-    files = [(output, lambda: result.yaml("boresight", bag_in, lines))]
+    files = [(output, lambda: result.yaml("boresight", bag, lines))]
     numbers = {"unknown_ids": read.unknown, "without_pose": read.lost, "notes": result.notes}
-    first = {"input": os.fspath(bag_in), "smoothed": smooth}
+    first = {"input": os.fspath(bag), "smoothed": smooth}
     return first | written(files, result.numbers | numbers, reader)
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Measure how still a gimbal holds its camera, from a video of a fixed checkerboard.
 
 This is the work of ``tirgeo calibrate gimbal`` (Ren et al. 2022, section 5.2, Table 8).
@@ -23,6 +37,7 @@ from tirgeo_ros.core.calibration.checkerboard import (
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import (
@@ -73,6 +88,7 @@ def calibrate_gimbal(
     """
     paths, video = opened(inputs, namespace)
     check_outputs((*paths, camera), (output,), CalibrationError)
+    needed("scipy", "fitting the board's corners", CalibrationError)
     if video is not None:
         pictures = thinned(video.pictures(progress), rate_hz)
         lens = video.camera() if camera is None else load_camera(camera)

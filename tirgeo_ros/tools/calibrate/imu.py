@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Estimate the white noise of an IMU in flight: the work of ``tirgeo calibrate imu``."""
 
 from __future__ import annotations
@@ -20,6 +34,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.filter_parameters import ImuConfig
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, parameters_yaml, paths_of
@@ -80,6 +95,9 @@ def calibrate_imu(
     picture = Path(output).with_suffix(".png") if output and plot is None else plot
     inputs = [bag, *paths_of(params), *node_configs(params, namespace).files]
     check_outputs(inputs, (output, picture), CalibrationError)
+    needed("scipy", "estimating the noise", CalibrationError)
+    if picture is not None:
+        needed("matplotlib", f"drawing {picture}", CalibrationError)
     imu = ParameterFile(params).config("ekf_node", EkfConfig, namespace).imu
     reader = BagReader(bag)
     read = read_imu(reader, resolved("imu/data", namespace), from_s, to_s, progress)
@@ -295,11 +313,7 @@ class ReadImu:
 
 
 def read_imu(
-    reader: BagReader,
-    topic: str,
-    from_s: float = 0.0,
-    to_s: float = math.inf,
-    progress: Report = silent,
+    reader: BagReader, topic: str, from_s: float, to_s: float, progress: Report
 ) -> ReadImu:
     """Read a topic between two times (s) since its first message.
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Calibrate a lens from pictures of a checkerboard: the work of ``tirgeo calibrate lens``."""
 
 from __future__ import annotations
@@ -15,13 +29,9 @@ from tirgeo_ros.core.calibration.checkerboard import (
     RefusalReason,
     Refused,
 )
-from tirgeo_ros.core.calibration.lens_fit import (
-    LensFit,
-    doubtful_views,
-    fit_lens,
-    most_distinct,
-)
+from tirgeo_ros.core.calibration.lens_fit import LensFit, doubtful_views, fit_lens, most_distinct
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import (
@@ -60,6 +70,9 @@ def calibrate_lens(
     """
     paths, video = opened(inputs, namespace)
     check_outputs(paths, (output, plot), CalibrationError)
+    needed("scipy", "fitting the board's corners", CalibrationError)
+    if plot is not None:
+        needed("matplotlib", f"drawing {plot}", CalibrationError)
     if video is None:
         pictures = pictures_of_files(paths, progress)
     else:

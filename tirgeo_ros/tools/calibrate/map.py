@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Make a vector map from features digitised on an orthophoto: ``tirgeo calibrate map``."""
 
 from __future__ import annotations
@@ -21,8 +35,9 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError, MapError
 from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, reading, write_files
 from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
+from tirgeo_ros.tools.presentation.results import listed
 
 #: Errors of reading coordinates from a value that is not a position.
 _NO_POSITIONS = (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError)
@@ -124,9 +139,7 @@ def _warnings(
             named = ", ".join(gross[:_NAMED])
             yield f"points that do not fit the others: {named}; check their ids and pixels"
     if marks.unused:
-        some = ", ".join(marks.unused[:_NAMED])
-        more = f" and {len(marks.unused) - _NAMED} more" if len(marks.unused) > _NAMED else ""
-        yield f"points in only one of the two files, not used: {some}{more}"
+        yield f"points in only one of the two files, not used: {listed(marks.unused, _NAMED)}"
 
 
 def _rows(marks: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
@@ -154,9 +167,8 @@ class PixelFeatures:
 
     def _read(self) -> list[dict[str, Any]]:
         try:
-            root = json.loads(self._path.read_text(encoding="utf-8-sig"))
-        except OSError as error:
-            raise MapError(f"{self._path}: cannot be read: {error.strerror or error}") from None
+            with reading(self._path, MapError):
+                root = json.loads(self._path.read_text(encoding="utf-8-sig"))
         except (ValueError, RecursionError) as error:
             raise MapError(f"{self._path}: not GeoJSON: {error}") from None
         features = root.get("features") if isinstance(root, dict) else None

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Declare the options that verbs share, build a verb's parser, and call the tool of a verb."""
 
 from __future__ import annotations
@@ -9,6 +23,7 @@ import pkgutil
 import re
 from collections.abc import Callable
 from datetime import datetime, timezone
+from inspect import signature
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias, TypeVar
@@ -33,37 +48,20 @@ _NAMESPACE = "namespace of the aircraft's topics in the bag, as uav1; default: n
 NAMESPACE: tuple[Option, ...] = (("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),)
 _PARAMS = "ROS 2 parameter file; may be repeated: later files override earlier ones"
 PARAMS: tuple[Option, ...] = (("--params", "YAML", _PARAMS, {"action": "append"}),)
-PARAMETERS = (
-    *PARAMS,
-    (
-        "--camera",
-        "YAML",
-        "calibration of the camera, used in place of the bag's thermal/camera_info",
-    ),
-    *NAMESPACE,
-)
+_CAMERA = "calibration of the camera, used in place of the bag's thermal/camera_info"
+PARAMETERS = (*PARAMS, ("--camera", "YAML", _CAMERA), *NAMESPACE)
 _METHOD = "%(choices)s; default: as in --params, else ekf_heading, or ekf without rtk/heading"
-METHOD: tuple[Option, ...] = (("--method", "M", _METHOD, {"choices": METHODS}),)
 _SMOOTH = "use later measurements too: slower, but better poses, above all without RTK"
 SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
 SURVEY: tuple[Option, ...] = (
     ("--survey", "GCPS", "GeoJSON, or CSV id,lat,lon,h", NEEDED),
     ("--observations", "CSV", "id,stamp_ns,u,v: the picture's header stamp, column, row", NEEDED),
 )
-WINDOW: tuple[Option, ...] = (
-    (
-        "--from",
-        "S",
-        "begin, in seconds after the first message",
-        {"dest": "from_s", "type": float, "default": 0.0},
-    ),
-    (
-        "--to",
-        "S",
-        "end, in seconds after the first message; default: the end of the bag",
-        {"dest": "to_s", "type": float, "default": math.inf},
-    ),
-)
+_FROM = "begin, in seconds after the first message"
+_TO = "end, in seconds after the first message; default: the end of the bag"
+_BEGIN_S = {"dest": "from_s", "type": float, "default": 0.0}
+_END_S = {"dest": "to_s", "type": float, "default": math.inf}
+WINDOW: tuple[Option, ...] = (("--from", "S", _FROM, _BEGIN_S), ("--to", "S", _TO, _END_S))
 _PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag with thermal video"
 _BOARD = "inner corners of the board, as 9x6: one fewer than squares in each direction"
 _PAGE = "serve the operator's page, at HOST:PORT; default: as in --params, else 127.0.0.1:8080"
@@ -96,6 +94,13 @@ NUMBER = {"type": number}
 GROUND: tuple[Option, ...] = (
     ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
     ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
+)
+#: Options of the registration of a flight, for verbs that use its poses.
+REGISTRATION: tuple[Option, ...] = (
+    *PARAMETERS,
+    ("--method", "M", _METHOD, {"choices": METHODS}),
+    *SMOOTH,
+    *GROUND,
 )
 BOARD: tuple[Option, ...] = (
     ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),
@@ -189,17 +194,9 @@ def add_option(
     parser.add_argument(*names.split(), help=text, **own | (more or {}))
 
 
-def call(
-    tool: Callable[..., T],
-    args: argparse.Namespace,
-    doing: str,
-    first: str,
-    keywords: str,
-    **more: object,
-) -> T:
-    """Call a tool with a progress bar and with the values of the named arguments.
+def call(tool: Callable[..., T], args: argparse.Namespace, doing: str, **more: object) -> T:
+    """Call a tool with a progress bar, the options that are its parameters, and ``more``.
 
-    ``first`` names the positional and ``keywords`` the keyword arguments, separated by spaces;
     ``doing`` is the bar's text, then a comma and the unit if there is one. Raise UsageError if
     both a DEM and a ground height are given, or the window of time is empty.
     """
@@ -208,10 +205,10 @@ def call(
         raise UsageError("give either --dem or --ground-height, not both")
     if "from_s" in values and not 0 <= args.from_s < args.to_s:
         raise UsageError("--from must be 0 or more, and less than --to")
-    named = {name: values[name] for name in keywords.split()}
+    named = {name: values[name] for name in signature(tool).parameters if name in values}
     what, _, unit = doing.partition(", ")
     with Progress(what, unit=unit) as bar:
-        return tool(*(values[name] for name in first.split()), **named, **more, progress=bar)
+        return tool(**(named | more), progress=bar)
 
 
 def names_of(permitted: tuple[str, ...]) -> Callable[[str], list[str]]:

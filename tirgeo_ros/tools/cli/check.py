@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 r"""Find what is wrong with a flight's set-up and sensors.
 
 Looks for wrong signs, units, axes, stamps, lever arms, lens, ground and map. Prints each fault
@@ -25,8 +39,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Check the flight; return findings and numbers."""
     from tirgeo_ros.tools.replay.check import check  # noqa: PLC0415 heavy
 
-    names = "params map dem ground_height camera namespace"
-    return call(check, args, "checking, s", "bag", names)
+    return call(check, args, "checking, s")
 
 
 def describe(result: Mapping[str, Any]) -> str:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Cut a part out of a recorded flight.
 
 Copies the messages of all topics, as they are, into a new bag (MCAP). The last message before the
@@ -48,4 +62,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Cut the flight; return what was written."""
     from tirgeo_ros.tools.replay.cut import cut  # noqa: PLC0415 heavy
 
-    return call(cut, args, "cutting, s", "bag output", "begin end")
+    return call(cut, args, "cutting, s")

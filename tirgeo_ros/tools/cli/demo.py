@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the whole node graph on the sample flight.
 
 Starts every node as a process of its own, with a DDS domain of its own, plays a bag to them in
@@ -49,7 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--serial runs in real time: leave --rate out")
     check_page(args)
     options = (args.bag, args.output, args.params, args.map, args.method, args.rate)
-    setup = demo_setup(*options, serial=args.serial)
+    setup = demo_setup(*options, serial=args.serial, page=args.page is not None)
     domain = setup.environment["ROS_DOMAIN_ID"]
     sys.stderr.write(f"the nodes use ROS_DOMAIN_ID={domain} on this machine only\n")
     if args.page is not None:

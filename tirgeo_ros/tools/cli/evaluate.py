@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 r"""Measure a flight's ground accuracy against surveyed points, by method.
 
 Repeats the paper's experiment: locates every observed control point under the methods raw, rtk,
@@ -35,8 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.evaluate.report import summary, write_evaluation  # noqa: PLC0415  heavy
 
-    names = "output params boresight camera dem ground_height namespace truth smooth"
-    evaluation = call(evaluate, args, "evaluating, s", "bag survey observations", names)
+    evaluation = call(evaluate, args, "evaluating, s")
     return summary(evaluation) | {"output": write_evaluation(evaluation, args.output)}
 
 

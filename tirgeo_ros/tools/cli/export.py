@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 r"""Make products of a flight for GIS, photogrammetry and players.
 
 Registers the flight and rectifies its pictures to the ground: each as an orthophoto (ortho), and
@@ -17,12 +31,9 @@ import argparse
 
 from tirgeo_ros.tools.cli._verb import (
     FLIGHT,
-    GROUND,
-    METHOD,
     NEEDED,
     NUMBER,
-    PARAMETERS,
-    SMOOTH,
+    REGISTRATION,
     WINDOW,
     WORD,
     UsageError,
@@ -39,10 +50,7 @@ _TARGETS = "targets for flight.gpkg, from a GeoPackage of the page or of tirgeo 
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "DIR", "folder for the products; replaces an earlier run's", NEEDED),
-    *PARAMETERS,
-    *METHOD,
-    *SMOOTH,
-    *GROUND,
+    *REGISTRATION,
     *WINDOW,
     ("--every", "S", _EVERY, NUMBER | {"default": 1.0}),
     ("--only", "NAMES", f"products to make, of {', '.join(PRODUCTS)}; default: all", _ONLY),
@@ -72,6 +80,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     degrees = tuple(args.degrees) if args.degrees else None
     rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, degrees)
     window = Window(args.from_s, args.to_s, args.every)
-    names = "params namespace method camera dem ground_height only targets smooth"
-    more = {"window": window, "rasters": rasters}
-    return call(export, args, "exporting, %", "bag output", names, **more)
+    return call(export, args, "exporting, %", window=window, rasters=rasters)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Make a bag from another maker's logs, a bag with other topics or a serial capture.
 
 Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from logs, from a
@@ -106,12 +120,12 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.convert.import_flight import import_flight  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
 
-    args.mapped = _mapped_topics(args)
+    mapped = _mapped_topics(args)
     start_ns = None if args.start_time is None else _utc_ns(args.start_time)
-    args.pictures = Pictures(args.image_topic, args.camera_info_topic)
-    args.capture = CaptureOptions(str(args.packages or ""), args.key, start_ns)
+    pictures = Pictures(args.image_topic, args.camera_info_topic)
+    capture = CaptureOptions(str(args.packages or ""), args.key, start_ns)
     args.columns = args.columns or ()
-    args.logs = LogOptions(
+    logs = LogOptions(
         geoid_undulation_m=args.geoid_undulation,
         baseline_m=args.baseline,
         rover_first=args.rover_first,
@@ -122,8 +136,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         start_ns=start_ns,
         set_heading_rad=None if args.set_heading is None else math.radians(args.set_heading),
     )
-    names = "params namespace pictures capture mapped logs columns"
-    return call(import_flight, args, "importing", "flight output", names)
+    kinds = {"mapped": mapped, "pictures": pictures, "capture": capture, "logs": logs}
+    return call(import_flight, args, "importing", source=args.flight, **kinds)
 
 
 def _mapped_topics(args: argparse.Namespace) -> Any:

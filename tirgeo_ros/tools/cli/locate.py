@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 r"""Locate pixels of a flight's pictures on the ground.
 
 Writes each point with its 95 % ellipse. A pixel is named by its picture's stamp, column and row.
@@ -12,7 +26,7 @@ from __future__ import annotations
 
 import argparse
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, METHOD, NEEDED, PARAMETERS, SMOOTH, call
+from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, REGISTRATION, call
 
 _PIXELS = "a head id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row"
 _OUTPUT = (
@@ -22,10 +36,7 @@ OPTIONS = (
     *FLIGHT,
     ("--pixels", "CSV", _PIXELS, NEEDED),
     ("-o --output", "OUT", _OUTPUT, NEEDED),
-    *PARAMETERS,
-    *METHOD,
-    *SMOOTH,
-    *GROUND,
+    *REGISTRATION,
 )
 
 
@@ -33,5 +44,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Locate the pixels; return a summary."""
     from tirgeo_ros.tools.replay.locate import locate_pixels  # noqa: PLC0415 heavy
 
-    names = "params dem ground_height method camera namespace smooth"
-    return call(locate_pixels, args, "locating, s", "bag pixels output", names)
+    return call(locate_pixels, args, "locating, s")

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run ``tirgeo``: find the verbs, run one, print its result, return the exit code."""
 
 from __future__ import annotations
@@ -15,8 +29,8 @@ from typing import NoReturn
 
 import tirgeo_ros
 from tirgeo_ros.core.types.errors import TirgeoError, shown
-from tirgeo_ros.io.files.child_process import stop_signals
-from tirgeo_ros.io.files.missing_package import missing_line
+from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._verb import Parser, UsageError, add_verb, verbs_of
 from tirgeo_ros.tools.presentation.results import error_line, finding_lines, lines, plain

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 r"""Geo-register a recorded flight, or many.
 
 Runs filter, gimbal composition and overlay over a bag, faster than real time, and writes every
@@ -23,17 +37,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import (
-    ANY_BAG,
-    GROUND,
-    METHOD,
-    NEEDED,
-    PARAMETERS,
-    SMOOTH,
-    WORD,
-    UsageError,
-    call,
-)
+from tirgeo_ros.tools.cli._verb import ANY_BAG, NEEDED, REGISTRATION, WORD, UsageError, call
 
 _OUTPUT = "the new bag; for several flights (or with an existing folder or DIR/) the folder"
 _VIDEO = (
@@ -45,10 +49,7 @@ _SCHEDULER = "for several flights: use the Dask cluster of this scheduler, as tc
 OPTIONS = (
     ("bag", "FLIGHT", f"the recorded flights: {ANY_BAG}", {"nargs": "+"}),
     ("-o --output", "OUT", _OUTPUT, WORD | NEEDED),
-    *PARAMETERS,
-    *METHOD,
-    *SMOOTH,
-    *GROUND,
+    *REGISTRATION,
     ("--map", "MAP", "the map to draw; without it there is no overlay"),
     ("--no-images", None, "compute only poses, no overlay"),
     ("--raw-images", None, "write the overlay also as raw images"),
@@ -72,9 +73,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--workers and --scheduler are for several flights: give -o DIR/")
     if args.video == Path():
         raise UsageError("--video needs a name, as OUT.mp4")
-    args.bag, args.output = args.bag[0], Path(args.output)
-    more = {"images": not args.no_images, "video": args.video}
-    return call(process, args, "processing, s", "bag output", _NAMES, **more)
+    files = {"bag_in": args.bag[0], "bag_out": Path(args.output)}
+    return call(process, args, "processing, s", **files, images=not args.no_images)
 
 
 def _many_flights(args: argparse.Namespace) -> dict[str, object]:
@@ -85,9 +85,10 @@ def _many_flights(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--workers must be 1 or more, and cannot be used with --scheduler")
     if Path(args.output).suffix == ".mcap" and not Path(args.output).is_dir():
         raise UsageError(f"several flights need a folder, not {args.output}: give -o DIR")
-    more = {"images": not args.no_images, "video": _ending(args.video)}
-    names = f"{_NAMES} workers scheduler"
-    return call(process_flights, args, "processing, flights", "bag output", names, **more)
+    options = {name: getattr(args, name) for name in _NAMES.split()}
+    options |= {"images": not args.no_images, "video": _ending(args.video)}
+    places = {"flights": args.bag, "folder": args.output}
+    return call(process_flights, args, "processing, flights", **places, **options)
 
 
 def _ending(video: Path | None) -> str:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the whole node graph in one process, on a machine without the ros2 command.
 
 Runs live, or with --bag in simulated time until the bag ends. The nodes, their topics and their
@@ -45,8 +59,7 @@ def run(args: argparse.Namespace) -> NoReturn:
     if not _NAMES.fullmatch(args.namespace):
         raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
     check_page(args)
-    params = args.params or ()
-    inputs = args.bag, args.map, params, args.namespace
+    inputs = args.bag, args.map, args.params or (), args.namespace
     page = {"page": args.page, "cot": args.cot}
     graph = WholeGraph(*inputs, dji=not args.no_dji, **page, remap=args.remap)
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Simulate a flight, with truth.
 
 Writes flight.mcap (what the aircraft recorded, with thermal video), truth.mcap, map.geojson,
@@ -30,9 +44,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed must not be negative")
-    part = {
-        "start_s": args.start,
-        "duration_s": args.duration,
-        "images": not args.no_images,
-    }
-    return call(simulate, args, "simulating, s", "scenario output", "seed", **part)
+    part = {"start_s": args.start, "duration_s": args.duration, "images": not args.no_images}
+    places = {"scenario_path": args.scenario, "out_dir": args.output}
+    return call(simulate, args, "simulating, s", **places, **part)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Decode a capture of the serial link frame by frame into plain values for JSON."""
 
 from __future__ import annotations
@@ -63,16 +77,11 @@ def _m_s(cm_s: Any) -> Any:
     return [x * 0.01 for x in cm_s] if isinstance(cm_s, tuple) else cm_s / 100
 
 
-def _per_thousand(value: float) -> float:
-    return value / 1000
-
-
 #: Conversions by units: the last words of the names of source and result.
 _UNITS: dict[tuple[str, str], _Convert] = {
-    ("ms", "s"): _per_thousand,
-    ("mm", "m"): _per_thousand,
-    ("mv", "v"): _per_thousand,
-    ("ma", "a"): _per_thousand,
+    **dict.fromkeys(
+        (("ms", "s"), ("mm", "m"), ("mv", "v"), ("ma", "a")), lambda value: value / 1000
+    ),
     ("cmps", "mps"): _m_s,
     ("rad", "deg"): math.degrees,
     ("deg", "rad"): math.radians,

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Import flights in other forms to bags with the contract's topics: ``tirgeo import``."""
 
 from __future__ import annotations
@@ -16,11 +30,7 @@ from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
 from tirgeo_ros.tools.convert.import_logs import forms_of, import_logs
-from tirgeo_ros.tools.convert.import_mapped import (
-    MappedTopics,
-    import_mapped,
-    what_can_be_mapped,
-)
+from tirgeo_ros.tools.convert.import_mapped import MappedTopics, import_mapped, what_can_be_mapped
 from tirgeo_ros.tools.convert.import_ros1 import Pictures, import_ros1
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
@@ -79,11 +89,11 @@ def import_flight(
             imported = import_capture(paths[0], sink, config, capture, progress)
         sink.finish()
     names = [str(path) for path in paths]
-    whole = {"input": names if files else names[0], "output": os.fspath(output)}
     of_dji = [] if files or mapped.pairs else sink.interpreter.warnings
     warnings = [*imported["warnings"], *of_dji]
     return {
-        **whole,
+        "input": names if files else names[0],
+        "output": os.fspath(output),
         **imported,
         "written": {name: vars(counts) for name, counts in sorted(sink.written.items())},
         "counts": sink.interpreter.counts,

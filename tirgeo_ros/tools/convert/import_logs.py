@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Import logs of other makers: merge those of one flight, by their stamps, into one bag."""
 
 from __future__ import annotations
@@ -6,7 +20,6 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -24,6 +37,8 @@ from tirgeo_ros.core.types.measurements import (
     JointSample,
     SetHeading,
 )
+from tirgeo_ros.core.types.missing_package import needed
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 from tirgeo_ros.io.messages import SensedSample, topic_of
@@ -72,7 +87,6 @@ class Log:
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
-        refused = self.contents.refused
         return {
             "file": str(self.path),
             "form": self.form,
@@ -80,7 +94,7 @@ class Log:
             "messages": dict(Counter(map(topic_of, self.contents.samples))),
             "refused": [
                 {"record": name, "reason": reason, "count": number}
-                for (name, reason), number in sorted(refused.items())
+                for (name, reason), number in sorted(self.contents.refused.items())
             ],
             "notes": self.contents.notes,
         }
@@ -113,6 +127,9 @@ def import_logs(
     progress: Report,
 ) -> dict[str, Any]:
     """Import logs; return what to report of them. Raise LogError, ConfigError."""
+    for path, form in files:
+        if form.module:
+            needed(form.module, f"reading {path}", LogError)
     options = _completed(options, config)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
     logs: list[Log] = []
@@ -224,11 +241,9 @@ def _check_common_time(logs: Sequence[Log]) -> None:
     for log in used if len(used) > 1 else ():
         others = [other for other in used if other is not log]
         if not any(_meet(log.span, o.span) or log.spans.keys() & o.spans for o in others):
-            times = [
-                [datetime.fromtimestamp(ns // 10**9, timezone.utc) for ns in x.span] for x in used
-            ]
+            times = [[utc(stamp_ns)[:19].replace("T", " ") for stamp_ns in x.span] for x in used]
             spans = ", ".join(
-                f"{each.path} is of {begun:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S}"
+                f"{each.path} is of {begun} to {ended[11:]}"
                 for each, (begun, ended) in zip(used, times, strict=True)
             )
             raise LogError(

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert the topics that a person names, of any bag, to the topics of the contract."""
 
 from __future__ import annotations
@@ -28,11 +42,12 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message, any_bag
+from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, any_bag
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.results import listed
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 #: Topic of the contract -> words: a bag's topic with a fitting type and one of them is suggested.
@@ -72,34 +87,25 @@ _STEEP_RAD = math.radians(45)
 _FIX = "sensor_msgs/msg/NavSatFix"
 #: The lowest status of NavSatFix with which rtk/fix is used.
 _LEAST_RTK = 1
-_MOST_NAMED = 5
 
 
-def _twist(source: Source) -> Converter:
+def _twist(source: Source, msg: Any, _: int) -> VelocitySample:
     """Convert ``geometry_msgs/TwistStamped``, ENU; its covariance is unknown."""
-
-    def convert(msg: Any, _: int) -> VelocitySample:
-        linear = msg.twist.linear
-        velocity_n = np.array([linear.y, linear.x, -linear.z])
-        return VelocitySample(stamp_ns(msg), source, velocity_n, np.zeros((3, 3)))
-
-    return convert
+    linear = msg.twist.linear
+    velocity_n = np.array([linear.y, linear.x, -linear.z])
+    return VelocitySample(stamp_ns(msg), source, velocity_n, np.zeros((3, 3)))
 
 
-def _odometry(source: Source) -> Converter:
+def _odometry(source: Source, msg: Any, _: int) -> VelocitySample:
     """Convert ``nav_msgs/Odometry``: its twist is in the body's axes, its pose in ENU."""
-
-    def convert(msg: Any, _: int) -> VelocitySample:
-        q, linear = msg.pose.pose.orientation, msg.twist.twist.linear
-        attitude = np.array([q.w, q.x, q.y, q.z])
-        if not usable_attitude(attitude):
-            raise MessageError("its orientation is not a unit quaternion")
-        turn = _NED_ENU @ matrix_from_quat(attitude)
-        velocity_n = turn @ np.array([linear.x, linear.y, linear.z])
-        covariance = np.reshape(msg.twist.covariance, (6, 6))[:3, :3]
-        return VelocitySample(stamp_ns(msg), source, velocity_n, turn @ covariance @ turn.T)
-
-    return convert
+    q, linear = msg.pose.pose.orientation, msg.twist.twist.linear
+    attitude = np.array([q.w, q.x, q.y, q.z])
+    if not usable_attitude(attitude):
+        raise MessageError("its orientation is not a unit quaternion")
+    turn = _NED_ENU @ matrix_from_quat(attitude)
+    velocity_n = turn @ np.array([linear.x, linear.y, linear.z])
+    covariance = np.reshape(msg.twist.covariance, (6, 6))[:3, :3]
+    return VelocitySample(stamp_ns(msg), source, velocity_n, turn @ covariance @ turn.T)
 
 
 def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
@@ -111,8 +117,8 @@ def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
 CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
     **{
         source.topic: {
-            "geometry_msgs/msg/TwistStamped": _twist(source),
-            "nav_msgs/msg/Odometry": _odometry(source),
+            "geometry_msgs/msg/TwistStamped": partial(_twist, source),
+            "nav_msgs/msg/Odometry": partial(_odometry, source),
         }
         for source in (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
     },
@@ -312,7 +318,7 @@ class _Import:
                 except MessageError as error:
                     stream.refuse(error)
 
-    def _pass(self, message: BagMessage | Ros1Message, stream: _Stream) -> None:
+    def _pass(self, message: BagMessage, stream: _Stream) -> None:
         """Write a message to its topic of the contract. Raise MessageError."""
         data, log_time_ns, (contract,) = self._bag.cdr(message), message.log_time_ns, stream.feeds
         convert = CONVERTERS.get(contract, {}).get(stream.typename)
@@ -389,8 +395,4 @@ def what_can_be_mapped(path: Path, namespace: str) -> str:
     if options:
         return f"name its topics, for example {options}"
     named = [f"{topic} ({kind})" for topic, kind in topics.items()]
-    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
-    return (
-        "nothing to import: no topic has a type that tirgeo takes; it has "
-        f"{', '.join(named[:_MOST_NAMED])}{more}"
-    )
+    return f"nothing to import: no topic has a type that tirgeo takes; it has {listed(named)}"

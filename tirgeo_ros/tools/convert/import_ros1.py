@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert a ROS 1 bag of DJI's wrapper to the topics of the contract."""
 
 from __future__ import annotations
@@ -11,7 +25,8 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.sources.ros1 import NEEDED, TOPICS, WRAPPERS, Ros1Decoder, survey
-from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
+from tirgeo_ros.io.bags.bag_file import BagMessage
+from tirgeo_ros.io.bags.ros1_bag import Ros1Bag
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.convert.import_mapped import asked_topics, suggested
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
@@ -65,7 +80,7 @@ class _Import:
         """Yield the first messages that can be read: name in the wrapper, message, record time."""
         for message in islice(self.bag.messages(set(self.names)), _SURVEYED):
             name = self.names[message.topic]
-            if message.typename == TOPICS[name].typename:
+            if message.typename == TOPICS[name][0]:
                 with suppress(MessageError):  # counted when it is read again
                     yield name, self.bag.decoded(message), message.log_time_ns
 
@@ -83,7 +98,7 @@ class _Import:
         for arrived in self.decoder.flush():
             sink.take(*arrived)
 
-    def _take(self, message: Ros1Message, sink: ImportSink) -> None:
+    def _take(self, message: BagMessage, sink: ImportSink) -> None:
         """Convert a message. Raise MessageError if it cannot be used."""
         contract = self.copied.get(message.topic)
         if contract is not None:
@@ -91,13 +106,12 @@ class _Import:
             sink.pass_on(arrival_ns, contract, self.bag.cdr(message))
             return
         name = self.names[message.topic]
-        if message.typename != TOPICS[name].typename:
+        if message.typename != TOPICS[name][0]:
             raise MessageError("of another type")
-        decoded = self.bag.decoded(message)
-        for arrived in self.decoder.take(name, decoded, message.log_time_ns):
+        for arrived in self.decoder.take(name, self.bag.decoded(message), message.log_time_ns):
             sink.take(*arrived)
 
-    def _topic(self, message: Ros1Message) -> _Topic:
+    def _topic(self, message: BagMessage) -> _Topic:
         key = message.topic, message.typename
         if key not in self.topics:
             contract = self.copied.get(message.topic)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write an import: convert readings to samples, samples to messages, messages to a bag."""
 
 from __future__ import annotations
@@ -10,7 +24,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
 from tirgeo_ros.tools.replay.registration import resolved
 
@@ -72,7 +86,7 @@ class ImportSink:
         self.interpreter = Interpreter(config)
         self.written: dict[str, Written] = {}
         self._writer = writer
-        self._messages = Messages(Cdr().types, config.frame_ids)
+        self._messages = Messages(config.frame_ids)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._waiting: list[tuple[int, int, str, Any]] = []
         self._number = 0

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Locate every observed control point of a flight under every method (section 5.1)."""
 
 from __future__ import annotations
@@ -6,14 +20,16 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.finding import stop_line
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.evaluate.experiment import (
@@ -36,7 +52,7 @@ from tirgeo_ros.tools.evaluate.result import (
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.node_configs import OpenedFlight, node_configs
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, node_configs
 from tirgeo_ros.tools.replay.registration import (
     FILTERS,
     Registered,
@@ -109,17 +125,19 @@ def evaluate(
     Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
     CalibrationError if no method can be run.
     """
+    needed("scipy", "comparing the methods", CalibrationError)
     files = [*paths_of(params), *paths_of(boresight)]
+    places: dict[str, Any] = {"dem": dem, "ground_height": ground_height, "camera": camera}
     if output is not None:
-        configs = node_configs(files, namespace, dem=dem, camera=camera)
+        needed("matplotlib", f"drawing the report in {output}", CalibrationError)
+        configs = node_configs(files, namespace, **places)
         check_folder(output, (bag, survey, observations, truth, *files, *configs.files))
     experiment = load_experiment(survey, observations)
     heights_m = experiment.heights_m
-    setups = method_setups(params, boresight, dem, ground_height, namespace, heights_m, camera)
+    setups = method_setups(params, boresight, namespace, heights_m, places)
     last = setups[-1]  # the checks use its parameters
     overlay, reader = last.configs.overlay, BagReader(bag)
-    style, lens = (overlay.style, overlay.label_field), configured_camera(overlay)
-    layers = load_layers(overlay.map, *style, network=overlay.network) if overlay.map else None
+    lens, layers = configured_camera(overlay), configured_layers(overlay)
     opened = OpenedFlight(reader, last.configs, files, namespace, [])
     checks = FlightChecks(opened, ground=last.ground, layers=layers or None, camera=lens)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
@@ -143,10 +161,9 @@ def evaluate(
 def _run_notes(runs: Sequence[_Run], namespace: str, *, smooth: bool) -> Iterator[str]:
     """Yield notes on topics that methods lack, and on methods that cannot be smoothed."""
     for run in runs:
-        absent = done_without(run.poses.topics, run.ekf_method)
+        absent = done_without(run.poses.topics, run.ekf_method, namespace)
         if absent:
-            names = _names(absent, namespace)
-            yield f"{run.setup.method}: {names} absent: continuing without it"
+            yield f"{run.setup.method}: {absent} absent: continuing without it"
     if smooth and runs[0].ekf_method not in FILTERS:
         yield "raw and rtk are not smoothed: they have no filter"
 
@@ -181,21 +198,19 @@ def _begin(
     run: _Run, flight: Flight, experiment: Experiment, namespace: str, *, smooth: bool
 ) -> str:
     """Begin a method's run; return an error if the bag lacks a topic that it needs."""
-    ekf, gimbal, *_ = run.setup.configs
+    ekf, gimbal, overlay, _ = run.setup.configs
     lacking = [topic for topic in _ESSENTIAL.get(run.ekf_method, ()) if not flight.has(topic)]
     if lacking:
-        return f"needed topic absent: {_names(lacking, namespace)}"
-    instants_ns = [run.setup.exposure_ns(click.stamp_ns) for click in experiment.observations]
+        return f"needed topic absent: {', '.join(resolved(name, namespace) for name in lacking)}"
+    instants_ns = [
+        exposure_ns(click.stamp_ns, overlay.video_latency_s) for click in experiment.observations
+    ]
     smooth = smooth and run.ekf_method in FILTERS
     try:
         run.poses = flight.registered(ekf, gimbal, instants_ns, run.watch, smooth=smooth)
     except BagError as error:
         return str(error)
     return ""
-
-
-def _names(topics: Sequence[str], namespace: str) -> str:
-    return ", ".join(resolved(topic, namespace) for topic in topics)
 
 
 def _remaining(runs: Sequence[_Run], missing: dict[str, str], reader: BagReader) -> list[_Run]:

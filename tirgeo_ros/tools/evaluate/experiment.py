@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Set up the experiment: surveyed points, their observations, the plane of errors, the methods."""
 
 from __future__ import annotations
@@ -17,20 +31,19 @@ import pyproj
 
 from tirgeo_ros.core.config import METHODS
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain
-from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
+from tirgeo_ros.tools.presentation.results import listed
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
 #: Name of the paper's own method, ``ekf_heading``, with a boresight calibration.
 CALIBRATED = "calibrated"
 #: Above this latitude the zones are too narrow to be useful.
 _MOST_LATITUDE_DEG = 84.0
-_NAMED = 5  # most ids in a note
 
 
 @dataclass(frozen=True)
@@ -132,11 +145,11 @@ def input_notes(experiment: Experiment, image_stamps_ns: Sequence[int]) -> list[
     if unknown:
         notes.append(
             f"{sum(names[name] for name in unknown)} of {total} observations are left out: "
-            f"their points are not in the survey: {_listed(unknown)}"
+            f"their points are not in the survey: {listed(unknown)}"
         )
     if unobserved:
         notes.append(
-            f"{len(unobserved)} surveyed points were never observed: {_listed(unobserved)}"
+            f"{len(unobserved)} surveyed points were never observed: {listed(unobserved)}"
         )
     images = np.array(sorted(image_stamps_ns), np.int64)
     apart_ns = [int(np.abs(images - click.stamp_ns).min()) for click in clicks if len(images)]
@@ -148,11 +161,6 @@ def input_notes(experiment: Experiment, image_stamps_ns: Sequence[int]) -> list[
     return notes
 
 
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
-
-
 @dataclass(frozen=True)
 class MethodSetup:
     """Hold a method with its parameters and the ground, which is the same for all methods."""
@@ -162,30 +170,23 @@ class MethodSetup:
     ground: Ground
     ground_words: str
 
-    def exposure_ns(self, stamp_ns: int) -> int:
-        """Return when the picture with a stamp was exposed (ns)."""
-        return exposure_ns(stamp_ns, self.configs.overlay.video_latency_s)
-
 
 def method_setups(
     params: Files,
     boresight: PathLike | None,
-    dem: PathLike | None,
-    ground_height: float | None,
     namespace: str,
     survey_heights_m: Sequence[float],
-    camera: PathLike | None = None,
+    places: Mapping[str, Any],
 ) -> list[MethodSetup]:
     """Return the four methods of the paper and, with a boresight file, ``calibrated``.
 
-    ``boresight`` overrides ``params``; ``dem`` or ``ground_height``, and ``camera``, override
-    both. If none of them gives a ground, it is level at the median of the survey's heights. Raise
+    ``boresight`` overrides ``params``; ``places``, options of ``node_configs``, override both. If
+    none of them gives a ground, it is level at the median of the survey's heights. Raise
     ConfigError, ElevationError.
     """
     methods = [(name, name, paths_of(params)) for name in METHODS]
     if boresight is not None:
         methods.append((CALIBRATED, "ekf_heading", [*paths_of(params), boresight]))
-    places: dict[str, Any] = {"dem": dem, "ground_height": ground_height, "camera": camera}
     configs = [node_configs(files, namespace, method=m, **places) for _, m, files in methods]
     overlay, median_m = configs[-1].overlay, float(median(survey_heights_m))
     ground = ground_of(overlay)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert an evaluation's numbers to plain values (None if absent), and write them to files."""
 
 from __future__ import annotations
@@ -8,7 +22,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -239,15 +253,8 @@ def _measured(point: LocatedPoint) -> list[str]:
     return [*(f"{value:.4f}" for value in metres), f"{azimuth_deg:.2f}"]
 
 
-class Table(NamedTuple):
-    """Hold a table of text; its first row is the head."""
-
-    title: str
-    rows: Sequence[Sequence[str]]
-
-
-def tables(numbers: _Number) -> list[Table]:
-    """Return Tables 6 and 7, and the aircraft's errors, from the result of ``summary``."""
+def tables(numbers: _Number) -> dict[str, Sequence[Sequence[str]]]:
+    """Return Tables 6 and 7, and the aircraft's errors, by title; the first row is the head."""
     methods, points = numbers["methods"], numbers["points"]
     rows = [["point", *methods, "clicks"]]
     for name, point in points.items():
@@ -263,7 +270,7 @@ def tables(numbers: _Number) -> list[Table]:
         p_values[pair] = p_values[pair[::-1]] = text
     matrix = [[row, *(p_values.get((row, column), "-") for column in methods)] for row in methods]
     p_title = "paired t-test on these points, two-sided p-value"
-    result = [Table(title, rows), Table(p_title, [["", *methods], *matrix])]
+    result: dict[str, Sequence[Sequence[str]]] = {title: rows, p_title: [["", *methods], *matrix]}
     truths = {name: method["against_truth"] for name, method in methods.items()}
     if all(truths.values()):
         keys = next(iter(truths.values()))
@@ -272,7 +279,7 @@ def tables(numbers: _Number) -> list[Table]:
             for key in keys
         ]
         title = f"rms of the aircraft's own errors later than {numbers['settled_s']:g} s, "
-        result.append(Table(f"{title}by the truth", [["", *truths], *body]))
+        result[f"{title}by the truth"] = [["", *truths], *body]
     return result
 
 
@@ -285,7 +292,7 @@ def _text(value: float | str | None) -> str:
 def text_tables(numbers: _Number) -> str:
     """Return the verdict, the tables and the notes from the result of ``summary``."""
     parts = [numbers["verdict"]]
-    parts += [f"{each.title}\n{table(each.rows, right=True)}" for each in tables(numbers)]
+    parts += [f"{title}\n{table(rows, right=True)}" for title, rows in tables(numbers).items()]
     words = [
         f"plane: {numbers['projection']['name']}",
         "mean: of the points' errors; rmse, CE90 (90th percentile): of all observations;",
@@ -315,20 +322,20 @@ def report_html(evaluation: Evaluation, numbers: _Number) -> str:
         "<ul>",
         *(f"<li>{escape(text)}</li>" for text in evaluation.notes),
         "</ul>",
-        *(_table_html(each) for each in tables(numbers)),
+        *(_table_html(name, rows) for name, rows in tables(numbers).items()),
         f'{heading}<figure><div class="side">{pictures}</div>{caption}</figure>' if plots else "",
     ]
     return html_page(title, _STYLE, "\n".join(parts))
 
 
-def _table_html(each: Table) -> str:
+def _table_html(title: str, rows: Sequence[Sequence[str]]) -> str:
     head, *body = (
         "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>"
-        for row, tag in zip(each.rows, ["th", *["td"] * len(each.rows)], strict=False)
+        for row, tag in zip(rows, ["th", *["td"] * len(rows)], strict=False)
     )
     content = f"<thead>{head}</thead><tbody>{''.join(body)}</tbody>"
-    title = escape(each.title[:1].upper() + each.title[1:])
-    return f'<h2>{title}</h2>\n<div class="wide"><table>{content}</table></div>'
+    heading = escape(title[:1].upper() + title[1:])
+    return f'<h2>{heading}</h2>\n<div class="wide"><table>{content}</table></div>'
 
 
 def _vectors(evaluation: Evaluation, method: MethodResult) -> bytes:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Make products of a recorded flight: the work of ``tirgeo export``.
 
 The flight is registered first, as in every command. Then the pictures with a trusted pose are
@@ -14,8 +28,8 @@ from typing import Protocol
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError, MapError
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.bounded_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
 from tirgeo_ros.tools.export import PRODUCTS, RASTERS
@@ -50,8 +64,8 @@ class Product(Protocol):
 
 
 def export(
-    bag_in: PathLike,
-    folder: PathLike,
+    bag: PathLike,
+    output: PathLike,
     *,
     params: Files = None,
     namespace: str = "",
@@ -74,20 +88,19 @@ def export(
     ExportError, MapError, TargetError.
     """
     wanted, window = only or PRODUCTS, window or Window()
-    places = [Path(folder) / name for name in FILES]
+    places = [Path(output) / name for name in FILES]
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
-    inputs = [targets] if targets is not None else []
-    arguments = bag_in, places, params, namespace, options
-    opened = open_flight(*arguments, inputs=inputs, error=MapError)
+    arguments = bag, places, params, namespace, options
+    opened = open_flight(*arguments, inputs=[targets], error=MapError)
     if not {*RASTERS}.isdisjoint(wanted):
-        imported_rasterio("orthophotos and mosaics need", MapError)
+        needed("rasterio", "writing orthophotos and mosaics", MapError)
     pictures = FlightPictures(opened.reader, namespace)
     chosen = pictures.chosen(window)
     flight = register(opened, chosen, _part(progress, 0.0, _REGISTRATION), smooth=smooth)
-    products, lattice = _rasters(flight, rasters or RasterOptions(), Path(folder), wanted)
+    products, lattice = _rasters(flight, rasters or RasterOptions(), Path(output), wanted)
     dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     if "stills" in wanted:
-        products["stills"] = Stills(Path(folder) / "stills", dji.geoid_undulation_m)
+        products["stills"] = Stills(Path(output) / "stills", dji.geoid_undulation_m)
     if "vectors" in wanted:
         sources = targets, opened.configs.overlay.confidence, flight.states.get
         products["vectors"] = Vectors(places[1], window.every_s, *sources)
@@ -98,7 +111,7 @@ def export(
         for product in products.values():
             product.take(frame)
     written = lattice | {name: product.finish() for name, product in products.items()}
-    result = _summary(flight, opened.reader, os.fspath(folder), len(chosen), written)
+    result = _summary(flight, opened.reader, os.fspath(output), len(chosen), written)
     write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
     return result
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Choose pictures of a flight, register them, and read them with the data of their products."""
 
 from __future__ import annotations
@@ -19,17 +33,17 @@ from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.errors import BagError, MessageError, TirgeoError
 from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
+from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import PICTURES, Registered, Sample, resolved
+from tirgeo_ros.tools.replay.registration import Registered, Sample, picture_topic
 
 #: Why a picture has no pose.
 _WHY_NOT = {
@@ -60,19 +74,13 @@ class FlightPictures:
 
     def __init__(self, reader: BagReader, namespace: str) -> None:
         self._reader, self._cdr = reader, Cdr()
-        names = {topic: resolved(topic, namespace) for topic in PICTURES}
-        present = [topic for topic, name in names.items() if name in reader.topics()]
-        if not present:
-            hint = "" if namespace else "; give --namespace if the topics have one"
-            absent = " or ".join(names.values())
-            raise BagError(f"{reader.path}: needed topic absent: {absent}{hint}")
-        self._topic, self._name = present[0], names[present[0]]
+        self._topic, self._name = picture_topic(reader, namespace)
 
     @cached_property
     def _times_ns(self) -> list[tuple[int, int]]:
         """Return the log time and the stamp of each picture; the bag is read once for them."""
         times_ns = []
-        for message in self._messages():
+        for message in self._reader.messages([self._name]):
             stamp_ns = 0  # without a stamp or a header, a picture gets its log time
             with suppress(MessageError):
                 stamp_ns = header_stamp_ns(message.data)
@@ -101,18 +109,15 @@ class FlightPictures:
     def read(self, numbers: Collection[int]) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
         """Yield the pictures of these numbers, in order; an error for one that is damaged."""
         last = max(numbers, default=-1)
-        for number, message in enumerate(self._messages()):
+        for number, message in enumerate(self._reader.messages([self._name])):
             if number > last:
                 return
             if number in numbers:
                 try:
                     content = self._cdr.deserialize(message.data, message.typename, message.topic)
-                    yield number, convert.pixels(self._topic, content)
+                    yield number, picture_messages.pixels(self._topic, content)
                 except TirgeoError as error:
                     yield number, error
-
-    def _messages(self) -> Iterator[BagMessage]:
-        return self._reader.messages([self._name])
 
 
 class Posed(NamedTuple):
@@ -145,12 +150,10 @@ def register(
     checks = FlightChecks(opened, ground=ground, camera=lens, pictures=True)
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(each.stamp_ns, overlay.video_latency_s) for each in chosen]
-    bodies = _Bodies(exposures_ns)
-    watchers = bodies.watch, checks.watch
-    poses = flight.registered(
-        opened.configs.ekf, opened.configs.gimbal, exposures_ns, *watchers, smooth=smooth
-    )
-    bodies.flight_poses = poses
+    ekf, gimbal = opened.configs.ekf, opened.configs.gimbal
+    poses = flight.registered(ekf, gimbal, exposures_ns, smooth=smooth)
+    bodies = _Bodies(exposures_ns, poses)
+    poses.watchers += [bodies.watch, checks.watch]
     flight.read_all(progress)
     posed: dict[int, Posed] = {}
     refused: Counter[str] = Counter()
@@ -184,11 +187,11 @@ def register(
 class _Bodies:
     """Keep the aircraft's poses and the filter's states at some instants (ns)."""
 
-    def __init__(self, instants_ns: Sequence[int]) -> None:
+    def __init__(self, instants_ns: Sequence[int], flight_poses: FlightPoses) -> None:
+        self._flight_poses = flight_poses
         self._waiting = sorted(instants_ns, reverse=True)
         self._recent: PoseBuffer[BodyPose] = PoseBuffer()
         self._poses: dict[int, BodyPose | Miss] = {}
-        self.flight_poses: FlightPoses | None = None
         self.states: dict[int, str] = {}
 
     def watch(self, _sample: Sample, registered: Registered) -> None:
@@ -198,9 +201,8 @@ class _Bodies:
         while self._waiting and self._waiting[-1] <= registered.body.stamp_ns:
             instant_ns = self._waiting.pop()
             self._poses[instant_ns] = self._recent.at(instant_ns)
-            if self.flight_poses is not None:
-                status = self.flight_poses.registration.navigation.status()
-                self.states[instant_ns] = status.state.value
+            status = self._flight_poses.registration.navigation.status()
+            self.states[instant_ns] = status.state.value
 
     def at(self, instant_ns: int) -> BodyPose | Miss:
         """Return the pose at an instant, or why there is none."""

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Export subtitles for a flight's video that say where the camera was and where it looked.
 
 A cue has the form of DJI's newer cameras, for the programs that read it, then a line of words.
@@ -7,12 +21,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from datetime import datetime, timezone
 from itertools import pairwise
 from pathlib import Path
 
 from tirgeo_ros.core.ground.frame_geometry import camera_heading_rad, camera_place, height_above_m
 from tirgeo_ros.core.types.errors import ExportError
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.io.video.video_file import FrameTimes
 from tirgeo_ros.tools.export.frames import ExportFrame
@@ -75,7 +89,7 @@ class Subtitles:
         above = f"{above_m:.0f} m above the ground, " if relative else ""
         heading = round(math.degrees(camera_heading_rad(frame.pose))) % 360
         return (
-            f"{_date(frame.pose.stamp_ns)}\n"
+            f"{utc(frame.pose.stamp_ns).rstrip('Z').replace('T', ' ')}\n"
             f"[latitude: {latitude:.8f}] [longitude: {longitude:.8f}] "
             f"[{relative}abs_alt: {altitude_m:.3f}] "
             f"[gb_yaw: {yaw:.2f} gb_pitch: {pitch:.2f} gb_roll: {roll:.2f}] </font>\n"
@@ -89,9 +103,8 @@ def _begins(stamps_ns: Sequence[int]) -> list[int]:
     """Return the time at which each picture begins in the video, ns, and the end of the last."""
     times = FrameTimes()
     begins = [times.at(stamp) for stamp in stamps_ns]
-    last = begins[-1:]
     step_ns = next((after - before for before, after in pairwise(begins[-2:])), 100_000_000)
-    return begins + [begin + step_ns for begin in last]
+    return begins + [begin + step_ns for begin in begins[-1:]]
 
 
 def _clock(time_ns: int) -> str:
@@ -99,10 +112,3 @@ def _clock(time_ns: int) -> str:
     seconds, milliseconds = divmod(round(time_ns * 1e-6), 1000)
     minutes, seconds = divmod(seconds, 60)
     return f"{minutes // 60:02}:{minutes % 60:02}:{seconds:02},{milliseconds:03}"
-
-
-def _date(stamp_ns: int) -> str:
-    """Return the date and the time, UTC, to a millisecond, rounded down."""
-    seconds, rest_ns = divmod(stamp_ns, 1_000_000_000)
-    date = datetime.fromtimestamp(seconds, timezone.utc)
-    return f"{date:%Y-%m-%d %H:%M:%S}.{rest_ns // 1_000_000:03}"

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the node graph on a recorded flight and write a video, a still and a summary."""
 
 from __future__ import annotations
@@ -13,6 +27,7 @@ import cv2
 
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import BagError, GraphError
+from tirgeo_ros.core.types.missing_package import needed, needed_extra
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, named_files, write_files
 from tirgeo_ros.io.maps import map_files
@@ -104,12 +119,20 @@ def demo_setup(
     rate: float,
     *,
     serial: bool,
+    page: bool = False,
 ) -> GraphSetup:
     """Return the set-up of a bag (None: the sample flight) with the files beside it.
 
-    Raise BagError if the sample is not installed, and GraphError if a map does not exist or an
-    output would overwrite an input.
+    Raise BagError if the sample is not installed, and GraphError if a map does not exist, an
+    output would overwrite an input, or a package is missing for ``serial``, for ``page`` or, if
+    there is none, for the video.
     """
+    if serial:
+        needed("serial", "--serial", GraphError)
+    if page:
+        needed_extra("page", "--page", GraphError)
+    else:
+        needed("av", f"writing {folder / 'overlay.mp4'}", GraphError)
     bag = bag or find_resource(f"{SAMPLE}/flight.mcap")
     if bag is None:
         raise BagError(f"{SAMPLE}/flight.mcap is not installed: give a bag with --bag")
@@ -123,7 +146,7 @@ def demo_setup(
     outputs = [folder / name for name in _NAMES]
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
-    options = (params, map_file, method, rate, serial)
+    options = ([params] if params else [], map_file, method, rate, serial)
     return GraphSetup(bag.absolute(), folder.absolute(), *options, environment=domain)
 
 

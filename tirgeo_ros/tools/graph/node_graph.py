@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the whole node graph as separate processes over DDS, and play a bag to it.
 
 Only this machine reaches the nodes, unless the user's own DDS profile allows more.
@@ -21,7 +35,8 @@ from typing import NoReturn
 from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_process import node_command, stop_signals
+from tirgeo_ros.io.files.child_process import node_command
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
@@ -185,14 +200,13 @@ class GraphSetup:
 
     bag: Path
     folder: Path
-    params: Path | None = None
+    params: Sequence[Path] = ()  # each overrides those before it
     map: Path | None = None
     method: str | None = None
     rate: float = 1.0
     # Send the aircraft's data as bytes on a port, through dji_node; needs rate 1.
     serial: bool = False
     topics: Sequence[str] = RECORDED
-    more_params: Sequence[Path] = ()  # each overrides those before it
     environment: dict[str, str] = field(default_factory=dict)  # added to that of this process
 
 
@@ -306,7 +320,7 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     # The host's clock stamps the data of the serial link, so all nodes use that clock.
     clock: dict[str, object] = {} if setup.serial else {"use_sim_time": True}
     record = {"output": recording, "topics": ",".join(setup.topics)}
-    common = parameter_words(clock, _files(setup))
+    common = parameter_words(clock, setup.params)
     nodes = {
         "ekf_node": common + parameter_words({"method": setup.method} if setup.method else {}),
         "gimbal_node": common,
@@ -327,7 +341,7 @@ def _player(setup: GraphSetup) -> list[str]:
     if setup.serial:
         values |= {"live": True, "serial_port": setup.folder / _PORT}
         awaited = [name for name in awaited if name not in DJI_TOPICS]
-    return parameter_words(values | {"wait_for": ",".join(awaited)}, _files(setup))
+    return parameter_words(values | {"wait_for": ",".join(awaited)}, setup.params)
 
 
 def parameter_words(values: Mapping[str, object], files: Iterable[Path] = ()) -> list[str]:
@@ -350,10 +364,6 @@ def _file_of(values: Mapping[str, object]) -> str:
     file = os.memfd_create("parameters", 0)  # open in the programs that this process becomes
     os.write(file, os.fsencode(content))
     return f"/proc/{os.getpid()}/fd/{file}"
-
-
-def _files(setup: GraphSetup) -> list[Path]:
-    return [path for path in (setup.params, *setup.more_params) if path is not None]
 
 
 @contextlib.contextmanager

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the whole node graph, live or on a bag, in one process that replaces this one."""
 
 from __future__ import annotations
@@ -11,7 +25,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from tirgeo_ros.core.types.errors import ConfigError, GraphError
-from tirgeo_ros.io.files.child_process import node_command, stop_signals
+from tirgeo_ros.core.types.missing_package import needed_extra
+from tirgeo_ros.io.files.child_process import node_command
+from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.io.files.whole_files import PathLike, named_files
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.graph import find_resource
@@ -23,8 +39,6 @@ from tirgeo_ros.tools.graph.node_graph import (
 from tirgeo_ros.tools.replay.registration import INPUTS
 
 _USUAL_PARAMS = "config/m600_xt2.yaml"
-
-
 _NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
@@ -48,9 +62,10 @@ def read_remaps(path: PathLike) -> list[tuple[str, str]]:
 class WholeGraph:
     """Hold the nodes that run, and their inputs; the launch file starts the same graph.
 
-    Raise GraphError for a file that does not exist. Without ``params``, the parameters of an M600
-    apply. Without a bag, dji_node publishes the aircraft's topics unless ``dji`` is False.
-    ``page`` is the address of the operator's page: None: no page, empty: as in the parameters.
+    Raise GraphError for a file that does not exist, or if the page's packages are missing. Without
+    ``params``, the parameters of an M600 apply. Without a bag, dji_node publishes the aircraft's
+    topics unless ``dji`` is False. ``page`` is the address of the operator's page: None: no page,
+    empty: as in the parameters.
     """
 
     bag: Path | None = None
@@ -63,6 +78,8 @@ class WholeGraph:
     remap: Path | None = None  # file of inputs that have other names
 
     def __post_init__(self) -> None:
+        if self.page is not None:
+            needed_extra("page", "--page", GraphError)
         maps = map(Path, named_files(str(self.map or "")))
         for path in (self.bag, self.remap, *maps, *self.params):
             if path and not path.exists():

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Process flights on a Dask cluster, whose workers share a file system: one task per flight.
 
 A worker runs each flight in a child process, as this computer does. If a worker is killed, Dask's
@@ -7,7 +21,6 @@ scheduler starts its flight again on another worker.
 from __future__ import annotations
 
 import asyncio
-import importlib
 import logging
 import re
 import time
@@ -19,6 +32,7 @@ from typing import Any
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import ManyFlightsError, shown
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.tools.many_flights.flight_process import FlightProgress, run_flight
 from tirgeo_ros.tools.many_flights.flight_record import (
     FlightTask,
@@ -89,7 +103,7 @@ def _client(scheduler: str) -> Iterator[Any]:
         raise ManyFlightsError(
             f"--scheduler {scheduler}: give an address, as tcp://192.168.1.5:8786"
         )
-    dask = importlib.import_module("distributed")  # ModuleNotFoundError is explained
+    dask = needed("distributed", f"--scheduler {scheduler}", ManyFlightsError)
     for name in ("distributed", "distributed.client"):  # the package sets a level for each
         logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here too
     try:

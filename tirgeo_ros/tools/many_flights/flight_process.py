@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Process flights on this computer, each in a child process; if it is killed, try again.
 
 The child answers several times with the part that is done, and at last with the flight's summary.
@@ -16,7 +30,6 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, final
@@ -26,11 +39,13 @@ import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.errors import ManyFlightsError, PictureError, TirgeoError, shown
+from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
-from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import write_files
+from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, written_record
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import error_line, plain
@@ -265,9 +280,8 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
             places.setdefault(second, (content.latitude, content.longitude))
         elif jpeg is None or jpeg.log_time_ns < (begin_ns + end_ns) // 2:
             jpeg = message
-    begin_s = (end_ns - round(duration_s * 1e9)) // 1_000_000_000
-    begin = datetime.fromtimestamp(begin_s, timezone.utc)
-    facts: dict[str, Any] = {"begin_utc": begin.strftime("%Y-%m-%dT%H:%M:%SZ")}
+    begin = utc(end_ns - round(duration_s * 1e9))[:19]  # whole seconds
+    facts: dict[str, Any] = {"begin_utc": f"{begin}Z"}
     if places:
         latitude, longitude = np.radians(list(places.values())).T
         places_e = ecef_from_geodetic(latitude, longitude, np.zeros(len(places)))
@@ -275,7 +289,7 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
         facts |= {"place_deg": next(iter(places.values())), "distance_m": distance_m}
     if jpeg is None:
         return facts, b""
-    pixels = convert.compressed_pixels(cdr.deserialize(jpeg.data, jpeg.typename))
+    pixels = picture_messages.compressed_pixels(cdr.deserialize(jpeg.data, jpeg.typename))
     scale = min(_WIDTH_PX / pixels.shape[1], 1.0)
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return facts, bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define the task of one flight, and its record: a file ``NAME.json`` beside its outputs.
 
 The record is the summary of ``tirgeo process --json``. Its key ``season`` has the flight's name
@@ -79,8 +93,7 @@ def made_from(
     contents, because they are small and are copied and edited; the flight's own files by size and
     time of change.
     """
-    flight = list(stamps)
-    return {"version": __version__, "flight": flight, "options": options, "files": digests}
+    return {"version": __version__, "flight": list(stamps), "options": options, "files": digests}
 
 
 def digests_of(paths: Iterable[PathLike]) -> dict[str, Digest]:

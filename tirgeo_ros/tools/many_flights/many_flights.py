@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Process many flights into a folder: the work of ``tirgeo process FLIGHT... -o DIR``.
 
 Each flight is one task in a process of its own. A flight that an earlier run has processed, from
@@ -18,8 +32,9 @@ from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError, ManyFlightsError
 from tirgeo_ros.core.types.finding import NO_GO
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import METADATA
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, writing
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import paths_of
 from tirgeo_ros.tools.many_flights.flight_process import FlightProgress, remove_parts, run_here
@@ -37,12 +52,10 @@ from tirgeo_ros.tools.many_flights.flight_record import (
 )
 from tirgeo_ros.tools.many_flights.flights_page import PAGE, write_page
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
-from tirgeo_ros.tools.presentation.results import plain
+from tirgeo_ros.tools.presentation.results import listed, plain
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 _ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
-
-
 _NAMED = 3  # most flights that the error names; all are in the result and on the page
 #: Outcomes of a flight, and their words for a person.
 _WORDS = {
@@ -72,6 +85,8 @@ def process_flights(
     ManyFlightsError for errors that concern all flights.
     """
     begun_s = time.perf_counter()
+    if video:
+        needed("av", f"writing {video[1:]} videos", ManyFlightsError)
     place = made_folder(folder, ManyFlightsError)
     with only_run(place):
         records = read_records(place)
@@ -99,10 +114,8 @@ def only_run(folder: Path) -> Iterator[None]:
     does not stop the next one.
     """
     mark = running_mark(folder)
-    try:
+    with writing(folder, ManyFlightsError):
         file = mark.open("w")
-    except OSError as error:
-        raise ManyFlightsError(f"{folder}: cannot be written: {error.strerror}") from None
     with file:
         try:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -199,12 +212,11 @@ def flights_summary(
         else:
             outcomes["kept" if is_kept else "processed"] += 1
     errors = [str(flight["name"]) for flight in flights if flight["error"]]
-    more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
-    first = f"{len(errors)} of {len(flights)} flights have an error: {', '.join(errors[:_NAMED])}"
+    error = f"{len(errors)} of {len(flights)} flights have an error: {listed(errors, _NAMED)}"
     return {
         "flights": flights,
         **{outcome: outcomes[outcome] for outcome in _WORDS},
-        "error": first + more if errors else None,
+        "error": error if errors else None,
     }
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert results and findings to lines, tables and JSON's types, and errors to one line."""
 
 from __future__ import annotations
@@ -64,6 +78,12 @@ def table(rows: Sequence[Sequence[str]], *, right: bool = False) -> str:
         "  ".join(f"{c:{side}{w}}" for c, w in zip(row, widths, strict=True)).rstrip()
         for row in rows
     )
+
+
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """Return the first names, at most ``most``, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def not_used(refused: Mapping[str, str]) -> list[str]:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check a recorded flight's set-up and sensors: the work of ``tirgeo check``."""
 
 from __future__ import annotations
@@ -18,8 +32,8 @@ from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load, try_load_map
-from tirgeo_ros.tools.replay.node_configs import open_flight
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
+from tirgeo_ros.tools.replay.node_configs import configured_layers, open_flight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 
@@ -45,7 +59,7 @@ def check(
     findings: list[Finding] = []
     ground = try_load(findings, "dem", lambda: ground_of(overlay))
     lens = try_load(findings, "camera", lambda: configured_camera(overlay))
-    layers = try_load_map(findings, overlay, overlay.map, used=True)
+    layers = try_load(findings, "map", lambda: configured_layers(overlay))
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens, pictures=True)
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
     flight = Flight(reader, namespace, camera=lens, checks=checks, **wanted)

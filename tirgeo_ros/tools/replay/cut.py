@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Cut a part out of a recorded flight: the work of ``tirgeo cut``.
 
 Messages are copied as they are, also those of unknown types. Messages that a late subscriber would
@@ -97,9 +111,8 @@ def _carried(
     """
     latched = {topic for topic, form in forms.items() if is_latched(topic, form.metadata)}
     cameras = {topic for topic, form in forms.items() if form.typename == _CALIBRATION} - latched
-    for topic in sorted(cameras):
-        if next(_messages(reader, {topic}, start_ns, end_ns), None) is not None:
-            cameras.remove(topic)
+    part = start_ns, end_ns
+    cameras = {name for name in cameras if next(_messages(reader, {name}, *part), None) is None}
     last: dict[tuple[str, object], BagMessage] = {}
     if latched | cameras:
         cdr = Cdr()

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read a recorded flight in one pass through its bag, for any number of sinks.
 
 A sink takes the samples of topics (``Flight.add``), or the poses that filter and gimbal compute
@@ -30,10 +44,9 @@ from tirgeo_ros.core.types.errors import (
     TirgeoError,
 )
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages import TOPIC_TYPES, pictures as picture_messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.registration import (
@@ -49,6 +62,7 @@ from tirgeo_ros.tools.replay.registration import (
     inputs_of,
     navigated,
     resolved,
+    topics_absent,
 )
 
 _TRIED = 10  # pictures to try for their size, because the first ones may be damaged
@@ -165,7 +179,7 @@ class Flight:
             for message in islice(self._reader.messages([name]), _TRIED):
                 with suppress(TirgeoError):
                     content = self._cdr.deserialize(message.data, message.typename)
-                    height, width = convert.pixels(topic, content).shape[:2]
+                    height, width = picture_messages.pixels(topic, content).shape[:2]
                     return width, height
         return None
 
@@ -212,9 +226,7 @@ class Flight:
         calibration is needed and absent.
         """
         if self._needs_camera and self._given_camera is None and not self.has(CAMERA_INFO):
-            hint = "" if self._namespace else "; give --namespace if the topics have one"
-            name = resolved(CAMERA_INFO, self._namespace)
-            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+            raise topics_absent(self._reader, [(CAMERA_INFO,)], self._namespace)
         self._sink = sink
         if self._to_smooth:
             first = Flight(self._reader, self._namespace, needs_camera=False)
@@ -300,7 +312,7 @@ class Flight:
     def _take_other(self, topic: str, message: BagMessage, content: object | None) -> None:
         """Take a calibration, a picture, or another message of the sink."""
         if topic == CAMERA_INFO:
-            self._camera = self._given_camera or convert.camera(content)
+            self._camera = self._given_camera or picture_messages.camera(content)
             if self._checks is not None:
                 self._checks.camera(self._camera, self.now_ns)
             if self._sink is not None:
@@ -356,8 +368,7 @@ class FlightPoses:
     def smooth(self) -> None:
         """Begin a second pass, with the smoothed poses of the first one."""
         assert self._recording is not None
-        smoothed = self._recording.smoothed()
-        self.registration = Registration(self.ekf, self._gimbal, smoothed)
+        self.registration = Registration(self.ekf, self._gimbal, self._recording.smoothed())
 
     def take(self, sample: Sample) -> None:
         """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
@@ -381,13 +392,8 @@ class FlightPoses:
 
 def _part(progress: Report, begin: float, end: float) -> Report:
     """Return a Report that converts the progress of a part to that of the whole."""
-
-    def report(done: float, total: float | None) -> None:
-        if total is not None:
-            done = begin * total + (end - begin) * done
-        progress(done, total)
-
-    return report
+    share = end - begin
+    return lambda done, total: progress(begin * (total or 0.0) + share * done, total)
 
 
 def pose_at(

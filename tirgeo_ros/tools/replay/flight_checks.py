@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check a recorded flight with the data that a command reads and computes anyway.
 
 The checks do not change this data; they only return findings.
@@ -27,7 +41,6 @@ from tirgeo_ros.core.checks.input_checks import (
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings
-from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.vector_map import MapLayer
@@ -36,11 +49,9 @@ from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
-from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES, pictures as picture_messages
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, SAMPLES, Registered, Sample
@@ -53,27 +64,19 @@ F = TypeVar("F", bound=Callable[..., None])
 T = TypeVar("T")
 
 
-def _guarded(method: F) -> F:
-    """Return a method that counts exceptions as faults of the check instead of raising them."""
+def _guarded(most: int = 1) -> Callable[[F], F]:
+    """Let ``run_queued`` run a method's calls, once ``most`` calls of all methods wait."""
 
-    @functools.wraps(method)
-    def call(self: FlightChecks, *arguments: Any) -> None:
-        self.catch_up()
-        self.run(method, arguments)
+    def queued(method: F) -> F:
+        @functools.wraps(method)
+        def call(self: FlightChecks, *arguments: Any) -> None:
+            self.queue.append((method, arguments))
+            if len(self.queue) >= most:
+                self.run_queued()
 
-    return cast("F", call)
+        return cast("F", call)
 
-
-def _queued(method: F) -> F:
-    """Return a guarded method whose calls are run in blocks, before any other."""
-
-    @functools.wraps(method)
-    def call(self: FlightChecks, *arguments: Any) -> None:
-        self.waiting.append((method, arguments))
-        if len(self.waiting) == _BLOCK:
-            self.catch_up()
-
-    return cast("F", call)
+    return queued
 
 
 def try_load(
@@ -89,15 +92,6 @@ def try_load(
         case = "" if used else "unused"
         findings.append(finding("{topic}_unreadable", case, topic=parameter, why=error))
         return None
-
-
-def try_load_map(
-    findings: list[Finding], overlay: OverlayConfig, path: str, *, used: bool
-) -> Sequence[MapLayer] | None:
-    """Return the layers of a map as ``try_load`` does; None without a map."""
-    how = (overlay.style, overlay.label_field)
-    load = functools.partial(load_layers, path, *how, network=overlay.network)
-    return try_load(findings, "map", load, used=used) if path else None
 
 
 class FlightChecks:
@@ -132,7 +126,7 @@ class FlightChecks:
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self.failed: Counter[str] = Counter()  # exceptions in the checks
-        self.waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
+        self.queue: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
         if camera is not None:
             self._pictures.camera(camera)
         recording = RecordedTopics(
@@ -149,13 +143,13 @@ class FlightChecks:
             *parameter_findings(given, unused, namespace, pictures=bool(pictured)),
         ]
 
-    def catch_up(self) -> None:
+    def run_queued(self) -> None:
         """Run the calls that wait."""
-        waiting, self.waiting = self.waiting, []
-        for method, arguments in waiting:
-            self.run(method, arguments)
+        queue, self.queue = self.queue, []
+        for method, arguments in queue:
+            self._run(method, arguments)
 
-    def run(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    def _run(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
         """Run a check; count an exception as a fault of the check instead of raising it."""
         try:
             method(self, *arguments)
@@ -164,7 +158,7 @@ class FlightChecks:
             where = f"{Path(place.filename).name}:{place.lineno}"
             self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
 
-    @_queued
+    @_guarded(_BLOCK)
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
@@ -181,7 +175,7 @@ class FlightChecks:
             stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
             self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
 
-    @_queued
+    @_guarded(_BLOCK)
     def watch(self, _sample: Sample, registered: Registered) -> None:
         """Take the outputs of filter and gimbal for a sample."""
         plane = registered.plane
@@ -200,12 +194,12 @@ class FlightChecks:
         for pose in registered.cameras:
             self._pictures.pose(pose)
 
-    @_guarded
+    @_guarded()
     def map(self, draped: DrapedMap) -> None:
         """Take the map, draped in the newest plane that ``watch`` has received."""
         self._map.map(draped)
 
-    @_guarded
+    @_guarded()
     def camera(self, camera: Camera, arrival_ns: int) -> None:
         """Take a calibration of the bag."""
         self.arrivals_ns[CAMERA_INFO].append(arrival_ns)
@@ -219,7 +213,9 @@ class FlightChecks:
                 return
             content: Any = self._cdr.deserialize(message.data, message.typename)
             if topic == CAMERA_INFO:
-                self.camera(self._given_camera or convert.camera(content), message.log_time_ns)
+                self.camera(
+                    self._given_camera or picture_messages.camera(content), message.log_time_ns
+                )
             else:
                 self.sample(topic, SAMPLES[topic](content), message.log_time_ns)
         except TirgeoError as error:
@@ -230,16 +226,16 @@ class FlightChecks:
         stamp_ns, arrival_ns = header_stamp_ns(message.data), message.log_time_ns
         if always or self._pictures.wants_pixels(stamp_ns, arrival_ns):
             content = self._cdr.deserialize(message.data, message.typename)
-            self.frame(topic, stamp_ns, convert.pixels(topic, content), arrival_ns)
+            self.frame(topic, stamp_ns, picture_messages.pixels(topic, content), arrival_ns)
         else:
             self._passed(topic, stamp_ns, arrival_ns)
 
-    @_guarded
+    @_guarded()
     def _passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
         self.arrivals_ns[topic].append(arrival_ns)
         self._pictures.passed(stamp_ns, arrival_ns)
 
-    @_guarded
+    @_guarded()
     def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
         """Take a picture's pixels, without the map, and the stamp of its message."""
         self.arrivals_ns[topic].append(arrival_ns)
@@ -253,7 +249,7 @@ class FlightChecks:
 
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
-        self.catch_up()
+        self.run_queued()
         findings = list(self.at_start)
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
         findings += lone_findings(self._streams)
@@ -265,6 +261,6 @@ class FlightChecks:
             findings.append(finding("check_failed", kind=kind, number=number))
         return sorted_findings(nearest_causes(findings))
 
-    @_guarded
+    @_guarded()
     def _ask(self, group: Callable[[], list[Finding]], findings: list[Finding]) -> None:
         findings += group()

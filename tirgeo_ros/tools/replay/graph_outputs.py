@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read poses, pictures and states from the bag of a run of the node graph."""
 
 from __future__ import annotations
@@ -22,12 +36,11 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.registration import prefix
 
 OVERLAY = "tirgeo/overlay/image/compressed"
-
-
-_WHOLE_FLIGHT_S = 1e9
 
 
 def in_plane(pose: CameraPose, plane: TangentPlane, target: TangentPlane) -> CameraPose:
@@ -63,7 +76,7 @@ class PoseDifferences:
 
 def differences(poses: Sequence[CameraPose], reference: Sequence[CameraPose]) -> PoseDifferences:
     """Compare poses in one plane; skip instants where the reference has no pose."""
-    history: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
+    history: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
     for pose in reference:
         history.add(pose)
     pairs = [(p, r) for p in poses if isinstance(r := history.at(p.stamp_ns), CameraPose)]
@@ -132,10 +145,9 @@ def read_outputs(path: Path, namespace: str = "") -> Outputs:
     return outputs
 
 
-def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels]]:
+def read_pictures(path: Path) -> Iterator[tuple[int, Pixels]]:
     """Yield stamp (ns) and overlay picture (h, w, 3) BGR of such a bag, in order."""
-    lead = prefix(namespace)
     cdr = Cdr()
-    for item in BagReader(path).messages([lead + OVERLAY]):
+    for item in BagReader(path).messages([f"/{OVERLAY}"]):
         message = cdr.deserialize(item.data, item.typename)
-        yield convert.stamp_ns(message), convert.compressed_pixels(message)
+        yield convert.stamp_ns(message), picture_messages.compressed_pixels(message)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Locate pixels of a recorded flight on the ground: the work of ``tirgeo locate``.
 
 The results are ground points with error ellipses. The same core objects compute the camera poses
@@ -17,6 +31,7 @@ from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError
 from tirgeo_ros.core.types.finding import Finding, stop_line
+from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
@@ -27,12 +42,12 @@ from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load_map
-from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 
 
 def locate_pixels(
-    bag_in: PathLike,
+    bag: PathLike,
     pixels: PathLike,
     output: PathLike,
     *,
@@ -52,8 +67,9 @@ def locate_pixels(
     pixel that cannot be located is written with the reason. ``smooth``: camera poses use later
     measurements too. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError.
     """
+    needed("mgrs", f"writing {os.fspath(output)}", SurveyError)
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
-    arguments = (bag_in, [output], params, namespace, options)
+    arguments = (bag, [output], params, namespace, options)
     opened = open_flight(*arguments, inputs=[pixels], error=SurveyError)
     observations = load_observations(pixels)
     overlay = opened.configs.overlay
@@ -61,7 +77,7 @@ def locate_pixels(
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     lens, unread = configured_camera(overlay), list[Finding]()
-    layers = try_load_map(unread, overlay, overlay.map, used=False)
+    layers = try_load(unread, "map", lambda: configured_layers(overlay), used=False)
     checks = FlightChecks(opened, ground=ground, layers=layers, camera=lens)
     checks.at_start += unread
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
@@ -74,7 +90,7 @@ def locate_pixels(
     located = _summary(opened.reader, answers, ground)
     navigation, findings = poses.registration.navigation.status(), checks.findings()
     return {
-        "input": os.fspath(bag_in),
+        "input": os.fspath(bag),
         "output": os.fspath(output),
         "method": navigation.method,
         "smoothed": smooth,

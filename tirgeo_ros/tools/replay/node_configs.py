@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Read the nodes' parameters for a command, whose options override files, or for a program."""
 
 from __future__ import annotations
@@ -12,10 +26,11 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
+from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.types.errors import BagError, ConfigError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, named_files
-from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.tools.replay.registration import fitting_method
 
@@ -90,6 +105,12 @@ def node_configs(
     return NodeConfigs(ekf, gimbal, overlay, frozenset(given))
 
 
+def configured_layers(overlay: OverlayConfig) -> list[MapLayer] | None:
+    """Return the layers of the map of the parameters; None without a map. Raise MapError."""
+    style = overlay.style, overlay.label_field
+    return load_layers(overlay.map, *style, network=overlay.network) if overlay.map else None
+
+
 class OpenedFlight(NamedTuple):
     """Hold a recorded flight and the nodes' parameters for it."""
 
@@ -107,7 +128,7 @@ def open_flight(
     namespace: str,
     options: Mapping[str, Any],
     *,
-    inputs: Sequence[PathLike] = (),
+    inputs: Sequence[PathLike | None] = (),
     error: type[TirgeoError] = BagError,
 ) -> OpenedFlight:
     """Open a flight, with the parameters and with options of ``node_configs``.

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Decode, paint and encode pictures in the order of their arrival, in parallel to the other work.
 
 A picture's place in the output, its pose, its texts and its counts are decided before. Painting
@@ -23,9 +37,9 @@ from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
+from tirgeo_ros.io.messages import pictures as picture_messages
 
 _RUN = "from tirgeo_ros.tools.replay.picture_stage import main; main()"
 #: Pictures sent and not yet received: with so many, neither process waits for slow pictures.
@@ -106,13 +120,13 @@ class PictureStage:
     def decode_ahead(self, topic: str, message: Any) -> None:
         """Begin to decode a picture whose ``pixels`` will be needed."""
         if self._decoder is not None and len(self._ahead) < _MOST_AHEAD:
-            future = self._decoder.submit(convert.pixels, topic, message)
+            future = self._decoder.submit(picture_messages.pixels, topic, message)
             self._ahead[id(message)] = message, future  # keeps the message: its id stays unique
 
     def pixels(self, topic: str, message: Any) -> RawPixels:
-        """Return the pixels of a picture. Raise MessageError as ``convert.pixels`` does."""
+        """Return the pixels of a picture. Raise MessageError as ``pictures.pixels`` does."""
         if id(message) not in self._ahead:
-            return convert.pixels(topic, message)
+            return picture_messages.pixels(topic, message)
         return self._ahead.pop(id(message))[1].result()
 
     def send(self, picture: Unpainted, scene: Scene, *, with_outline: bool) -> None:

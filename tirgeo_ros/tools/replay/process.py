@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Geo-register a recorded flight into a new bag: the work of ``tirgeo process``.
 
 The nodes' core objects process the messages in the order of their log times, faster than real
@@ -11,12 +25,11 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.ground.backprojection import Terrain
-from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
 from tirgeo_ros.core.types.finding import Finding, stop_line
@@ -24,18 +37,17 @@ from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import finding_items, summary
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load, try_load_map
-from tirgeo_ros.tools.replay.node_configs import OpenedFlight, open_flight
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
+from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
-from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_of, resolved
+from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_of
 
 #: A larger share of refused measurements of one kind is a problem: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
@@ -111,18 +123,15 @@ def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
     topics = inputs_of(reader, method, composition, namespace, **needed)
     unread: list[Finding] = []
     overlay: Overlay | None = None
-    layers: Sequence[MapLayer] | None = None
     if draws:
-        style = (config.style, config.label_field)
-        if config.map:
-            layers = load_layers(config.map, *style, network=config.network)
+        layers = configured_layers(config)
         ground = ground_of(config)
         terrain = ground if isinstance(ground, Terrain) else None
         overlay = Overlay(config, layers or (), terrain)
         if camera is not None:
             overlay.set_camera(camera)
     else:
-        layers = try_load_map(unread, config, config.map, used=False)
+        layers = try_load(unread, "map", lambda: configured_layers(config), used=False)
         ground = try_load(unread, "dem", lambda: ground_of(config), used=False)
     # If pictures are drawn, the checks get the map as it is draped for the pictures.
     to_drape = None if draws else layers
@@ -164,8 +173,7 @@ def _run(
 def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> dict[str, object]:
     """Return counts and notes of the messages that were read, and of the outputs."""
     reader, names, overlay = setup.opened.reader, setup.topics.values(), setup.overlay
-    lacking = done_without(names, setup.opened.configs.ekf.method)
-    absent = ", ".join(resolved(name, setup.opened.namespace) for name in lacking)
+    absent = done_without(names, setup.opened.configs.ekf.method, setup.opened.namespace)
     without = f"{reader.path} has no {absent}: continuing without it" if absent else None
     notes = [*setup.notes]
     if not any(name.startswith("gimbal/") for name in names):

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write the topics that the nodes would publish, in log-time order, for ``tirgeo process``.
 
 The poses, the transforms and the track are those of ekf_node and gimbal_node, the pictures those
@@ -23,7 +37,7 @@ from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import (
     STATE_TOPIC,
     TOPIC_TYPES,
@@ -32,6 +46,7 @@ from tirgeo_ros.io.messages import (
     NodeState,
     navigation_item,
 )
+from tirgeo_ros.io.messages.json_codec import state_text
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
@@ -260,7 +275,7 @@ class ProcessOutputs:
         self.states_s: Counter[str] = Counter()
         self._flight, self._registered, self._overlay = flight, poses, overlay
         self._checks, self._stage = setup.checks, stage
-        self._messages = Messages(Cdr().types, configs.ekf.frame_ids)
+        self._messages = Messages(configs.ekf.frame_ids)
         film = None
         if video is not None and overlay is not None:
             dji = ParameterFile(setup.opened.params).config("dji_node", DjiConfig, namespace)
@@ -302,7 +317,7 @@ class ProcessOutputs:
                     self._checks.map(self._overlay.painter.draped)
         if self._overlay is not None:
             for pose in registered.cameras:
-                self._overlay.add_pose(pose)
+                self._overlay.poses.add(pose)
         self._poses.add(registered, self.registration.composer.body_at, now_ns)
 
     def set_camera(self, camera: Camera) -> None:
@@ -376,7 +391,7 @@ class ProcessOutputs:
         # The node starts with the flight, so that the same input gives the same bytes.
         node, started_ns = f"{self._prefix}ekf_node", self._flight.begun_ns or 0
         state = NodeState(node, log_time_ns, started_ns, navigation=status)
-        self._write(STATE_TOPIC, self._messages.state(state), log_time_ns)
+        self._write(STATE_TOPIC, self._messages.text(state_text(state)), log_time_ns)
 
     def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}

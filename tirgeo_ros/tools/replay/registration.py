@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Choose the topics that a run reads from a bag, and compute poses from their samples.
 
 The core objects of ``ekf_node`` and ``gimbal_node`` compute the poses, without messages between.
@@ -7,7 +21,7 @@ backwards in time; the second pass has the smoothed poses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
@@ -123,6 +137,25 @@ def resolved(topic: str, namespace: str) -> str:
     return topic if topic.startswith("/") else prefix(namespace) + topic
 
 
+def topics_absent(
+    reader: BagReader, absent: Iterable[Sequence[str]], namespace: str, hint: str = ""
+) -> BagError:
+    """Return the error of a bag without needed topics; of those named together, one is enough."""
+    names = [" or ".join(resolved(topic, namespace) for topic in topics) for topics in absent]
+    if not hint and not namespace:
+        hint = "; give --namespace if the topics have one"
+    return BagError(f"{reader.path}: needed topic absent: {', '.join(names)}{hint}")
+
+
+def picture_topic(reader: BagReader, namespace: str) -> tuple[str, str]:
+    """Return contract topic and name of a bag's pictures, raw if it can be. Raise BagError."""
+    for topic in PICTURES:
+        name = resolved(topic, namespace)
+        if reader.topics().get(name) == TOPIC_TYPES[topic]:
+            return topic, name
+    raise topics_absent(reader, [PICTURES], namespace)
+
+
 def inputs_of(
     reader: BagReader,
     method: str,
@@ -150,11 +183,9 @@ def inputs_of(
         wanted += [name for name in PICTURES if name in available][:1]
     absent = [names for names in needed if not available.intersection(names)]
     if absent:
-        texts = [" or ".join(resolved(name, namespace) for name in names) for names in absent]
-        hint = "" if namespace else "; give --namespace if the topics have one"
-        if absent == [GIMBAL_TOPICS[composition]]:
-            hint = "; without it, tirgeo process --no-images gives the body's poses"
-        raise BagError(f"{reader.path}: needed topic absent: {', '.join(texts)}{hint}")
+        is_gimbal = absent == [GIMBAL_TOPICS[composition]]
+        hint = "; without it, tirgeo process --no-images gives the body's poses"
+        raise topics_absent(reader, absent, namespace, hint if is_gimbal else "")
     topics = {resolved(name, namespace): name for name in wanted if name in available}
     for topic, name in topics.items():
         if present[topic] != TOPIC_TYPES[name]:
@@ -195,14 +226,14 @@ def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
     return "ekf", f"method ekf: the bag has no {names}{on_gps}"
 
 
-def done_without(present: Collection[str], method: str) -> list[str]:
-    """Return the topics (contract names) that a method uses but that are not present.
+def done_without(present: Collection[str], method: str, namespace: str) -> str:
+    """Return the names in a bag of the topics that a method uses but that are not present.
 
     Ordinary GPS is the filter's fallback and the barometer is optional, so neither is returned,
     except for the method ``raw``.
     """
-    return [
-        name
+    return ", ".join(
+        resolved(name, namespace)
         for name in METHOD_TOPICS[method]
         if name not in present and (method == "raw" or name in _RTK_TOPICS)
-    ]
+    )

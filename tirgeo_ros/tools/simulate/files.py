@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Write the files of a simulated flight with truth from a scenario: ``tirgeo simulate``."""
 
 from __future__ import annotations
@@ -15,7 +29,7 @@ from tirgeo_ros.core.config.schema import values_of
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.measurements import USUAL_ORDER, ImuSample
 from tirgeo_ros.core.types.poses import CameraPose, NavSolution
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.io.surveys.survey import save_observations, save_survey
@@ -78,12 +92,6 @@ def _sensed(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoing]:
         if isinstance(sample, ImuSample):
             message.orientation_covariance = covariance
         yield arrival_ns, topic, message
-
-
-def _infos(messages: Messages, flight: SimulatedFlight) -> Iterator[Outgoing]:
-    for stamp_ns, _ in frames(flight):
-        camera = flight.scenario.video.camera
-        yield stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns)
 
 
 def _pictures(
@@ -160,10 +168,10 @@ def simulate(
     outputs = [Path(out_dir) / name for name in (*NAMES, "dem.asc", "dem.prj")]
     check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
-    window = _window(scenario, scenario_path, start_s, duration_s)
+    window, camera = _window(scenario, scenario_path, start_s, duration_s), scenario.video.camera
     flight = fly(scenario, seed)
     park, relief = lay_out(scenario.park, flight.seed), Relief(scenario.park)
-    points, clicks = surveyed(flight, scenario.video.camera, park)
+    points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets = targets_of(scenario, flight.seed)
     lowest_m = -float(flight.truth.position_p[:, 2].max())
@@ -178,15 +186,19 @@ def simulate(
         "targets.geojson": targets_text(targets, flight.plane, relief),
         "params.yaml": parameters_text(scenario),
     }
-    if not relief.is_level:
+    if scenario.park.slope_deg:
         texts |= {"dem.asc": elevation_text(relief, flight.plane), "dem.prj": WGS84_TEXT}
     write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
-    messages = Messages(Cdr().types)
+    messages = Messages()
     truth = _true_body(messages, flight, window), _true_camera(messages, flight)
     _write(folder / "truth.mcap", truth, window, silent)
-    streams = [_sensed(messages, flight), _infos(messages, flight)]
+    infos = (
+        (stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns))
+        for stamp_ns, _ in frames(flight)
+    )
+    streams = [_sensed(messages, flight), infos]
     if images:
         streams.append(_pictures(messages, flight, window, park, targets))
         streams.append(_clicked(messages, flight, window, targets))

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Lay out a park of flower beds on level or sloping ground; write its map and elevation model.
 
 There are beds with corners, paths, hydrants, and lamps, which are not in the map. Coordinates are
@@ -46,11 +60,6 @@ class Relief:
         rise = math.tan(math.radians(scenario.slope_deg))
         self._rise = rise * math.cos(uphill), rise * math.sin(uphill)
         self.highest_m = float((self.corners * self._rise).max(axis=0).sum())
-
-    @property
-    def is_level(self) -> bool:
-        """Return whether the ground is the plane of the site."""
-        return not any(self._rise)
 
     def places(self, level: Array) -> Array:
         """Return ground points (N, 3) in the plane of the site at north and east (N, 2)."""

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define a scenario, the input of a simulated flight, read strictly from YAML.
 
 The defaults are the flight of Ren et al. 2022 (sections 4.2 to 5.2); its scenario file is
@@ -321,18 +335,16 @@ def scenario_from(values: Mapping[str, object], where: str = "") -> Scenario:
         raise ScenarioError(str(error)) from None
     try:
         _check(scenario)
-    except ScenarioError as error:
+    except (ConfigError, ScenarioError) as error:
         raise ScenarioError(f"{where}: {error}" if where else str(error)) from None
     return scenario
 
 
 def _check(scenario: Scenario) -> None:
-    """Raise ScenarioError for values that fail a check beyond the range of one parameter."""
-    _ = scenario.start_ns
+    """Raise ScenarioError or ConfigError for values that do not fit each other."""
+    _ = scenario.start_ns, scenario.aircraft.baseline_b
     try:
-        _ = scenario.aircraft.baseline_b, scenario.video.camera
-    except ConfigError as error:
-        raise ScenarioError(str(error)) from None
+        _ = scenario.video.camera
     except CameraError as error:
         raise ScenarioError(f"video: {error}") from None
     if scenario.video.bits not in {8, 16}:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Simulate the samples of the aircraft's sensors and of its gimbal, with their errors and delays.
 
 Every function ``*_samples`` returns ``(arrival_ns, sample)`` pairs in order of arrival; a sample's
@@ -113,7 +127,8 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     motion = trajectory.motion(epochs.t_s)
     draws = generator(seed, "rtk").standard_normal((2, len(epochs.stamp_ns), 3))
     sigmas = np.array([rtk.position_sigma_m, rtk.velocity_sigma_m_s])
-    at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.rtk_lever_b)
+    antenna = motion.at_arm(scenario.aircraft.rtk_lever_b)
+    at_antenna = geodetic_state(trajectory.plane, *antenna, motion.rotation_pb)
     fixes = _fixes(epochs, at_antenna, draws * sigmas[:, None], sigmas, sources, FixStatus.FIXED)
     headings = _headings(scenario, seed, trajectory.rotation_nb(motion), epochs)
     delay_ns = round(rtk.arrival_delay_s * 1e9)
@@ -160,7 +175,8 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     errors = np.array([slow(epochs.t_s), gps.velocity_sigma_m_s * draws])
     sigmas = np.array([rms, [gps.velocity_sigma_m_s] * 3])
     motion = trajectory.motion(epochs.t_s)
-    at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.gps_lever_b)
+    antenna = motion.at_arm(scenario.aircraft.gps_lever_b)
+    at_antenna = geodetic_state(trajectory.plane, *antenna, motion.rotation_pb)
     fixes = _fixes(epochs, at_antenna, errors, sigmas, sources, FixStatus.SINGLE)
     delay_ns = round(gps.arrival_delay_s * 1e9)
     return [(sample.stamp_ns + delay_ns, sample) for fix in fixes for sample in fix]
@@ -186,24 +202,19 @@ def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> 
     ]
 
 
-def _at_antenna(
-    trajectory: Trajectory, motion: Motion, arm_b: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return latitude, longitude (rad), height (m) (N,), velocity (N, 3) NED of an antenna."""
-    position_p, velocity_p = motion.at_arm(arm_b)
-    return geodetic_state(trajectory.plane, position_p, velocity_p, motion.rotation_pb)[:4]
-
-
 def _fixes(
     epochs: Epochs,
-    at_antenna: tuple[Array, Array, Array, Array],
+    at_antenna: tuple[Array, ...],
     errors_n: Array,
     sigmas_n: Array,
     sources: tuple[Source, Source],
     status: FixStatus,
 ) -> list[tuple[PositionSample, VelocitySample]]:
-    """Return position and velocity with errors (2, N, 3), and their sigmas (2, 3), NED."""
-    lat, lon, height, velocity_n = at_antenna
+    """Return position and velocity with errors (2, N, 3), and their sigmas (2, 3), NED.
+
+    ``at_antenna`` is the ``geodetic_state`` of the antenna.
+    """
+    lat, lon, height, velocity_n, _ = at_antenna
     north, east, down = errors_n[0].T
     # Errors are some metres, and the site is some hundred metres wide: the radii of one point are
     # accurate to 1e-5 of the error.

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Survey control points on corners of flower beds, and simulate an operator's clicks on them.
 
 As in section 5.1 of Ren et al. 2022, each point is measured with RTK and clicked in several
@@ -64,7 +78,7 @@ def surveyed(
         for frame in rng.choice(clicked[corner], config.views, replace=False).tolist():
             u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
             clicks.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
-    return points, sorted(clicks, key=_by_stamp)
+    return points, sorted(clicks, key=lambda click: (click.stamp_ns, click.id))
 
 
 def frames(flight: SimulatedFlight) -> Iterator[tuple[int, float]]:
@@ -95,7 +109,7 @@ def sightings(
             best = frames[int(np.argmin(off_middle[frames, k]))]
             u, v = views.uv[best, k].tolist()
             clicks.append(Observation(target.id, views.stamp_ns[best], u, v))
-    return sorted(clicks, key=_by_stamp)
+    return sorted(clicks, key=lambda click: (click.stamp_ns, click.id))
 
 
 def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
@@ -114,10 +128,6 @@ def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     good &= (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
     good &= (t_s >= config.after_s)[:, None]
     return Views(corners_p, t_s, stamp_ns, uv, good)
-
-
-def _by_stamp(click: Observation) -> tuple[int, str]:
-    return click.stamp_ns, click.id
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """The barometer: its height, when it is used, what its errors do, and what refuses it."""
 
 from __future__ import annotations
@@ -24,8 +38,8 @@ from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import states_of
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
-from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
@@ -187,7 +201,7 @@ def test_readings_of_less_than_a_tenth_of_a_second_are_skipped():
 def test_message_is_the_sample_both_ways():
     cdr = Cdr()
     sample = PressureSample(1_700_000_000_123_456_789, 101_325.25, 9.0)
-    topic, message = sensed(Messages(cdr.types), sample)
+    topic, message = sensed(Messages(), sample)
     data = cdr.serialize(message, TOPIC_TYPES[topic])
     read = cdr.deserialize(data, "sensor_msgs/msg/FluidPressure")
     assert topic == "baro/pressure"

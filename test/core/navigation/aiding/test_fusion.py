@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Fusion: median, gate, floors, positions eased in, and GPS on standby or in RTK's place."""
 
 from __future__ import annotations
@@ -7,8 +21,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_states import LEVEL as HOVER
 from filter_states import (
+    LEVEL as HOVER,
     LEVER_B,
     MEASURED,
     NOW_NS,
@@ -24,8 +38,7 @@ from filter_states import (
     velocity,
 )
 from flights import GPS, RTK, config_for, filtered, flight, navigation_samples, without
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid import StateEstimate, floored

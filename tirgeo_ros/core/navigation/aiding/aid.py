@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Define the filter's estimate, and ``Aid``, the base class of the filter's aids.
 
 Each aid is a subclass of ``Aid`` in the module of its subject.
@@ -90,6 +104,7 @@ class AidMeasurement(NamedTuple):
     expected: tuple[float, ...]  # the invariant of an innovation of zero
     slack: float  # largest difference of two invariants that have the same cause
     stale: bool = False  # the sample repeats the value of the previous one
+    autopilot_q_nb: Array | None = None  # (4,) wxyz, consulted if headings contradict the state
 
     def verdict(self, outcome: Outcome, reason: str, ratio: float) -> Verdict:
         """Return the verdict on the measurement, with its numbers; ``ratio`` is the test ratio."""
@@ -101,6 +116,7 @@ class AidMeasurement(NamedTuple):
 
 #: A measurement, or the verdict on a sample that is not used; and the estimate.
 Modelled = tuple[AidMeasurement | Verdict, StateEstimate]
+Corrected = tuple[Array, tuple[Change, ...]]  # see ``Aid.correction``
 
 
 def not_fixed(source: Source, status: FixStatus) -> Verdict:
@@ -182,9 +198,7 @@ class Aid:
         """Return the record with one more innovation, and why that is refused, or ""."""
         return track, reason
 
-    def correction(
-        self, _measurement: Measurement, result: Update
-    ) -> tuple[Array, tuple[Change, ...]]:
+    def correction(self, _measurement: Measurement, result: Update) -> Corrected:
         """Return the error (n,) to correct by, and the changes of the covariance."""
         assert result.error is not None
         assert result.covariance is not None
@@ -214,9 +228,7 @@ class Aid:
         """Return the result of a measurement while its aid has stepped; None: gate it narrowly."""
         return None
 
-    def after_refusal(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> StateEstimate | None:
+    def after_refusal(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate | None:
         """Return the estimate reset to a measurement that was refused for long; None: too early.
 
         Only measurements that agree with each other count. A single position that jumps has no
@@ -225,13 +237,10 @@ class Aid:
         run = estimate.aids.track(aid.source).run
         if run is None:
             return None
-        usual_s = self.patience_s(aid, estimate, autopilot_q_nb)
-        lasts = run.lasts(LONGEST_PATIENCE_S if aid.stale else usual_s)
+        lasts = run.lasts(LONGEST_PATIENCE_S if aid.stale else self.patience_s(aid, estimate))
         return self.reset(aid, estimate) if lasts else None
 
-    def patience_s(
-        self, aid: AidMeasurement, estimate: StateEstimate, _autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, aid: AidMeasurement, estimate: StateEstimate) -> float:
         """Return how long a run of refusals must last; infinite if it must not cause a reset."""
         reset_after_s = self._config.rtk.reset_after_s
         stepped = estimate.aids.track(aid.source).step

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Aid the filter with a barometer's height while that is more certain than the state's height.
 
 Pressure gives a height in the standard atmosphere; weather, temperature and the air's flow around
@@ -14,13 +28,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid import Aid, AidMeasurement, Modelled, StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.ins.error_states import POSITION
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -73,10 +85,6 @@ class BarometerAid(Aid):
     look_at = "barometer.sigma_m, barometer.noise_m"
     moved = "offset of baro/pressure changed by"
 
-    def __init__(self, config: EkfConfig) -> None:
-        super().__init__(config)
-        self._barometer = config.barometer
-
     def spare(self, sample: PressureSample, aids: AidStatus) -> bool:
         """Return whether another reading was examined less than 0.09 s before."""
         own = aids.track(self.source).own
@@ -90,7 +98,7 @@ class BarometerAid(Aid):
         has_position = any(aids.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
         height_m = standard_height_m(sample.pressure_pa)
         reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
-        noise_m2 = max(reported_m2, self._barometer.noise_m**2)
+        noise_m2 = max(reported_m2, self._config.barometer.noise_m**2)
         own_m2 = float(estimate.covariance[_DOWN, _DOWN])
         before = aids.track(self.source)
         if before.own is None and not has_position:
@@ -106,7 +114,7 @@ class BarometerAid(Aid):
         off_m = estimate.state.height_m - (height_m - reference.offset_m)
         aid = self._measurement(stamp_ns, estimate, off_m, (lasting_m2, noise_m2))
         nis = off_m * off_m / (own_m2 + lasting_m2 + noise_m2)
-        ratio = nis / chi_square_limit(self._barometer.gate_sigma, 1)
+        ratio = nis / chi_square_limit(self._config.barometer.gate_sigma, 1)
         if own_m2 > 2 * lasting_m2 or ratio > 1:
             return aid, _with_reference(estimate, reference, before)
         if has_position and own_m2 < lasting_m2:
@@ -114,27 +122,20 @@ class BarometerAid(Aid):
             offset_m = reference.offset_m - gain * off_m
             left_m2 = max((1 - gain) * lasting_m2, own_m2)
             reference = Reference(stamp_ns, height_m, offset_m, left_m2, stamp_ns)
-        verdict = Verdict(
-            self.source,
-            Outcome.STANDBY,
-            "the filter's height is more precise",
-            ratio,
-            (off_m,),
-            nis,
-        )
+        reason = "the filter's height is more precise"
+        verdict = Verdict(self.source, Outcome.STANDBY, reason, ratio, (off_m,), nis)
         return verdict, _with_reference(estimate, reference)
 
-    def patience_s(
-        self, _aid: AidMeasurement, _estimate: StateEstimate, _autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, _aid: AidMeasurement, _estimate: StateEstimate) -> float:
         """Return how long a run of refusals must last."""
-        return self._barometer.reset_after_s
+        return self._config.barometer.reset_after_s
 
     def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
         """Take a new reference, since the pressure has stepped; the state stays."""
         off_m = float(aid.measurement.innovation[0])
         offset_m = estimate.aids.track(self.source).own.offset_m - off_m
-        variance_m2 = float(estimate.covariance[_DOWN, _DOWN]) + self._barometer.noise_m**2
+        noise_m = self._config.barometer.noise_m
+        variance_m2 = float(estimate.covariance[_DOWN, _DOWN]) + noise_m**2
         height_m = estimate.state.height_m + offset_m
         reference = Reference(aid.stamp_ns, height_m, offset_m, variance_m2, aid.stamp_ns)
         aids = self.with_reset(estimate.aids, aid.stamp_ns, abs(off_m))
@@ -160,19 +161,18 @@ class BarometerAid(Aid):
         if own_m2 > 2 * lasting_m2:
             weak_m2 = own_m2 * 2 * lasting_m2 / (own_m2 - 2 * lasting_m2)
             ease = max(weak_m2 - plain_m2, 0.0) / own_m2
-        measurement = Measurement(
-            np.array((off_m,)), design, np.array(((plain_m2,),)), self._barometer.gate_sigma, ease
-        )
+        innovation, noise = np.array((off_m,)), np.array(((plain_m2,),))
+        gate_sigma, sigma_m = self._config.barometer.gate_sigma, self._config.barometer.sigma_m
+        measurement = Measurement(innovation, design, noise, gate_sigma, ease)
         moved_m = estimate.state.correction_n[2]
-        spread_m = math.sqrt(noise_m2 + self._barometer.sigma_m**2)
-        slack_m = 1.5 * self._barometer.gate_sigma * spread_m
+        slack_m = 1.5 * gate_sigma * math.sqrt(noise_m2 + sigma_m**2)
         return AidMeasurement(
             self.source, stamp_ns, measurement, (off_m + moved_m,), (moved_m,), slack_m
         )
 
     def _offset_m2(self, reference: Reference, stamp_ns: int, height_m: float) -> float:
         """Return the offset's variance at a stamp, m2: weather, slow error, air temperature."""
-        config, passed_s = self._barometer, abs(stamp_ns - reference.stamp_ns) * 1e-9
+        config, passed_s = self._config.barometer, abs(stamp_ns - reference.stamp_ns) * 1e-9
         walked_m2 = config.drift**2 * passed_s
         slow_m2 = 2 * config.sigma_m**2 * -math.expm1(-passed_s / config.time_s)
         scaled_m = config.scale_sigma * (height_m - reference.height_m)

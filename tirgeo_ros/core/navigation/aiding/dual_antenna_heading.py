@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Aid the filter with the heading of two antennas (Eq. 7 and 9 of Ren et al. 2022).
 
 H is derived for the full attitude, unlike the row that the paper prints.
@@ -124,9 +138,8 @@ class HeadingAid(Aid):
         measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
-        return AidMeasurement(
-            self.source, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
-        ), estimate
+        own = self.source, sample.stamp_ns, measurement
+        return AidMeasurement(*own, invariant, (1.0, 0.0), slack), estimate
 
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:
         """Describe how far a heading is off; a step is a chord of the unit circle."""
@@ -164,14 +177,12 @@ class HeadingAid(Aid):
             return super().step(aid, track)
         return tuple(map(operator.sub, aid.invariant, aid.expected)) if track.newest else ()
 
-    def patience_s(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, aid: AidMeasurement, estimate: StateEstimate) -> float:
         """Return how long a run must last; infinite for a turn that the autopilot denies."""
         track = estimate.aids.track(aid.source)
         measurement, turn = aid.measurement, float(aid.measurement.innovation[0])
         if track.step or (not track.agreed_ns and abs(turn) > LARGE_TURN_RAD):
-            supported = _supported(turn, estimate.state, autopilot_q_nb)
+            supported = _supported(turn, estimate.state, aid.autopilot_q_nb)
             return self._heading.reset_after_s if supported else math.inf
         # The longer headings and state have agreed, the less a contradiction proves against the
         # state. One below the gate of a heading may as well come from the gyroscopes.

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """List the filter's aids and the sources of each method; fuse samples into the estimate.
 
 Each aid's class holds what differs between aids; records, easing and gates are here, for all.
@@ -127,11 +141,9 @@ class Fusion:
         aid, estimate = self._models[sample.source].measured(sample, estimate, angular_rate_b)
         if isinstance(aid, Verdict):
             return Fused(aid, estimate)
-        return self._judged(aid._replace(stale=stale), estimate, autopilot_q_nb)
+        return self._judged(aid._replace(stale=stale, autopilot_q_nb=autopilot_q_nb), estimate)
 
-    def _judged(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> Fused:
+    def _judged(self, aid: AidMeasurement, estimate: StateEstimate) -> Fused:
         """Return the estimate after a measurement, or before it if the gates refuse it."""
         model, aids, measurement = self._models[aid.source], estimate.aids, aid.measurement
         track = aids.track(aid.source).followed(aid.invariant, aid.expected)
@@ -159,7 +171,7 @@ class Fusion:
         track = model.refused(aid, track)
         reason = model.off(aid, track) if result.error is None else reason
         estimate = estimate._replace(aids=aids.with_track(aid.source, track))
-        reset = model.after_refusal(aid, estimate, autopilot_q_nb)
+        reset = model.after_refusal(aid, estimate)
         if reset is None:
             return Fused(aid.verdict(Outcome.GATED, reason, result.test_ratio), estimate)
         reason = str(reset.aids.last_reset)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Aid the filter with satellite positions: RTK's (Eq. 4 of Ren et al. 2022), and ordinary GPS's.
 
 H includes the lever arm's partials in attitude, which the paper leaves out.
@@ -21,6 +35,7 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid import (
     Aid,
     AidMeasurement,
+    Corrected,
     Fused,
     Modelled,
     StateEstimate,
@@ -154,9 +169,7 @@ class RtkPositionAid(Aid):
         noise = floored(sample.covariance_n, self._rtk.float_sigma_m)
         return noise * white_factor(self._rtk.float_time_s, step_ns), self._rtk.float_sigma_m
 
-    def correction(
-        self, measurement: Measurement, result: Update
-    ) -> tuple[Array, tuple[Change, ...]]:
+    def correction(self, measurement: Measurement, result: Update) -> Corrected:
         """Return the error to correct by; with ``rtk_direct`` the position is set to RTK's.
 
         Only the other states are filtered then, as in Ren et al. 2022, section 3.3.

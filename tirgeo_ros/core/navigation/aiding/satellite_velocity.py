@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Aid the filter with the satellite velocities of an antenna, RTK's and ordinary GPS's."""
 
 from __future__ import annotations
@@ -70,9 +84,7 @@ class VelocityAid(Aid):
         lever_b = self._lever_b
         if self._estimates_antenna:
             lever_b = added(lever_b, estimate.aids.receivers.antenna_b)
-        swing = rotate(
-            rotation, cross(angular_rate_b, lever_b)
-        )  # of the antenna against the IMU, m/s
+        swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, m/s
         (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
         innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
         noise = floored(sample.covariance_n, self._floor_m_s)
@@ -86,13 +98,11 @@ class VelocityAid(Aid):
             sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
         ), estimate
 
-    def patience_s(
-        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
-    ) -> float:
+    def patience_s(self, aid: AidMeasurement, estimate: StateEstimate) -> float:
         """Return how long a run must last; infinite while RTK positions confirm the state."""
         if estimate.aids.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns):
             return math.inf
-        return super().patience_s(aid, estimate, autopilot_q_nb)
+        return super().patience_s(aid, estimate)
 
 
 class RtkVelocityAid(VelocityAid):

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Find the filter's initial state, at rest or in flight, from the measurements available.
 
 A window of some seconds is fitted as a whole (``batch_least_squares``). Tilt comes from the
@@ -369,9 +383,8 @@ class Aligner:
         headings = self._samples.reached(*_SET) if plan.heading is Source.SET_HEADING else []
         headings = [s for s in headings if first <= s.stamp_ns <= last][-1:]
         by_autopilot = plan.heading is Source.AUTOPILOT_HEADING
-        if not headings and not (
-            by_autopilot and any(usable_attitude(s.autopilot_q_nb) for s in imu)
-        ):
+        has_attitude = any(usable_attitude(s.autopilot_q_nb) for s in imu)
+        if not (headings or (by_autopilot and has_attitude)):
             raise NotAlignedError(self._needs_heading, 3)
         return headings
 
@@ -403,15 +416,8 @@ class Aligner:
         q_nb = tuple(quat_from_matrix(fit.rotation_nb).tolist())
         velocity_n, (gyro_b, accel_b) = fit.velocity_n.tolist(), fit.biases.reshape(2, 3)
         biases_b = tuple(gyro_b.tolist()), tuple(accel_b.tolist())
-        nothing = (0.0, 0.0, 0.0)
-        state = NavState(q_nb, tuple(velocity_n), lat, lon, height_m, *biases_b, nothing)
-        return Alignment(
-            stamp_ns,
-            state,
-            fit.covariance,
-            *self._samples.rest(stamp_ns),
-            sources,
-            self._samples.rtk_status(stamp_ns),
-            fitted.vibration,
-            float(fitted.window.before_s[0]),
-        )
+        state = NavState(q_nb, tuple(velocity_n), lat, lon, height_m, *biases_b)
+        imu, later = self._samples.rest(stamp_ns)
+        used = sources, self._samples.rtk_status(stamp_ns)
+        vibration = fitted.vibration, float(fitted.window.before_s[0])
+        return Alignment(stamp_ns, state, fit.covariance, imu, later, *used, *vibration)

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Fit the state at the end of a short window to all measurements in it.
 
 Generalised least squares on readings that are integrated backwards from the end, which needs no
@@ -155,9 +169,8 @@ class _Terms:
         powers: Powers,
     ) -> None:
         at = window.at([o.stamp_ns for o in observations])
-        kinds = np.array([o.kind.value for o in observations])
-        self._is_velocity = kinds == ObservationKind.VELOCITY.value
-        self._is_position = kinds == ObservationKind.POSITION.value
+        self._is_velocity = np.array([o.kind is ObservationKind.VELOCITY for o in observations])
+        self._is_position = np.array([o.kind is ObservationKind.POSITION for o in observations])
         before = window.before_s[at]
         self.of_velocity = np.where(self._is_position, -before, 1.0 * self._is_velocity)
         self.of_position = 1.0 * self._is_position
@@ -251,17 +264,9 @@ def fit(
     scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
     distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
     without_biases = np.linalg.inv(information[:9, :9])
-    return WindowFit(
-        rotation,
-        rest[:3],
-        rest[3:6],
-        rest[6:] + window.taken,
-        covariance,
-        float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1]))),
-        parts,
-        np.array(distances),
-        settled,
-    )
+    tilt_sigma_rad = float(np.sqrt(max(without_biases[0, 0], without_biases[1, 1])))
+    state = rotation, rest[:3], rest[3:6], rest[6:] + window.taken
+    return WindowFit(*state, covariance, tilt_sigma_rad, parts, np.array(distances), settled)
 
 
 def _residual(
@@ -316,12 +321,11 @@ def _measured_noise(observations: Sequence[AlignmentObservation]) -> Array:
     owner = np.repeat(np.arange(len(observations)), [len(o.value) for o in observations])
     axis = np.concatenate([np.arange(len(o.value)) for o in observations])
     names = np.unique([o.name for o in observations], return_inverse=True)[1].reshape(-1)[owner]
-    since_s = np.array([(o.stamp_ns - observations[0].stamp_ns) * 1e-9 for o in observations])[
-        owner
-    ]
+    since_ns = np.array([o.stamp_ns - observations[0].stamp_ns for o in observations])[owner]
     rate_1_s = np.array([1 / o.slow_time_s for o in observations])[owner]
     slow = np.concatenate([o.slow_sigma for o in observations])
     same = (names[:, None] == names) & (axis[:, None] == axis)
+    since_s = since_ns * 1e-9
     lasting = np.exp(-np.abs(since_s[:, None] - since_s) * rate_1_s)
     out = np.asarray(same * lasting * np.outer(slow, slow))
     for o, rows in zip(observations, _rows(observations), strict=True):

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Test whether the IMU's biases agree with the parameters, and enlarge their prior if not.
 
 Under a true prior, the biases of a fit have the covariance ``P - P'`` (prior less posterior), so
@@ -106,7 +120,7 @@ class TurnOnBiases:
         # Where the heading contradicts the autopilot's, no bias is the cause.
         turned = hint_nb is not None and "heading" in differences(fitted.fit, hint_nb, autopilot)
         if turned or not (beyond or self._lean_rad(fitted) > 0):
-            checked(fitted.fit, fitted.observations)
+            checked(fitted)
             if _surprise_of(fitted, self._prior) > _SUSPECT_SIGMA:
                 self._suspected_ns = now_ns
             lately = now_ns - self._suspected_ns < _SURE_S * 1e9
@@ -117,10 +131,10 @@ class TurnOnBiases:
         try:
             loose = self._loosely(measured, any_imu)
         except NotAlignedError:  # biases are not the cause, or not the only one
-            checked(fitted.fit, fitted.observations)
+            checked(fitted)
             raise NotAlignedError("imu/data does not fit the measured motion") from None
         if self._doubt.again_s(now_ns) < _SURE_S:  # a wrong measurement may look like biases
-            checked(fitted.fit, fitted.observations)
+            checked(fitted)
             self._suspected_ns = now_ns
             raise NotAlignedError(self._reason(fitted, loose))
         self._widen(fitted, loose)
@@ -135,9 +149,7 @@ class TurnOnBiases:
 
     def _loosely(self, measured: Measured, prior: Biases) -> FittedWindow:
         """Fit a window and the autopilot's turn; NotAlignedError if biases do not explain it."""
-        fitted = fit_window(measured, self._config, prior, self._taken, gyros_unknown=True)
-        checked(fitted.fit, fitted.observations)
-        return fitted
+        return checked(fit_window(measured, self._config, prior, self._taken, gyros_unknown=True))
 
     def _widen(self, plain: FittedWindow, loose: FittedWindow) -> None:
         """Enlarge the prior to cover the biases of ``loose``, fitted with a prior for any IMU."""

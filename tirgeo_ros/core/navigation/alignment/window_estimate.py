@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Convert the samples of a window to observations, integrate the IMU, and fit the state.
 
 The errors of a float solution and of ordinary GPS last longer than the window: many positions do
@@ -43,7 +57,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
 )
 from tirgeo_ros.core.navigation.ins.propagation import NoisePowers, Powers, mean_powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray, Vector
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
@@ -167,30 +181,19 @@ def position_observation(
     else:  # the white share of a float solution's error differs by receiver: half is assumed
         halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
         white, slow, time_s = np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
-    return AlignmentObservation(
-        sample.stamp_ns,
-        sample.source.topic,
-        ObservationKind.POSITION,
-        plane.ned_from_geodetic(sample.latitude_rad, sample.longitude_rad, sample.height_m),
-        config.aircraft.antenna_b(sample.source),
-        white,
-        slow,
-        time_s,
-    )
+    own = sample.stamp_ns, sample.source.topic, ObservationKind.POSITION
+    place_n = plane.ned_from_geodetic(sample.latitude_rad, sample.longitude_rad, sample.height_m)
+    arm_b = config.aircraft.antenna_b(sample.source)
+    return AlignmentObservation(*own, place_n, arm_b, white, slow, time_s)
 
 
 def velocity_observation(sample: VelocitySample, config: EkfConfig) -> AlignmentObservation:
     """Return an antenna's velocity."""
     source = config.gps if sample.source is Source.GPS_VELOCITY else config.rtk
-    return AlignmentObservation(
-        sample.stamp_ns,
-        sample.source.topic,
-        ObservationKind.VELOCITY,
-        sample.velocity_n,
-        config.aircraft.antenna_b(sample.source),
-        floored(sample.covariance_n, source.velocity_sigma_floor_m_s),
-        np.zeros(3),
-    )
+    own = sample.stamp_ns, sample.source.topic, ObservationKind.VELOCITY, sample.velocity_n
+    arm_b = config.aircraft.antenna_b(sample.source)
+    white = floored(sample.covariance_n, source.velocity_sigma_floor_m_s)
+    return AlignmentObservation(*own, arm_b, white, np.zeros(3))
 
 
 def heading_observations(
@@ -204,8 +207,8 @@ def heading_observations(
     """
     set_by_hand = [s for s in samples if isinstance(s, SetHeading)]
     if set_by_hand:
-        return [_of_nose(s, s.heading_rad, set_variance_rad2(s, config)) for s in set_by_hand]
-    baseline = Baseline.from_config(config.aircraft)
+        return [_azimuth(s, s.heading_rad, set_variance_rad2(s, config)) for s in set_by_hand]
+    direction_b, less_rad = Baseline.from_config(config.aircraft)
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
     headings_rad = np.array([s.heading_rad for s in samples])
     spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
@@ -214,15 +217,7 @@ def heading_observations(
         before_rounding = max(float(np.var(spread_deg)) - 1 / 12, 0.0)
         shared_rad = float(np.radians(np.sqrt(1 / 12) * np.exp(-2 * np.pi**2 * before_rounding)))
     return [
-        AlignmentObservation(
-            s.stamp_ns,
-            "rtk/heading",
-            ObservationKind.AZIMUTH,
-            np.array([s.heading_rad - baseline.reported_less_azimuth_rad]),
-            np.array(baseline.direction_b),
-            np.array([[max(s.variance_rad2, floor)]]),
-            np.array([shared_rad]),
-        )
+        _azimuth(s, s.heading_rad - less_rad, max(s.variance_rad2, floor), shared_rad, direction_b)
         for s in samples
     ]
 
@@ -246,30 +241,25 @@ def _headings(
         if usable:
             white, time_s = _AZIMUTH_NOISE_RAD**2, _AZIMUTH_TIME_S
             turned = zip(usable, rotations_of(usable), strict=True)
-            return [_of_nose(s, azimuth(r[:, 0]), white, slow, time_s) for s, r in turned]
+            return [_azimuth(s, azimuth(r[:, 0]), white, slow, time_s=time_s) for s, r in turned]
     if hint_nb is None:
         raise NotAlignedError(measured.needs_heading, 3)
     last = replace(measured.imu[-1], stamp_ns=measured.last_ns)
-    return [_of_nose(last, azimuth(hint_nb[:, 0]), slow**2)]
+    return [_azimuth(last, azimuth(hint_nb[:, 0]), slow**2)]
 
 
-def _of_nose(
-    sample: ImuSample | SetHeading,
-    heading_rad: float,
+def _azimuth(
+    sample: ImuSample | HeadingSample | SetHeading,
+    azimuth_rad: float,
     variance: float,
     slow: float = 0.0,
+    direction_b: Vector = (1.0, 0.0, 0.0),
     time_s: float = np.inf,
 ) -> AlignmentObservation:
-    return AlignmentObservation(
-        sample.stamp_ns,
-        sample.source.topic,
-        ObservationKind.AZIMUTH,
-        np.array([heading_rad]),
-        np.array([1.0, 0.0, 0.0]),
-        np.array([[variance]]),
-        np.array([slow]),
-        time_s,
-    )
+    """Return the azimuth of a direction in the body, the nose by default."""
+    own = sample.stamp_ns, sample.source.topic, ObservationKind.AZIMUTH, np.array([azimuth_rad])
+    noise = np.array([[variance]]), np.array([slow]), time_s
+    return AlignmentObservation(*own, np.array(direction_b), *noise)
 
 
 def usable_samples(imu: Sequence[ImuSample], first_ns: int, last_ns: int) -> list[ImuSample]:
@@ -391,11 +381,12 @@ def _shortest_turn(a: Array, b: Array) -> Array:
     return matrix_from_rotvec(angle * across / np.linalg.norm(across))
 
 
-def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> WindowFit:
-    """Return the fit if it is near all measurements, with a good tilt; else NotAlignedError."""
+def checked(fitted: FittedWindow) -> FittedWindow:
+    """Return the window if its fit is near all measurements, with a good tilt; NotAlignedError."""
+    result = fitted.fit
     worst = int(np.argmax(result.distances))
     if result.distances[worst] > _LARGEST_DISTANCE:
-        wrong, size = observations[worst], float(np.linalg.norm(result.residuals[worst]))
+        wrong, size = fitted.observations[worst], float(np.linalg.norm(result.residuals[worst]))
         size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
         off = f"{size:.2g} {wrong.kind.value} ({np.sqrt(result.distances[worst]):.0f} sigma)"
         raise NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
@@ -405,7 +396,7 @@ def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> 
         raise NotAlignedError("imu/data is upside down: check its axes and signs")
     if result.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
         raise NotAlignedError("the motion is not measured well enough to find the tilt", 4)
-    return result
+    return fitted
 
 
 def tilt_between(a_nb: Array, b_nb: Array) -> float:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Run the chosen estimator: take any sample, return a verdict, and a solution when one is due.
 
 ``ekf_node`` and ``tirgeo process`` both drive this class, so their results cannot differ.
@@ -76,6 +90,8 @@ class Navigation:
         self._last_reset = ""
         self.plane = configured_plane(config)
         self._ekf: Ekf | None = None
+        #: Grows whenever the state or the number of resets may have changed.
+        self.revision = 0
         self.reset()
 
     def reset(self) -> None:
@@ -234,6 +250,7 @@ class Navigation:
         if self._filtering:
             self._align(sample)
             return Outcome.WAITING, ""
+        self.revision += 1
         return self._passthrough.add_imu(sample)
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
@@ -279,6 +296,7 @@ class Navigation:
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
         """Use aids in the IMU's message, check the filter's health, and restart it if lost."""
         self._watched_ns = ekf.newest_ns
+        self.revision += 1
         for aid in self._in_imu:
             aiding = aid.of_imu(sample, ekf.estimate().covariance)
             if aiding is not None:
@@ -293,6 +311,10 @@ class Navigation:
             self._enter(FilterState.LOST)
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))
 
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether a solution is due at the stamp (ns) of an IMU sample that comes next."""
+        return self._rate.is_due(stamp_ns - self._delays.imu_ns)
+
     def _due_solution(self, stamp_ns: int) -> NavSolution | None:
         """Return a solution, at most ``publish_rate_hz`` times a second, else None."""
         if not self._rate.due(stamp_ns):
@@ -303,6 +325,7 @@ class Navigation:
         return solution
 
     def _count(self, verdict: Verdict) -> None:
+        self.revision += 1
         self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Count the verdicts, and judge the estimator's state from them, the aids and the covariance."""
 
 from __future__ import annotations
@@ -19,9 +33,7 @@ from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 _DRIFT_RATIO = 1.5
 #: The fix status of a receiver that has been silent for longer is NONE.
 _STATUS_AGE_NS = 2_000_000_000
-_REFUSED = frozenset(
-    (Outcome.GATED, Outcome.INVALID, Outcome.TOO_OLD, Outcome.TOO_NEW, Outcome.TOO_MANY)
-)
+_REFUSED = {Outcome.GATED, Outcome.INVALID, Outcome.TOO_OLD, Outcome.TOO_NEW, Outcome.TOO_MANY}
 _NIS_NS = 30_000_000_000
 #: Cap on the NIS of one measurement, so that a refused one does not dominate the mean.
 _NIS_CAP = 25.0
@@ -144,16 +156,14 @@ class VerdictLog:
     def __init__(self, on_verdict: Callable[[Verdict], None] | None = None) -> None:
         self.counts: Counter[tuple[Source, Outcome]] = Counter()
         self.test_ratios: dict[Source, float] = {}
-        self.unused: dict[Source, Unused] = {}
-        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
-        self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
         self._on_verdict = on_verdict
+        self.begin()
 
     def begin(self) -> None:
         """Forget the records of the former state."""
-        self.unused = {}
-        self._nis = {}
-        self._means = {}
+        self.unused: dict[Source, Unused] = {}
+        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
+        self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
 
     def add(self, verdict: Verdict, now_ns: int) -> None:
         """Take a verdict that was given at ``now_ns``."""

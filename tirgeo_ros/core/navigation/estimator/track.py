@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Keep the track of a whole flight in few points."""
 
 from __future__ import annotations
@@ -38,7 +52,8 @@ class Track(Generic[T]):
         if self._newest is not None and body.stamp_ns < self._newest.stamp_ns:
             self.clear()
         self._newest = body
-        if self._last is not None and self._apart_m(self._last, body) < self._spacing_m:
+        last = self._last
+        if last is not None and math.dist(last.position_n, body.position_n) < self._spacing_m:
             return
         if len(self._points) == MOST_POINTS:
             del self._points[1::2]
@@ -51,7 +66,3 @@ class Track(Generic[T]):
         if self._newest is None or self._newest is self._last:
             return list(self._points)
         return [*self._points, self._point_of(self._newest)]
-
-    @staticmethod
-    def _apart_m(a: BodyPose, b: BodyPose) -> float:
-        return math.dist(a.position_n.tolist(), b.position_n.tolist())

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Estimate the baselines ``raw`` and ``rtk``: the autopilot's attitude and a satellite position.
 
 Between two positions, the last position is extrapolated with the last velocity, unfiltered.
@@ -5,12 +19,10 @@ Between two positions, the last position is extrapolated with the last velocity,
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat
+from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat, wrapped
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
@@ -88,17 +100,11 @@ class UnfilteredSolution:
         shift = velocity_n * age_s - matrix_from_quat(imu.autopilot_q_nb) @ self._lever_b
         meridian, transverse = radii_of_curvature(position.latitude_rad)
         east_m = (transverse + position.height_m) * np.cos(position.latitude_rad)
-        return NavSolution(
-            imu.stamp_ns,
-            position.latitude_rad + float(shift[0]) / (meridian + position.height_m),
-            math.remainder(position.longitude_rad + float(shift[1]) / float(east_m), 2 * math.pi),
-            position.height_m - float(shift[2]),
-            velocity_n,
-            canonical(imu.autopilot_q_nb),
-            imu.angular_rate_b,
-            self._rate_variance_b,
-            covariance,
-        )
+        latitude = position.latitude_rad + float(shift[0]) / (meridian + position.height_m)
+        longitude = wrapped(position.longitude_rad + float(shift[1]) / float(east_m))
+        place = latitude, longitude, position.height_m - float(shift[2])
+        motion = velocity_n, canonical(imu.autopilot_q_nb), imu.angular_rate_b
+        return NavSolution(imu.stamp_ns, *place, *motion, self._rate_variance_b, covariance)
 
     def _fresh(self, sample: PositionSample | VelocitySample) -> bool:
         imu = self._imu

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Propagate state and covariance between two IMU samples: dynamics, and process noise of the IMU.
 
 The covariance follows the state at a lower rate, and at every measurement. With
@@ -199,13 +213,16 @@ class Propagation:
 
 
 class CovariancePropagation:
-    """Propagate the covariance; work arrays are reused, since it runs many times a second."""
+    """Propagate the covariance; work arrays are reused, since it runs many times a second.
+
+    ``transition`` (n, n) is that of the newest step.
+    """
 
     def __init__(self, config: EkfConfig) -> None:
         states = states_of(config)
         self._states = states
         self._identity = np.eye(states)
-        self._f, self._q, self._a, self._transition, self._half = np.zeros((5, states, states))
+        self._f, self._q, self._a, self.transition, self._half = np.zeros((5, states, states))
         self._flat_f, self._flat_q = flat_memory(self._f), flat_memory(self._q)
         imu, gps, antenna = config.imu, config.gps, states - GPS_ERROR.stop
         sigmas = np.array(
@@ -220,11 +237,6 @@ class CovariancePropagation:
         self._noise_powers = NoisePowers(imu)
         # White noise of density s sqrt(2 / tau) drives a Gauss-Markov state (sigma s, time tau).
         self._driving = np.diag(np.concatenate([np.zeros(9), sigmas**2 * 2 / times_s]))
-
-    @property
-    def transition(self) -> Array:
-        """Return the transition matrix (n, n) of the newest step, as a view."""
-        return np.asarray(self._transition)
 
     def step(
         self,
@@ -241,7 +253,7 @@ class CovariancePropagation:
         of an instant within it; ``vibration`` holds the noise densities of the IMU's readings.
         """
         _write_dynamics(self._flat_f, self._states, state, rates, force_n)
-        transition, a = self._transition, self._a
+        transition, a = self.transition, self._a
         np.multiply(self._f, step_s, out=a)
         a.dot(a, out=transition)  # np.dot(a, a) has more overhead in Python
         transition *= 0.5

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Propagate the strapdown mechanisation: a nominal state and its step between two IMU samples.
 
 Local-navigation-frame equations of Groves, 2nd ed., section 5.4, on the ellipsoid with earth and
@@ -28,7 +42,7 @@ class NavState(NamedTuple):
     height_m: float
     gyro_bias_b: Vector  # rad/s, subtracted from the reading
     accel_bias_b: Vector  # m/s2, subtracted from the reading
-    correction_n: Vector  # m, sum of all position corrections so far
+    correction_n: Vector = (0.0, 0.0, 0.0)  # m, sum of all position corrections so far
     push_n: Vector = (0.0, 0.0, 0.0)  # m/s, sum of all velocity corrections so far
 
 

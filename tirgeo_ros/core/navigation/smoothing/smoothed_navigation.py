@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Smooth a flight: run the estimator twice, to record it and to publish smoothed solutions.
 
 The second run is the filter again, with its verdicts, states and plane; only the solutions are
@@ -7,7 +21,7 @@ replaced. So code that takes the filter's poses takes the smoothed ones, too.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,17 +29,15 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, feedback, has_antenna, states_of
-from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.timeline.ekf import SolutionMaker, with_pending_step
 from tirgeo_ros.core.navigation.timeline.flight_record import CORRECTED, MOVED, FlightRecord
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import NavSolution
-from tirgeo_ros.core.types.verdicts import Verdict
 
 #: Number of changes computed together: their matrices take 20 MB.
 _BLOCK = 4096
-_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 class BackwardPass:
@@ -106,9 +118,8 @@ class SmoothedRun:
         vectors = [tuple(numbers[at : at + 3]) for at in range(5, len(numbers), 3)]
         velocity_n, (latitude, longitude, height), gyro, accel, *rest = vectors
         rate_b, white_b, antenna_b, step = rest
-        before = NavState(
-            tuple(numbers[1:5]), velocity_n, latitude, longitude, height, gyro, accel, _ZERO
-        )
+        q_nb = tuple(numbers[1:5])
+        before = NavState(q_nb, velocity_n, latitude, longitude, height, gyro, accel)
         if self._has_antenna:
             antenna_b = tuple((error[ANTENNA] + antenna_b).tolist())
         state = feedback(before, error)
@@ -156,15 +167,10 @@ class RecordingNavigation(Navigation):
 class SmoothedNavigation(Navigation):
     """Run the filter again over the recorded samples, and publish the smoothed solutions."""
 
-    def __init__(
-        self,
-        config: EkfConfig,
-        runs: Sequence[SmoothedRun],
-        on_verdict: Callable[[Verdict], None] | None = None,
-    ) -> None:
+    def __init__(self, config: EkfConfig, runs: Sequence[SmoothedRun]) -> None:
         self._runs = runs
         self._run = -1
-        super().__init__(config, on_verdict)
+        super().__init__(config)
 
     def _align(self, sample: NavigationInput) -> None:
         super()._align(sample)

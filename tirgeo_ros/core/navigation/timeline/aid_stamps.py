@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check the aids' stamps against the IMU's, and find measurements that are repeated.
 
 An aid's clock may differ from the IMU's, so only the advance of its stamps measures a silence.
@@ -5,7 +19,6 @@ An aid's clock may differ from the IMU's, so only the advance of its stamps meas
 
 from __future__ import annotations
 
-import statistics
 from collections import deque
 from enum import Enum
 from itertools import pairwise
@@ -160,5 +173,5 @@ class DuplicateDetector:
     def _interval_ns(self) -> float:
         """Return the time within which an equal heading counts as the same measurement."""
         steps = [b - a for a, b in pairwise(sorted(self._changes_ns))]
-        usual_ns = statistics.median_high(steps) if steps else _LONGEST_NS
+        usual_ns = sorted(steps)[len(steps) // 2] if steps else _LONGEST_NS
         return min(_INTERVAL_SHARE * usual_ns, _LONGEST_NS)

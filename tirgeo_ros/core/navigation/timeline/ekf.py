@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Estimate the aircraft's state with an error-state Kalman filter on the IMU, with a history.
 
 Epochs (IMU samples) and measurements lie on one time line. Each epoch keeps the filter's state
@@ -84,18 +98,11 @@ class FilterEpoch(Epoch):
     aids: AidStatus = AidStatus(Receivers(0))
     records: list[HistoryRecord] = field(default_factory=list)  # of the interval, in order
 
-    @property
-    def estimate(self) -> StateEstimate:
-        """Return state, covariance and aid records; the covariance may be 50 ms older."""
-        return StateEstimate(self.propagated.state, self.propagated.covariance, self.aids)
-
 
 def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:
     """Insert a record in order; return False if there is one of the same source and stamp."""
-    at = len(records)
-    while at and records[at - 1].order > record.order:
-        at -= 1
-    if at and records[at - 1].order == record.order:
+    at = bisect.bisect_left(records, record.order, key=operator.attrgetter("order"))
+    if at < len(records) and records[at].order == record.order:
         return False
     records.insert(at, record)
     return True
@@ -126,7 +133,9 @@ class Ekf:
         fusion: Fusion | None = None,
         record: FlightRecord | None = None,
     ) -> None:
-        self.configure(config, mechanisation, fusion)
+        self.configure(config)
+        self._mechanisation: Propagation = mechanisation or self._mechanisation
+        self._fusion: Fusion = fusion or self._fusion
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
         self._maker = SolutionMaker(config)
         estimate = initial_estimate(config, alignment)
@@ -141,15 +150,9 @@ class Ekf:
         self._progress: _Progress | None = None
         self._done = 0  # index of the newest epoch that is computed
 
-    def configure(
-        self,
-        config: EkfConfig,
-        mechanisation: Propagation | None = None,
-        fusion: Fusion | None = None,
-    ) -> None:
+    def configure(self, config: EkfConfig) -> None:
         """Take the parameters, at the start or in flight; error states must stay the same."""
-        self._mechanisation = mechanisation or Propagation(config)
-        self._fusion = fusion or Fusion(config)
+        self._mechanisation, self._fusion = Propagation(config), Fusion(config)
         self._noise_powers = NoisePowers(config.imu)
         self._keep_ns = round(config.max_delay_s * 1e9)
         self._hold_ns = round(longest_hold_s(config) * 1e9)
@@ -242,7 +245,8 @@ class Ekf:
     def estimate(self) -> StateEstimate:
         """Return the estimate at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
-        return self._epochs[-1].estimate
+        epoch = self._epochs[-1]
+        return StateEstimate(epoch.propagated.state, epoch.propagated.covariance, epoch.aids)
 
     @property
     def aids(self) -> AidStatus:
@@ -309,12 +313,10 @@ class Ekf:
     ) -> tuple[Propagated, AidStatus]:
         now = self._mechanisation.followed(now)
         x, y, z = now.state.gyro_bias_b
+        estimate = StateEstimate(now.state, now.covariance, aids)
+        turning_b, stale = (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z), record.stale
         verdict, after = self._fusion.fuse(
-            record.sample,
-            StateEstimate(now.state, now.covariance, aids),
-            (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
-            stale=record.stale,
-            autopilot_q_nb=autopilot_q_nb,
+            record.sample, estimate, turning_b, stale=stale, autopilot_q_nb=autopilot_q_nb
         )
         self._set_verdict(record, verdict)
         trail = now.trail

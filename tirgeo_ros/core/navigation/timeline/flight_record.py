@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Record the filter's steps of a run in compact arrays, as they become final, for the smoother."""
 
 from __future__ import annotations
@@ -36,13 +50,11 @@ class FlightRecord:
 
     def keep(self, epoch: Epoch, aids: AidStatus, white_b: Vector) -> None:
         """Record the next final epoch; ``white_b``: variances of its angular rate, (rad/s)^2."""
-        newest = epoch.propagated.trail
+        newest = mark = epoch.propagated.trail
         assert newest is not None
-        new, mark = [], newest
-        while mark.number < 0:
+        new = []
+        while mark is not None and mark.number < 0:
             new.append(mark)
-            if mark.before is None:
-                break
             mark = mark.before
         for mark in reversed(new):
             mark.number = len(self.kinds)

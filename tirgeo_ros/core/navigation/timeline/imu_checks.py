@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Check that IMU samples continue each other, and whether the sensor is within its range.
 
 A sample that does not continue the earlier ones is held. The next one shows whether the clock has
@@ -145,11 +159,8 @@ def in_body_axes(sample: ImuSample, rotation_bi: Array | None) -> ImuSample:
     """Return a sample rotated to body axes; the autopilot's attitude is in them already."""
     if rotation_bi is None:
         return sample
-    return replace(
-        sample,
-        specific_force_b=rotation_bi @ sample.specific_force_b,
-        angular_rate_b=rotation_bi @ sample.angular_rate_b,
-    )
+    force_b, rate_b = rotation_bi @ sample.specific_force_b, rotation_bi @ sample.angular_rate_b
+    return replace(sample, specific_force_b=force_b, angular_rate_b=rate_b)
 
 
 def _continuous(sample: ImuSample) -> Checked:
@@ -201,7 +212,6 @@ class Clipping:
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}  # channel -> samples at full scale
-        self.since_ns: int | None = None  # when the newest clipping began; None before the first
         self.newest_ns: int | None = None
         self._ends: dict[tuple[int, bool], _End] = {}  # key: channel, whether positive
         self._before: ImuSample | None = None
@@ -255,8 +265,6 @@ class Clipping:
             if number:
                 name = CHANNELS[channel]
                 self.counts[name] = self.counts.get(name, 0) + number
-                if not self.active(stamp_ns):
-                    self.since_ns = stamp_ns
                 self.newest_ns = stamp_ns
 
 

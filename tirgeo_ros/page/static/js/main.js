@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Starts the page: the entrance, then all of its parts, then the connection. */
 
 import { buildAlarm } from "./checks/alarm.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /**
  * The state of the page: one store, which every module reads and listens to.
  *

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 r"""Find antennas, delays and the IMU's level from an ordinary flight.
 
 Finds from a flight with turns, without any point on the ground, where the RTK antenna is, where
@@ -38,8 +52,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
     from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft  # noqa: PLC0415 heavy
 
-    names = "params hold namespace"
-    return call(calibrate_aircraft, args, "calibrating, runs", "bag output", names)
+    return call(calibrate_aircraft, args, "calibrating, runs")
 
 
 def describe(result: dict[str, Any]) -> str:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Find the noise of the IMU from hours at rest (Allan variance).
 
 Computes the overlapping Allan deviation of each axis of an IMU that lay still for hours, with
@@ -31,8 +45,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Estimate the noise; return a summary."""
     from tirgeo_ros.tools.calibrate.allan import calibrate_allan  # noqa: PLC0415 heavy
 
-    names = "topic namespace from_s to_s plot"
-    return call(calibrate_allan, args, "reading, s", "bag output", names)
+    return call(calibrate_allan, args, "reading, s")
 
 
 def describe(result: dict[str, Any]) -> str:

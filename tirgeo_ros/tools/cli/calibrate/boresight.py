@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 r"""Find the camera's mounting error and the video's latency from a flight.
 
 Finds how the camera is mounted on its gimbal and how late the video is, from surveyed points and
@@ -51,9 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError(f"{', '.join(both)}: name it in --estimate or in --hold, not in both")
     if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
         raise UsageError("nothing to estimate: change --estimate or --hold")
-    first = "bag survey observations output"
-    names = "params camera estimate hold namespace smooth"
-    return call(calibrate_boresight, args, "calibrating, s", first, names)
+    return call(calibrate_boresight, args, "calibrating, s")
 
 
 def describe(result: dict[str, Any]) -> str:

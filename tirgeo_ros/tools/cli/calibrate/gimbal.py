@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Measure how still a gimbal holds its camera, from a video of a fixed checkerboard.
 
 Finds the camera's roll, pitch and yaw against a fixed checkerboard in every picture of a video
@@ -40,9 +54,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal  # noqa: PLC0415 heavy
 
-    args.board = board_of(args.board, args.square)
-    names = "camera rate_hz output namespace"
-    return call(calibrate_gimbal, args, "looking for the board", "pictures board", names)
+    pictures = {"inputs": args.pictures, "board": board_of(args.board, args.square)}
+    return call(calibrate_gimbal, args, "looking for the board", **pictures)
 
 
 def describe(result: Mapping[str, Any]) -> str:

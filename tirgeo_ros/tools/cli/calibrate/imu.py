@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Measure the noise of the IMU in flight, and its vibration.
 
 Measures the white noise of gyroscopes and accelerometers in a flight above 8 Hz, between the
@@ -31,8 +45,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Measure the noise; return a summary."""
     from tirgeo_ros.tools.calibrate.imu import calibrate_imu  # noqa: PLC0415 heavy
 
-    names = "params namespace from_s to_s plot"
-    return call(calibrate_imu, args, "reading, s", "bag output", names)
+    return call(calibrate_imu, args, "reading, s")
 
 
 def describe(result: dict[str, Any]) -> str:

@@ -1,3 +1,17 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
 """Calibrate a lens from pictures of a thermal checkerboard.
 
 Finds focal lengths, principal point and distortion from pictures of a checkerboard: foil on the
@@ -30,9 +44,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.lens import calibrate_lens  # noqa: PLC0415 heavy
 
-    args.board = board_of(args.board, args.square)
-    first, names = "pictures board output", "k3 plot namespace"
-    return call(calibrate_lens, args, "looking for the board", first, names)
+    pictures = {"inputs": args.pictures, "board": board_of(args.board, args.square)}
+    return call(calibrate_lens, args, "looking for the board", **pictures)
 
 
 def describe(result: Mapping[str, Any]) -> str:

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The banner, and the sound and vibration while a verdict is an alarm. */
 
 import { button, byId, element, icon, setText } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The checks: the findings with their remedies, and the numbers of the state. */
 
 import { byId, element, icon, setText } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The numbers of an aircraft's state, with the tone of each: for the bar and for the checks. */
 
 import { bearing, plain, quantity } from "../shell/words.js";

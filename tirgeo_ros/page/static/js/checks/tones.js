@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The tones of numbers and findings: plain functions of the newest state. */
 
 import { known } from "../shell/words.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The verdict on each aircraft: a fault that only this screen sees, else the server's. */
 
 import { store } from "../store.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The entrance: gives the server the token of the address bar, or asks for one. */
 
 import { byId, element } from "../shell/dom.js";

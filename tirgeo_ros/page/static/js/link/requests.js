@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Requests to the server and their answers, over connections that may be lost. */
 
 const ANSWER_MS = 10000; // a recording may take seconds to begin

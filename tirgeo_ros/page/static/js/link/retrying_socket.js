@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** A WebSocket that opens itself again, with growing waits. */
 
 const FIRST_WAIT_MS = 500;

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The connection for states, targets and requests: messages received go into the store. */
 
 import { store } from "../store.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The aircraft on the map: where each is and was, its heading, what its camera sees. */
 
 import { icon } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The lowest layers of the map: the vector map, its labels, and tiles, if any. */
 
 import { element, setText } from "../shell/dom.js";

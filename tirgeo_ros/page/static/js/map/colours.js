@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The map's colours: those of the theme, read from the style sheet's custom properties. */
 
 /**

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Distance and bearing between two places; the server computes them on the ellipsoid. */
 
 import { ask } from "../link/state_link.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The moving map: north up, base below, targets and aircraft above. */
 
 import { button, byId, element, setText } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The targets on the map, with their 95 % ellipses. */
 
 import { store } from "../store.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Shows where a place of the map is in the video, for some seconds: the video moves on. */
 
 import { ask } from "../link/state_link.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The bar at the top: go or no go, the big numbers, record, mark, share, night, menu. */
 
 import { READINGS } from "../checks/readings.js";

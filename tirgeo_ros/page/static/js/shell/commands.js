@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The operator's commands that concern no target: record, mark, share. */
 
 import { ask } from "../link/state_link.js";

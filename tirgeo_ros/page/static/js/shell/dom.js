@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Makes elements. Text is always set as text: no module sets innerHTML. */
 
 const SVG = "http://www.w3.org/2000/svg";

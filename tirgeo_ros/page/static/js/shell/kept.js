@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** A cache of what is made of each thing: it is made again only if the thing has changed. */
 
 /**

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The menu: commands without room in the bar of a small screen, and those seldom needed. */
 
 import { beep } from "../checks/alarm.js";

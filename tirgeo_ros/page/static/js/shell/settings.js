@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** What this device remembers: theme, sound, kind. The night mode is red. */
 
 import { store } from "../store.js";

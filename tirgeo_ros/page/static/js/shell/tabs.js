@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The tabs: targets and checks; and the map on screens without a part for it. */
 
 import { currentVerdict } from "../checks/verdict.js";

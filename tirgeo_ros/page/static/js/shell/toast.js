@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** A line at the foot of the page for some seconds, with a big button where one helps. */
 
 import { button, byId, element, hideAfter } from "./dom.js";

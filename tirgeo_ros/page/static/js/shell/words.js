@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Writes numbers as people read them. Unknown values (null) become a dash, never NaN. */
 
 export const UNKNOWN = "–";

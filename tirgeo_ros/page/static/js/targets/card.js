@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The card of one target: all its data, and the commands for it. */
 
 import { button, byId, element, setText } from "../shell/dom.js";

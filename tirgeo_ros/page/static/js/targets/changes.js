@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Changes of targets: sent and kept in the form until confirmed; one press undoes them. */
 
 import { ask } from "../link/state_link.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** A coordinate in its written forms, each with a button that copies it. */
 
 import { button, element, setText } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Copies text, also where browsers give no clipboard: on plain http from another computer. */
 
 /**

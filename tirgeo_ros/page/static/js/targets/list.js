@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The list of targets. */
 
 import { button, byId, element, icon } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** How targets and their kinds look: the badge with icon and number, the button of a kind. */
 
 import { element, icon } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Makes a target of a press on the video, or shows there why it cannot. */
 
 import { ask } from "../link/state_link.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The video of one aircraft: receives pictures, decodes the newest, and says which was shown. */
 
 import { RetryingSocket } from "../link/retrying_socket.js";

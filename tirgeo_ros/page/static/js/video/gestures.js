@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Fingers, mouse and wheel on the video: a press, however long, a pan, a pinch. */
 
 const SLOP_PX = 14; // a gloved finger rolls by some millimetres

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** Marks over the video: the cross of a press with its answer, and the ring at a map's place. */
 
 import { element, hideAfter, setText } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** One aircraft's video: canvas, marks, and warnings over the picture. */
 
 import { element, setText } from "../shell/dom.js";

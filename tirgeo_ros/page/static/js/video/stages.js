@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The videos of all aircraft: side by side where there is room, else the current one. */
 
 import { byId } from "../shell/dom.js";

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The row under the video: kind of the next target (or the target refined), still, zoom. */
 
 import { button, byId, element, icon, setIcon, setText } from "../shell/dom.js";

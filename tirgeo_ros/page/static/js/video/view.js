@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /**
  * Where the picture lies on the screen: zoom, pan, and pixels of the picture from places on the
  * screen and back. Pixel (0, 0) is the middle of the first one, so the picture begins at -0.5.

@@ -1,3 +1,5 @@
+// Copyright 2026 The tirgeo maintainers
+// SPDX-License-Identifier: Apache-2.0
 /** The warning over a video, by its age and its fault: plain functions. */
 
 import { age } from "../shell/words.js";
