@@ -37,7 +37,7 @@ from sensor_msgs.msg import Imu, NavSatFix
 
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.dji.link.framing import FrameReader
-from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.nodes import bag_player as module
 from tirgeo_ros.nodes.bag_player import (
@@ -168,9 +168,8 @@ def test_an_unknown_type_is_passed_over(spawn, meet, tmp_path, flight_bag):
     with BagWriter(path) as writer:
         for item in BagReader(flight_bag).messages(["/rtk/fix"]):
             writer.write(item.topic, item.typename, item.data, item.log_time_ns)
-        nothing = Cdr().types("std_msgs/msg/Empty")()
         writer.write("/radar", "shape_msgs/msg/Plane", b"\0\1\0\0" + bytes(32), item.log_time_ns)
-        writer.write("/nothing", "std_msgs/msg/Empty", nothing, item.log_time_ns)
+        writer.write("/nothing", "std_msgs/msg/Empty", b"\0\1\0\0\0", item.log_time_ns)
     stranger = meet(rtk__fix=NavSatFix)
     player = spawn("bag_player", "-p", f"bag:={path}", "-p", "rate:=10.0")
     stranger.spin_until(lambda: player.poll() is not None)

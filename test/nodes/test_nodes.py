@@ -38,7 +38,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, JointState,
 from std_srvs.srv import Trigger
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.graph_node import Output
 
 pytestmark = pytest.mark.graph
@@ -84,7 +83,9 @@ def test_useless_messages_and_missing_stamps_are_counted_and_reported(spawn, mee
     for topic, message in (("thermal/image_raw", raw), ("thermal/image_raw/compressed", jpeg)):
         until(topic, [message], "/overlay_node: topics", f"{topic} unreadable", 0)
     # A frame without a pose comes back with a notice, across the upper part of the grey picture.
-    frame = Messages().image(5_000_000_000, np.full((512, 640), 90, np.uint8))
+    grey = np.full((512, 640), 90, np.uint8).tobytes()
+    frame = Image(height=512, width=640, step=640, encoding="mono8", data=grey)
+    frame.header.stamp.sec = 5
     got = observer.received["tirgeo/overlay/image"]
     observer.send({"thermal/image_raw": [frame]}, lambda: bool(got))
     assert got[0].encoding == "bgr8"

@@ -56,6 +56,8 @@ _CLOCK_PERIOD_S = 0.01
 #: Longest wait for all acknowledgements: a reader may send its own only at the next heartbeat,
 #: every 3 s.
 _ACKNOWLEDGE_S = 5.0
+#: At the end, for what does not acknowledge: the port, and readers that take best effort.
+_TAKEN_S = 0.5
 #: A live bag starts this much later, so that its first messages are read and restamped in time.
 _LEAD_S = 0.5
 #: Log text before the number of nanoseconds.
@@ -274,6 +276,7 @@ class BagPlayer(GraphNode):
             left_s = end_s - time.monotonic()
             if left_s > 0 and not stop.is_set():
                 publisher.wait_for_all_acked(Duration(seconds=left_s))
+        stop.wait(_TAKEN_S)
         if self._aircraft is not None and self._aircraft.losses:
             self.log(WARN, f"not played: {self._aircraft.losses}")
         if self._reader.damage:
