@@ -95,7 +95,7 @@ class SequentialReader:
         try:
             with self._path.open("rb") as file:
                 self._summary = make_reader(file).get_summary()
-        except McapError as error:
+        except (McapError, ValueError) as error:
             raise RuntimeError(f"{_NO_STORAGE}\n{error}") from None
         if self._summary is None:
             raise RuntimeError(_NO_STORAGE)
@@ -148,7 +148,7 @@ class SequentialReader:
     def _advance(self) -> None:
         try:
             self._row = next(self._rows, None)
-        except McapError as error:
+        except (McapError, ValueError) as error:
             raise RuntimeError(str(error)) from None
 
 
