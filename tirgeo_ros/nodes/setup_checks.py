@@ -138,7 +138,7 @@ class SetupChecks:
         self._renew = node.guarded(SUBJECT, self._ask)
 
     def take(self, check: Callable[..., object], *data: Any) -> None:
-        """Pass new data to a check, soon: some wait for each other."""
+        """Pass new data to a check, with the next data of others or before the next report."""
         self._waiting.append((check, data))
         if len(self._waiting) >= _TOGETHER:
             self._pass_on()
