@@ -35,7 +35,8 @@ import numpy.typing as npt
 
 from dev.judging import exit_code
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, matrix_from_euler, rotation_z
 from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.errors import CalibrationError

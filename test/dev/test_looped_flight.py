@@ -78,6 +78,7 @@ def test_memory_does_not_grow_with_the_flight(looped):
     assert peaks[2] - peaks[0] < 15_000, peaks
 
 
+LENGTH_S = 60.0
 START, STEP, MS = 1_700_000_000_000_000_000, 2_500_000, 1_000_000
 STAMPS = START + STEP * np.arange(400 * 30)
 SENT = np.stack([STAMPS, STAMPS + MS // 10], axis=1)
@@ -93,7 +94,7 @@ def test_ages_are_those_of_the_settled_samples_and_losses_of_all():
     ages_ns[-1] = 7 * MS
     came = np.stack([STAMPS, STAMPS + ages_ns], axis=1)[::4]
     came[-1] = STAMPS[-1], STAMPS[-1] + ages_ns[-1]
-    values = values_of(load_of(SENT, came, len(SENT) - 3, 0.25, 0.05, 80.0))
+    values = values_of(load_of(SENT, came, len(SENT) - 3, LENGTH_S, 0.2, 80.0, 0.25, 0.05))
     assert values["samples lost"] == 3
     assert values["stamp to odometry, 50 %"] == pytest.approx(2.0)
     assert values["stamp to odometry, 99 %"] == pytest.approx(2.0)
@@ -104,11 +105,11 @@ def test_ages_are_those_of_the_settled_samples_and_losses_of_all():
 
 def test_nobody_who_listens_is_no_age():
     nobody = np.empty((0, 2), np.int64)
-    values = values_of(load_of(SENT, nobody, len(SENT), 0.1, 0.05, 80.0))
+    values = values_of(load_of(SENT, nobody, len(SENT), LENGTH_S, 0.1, 80.0, 0.1, 0.05))
     assert not any("odometry" in name for name in values)
     assert values["samples lost"] == 0
 
 
 def test_too_short_a_run_is_an_error():
     with pytest.raises(GraphError, match="longer than 30 s"):
-        load_of(SENT[:10], SENT[:10], 10, 0.25, 0.05, 80.0)
+        load_of(SENT[:10], SENT[:10], 10, LENGTH_S, 0.2, 80.0, 0.25, 0.05)

@@ -26,7 +26,7 @@ from overlays import PLANE, pose_at
 from dev.planted_faults.ellipses import Locator, times_of_ellipse
 from dev.planted_faults.faults import FAULTS, Fault, FlightFiles
 from dev.planted_faults.live import CLEAN, Outcome, Report, play
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located

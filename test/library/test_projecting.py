@@ -26,7 +26,7 @@ import pytest
 
 import tirgeo_ros
 from tirgeo_ros import PicturePose, PoseError, Refusal, TableError, locate, project
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.types.poses import CameraPose

@@ -39,7 +39,7 @@ from message_samples import (
 from overlays import PLANE as FIELD, SQUARE_N, pose_at
 from visualization_msgs.msg import Marker
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.camera.projection_covariance import ellipse_95
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.gimbal.pose_buffer import Miss

@@ -32,7 +32,7 @@ from overlays import SQUARE_N
 from sensor_msgs.msg import CameraInfo, Image
 from transform_chains import Chains, rigid
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError

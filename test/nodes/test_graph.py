@@ -32,7 +32,8 @@ from graph_helpers import Stranger, stamps_of
 from project import children_of, wait_until
 from sensor_msgs.msg import Image
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -41,7 +41,7 @@ from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import Image, NavSatFix
 from std_msgs.msg import Header, String
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, camera_pose, stamp_ns

@@ -168,8 +168,8 @@ class KeptLog:
     """A node that has nothing but a logger, which keeps its ``lines``: (severity, text)."""
 
     log, guarded, item = GraphNode.log, GraphNode.guarded, GraphNode.item
-    item_name = GraphNode.item_name
-    messages, now_ns = Messages(), 0
+    item_name, pause = GraphNode.item_name, GraphNode.pause
+    messages, now_ns, executor = Messages(), 0, None
 
     def __init__(self) -> None:
         self.lines: list[tuple[str, str]] = []

@@ -25,7 +25,7 @@ from overlays import GREY, PLANE, ink_on, pose_at
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, NavSatFix
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.nodes.graph_node import Output

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 from flights import navigation_samples
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed

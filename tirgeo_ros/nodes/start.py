@@ -30,9 +30,12 @@ from contextlib import suppress
 from functools import partial
 
 from tirgeo_ros.core.types.missing_package import missing_line
+from tirgeo_ros.io.files.dds_profiles import take_small_profile
 from tirgeo_ros.io.files.stop_signals import stop_signals
 
 STOP_SIGNALS = stop_signals()
+#: Nodes that send no pictures.
+_SMALL_NODES = {"dji_node", "ekf_node", "gimbal_node"}
 #: Parameters of mallopt (malloc.h), and values that keep some tens of pictures of 1 MB.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _TRIM_BYTES, _MMAP_BYTES = 64 << 20, 32 << 20
@@ -50,7 +53,11 @@ def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     # Matrices of 15 rows gain nothing from threads, and idle threads use CPU time by spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    keep_memory()
+    leave_script_folder()
+    if name in _SMALL_NODES:
+        take_small_profile()
+    else:
+        keep_memory()
     try:
         module = importlib.import_module(f"{package}.{name}")
     except ModuleNotFoundError as error:
@@ -59,6 +66,17 @@ def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
         sys.stderr.write(f"{name}: {missing_line(str(error.name))}\n")
         return 1
     return int(module.main())
+
+
+def leave_script_folder() -> None:
+    """Take the folder of this script, which Python puts first, off the module path.
+
+    It holds programs, not modules. With pip one of them, em.py of empy, has the name of a module
+    that rclpy imports: run as a script, it is compiled anew at each start and takes 9 MB.
+    """
+    folder = os.path.dirname(sys.argv[0])  # noqa: PTH120  pathlib is not imported yet
+    if folder and sys.path[0] == folder:
+        del sys.path[0]
 
 
 def keep_memory() -> None:

@@ -33,7 +33,8 @@ from tirgeo_ros.core.accuracy.ground_errors import (
     pixel_grid,
     rms_m,
 )
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 
 F = 800.0
 PINHOLE = Camera(640, 512, F, F, 319.5, 255.5)

@@ -39,7 +39,8 @@ from tirgeo_ros.core.calibration.checkerboard import (
     board_of,
     steps_of,
 )
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import rotation_x, rotation_y, rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError
 

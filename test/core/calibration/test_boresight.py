@@ -32,7 +32,7 @@ from tirgeo_ros.core.calibration.boresight_model import (
     Stepped,
     sights,
 )
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.frames.rotations import (

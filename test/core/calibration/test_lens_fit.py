@@ -35,7 +35,7 @@ from tirgeo_ros.core.calibration.lens_fit import (
     fit_lens,
     most_distinct,
 )
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.types.errors import CalibrationError
 
 BOARD = Checkerboard(9, 6, 0.1)

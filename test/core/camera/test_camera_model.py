@@ -22,7 +22,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.overlay.picture_painter import Rectifier
 from tirgeo_ros.core.types.errors import CameraError
 

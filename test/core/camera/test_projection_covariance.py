@@ -22,7 +22,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scenes import camera_pose
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.camera.projection_covariance import (
     CHI2_95,
     CameraRates,

@@ -20,7 +20,8 @@ from dataclasses import replace
 
 import pytest
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.checks.input_checks import (
     RecordedTopics,
     lens_findings,

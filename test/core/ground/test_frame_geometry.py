@@ -27,7 +27,8 @@ from hypothesis import given, strategies as st
 from numpy.testing import assert_allclose
 from scenes import PLANE, camera_pose
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import (
     BODY_OPTICAL,

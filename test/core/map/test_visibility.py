@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 from scenes import PLANE, camera_pose, map_of
 
-from tirgeo_ros.core.camera.camera_model import NEAR_M, XT2, Camera
+from tirgeo_ros.core.camera.camera_model import NEAR_M, Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map import visibility as view_module
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap

@@ -36,7 +36,8 @@ from overlays import (
 )
 from scenes import camera_pose, graticule
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
 from tirgeo_ros.core.ground.backprojection import Terrain

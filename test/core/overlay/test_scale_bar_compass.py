@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scenes import PLANE, camera_pose
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.ground.frame_geometry import Sight, camera_heading_rad

@@ -21,7 +21,7 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.types.errors import CameraError
 from tirgeo_ros.io.pictures.camera_file import camera_yaml, load_camera
 

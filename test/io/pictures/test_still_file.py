@@ -29,7 +29,7 @@ from PIL.ExifTags import Base
 from scenes import camera_pose
 from still_reader import DJI, PIX4D, by_gimbal, by_mapping, by_open_drone_map, place_of, read_still
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.frame_geometry import camera_place
 from tirgeo_ros.io.pictures.still_file import Still, ending_of, still_bytes

@@ -23,7 +23,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import (
     BODY_OPTICAL,

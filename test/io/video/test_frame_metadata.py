@@ -26,7 +26,7 @@ from klvdata.common import ber_encode
 from pyproj import Transformer
 from scenes import camera_pose
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler

@@ -27,7 +27,7 @@ from recorded_bags import segments_of
 
 from dev.checkerboards import BoardLook, BoardRenderer, gimbal_pose
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import Picture, thinned

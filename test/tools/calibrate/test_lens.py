@@ -25,7 +25,7 @@ from process_bags import picture_bag
 
 from dev.checkerboards import BoardLook, board_views
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import files_of

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from process_bags import located_or_evaluated
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.parameters.parameter_file import parameters_yaml
 from tirgeo_ros.io.pictures.camera_file import camera_yaml

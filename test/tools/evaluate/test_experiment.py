@@ -23,7 +23,7 @@ import pyproj
 import pytest
 from hypothesis import given, strategies as st
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import BODY_OPTICAL, quat_from_matrix, rotation_y

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.io.files.dds_profiles import PROFILES, take_small_profile
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, NodeState, TopicState
 from tirgeo_ros.io.messages.json_codec import state_text
 from tirgeo_ros.tools.cli import demo
@@ -43,7 +45,7 @@ from tirgeo_ros.tools.graph.demo import (
     make_pictures,
     summary,
 )
-from tirgeo_ros.tools.graph.node_graph import PROFILES, GraphSetup, free_domain, graph_environment
+from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, graph_environment
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 MS = 1_000_000
@@ -166,6 +168,27 @@ def test_the_profile_of_one_machine_is_the_other_with_less_reach():
     for narrowed, item in zip(narrow.iter(), wide.iter(), strict=True):
         texts = (narrowed.text or "", item.text or "")
         assert (narrowed.tag, texts[0].strip()) == (item.tag, texts[1].strip())
+
+
+@pytest.mark.parametrize("name", ["fastdds", "fastdds_localhost"])
+def test_a_node_without_pictures_takes_the_profile_with_a_small_segment(monkeypatch, name):
+    whole, small = (find_resource(f"config/{each}.xml") for each in (name, f"{name}_small"))
+    changed = [
+        (there.tag.rpartition("}")[2], there.text, here.text)
+        for there, here in zip(ET.parse(whole).iter(), ET.parse(small).iter(), strict=True)
+        if (there.tag, there.text, there.attrib) != (here.tag, here.text, here.attrib)
+    ]
+    assert changed == [
+        ("segment_size", "16777216", "1048576"),
+        ("maxMessageSize", "16777216", "1048576"),
+    ]
+    for variable, value, taken in (
+        (PROFILES[0], str(whole), str(small)),
+        (PROFILES[1], "own.xml", "own.xml"),  # a profile of the user's own stays
+    ):
+        monkeypatch.setenv(variable, value)
+        take_small_profile()
+        assert os.environ[variable] == taken
 
 
 def test_impossible_demonstrations_are_refused(tmp_path):

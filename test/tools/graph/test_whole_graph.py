@@ -29,10 +29,10 @@ import pytest
 from project import NODES, PROJECT
 
 from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.files.dds_profiles import PROFILES
 from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli.main import parser_of, verbs
-from tirgeo_ros.tools.graph.node_graph import PROFILES
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph, read_remaps
 from tirgeo_ros.tools.replay.registration import INPUTS
 

@@ -25,7 +25,7 @@ import pytest
 from process_bags import IMAGES, rewritten
 from project import child_of
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, Unpainted

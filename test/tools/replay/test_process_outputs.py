@@ -25,7 +25,7 @@ from klv_reader import by_klvdata, demuxed, step_of, values_in
 from process_bags import CAMERA_POSE, CDR, IMAGES, messages_of, write_hover
 from transform_chains import Chains, rigid
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import EkfConfig, OverlayConfig
 from tirgeo_ros.core.frames.rotations import heading_of, wrapped
 from tirgeo_ros.core.navigation.estimator.track import MOST_POINTS

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import (
     Q_BODY_OPTICAL,
     matrix_from_quat,

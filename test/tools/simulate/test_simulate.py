@@ -23,7 +23,7 @@ import pytest
 from process_bags import messages_of
 from project import PROJECT
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import BagPlayerConfig, DjiConfig, EkfConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ScenarioError

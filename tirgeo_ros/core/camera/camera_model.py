@@ -299,10 +299,6 @@ def _slopes(k: tuple[float, ...], x: T, y: T) -> tuple[T, T, T]:
     return xx, xy, yy
 
 
-#: The FLIR XT2's thermal camera (Ren et al. 2022, Table 9).
-XT2 = Camera(640, 512, 803.5593, 797.6270, 349.3325, 251.8215, (0.0540, 0.3462, -0.0037, 0.0076))
-
-
 def field_of_view(camera: Camera) -> tuple[float, float, float, float]:
     """Return left, right, top, bottom of a rectangle on the plane z = 1 that contains the image.
 

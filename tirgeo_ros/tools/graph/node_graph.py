@@ -36,14 +36,13 @@ from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_process import node_command
+from tirgeo_ros.io.files.dds_profiles import PROFILES
 from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.registration import PICTURES
 
-#: Variables with the path of a Fast DDS profile; later versions use the second name.
-PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 #: Variables that would let other machines reach the nodes.
 _WIDER = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")

@@ -31,7 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import AircraftConfig, ImuNoiseConfig
 from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of
 from tirgeo_ros.core.frames.rotations import flu_from_frd
