@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 
 from dev.judging import Figure
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import (
     BODY_OPTICAL,

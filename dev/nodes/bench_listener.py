@@ -28,7 +28,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.messages.pictures import compressed_pixels, image_pixels
 from tirgeo_ros.io.messages.topics import STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, output
@@ -53,12 +53,12 @@ class Listener(GraphNode):
             depth = (
                 () if topic in _PIXELS and not topic.endswith("compressed") else (STREAM_DEPTH,)
             )
-            self.listen(topic, partial(self._note, topic), output(*depth))
+            self.listen(topic, partial(self._note, topic), output(*depth), decoded=False)
 
-    def _note(self, topic: str, message: Any) -> None:
-        self._arrivals[topic].append((stamp_ns(message), time.time_ns()))
+    def _note(self, topic: str, data: bytes) -> None:
+        self._arrivals[topic].append((header_stamp_ns(data), time.time_ns()))
         if topic in _PIXELS:
-            self._has_lines = lambda: _has_ink(_PIXELS[topic](message))
+            self._has_lines = lambda: _has_ink(_PIXELS[topic](self.decoded(data, topic)))
 
     def found(self) -> dict[str, Any]:
         """Return what is written at the end."""

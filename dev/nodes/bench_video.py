@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 
 from dev.nodes.bench_listener import until_over
-from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import Q_BODY_OPTICAL, quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.poses import CameraPose

@@ -31,7 +31,7 @@ from dev.reproduction.paper import (
     TABLE_8_DEG,
     TABLE_9,
 )
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.tools.evaluate.result import paired_tests
 
 _AXES = "xyz"

@@ -89,7 +89,7 @@ class Inbox:
         # For each topic: its depth, the function that takes a message with its info, and the
         # callback that puts it into the order.
         self._sources: list[tuple[int, Callable[[], Any], Callable[..., None]]] = []
-        self._taking = self._resumes = False
+        self._taking = self._resumes = self._working = False
         self.taken_ns = 0
 
     @property
@@ -132,8 +132,18 @@ class Inbox:
         return with_info(put)
 
     def work(self) -> None:
-        """Handle the messages that arrived first, and schedule another call if more wait."""
-        self._resumes = False
+        """Handle the messages that arrived first, and schedule another call if more wait.
+
+        A call while a message is being handled does nothing.
+        """
+        if not self._working:
+            self._resumes, self._working = False, True
+            try:
+                self._work()
+            finally:
+                self._working = False
+
+    def _work(self) -> None:
         self._take()
         for _ in range(_AT_ONCE):
             waiting = self._order.pop()
@@ -193,7 +203,8 @@ class EkfNode(GraphNode):
         super().__init__("ekf_node")
         config = self.configured(EkfConfig, self._reconfigure)
         self._navigation = Navigation(config, self._log_set_heading)
-        self._checks = NavigationChecks(config, given_names(self, EkfConfig), RECENT_S)
+        explicit = given_names(self, EkfConfig)
+        self._checks = NavigationChecks(config, explicit, RECENT_S, self.pause)
         sources = METHOD_SOURCES[config.method]
         positions = [NAVIGATION_INPUTS[source][0] for source in sources if source in _POSITIONS]
         inputs = InputChecks(self, (_IMU,), positions)
@@ -309,10 +320,13 @@ class EkfNode(GraphNode):
             if self._path_rate.due(stamp_ns) and self._path.is_wanted:
                 self._path.publish(self.messages.path(stamp_ns, self._track.points()))
 
+    def pause(self) -> None:
+        """Handle the messages that came meanwhile."""
+        self._inbox.work()
+
     def _items(self) -> list[DiagnosticItem]:
         self._inbox.work()  # also the last samples of an IMU that fell silent
         set_up = self._setup.report()
-        self._inbox.work()  # what came during these milliseconds
         status = self._navigation.status()
         self._state_log.note(status, reasons=True)
         return [self._item(status), set_up]

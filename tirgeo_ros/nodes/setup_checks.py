@@ -138,10 +138,16 @@ class SetupChecks:
         self._renew = node.guarded(SUBJECT, self._ask)
 
     def take(self, check: Callable[..., object], *data: Any) -> None:
-        """Pass new data to a check, with the next data of others or before the next report."""
+        """Pass new data to a check, with the next data of others or before the next report.
+
+        It is passed on after what the node does now: some checks take 5 ms once a second.
+        """
         self._waiting.append((check, data))
-        if len(self._waiting) >= _TOGETHER:
-            self._pass_on()
+        if len(self._waiting) % _TOGETHER == 0:
+            if self._node.executor is None:
+                self._pass_on()
+            else:
+                self._node.executor.create_task(self._pass_on)
 
     def _pass_on(self) -> None:
         waiting, self._waiting = self._waiting, []
@@ -169,7 +175,10 @@ class SetupChecks:
 
     def _ask(self) -> None:
         at_start = self._at_start if self._node.monitor.received_topics() else ()
-        newest = [*at_start, *(each for check in self._checks for each in check.findings())]
+        newest = [*at_start]
+        for check in self._checks:
+            newest += check.findings()
+            self._node.pause()
         recent = {each.check: (each, 0) for each in newest}
         absent = {
             name: (each, reports + 1)

@@ -72,6 +72,8 @@ _SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with prob
 _IN_DEGREES = (40.0, 80.0)
 _AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
 _LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
+_NO_ATTITUDE = (math.nan,) * 4
+_COLUMNS = (3, 6, 10)
 _SQUARE = 0.2  # a turn whose entries are this near to quarter turns is rounded to them
 
 # Vibration and clipping.
@@ -137,23 +139,24 @@ class ImuChecks:
 
     def __init__(self, rotation_bi: Array | None) -> None:
         self._rotation_bi = rotation_bi
-        self._blocks: deque[ImuMean] = deque(maxlen=_KEPT)
+        # Of each block: force, rate, attitude, and its length (s): (11,). nan where not known.
+        self._rows: deque[Array] = deque(maxlen=_KEPT)
 
     def block(self, block: ImuMean) -> None:
         """Take the next block."""
-        self._blocks.append(block)
+        q_nb = _NO_ATTITUDE if block.autopilot_q_nb is None else block.autopilot_q_nb
+        step_s = [block.step_s if block.joined else math.nan]
+        self._rows.append(np.concatenate([block.force_b, block.rate_b, q_nb, step_s]))
 
     def findings(self) -> list[Finding]:
         """Return at most one finding on the force and one on the gyroscopes."""
-        if len(self._blocks) < _LEAST_SECONDS * _SECOND:
+        if len(self._rows) < _LEAST_SECONDS * _SECOND:
             return []
-        blocks = list(self._blocks)[-(len(self._blocks) // _SECOND) * _SECOND :]
-        force_b = np.array([block.force_b for block in blocks])
-        rate_b = np.array([block.rate_b for block in blocks])
-        attitudes = [b.autopilot_q_nb for b in blocks]
-        q_nb = np.array([np.full(4, math.nan) if q is None else q for q in attitudes])
-        steps_s = np.array([b.step_s if b.joined else math.nan for b in blocks])
-        own, turned = _turns(rate_b, q_nb, steps_s)
+        rows = np.array(self._rows)[-(len(self._rows) // _SECOND) * _SECOND :]
+        force_b, rate_b, q_nb, steps_s = map(
+            np.ascontiguousarray, np.split(rows, _COLUMNS, axis=1)
+        )
+        own, turned = _turns(rate_b, q_nb, steps_s[:, 0])
         attitudes_nb = q_nb[np.isfinite(q_nb[:, 0])]
         up_b = -matrix_from_quat(attitudes_nb if len(attitudes_nb) else _LEVEL)[:, 2].mean(axis=0)
         turn = _turn(force_b.mean(axis=0), up_b, own, turned)

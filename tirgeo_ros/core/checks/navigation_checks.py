@@ -22,7 +22,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -97,7 +97,7 @@ class NavigationChecks:
 
     ``explicit`` are the parameters that were set (``aircraft.rtk_antenna_m``), None if not known.
     Gaps of the IMU become a note ``gap_counts_s`` after the last: in flight they are over then, in
-    a log they always count.
+    a log they always count. ``pause`` is called between the checks, which take some milliseconds.
     """
 
     def __init__(
@@ -105,8 +105,9 @@ class NavigationChecks:
         config: EkfConfig,
         explicit: Collection[str] | None,
         gap_counts_s: float = math.inf,
+        pause: Callable[[], object] = lambda: None,
     ) -> None:
-        self._explicit, self._gap_counts_s = explicit, gap_counts_s
+        self._explicit, self._gap_counts_s, self._pause = explicit, gap_counts_s, pause
         self.configure(config)
 
     def configure(self, config: EkfConfig) -> None:
@@ -164,6 +165,7 @@ class NavigationChecks:
     def findings(self) -> list[Finding]:
         """Return the findings from all samples so far, the most severe first."""
         imu = self._imu.findings()
+        self._pause()
         turned = any("gyro" in each.check or "axes" in each.check for each in imu)
         waited_ns = self._arrived_ns - self._first_ns
         findings = [
@@ -176,6 +178,7 @@ class NavigationChecks:
             *stream_findings(self._streams, self._config, waited_ns, self._gap_counts_s),
             *([] if imu else self._vibration.findings()),  # its unit would be wrong too
         ]
+        self._pause()
         if all(each.severity < Severity.STOP for each in findings):  # the fit trusts all inputs
             findings += self._levers.findings(self._streams)
         return sorted_findings(findings)
