@@ -52,7 +52,7 @@ from tirgeo_ros.nodes.runner import run
 _DEPTH = 100
 _STEADY_S = 1.0
 _POLL_S = 0.05
-_CLOCK_PERIOD_S = 0.01
+_CLOCK_PERIOD_S = 0.025
 #: Longest wait for all acknowledgements: a reader may send its own only at the next heartbeat,
 #: every 3 s.
 _ACKNOWLEDGE_S = 5.0
@@ -203,7 +203,7 @@ class SerialAircraft:
 class PlayClock:
     """Run bag time at ``rate`` times real time from the first stamp that is waited for.
 
-    ``tick(bag_ns)`` is called every 10 ms of real time, between messages too. The ticks never go
+    ``tick(bag_ns)`` is called every 25 ms of real time, between messages too. The ticks never go
     back and never pass the message that is waited for.
     """
 

@@ -19,6 +19,8 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from rclpy.subscription import Subscription
+
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.input_checks import parameter_findings
 from tirgeo_ros.core.config import GimbalConfig
@@ -63,7 +65,8 @@ class GimbalNode(GraphNode):
         if config.composition != "paper":
             self.listen("gimbal/joint_states", self._take_joints, sensor_input())
         self.listen("gimbal/attitude", self._take_attitude, sensor_input())
-        self.listen("imu/data", self._take_autopilot, sensor_input(), decoded=False)
+        self._autopilot: Subscription | None = None
+        self._follow_composition()
         self._logged_composition = ""
         self.report_each_second(
             self._items,
@@ -76,9 +79,19 @@ class GimbalNode(GraphNode):
         self._composer.configure(config)
         self._setup.take(self._checks.configure, config)
 
+    def _follow_composition(self) -> None:
+        """Listen to the IMU only while its attitude is needed: it is the fastest topic."""
+        needed = self._composer.composition != "encoders"
+        if needed and self._autopilot is None:
+            self._autopilot = self.listen("imu/data", self._take_autopilot, sensor_input())
+        elif self._autopilot is not None and not needed:
+            self.destroy_subscription(self._autopilot)
+            self._autopilot = None
+
     def _take_body(self, message: Any) -> None:
         pose = body_pose(message)
         self._publish(self._composer.add_body(pose))
+        self._follow_composition()
         self._setup.take(self._checks.body, pose)
 
     def _take_joints(self, message: Any) -> None:
@@ -88,19 +101,12 @@ class GimbalNode(GraphNode):
 
     def _take_attitude(self, message: Any) -> None:
         sample = self._stamped("gimbal/attitude", camera_attitude(message))
-        if self._by_paper:  # the checks below compare it with the joint angles in any case
+        if self._composer.composition != "encoders":  # the checks compare it in any case
             self._publish(self._composer.add_attitude(sample))
         self._setup.take(self._checks.reported, sample)
 
-    @property
-    def _by_paper(self) -> bool:
-        """Return whether the composition may be "paper", which needs the IMU."""
-        return self._composer.composition != "encoders"
-
-    def _take_autopilot(self, data: bytes) -> None:
-        if not self._by_paper:
-            return
-        sample = self._stamped("imu/data", imu_sample(self.decoded(data, "imu/data")))
+    def _take_autopilot(self, message: Any) -> None:
+        sample = self._stamped("imu/data", imu_sample(message))
         if sample.autopilot_q_nb is not None:
             self._publish(self._composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb))
             self._setup.take(self._checks.autopilot, sample.stamp_ns, sample.autopilot_q_nb)
