@@ -28,8 +28,9 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import PositionSample, Source, VelocitySample
 from tirgeo_ros.io.messages import SensedSample
@@ -183,6 +184,16 @@ class LogOptions:
         return written.local_ns - offset_s * SECOND_NS
 
 
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """Hold a picture of the camera as a whole file: JPEG, PNG or TIFF, with all that is in it."""
+
+    stamp_ns: int
+    data: bytes
+    camera: Camera | None = None  # None: not known
+    name: str = ""  # of its file, if it is a still
+
+
 @dataclass
 class LogContents:
     """Hold the samples of a log, with stamps in ns of Unix time (UTC), and what was left out.
@@ -190,6 +201,10 @@ class LogContents:
     ``read`` counts the log's records by name, ``refused`` those that gave no sample, by name and
     reason. Each of ``notes`` says in a sentence what the log left open and what is assumed. A
     ``damaged`` file, or one that was cut off, may have lost records that are not counted.
+    ``pictures`` are in the order of their stamps and made as they are read, once: those of a video
+    do not fit into memory; a reader counts them in ``read`` and ``refused`` meanwhile.
+    ``parameters`` of the nodes follow from the log (the sigma of a lens that is not calibrated):
+    dotted name -> value.
     """
 
     samples: list[SensedSample] = field(default_factory=list)
@@ -197,6 +212,8 @@ class LogContents:
     refused: Counter[tuple[str, str]] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     damaged: bool = False
+    pictures: Iterable[Picture] = ()
+    parameters: dict[str, Any] = field(default_factory=dict)
 
 
 def classify_receiver(contents: LogContents, name: str, *, is_rtk: bool) -> None:

@@ -57,6 +57,8 @@ from tirgeo_ros.io.messages.message_parts import (
 from tirgeo_ros.io.messages.sensor_messages import SensorMessages
 
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
+#: First bytes of picture files -> their format in messages.
+_MARKS = {b"\xff\xd8": "jpeg", b"\x89PNG": "png", b"II*\0": "tiff", b"MM\0*": "tiff"}
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 
@@ -177,11 +179,12 @@ class Messages(SensorMessages):
             data=np.ascontiguousarray(pixels).reshape(-1).view(np.uint8),
         )
 
-    def compressed(self, stamp_ns: int, jpeg: bytes) -> Any:
-        """Return ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
-        data = np.frombuffer(jpeg, np.uint8)
+    def compressed(self, stamp_ns: int, file: bytes) -> Any:
+        """Return ``sensor_msgs/CompressedImage`` of the bytes of a JPEG, PNG or TIFF file."""
+        form = next((name for mark, name in _MARKS.items() if file.startswith(mark)), "jpeg")
+        data = np.frombuffer(file, np.uint8)
         typename = "sensor_msgs/msg/CompressedImage"
-        return self.stamped(typename, stamp_ns, self.frames.camera, format="jpeg", data=data)
+        return self.stamped(typename, stamp_ns, self.frames.camera, format=form, data=data)
 
     def camera_info(self, camera: Camera, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""

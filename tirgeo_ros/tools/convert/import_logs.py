@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -40,7 +41,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Picture
 from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
@@ -145,9 +146,14 @@ def import_logs(
     if options.set_heading_rad is not None:
         last_begin_ns = max(span[0] for log in logs for span in log.spans.values())
         samples.append(SetHeading(last_begin_ns + _HEADING_AFTER_NS, options.set_heading_rad, 0.0))
-    samples.sort(key=lambda sample: sample.stamp_ns)
-    for number, sample in enumerate(samples):
-        sink.write(sample)
+    samples.sort(key=_stamp_ns)
+    pictures = [log.contents.pictures for log in logs]
+    # Of one instant, samples come before pictures: each pose before what is drawn with it.
+    for number, item in enumerate(heapq.merge(samples, *pictures, key=_stamp_ns)):
+        if isinstance(item, Picture):
+            sink.picture(item)
+        else:
+            sink.write(item)
         progress(number, len(samples))
     warnings = list(_doubts(logs, rover_first=options.rover_first))
     is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
@@ -157,9 +163,14 @@ def import_logs(
     return {
         "kind": "logs",
         "files": [log.result() for log in logs],
+        "parameters": {k: v for log in logs for k, v in log.contents.parameters.items()},
         "error": "; ".join(f"{x.path}: {_DAMAGED}" for x in logs if x.contents.damaged) or None,
         "warnings": warnings,
     }
+
+
+def _stamp_ns(item: SensedSample | Picture) -> int:
+    return item.stamp_ns
 
 
 def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:

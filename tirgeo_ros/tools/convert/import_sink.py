@@ -25,8 +25,9 @@ from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.io.logs.log_contents import Picture
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
-from tirgeo_ros.tools.replay.registration import resolved
+from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 #: A sample that waits for others of its instant is out of order by less than this.
 _DISORDER_NS = 1_000_000_000
@@ -99,6 +100,13 @@ class ImportSink:
     def write(self, sample: SensedSample, arrival_ns: int | None = None) -> None:
         """Queue a sample; without a time of arrival it arrived at its stamp."""
         self._put(sample.stamp_ns if arrival_ns is None else arrival_ns, [sample])
+
+    def picture(self, picture: Picture) -> None:
+        """Queue a picture, after its camera's calibration."""
+        stamp_ns, make = picture.stamp_ns, self._messages
+        if picture.camera is not None:
+            self.pass_on(stamp_ns, CAMERA_INFO, make.camera_info(picture.camera, stamp_ns))
+        self.pass_on(stamp_ns, PICTURES[1], make.compressed(stamp_ns, picture.data))
 
     def pass_on(self, arrival_ns: int, topic: str, message: Any) -> None:
         """Queue a message, an object or its CDR, to be written unchanged."""
