@@ -51,7 +51,7 @@ from tirgeo_ros.io.logs.log_contents import (
     written_time,
 )
 
-_MOST_BYTES = 1 << 28
+MOST_BYTES = 1 << 28
 _N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number
 _CUE = re.compile(r"^\ufeff?\d+[ \t]*\n(?=\d+:\d\d:\d\d[,.]\d+\s*-->|\d{4}[-.])", re.MULTILINE)
 _BEGIN = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
@@ -105,7 +105,7 @@ def is_srt(head: bytes) -> bool:
 
 def read_srt(path: Path, options: LogOptions) -> LogContents:
     """Read DJI's subtitles. Raise LogError if a zone, a date or a datum is missing."""
-    text = read_text(path, LogError, _MOST_BYTES, damaged=True)
+    text = read_text(path, LogError, MOST_BYTES, damaged=True)
     return read_cues(text, path, options)[0]
 
 
