@@ -78,7 +78,7 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     with _opened(path) as container:
         video = container.streams.best("video")
         if video is None:
-            raise LogError(f"{path}: no video in it")
+            raise LogError(f"{path}: no video in it, or its index is damaged: copy it again")
         text = _inner_text(container) if beside is None else ""
         length_s, frames = _length_s(container, video), int(video.frames)
         created = written_time(container.metadata.get("creation_time", ""))
@@ -89,9 +89,9 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
             f"{path}: neither subtitles in it nor {path.stem}.SRT beside it, which have the "
             "positions: copy that file from the card too, and record with video captions on"
         )
+    if not text.strip():
+        raise LogError(f"{beside}: no subtitles in it: copy it from the card again")
     contents, moments = read_cues(text, beside or path, options)
-    if not moments:
-        raise LogError(f"{beside or path}: no subtitles in it: copy it from the card again")
     _check_same(path, beside, moments, length_s)
     contents.notes += _notes(beside, moments, created and created.local_ns)
     stamp_ns = _timing(moments, frames)
@@ -130,8 +130,8 @@ def _inner_text(container: Any) -> str:
     if track is None:
         return ""
     for stream in container.streams:
-        with suppress(AttributeError):  # of an older PyAV: then all is read
-            stream.discard = "default" if stream is track else "all"
+        if stream is not track and hasattr(stream, "discard"):  # else all is read
+            stream.discard = type(stream.discard)["all"]
     cues = []
     with suppress(FFmpegError):  # cut off: its pictures too, which are counted
         for packet in container.demux(track):
@@ -220,8 +220,9 @@ class _Reader:
     def pictures(self) -> Iterator[Picture]:
         """Yield the pictures in order; count those that are damaged or cut off."""
         from av.error import FFmpegError  # noqa: PLC0415  as above
+        from av.video.reformatter import VideoReformatter  # noqa: PLC0415  as above
 
-        last_ns = -1
+        last_ns, reformatter = -1, VideoReformatter()
         with _opened(self._path) as container:
             video = container.streams.best("video")
             video.codec_context.thread_type = "AUTO"
@@ -235,7 +236,7 @@ class _Reader:
                     elif stamp_ns > last_ns:  # so that they stay in order
                         self._contents.read[_PICTURE] += 1
                         last_ns = stamp_ns
-                        yield Picture(stamp_ns, _jpeg(frame))
+                        yield Picture(stamp_ns, _jpeg(frame, reformatter))
             except FFmpegError:
                 self._contents.damaged = True
             self._refuse("cannot be decoded", len(self._wanted))
@@ -312,10 +313,10 @@ def _rest(video: Any) -> list[Any]:
     return frames
 
 
-def _jpeg(frame: Any) -> bytes:
+def _jpeg(frame: Any, reformatter: Any) -> bytes:
     """Return a frame as JPEG, with one channel if its colours are grey."""
-    pixels = frame.to_ndarray(format="gray" if _is_grey(frame) else "bgr24")
-    return bytes(cv2.imencode(".jpg", pixels, _JPEG)[1])
+    pixels = reformatter.reformat(frame, format="gray" if _is_grey(frame) else "bgr24")
+    return cv2.imencode(".jpg", pixels.to_ndarray(), _JPEG)[1].tobytes()
 
 
 def _is_grey(frame: Any) -> bool:

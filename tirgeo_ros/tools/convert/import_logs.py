@@ -234,6 +234,8 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
 def _fault(sample: SensedSample) -> str:
     if not 0 <= sample.stamp_ns < LAST_NS:
         return "its time is not between 1970 and 2038"
+    if _is_attitude_alone(sample):
+        return ""
     if isinstance(sample, JointSample):
         return joints_fault((sample.yaw_rad, sample.roll_rad, sample.pitch_rad))
     if isinstance(sample, CameraAttitudeSample):
