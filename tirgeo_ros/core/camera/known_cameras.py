@@ -128,10 +128,6 @@ def camera_of(
     if len(fits) != 1:
         return None
     sheet, scale = fits[0]
-    return centred(size, sheet.focal_px * scale * zoom)
-
-
-def centred(size: tuple[int, int], focal_px: float) -> Camera:
-    """Return a camera without distortion that looks through its picture's middle."""
     width, height = size
+    focal_px = sheet.focal_px * scale * zoom
     return Camera(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
