@@ -42,7 +42,8 @@ _SAME_SHAPE = 0.01
 class DataSheet:
     """Hold a camera's models as they stand in EXIF or XMP, and one of its lenses.
 
-    ``seen_deg`` is the field of view in the data sheet: across, or from corner to corner.
+    ``seen_deg`` is the field of view in the data sheet: across, or from corner to corner
+    (``diagonal``); ``source`` is what stands there.
     """
 
     maker: str
@@ -67,40 +68,28 @@ class DataSheet:
         return 2 * math.degrees(math.atan(half)), 2 * math.degrees(half)
 
 
-_VGA, _PITCH = (640, 512), 12.0  # uncooled sensors of today
-_XTS = ("XT", "XT2", "FLIR", "ZENMUSE XT", "ZENMUSE XT2")
-_M3, _M4 = ("M3T", "M3TD"), ("M4T", "M4TD")
+_VGA, _PITCH, _WIDE = (640, 512), 12.0, 17.0  # um: uncooled sensors of today, of ten years ago
+_M3T, _M4T, _H20N = ("M3T", "M3TD", "M30T"), ("M4T", "M4TD"), ("ZH20N", "H20N")
+_M2EA, _H20T, _H30T = ("MAVIC2-ENTERPRISE-ADVANCED", "M2EA"), ("ZH20T", "H20T"), ("ZH30T", "H30T")
+_XT, _X10 = ("XT", "XT2", "FLIR", "ZENMUSE XT", "ZENMUSE XT2"), ("VT300-Z_40", "VT300-L_40")
+_VUE = ("VUE PRO", "VUE PRO R", "VUE PRO 640", "VUE PRO R 640", "DUO PRO R")
+#: Data sheets give some focal lengths as the equivalent of a full frame: 'like 40 mm'.
 DATA_SHEETS = (
-    DataSheet("DJI", _M3, _VGA, _PITCH, 9.1, 61, True, "Mavic 3T: DFOV 61 deg, like 40 mm"),
-    DataSheet("DJI", ("M30T",), _VGA, _PITCH, 9.1, 61, True, "M30T: 9.1 mm, DFOV 61 deg"),
-    # The equivalent of 53 mm gives 12.05 mm.
-    DataSheet("DJI", _M4, _VGA, _PITCH, 12.0, 45, True, "Matrice 4T: DFOV 45 deg, like 53 mm"),
-    DataSheet(
-        "DJI",
-        ("MAVIC2-ENTERPRISE-ADVANCED", "M2EA"),
-        *(_VGA, _PITCH, 9.0, 57, True),
-        "Mavic 2 Enterprise Advanced: 9 mm, like 38 mm",
-    ),
-    DataSheet("DJI", ("ZH20T", "H20T"), _VGA, _PITCH, 13.5, 40.6, True, "H20T: 13.5 mm, 40.6 deg"),
-    DataSheet("DJI", ("ZH20N", "H20N"), _VGA, _PITCH, 12.0, 45.5, True, "H20N: 12 mm, 45.5 deg"),
-    DataSheet("DJI", ("ZH20N", "H20N"), _VGA, _PITCH, 44.5, 12.5, True, "H20N: 44.5 mm, 12.5 deg"),
-    DataSheet(
-        "DJI", ("ZH30T", "H30T"), (1280, 1024), _PITCH, 24.0, 45.2, True, "H30T: 24 mm, 45.2 deg"
-    ),
-    *(
-        DataSheet("DJI", _XTS, _VGA, 17.0, mm, across, False, f"XT, XT2: {mm:g} mm, {across} deg")
-        for mm, across in ((9.0, 69), (13.0, 45), (19.0, 32), (25.0, 25))
-    ),
-    *(
-        DataSheet(
-            *("FLIR", ("VUE PRO R 640", "VUE PRO 640", "VUE PRO R", "VUE PRO", "DUO PRO R")),
-            *(_VGA, 17.0, mm, across, False, f"Vue Pro 640: {mm:g} mm, {across} deg"),
-        )
-        for mm, across in ((9.0, 69), (13.0, 45), (19.0, 32))
-    ),
-    DataSheet(
-        "SKYDIO", ("VT300-Z_40", "VT300-L_40"), _VGA, _PITCH, 13.6, 40, True, "X10: 13.6 mm, 12 um"
-    ),
+    DataSheet("DJI", _M3T, _VGA, _PITCH, 9.1, 61, True, "9.1 mm, like 40 mm, DFOV 61 deg"),
+    DataSheet("DJI", _M4T, _VGA, _PITCH, 12.0, 45, True, "like 53 mm, DFOV 45 deg"),
+    DataSheet("DJI", _M2EA, _VGA, _PITCH, 9.0, 59.3, True, "about 9 mm, like 38 mm"),
+    DataSheet("DJI", _H20T, _VGA, _PITCH, 13.5, 40.6, True, "13.5 mm, DFOV 40.6 deg"),
+    DataSheet("DJI", _H20N, _VGA, _PITCH, 12.0, 45.5, True, "12 mm, like 53 mm, DFOV 45.5 deg"),
+    DataSheet("DJI", _H20N, _VGA, _PITCH, 44.5, 12.5, True, "44.5 mm, like 196 mm"),
+    DataSheet("DJI", _H30T, (1280, 1024), _PITCH, 24.0, 45.2, True, "24 mm, DFOV 45.2 deg"),
+    DataSheet("DJI", _XT, _VGA, _WIDE, 9.0, 69, False, "9 mm, 69 x 56 deg"),
+    DataSheet("DJI", _XT, _VGA, _WIDE, 13.0, 45, False, "13 mm, 45 x 37 deg"),
+    DataSheet("DJI", _XT, _VGA, _WIDE, 19.0, 32, False, "19 mm, 32 x 26 deg"),
+    DataSheet("DJI", _XT, _VGA, _WIDE, 25.0, 25, False, "25 mm, 25 x 20 deg"),
+    DataSheet("FLIR", _VUE, _VGA, _WIDE, 9.0, 69, False, "9 mm, 69 x 56 deg"),
+    DataSheet("FLIR", _VUE, _VGA, _WIDE, 13.0, 45, False, "13 mm, 45 x 37 deg"),
+    DataSheet("FLIR", _VUE, _VGA, _WIDE, 19.0, 32, False, "19 mm, 32 x 26 deg"),
+    DataSheet("SKYDIO", _X10, _VGA, _PITCH, 13.6, 40, True, "13.6 mm, 12 um; 40 in its name"),
 )
 
 

@@ -181,7 +181,8 @@ def _of_one_camera(stills: list[_Still], contents: LogContents) -> list[_Still]:
     """Return the stills of the thermal camera, else of that with most; refuse the others."""
 
     def camera(still: _Still) -> tuple[str, ...]:
-        return still.metadata.maker, still.metadata.model, still.metadata.source
+        data = still.metadata
+        return data.maker, data.model, "thermal" if data.thermal else data.source
 
     def size(still: _Still) -> tuple[str, ...]:
         return (f"{still.metadata.size[0]}x{still.metadata.size[1]}",)
@@ -261,12 +262,12 @@ def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
             f"the aircraft's attitude is not recorded in {level} stills: taken as level, looking "
             "where the camera looks; only lever arms depend on it"
         )
-    cameras = {still.metadata.camera and still.metadata.camera.fx for still in stills}
+    cameras = [still.metadata.camera for still in stills]
+    lengths = sorted({f"{camera.fx:.0f} px" for camera in cameras if camera})
     if None in cameras:
-        yield "its lens is not known: give a calibration"
+        yield "the lens is not known: give its calibration with --camera"
     elif any(still.metadata.focal_sigma for still in stills):
-        lengths = ", ".join(f"{focal_px:.0f} px" for focal_px in sorted(filter(None, cameras)))
-        yield f"the lens is not calibrated: focal length {lengths} as published"
+        yield f"the lens is not calibrated: focal length {', '.join(lengths)} as published"
     yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
 
 

@@ -54,6 +54,7 @@ _PARTS_OF_PICTURE = (
     (Base.StripOffsets, Base.StripByteCounts),
     (Base.TileOffsets, Base.TileByteCounts),
 )
+_TOO_LARGE = f"it has more than {MOST_OF_FILE // 1_000_000} million pixels"
 #: What Pillow raises for a damaged picture or EXIF.
 _DAMAGES = (OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError)
 
@@ -101,12 +102,14 @@ def _opened(file: BinaryIO, form: str, xmp: bytes, file_bytes: int) -> Embedded:
         with warnings.catch_warnings(), Image.open(file, formats=(form,)) as image:
             warnings.simplefilter("ignore")  # on EXIF that is odd
             if math.prod(image.size) > MOST_OF_FILE:
-                raise Unreadable(f"it has more than {MOST_OF_FILE // 1_000_000} million pixels")
+                raise Unreadable(_TOO_LARGE)
             exif, size = image.getexif(), image.size
             tags = dict(exif), exif.get_ifd(IFD.Exif), exif.get_ifd(IFD.GPSInfo)
             _check_whole(image, tags[0], file_bytes)
             return Embedded(size, *tags, texts)
-    except (*_DAMAGES, Image.DecompressionBombError) as fault:
+    except Image.DecompressionBombError:
+        raise Unreadable(_TOO_LARGE) from None
+    except _DAMAGES as fault:
         raise Unreadable(f"it is cut off or damaged ({fault})") from None
 
 
@@ -124,7 +127,7 @@ def _check_whole(image: Image.Image, tags: Mapping[int, object], file_bytes: int
 
 def _numbers(value: object) -> tuple[int, ...]:
     """Return a tag's whole numbers."""
-    return tuple(map(int, value)) if isinstance(value, tuple) else (int(value),)  # type: ignore[call-overload,no-any-return]
+    return tuple(map(int, value if isinstance(value, tuple) else [value]))
 
 
 def _xmp_of_jpeg(file: BinaryIO) -> bytes:

@@ -70,7 +70,7 @@ _THERMAL = re.compile(r"infra|thermal|lwir|\bir\b", re.IGNORECASE)
 _SUFFIX = re.compile(r"_([A-Z])(?:_[^_]*)?$")  # DJI_20220602143534_0192_T_waypoint
 _MOST_APART = 0.2  # of focal lengths of one lens, in the picture and in the data sheet
 _FULL_FRAME_MM = math.hypot(36, 24)
-_LENGTHS_MM = {2: 25.4, 3: 10.0, 4: 1.0}  # unit of the focal plane's resolution
+_LENGTHS_MM = {2.0: 25.4, 3.0: 10.0, 4.0: 1.0}  # unit of the focal plane's resolution
 #: Relative sigma of a focal length that EXIF gives as the equivalent of another film.
 _EQUIVALENT_SIGMA = 0.05
 
@@ -343,7 +343,7 @@ def _designed(embedded: Embedded) -> tuple[Camera | None, float]:
 def _by_exif(embedded: Embedded) -> tuple[Camera | None, float]:
     """Return the camera by the focal plane's resolution, else by the equivalent focal length."""
     exif = embedded.exposure
-    unit_mm = _LENGTHS_MM.get(exif.get(Base.FocalPlaneResolutionUnit), math.nan)
+    unit_mm = _LENGTHS_MM.get(_number(exif.get(Base.FocalPlaneResolutionUnit)), math.nan)
     focal_px = _focal_mm(embedded) * _number(exif.get(Base.FocalPlaneXResolution)) / unit_mm
     if camera := _camera(embedded, focal_px, focal_px):
         return camera, DATA_SHEET_SIGMA
