@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.whole_files import UTF16, first_bytes
-from tirgeo_ros.io.logs import csv_log, dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
+from tirgeo_ros.io.logs import csv_log, dataflash, dji_srt, px4_ulog, rtklib_pos, stills, ubx
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 
 _NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
@@ -40,8 +40,10 @@ class Form(NamedTuple):
 
 
 UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx, "pyubx2")
+STILLS = Form("stills", stills.is_still, stills.read_stills)
 #: The first form that fits is used.
 FORMS = (
+    STILLS,
     Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog, "pyulog"),
     Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash, "pymavlink"),
     UBX,
@@ -69,7 +71,7 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
     and for NMEA and a table without ``columns``.
     """
     if path.is_dir():
-        return None
+        return STILLS if stills.is_folder_of_stills(path) else None
     head = first_bytes(path, 1 << 16, LogError)  # enough to recognise a log
     if head.startswith(UTF16):
         with suppress(UnicodeDecodeError):  # it is not a text
