@@ -62,19 +62,21 @@ class PacketReader:
     def __init__(self, contents: LogContents) -> None:
         self._read, self._refused = contents.read, contents.refused
         self._held = b""  # begins with a packet that is not yet complete
-        self._held_time_s, self._held_position = math.nan, 0
+        self._mark = math.nan, 0  # its time and place
 
     def take(
         self, data: bytes, time_s: float = math.nan, position: int = 0, *, last: bool = False
     ) -> Iterator[LocalSet]:
         """Yield the packets that are complete with these bytes, which have a time and a place."""
         before, buffer, at = len(self._held), self._held + data, 0
-        place = self._held_time_s, self._held_position
+
+        def mark(at: int) -> tuple[float, int]:
+            return self._mark if at < before else (time_s, position + at - before)
+
         while (at := buffer.find(PREFIX, at)) >= 0:
-            mark = place if at < before else (time_s, position + at - before)
             try:
                 items, end = self._packet(buffer, at)
-            except _CutOff:
+            except _CutOff:  # noqa: PERF203  the next packet may be whole
                 if not last:
                     break
                 self._refused[PACKET, "cut off"] += 1
@@ -83,13 +85,12 @@ class PacketReader:
                 self._refused[PACKET, str(error)] += 1
                 at += len(PREFIX)
             else:
-                at = end
                 if items is not None:
-                    yield LocalSet(items, *mark)
-        keep = at if at >= 0 else max(len(buffer) - len(PREFIX) + 1, 0)
-        self._held = buffer[keep:]
-        if keep >= before:
-            self._held_time_s, self._held_position = time_s, position + keep - before
+                    yield LocalSet(items, *mark(at))
+                at = end
+        if at < 0:
+            at = len(buffer) - next(n for n in (3, 2, 1, 0) if buffer.endswith(PREFIX[:n]))
+        self._mark, self._held = mark(at), buffer[at:]
 
     def _packet(self, buffer: bytes, at: int) -> tuple[dict[int, bytes] | None, int]:
         """Return items (None for another set) and end of the packet that begins at ``at``."""

@@ -96,10 +96,11 @@ class Stream:
         with self._opened() as container:
             video = [*container.streams.video[:1]]
             for part in self._parts(container, [*video, *container.streams.data]):
-                time_s, index = _seconds(part), part.stream.index
+                time_s, index = _seconds(part, part.pts), part.stream.index
                 if part.stream in video:
-                    self._at.append(part.pos or 0)
-                    self._times_s.append(time_s)
+                    if part.dts is not None and part.pos is not None:
+                        self._at.append(part.pos)
+                        self._times_s.append(_seconds(part, part.dts))
                 elif chosen in {None, index}:
                     content = without_cell_heads(bytes(part))
                     for packet in readers[index].take(content, time_s, part.pos or 0):
@@ -121,7 +122,7 @@ class Stream:
             known_s = np.where(np.isnan(known_s), by_place_s, known_s)
             self._contents.notes.append(
                 "the metadata has no times in the stream: a picture without a time stamp of its "
-                "own has the time of the metadata beside it, to about a picture"
+                "own has about the time of the metadata beside it in the file"
             )
         timed = np.isfinite(known_s)
         if timed.any():
@@ -140,7 +141,7 @@ class Stream:
                 continue
             last_ns = stamp_ns
             if stamp_ns >= due_ns:
-                due_ns = stamp_ns + every_s * SECOND_NS
+                due_ns = stamp_ns + every_s * SECOND_NS - _SAME_NS
                 optics = camera(stamp_ns, frame.width, frame.height)
                 yield Picture(stamp_ns, _jpeg(frame), optics)
 
@@ -190,7 +191,7 @@ class _Clock:
         self._stamps_ns, self._begin_ns = np.sort(stamps_ns), int(stamps_ns[0])
         self._times_s = times_s[order]
         offsets_s = (stamps_ns[order] - self._begin_ns) * 1e-9 - self._times_s
-        self._offsets_s = median_filter(offsets_s, _NEIGHBOURS, mode="nearest")
+        self._offsets_s = median_filter(offsets_s, _NEIGHBOURS, mode="reflect")
 
     def at_ns(self, time_s: float) -> int:
         """Return the UTC of a time in the stream; that of a packet if it is as good as equal."""
@@ -202,8 +203,8 @@ class _Clock:
         return int(nearest) if abs(nearest - stamp_ns) < _SAME_NS else stamp_ns
 
 
-def _seconds(part: Any) -> float:
-    return math.nan if part.pts is None else float(part.pts * part.time_base)
+def _seconds(part: Any, ticks: int | None) -> float:
+    return math.nan if ticks is None else float(ticks * part.time_base)
 
 
 def _own_time_ns(frame: Any) -> int:
