@@ -24,7 +24,16 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.whole_files import UTF16, first_bytes
-from tirgeo_ros.io.logs import csv_log, dataflash, dji_srt, px4_ulog, rtklib_pos, stills, ubx
+from tirgeo_ros.io.logs import (
+    csv_log,
+    dataflash,
+    dji_srt,
+    misb,
+    px4_ulog,
+    rtklib_pos,
+    stills,
+    ubx,
+)
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 
 _NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
@@ -49,6 +58,7 @@ FORMS = (
     UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, rtklib_pos.read_pos),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, dji_srt.read_srt),
+    Form("MISB ST 0601", misb.is_misb, misb.read_misb),
 )
 
 

@@ -156,6 +156,7 @@ class LogOptions:
     start_ns: int | None = None  # UTC of the log's first record, where it has no date
     set_heading_rad: float | None = None  # of the nose, set by a person
     columns: Path | None = None  # what the columns of a CSV file mean
+    every_s: float = 0.0  # a video's picture each so many seconds; 0: all of them
 
     def to_ellipsoid_m(self, datum: str, path: Path) -> float:
         """Return the offset from heights above ``datum`` (of DATUMS) to ellipsoidal heights.
