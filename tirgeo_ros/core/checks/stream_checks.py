@@ -153,7 +153,7 @@ def stream_findings(
             absent += [] if "gps/fix" in streams else ["no_gps_fix"]
         elif "rtk/fix" not in streams:
             absent.append("no_rtk_fix")
-        elif config.method == "ekf_heading" and "rtk/heading" not in streams:
+        elif inertial and config.method == "ekf_heading" and "rtk/heading" not in streams:
             absent.append("no_rtk_heading")
         elif inertial and "rtk/vel" not in streams:
             absent.append("no_rtk_vel")

@@ -59,13 +59,14 @@ class NodeConfigs(NamedTuple):
         why if it is not the default.
         """
         if not rates:
-            values, why = without_rates(topics, namespace)
-            values = {name: value for name, value in values.items() if name not in self.given}
+            values = without_rates(topics, namespace, self.given)
             ekf, gimbal, overlay = (
                 replace(config, **{k: v for k, v in values.items() if hasattr(config, k)})
                 for config in (self.ekf, self.gimbal, self.overlay)
             )
-            return NodeConfigs(ekf, gimbal, overlay, self.given), [why]
+            names = ", ".join(f"{name} {value}" for name, value in values.items())
+            notes = [f"{names}: imu/data has attitudes alone, without rates"] if names else []
+            return NodeConfigs(ekf, gimbal, overlay, self.given), notes
         if "method" in self.given:
             return self, []
         method, why = fitting_method(topics, namespace)
@@ -166,9 +167,7 @@ def values_without_rates(bag: PathLike, params: Files, namespace: str = "") -> d
         reader = BagReader(bag)
         if has_rates(reader, namespace):
             return {}
-        values, _ = without_rates(reader.topics(), namespace)
-        given = node_configs(params, namespace).given
-        return {name: value for name, value in values.items() if name not in given}
+        return without_rates(reader.topics(), namespace, node_configs(params, namespace).given)
     return {}
 
 

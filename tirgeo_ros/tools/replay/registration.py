@@ -242,8 +242,10 @@ def has_rates(reader: BagReader, namespace: str) -> bool:
     return True
 
 
-def without_rates(present: Collection[str], namespace: str) -> tuple[dict[str, Any], str]:
-    """Return the parameters for a bag whose imu/data has no rates, and why.
+def without_rates(
+    present: Collection[str], namespace: str, given: Collection[str]
+) -> dict[str, Any]:
+    """Return the parameters for a bag whose imu/data has no rates, but for those that are given.
 
     Attitudes, gimbal and pictures of such a bag come from one file: their stamps are the same, and
     may be too rare for joints to become steady.
@@ -253,8 +255,7 @@ def without_rates(present: Collection[str], namespace: str) -> tuple[dict[str, A
     gimbal = [name for name in GIMBAL_TOPICS["auto"] if resolved(name, namespace) in present]
     if gimbal == [*GIMBAL_TOPICS["encoders"]]:
         values["composition"] = "encoders"
-    names = ", ".join(f"{name} {value}" for name, value in values.items())
-    return values, f"{names}: imu/data has attitudes alone, without rates"
+    return {name: value for name, value in values.items() if name not in given}
 
 
 def done_without(present: Collection[str], method: str, namespace: str) -> str:
