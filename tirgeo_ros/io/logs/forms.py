@@ -29,9 +29,11 @@ from tirgeo_ros.io.logs import (
     dji_mrk,
     dji_srt,
     dji_video,
+    misb,
     nmea,
     px4_ulog,
     rtklib_pos,
+    stills,
     ubx,
 )
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
@@ -47,15 +49,18 @@ class Form(NamedTuple):
 
 
 UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx, "pyubx2")
+STILLS = Form("stills", stills.is_still, stills.read_stills)
 NMEA = Form("NMEA", nmea.is_nmea, nmea.read_nmea, "pynmeagps")
 VIDEO = Form("DJI video", dji_video.is_dji_video, dji_video.read_dji_video, "av")
 #: The first form that fits is used.
 FORMS = (
+    STILLS,
     Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog, "pyulog"),
     Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash, "pymavlink"),
     UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, rtklib_pos.read_pos),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, dji_srt.read_srt),
+    Form("MISB ST 0601", misb.is_misb, misb.read_misb),
     VIDEO,
     Form("DJI marks of stills (MRK)", dji_mrk.is_mrk, dji_mrk.read_mrk),
     NMEA,
@@ -81,7 +86,7 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
     and for a table without ``columns``.
     """
     if path.is_dir():
-        return None
+        return STILLS if stills.is_folder_of_stills(path) else None
     head = first_bytes(path, 1 << 16, LogError)  # enough to recognise a log
     if head.startswith(UTF16):
         with suppress(UnicodeDecodeError):  # it is not a text
