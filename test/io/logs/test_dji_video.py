@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import cv2
@@ -82,6 +83,20 @@ def test_a_picture_each_so_many_seconds_decodes_no_more_than_it_needs(video, mon
     contents = read_dji_video(video, replace(OPTIONS, every_s=0.5))
     assert numbers(contents.pictures) == [0, 15, 30, 45]
     assert not contents.damaged
+
+
+def test_a_known_model_has_its_lens(tmp_path):
+    """DJI's encoder is called by the model; the digital zoom makes pixels smaller."""
+    path = made_video(tmp_path / "a.mp4", 4, size=(640, 512))
+    named = re.sub(rb"Lavf[\d.]+", lambda m: b"DJI M3T".ljust(len(m[0])), path.read_bytes())
+    path.write_bytes(named)
+    first, _, rest = made_subtitles(4).partition("dzoom_ratio: 1.00")
+    path.with_suffix(".SRT").write_text(first + "dzoom_ratio: 2.00" + rest)
+    contents = read_dji_video(path, OPTIONS)
+    focals_px = [picture.camera.fx for picture in contents.pictures]
+    assert focals_px == pytest.approx([2 * 758.3, *[758.3] * 3], abs=0.1)
+    assert contents.parameters == {"north.sigma_deg": 3.0, "confidence.focal_sigma": 0.02}
+    assert not any("--camera" in note for note in contents.notes)
 
 
 def test_colours_stay(tmp_path):

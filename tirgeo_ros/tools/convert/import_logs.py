@@ -239,8 +239,6 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
 def _fault(sample: SensedSample) -> str:
     if not 0 <= sample.stamp_ns < LAST_NS:
         return "its time is not between 1970 and 2038"
-    if _is_attitude_alone(sample):
-        return ""
     if isinstance(sample, JointSample):
         return joints_fault((sample.yaw_rad, sample.roll_rad, sample.pitch_rad))
     if isinstance(sample, CameraAttitudeSample):
@@ -251,7 +249,7 @@ def _fault(sample: SensedSample) -> str:
 
 def _is_attitude_alone(sample: SensedSample) -> bool:
     """Return whether a sample is the attitude of a picture, without forces and rates."""
-    return isinstance(sample, ImuSample) and bool(np.isnan(sample.specific_force_b).all())
+    return isinstance(sample, ImuSample) and sample.is_attitude_alone
 
 
 def _positions_of_attitudes(samples: Sequence[SensedSample]) -> list[SensedSample]:
