@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 from dji_videos import BEGUN, GROUP, cue, level, made_subtitles, made_video
 from foreign_logs import samples
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.errors import LogError
@@ -180,6 +181,28 @@ def test_damaged_pictures_are_counted_and_the_rest_keep_their_times(video):
     assert contents.damaged
     assert contents.read["picture"] + sum(contents.refused.values()) == COUNT
     assert {picture.stamp_ns for picture in pictures} <= set(stamps)
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_flipped_bits_give_one_line_or_pictures(tmp_path, data):
+    """In the index too, with its sizes, names and codecs."""
+    path = tmp_path / "whole.mp4"
+    if not path.exists():
+        text = made_subtitles(GROUP)
+        made_video(path, GROUP, inside=text, movflags="+faststart")
+    content = bytearray(path.read_bytes())
+    for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=30)):
+        content[place] ^= 1 << data.draw(st.integers(0, 7))
+    damaged = tmp_path / "damaged.mp4"
+    damaged.write_bytes(content)
+    try:
+        stamps = [picture.stamp_ns for picture in read_dji_video(damaged, OPTIONS).pictures]
+    except LogError as error:
+        assert str(error).startswith(str(damaged))  # noqa: PT017  either is right
+        assert "\n" not in str(error)
+    else:
+        assert stamps == sorted(set(stamps))
 
 
 def test_the_import_reads_the_subtitles_once(video, tmp_path):

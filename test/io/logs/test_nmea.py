@@ -92,6 +92,14 @@ def test_what_is_refused_is_counted(tmp_path):
         read(tmp_path, rmc("074439.00") + gga("074439.00", height="520.0,M,,"))
 
 
+def test_a_right_checksum_over_damaged_fields_is_refused(tmp_path):
+    """One in 256 has one by chance."""
+    cut = line("GNGGA,074440.00,4808.22924,N"), line("GNGST,074440.00,x"), line("PSTI,036,074440")
+    contents = read(tmp_path, rmc("074439.00") + "".join(cut) + line("GNHDT,2p.5,T"))
+    assert not contents.samples
+    assert {name for name, _ in contents.refused} == {"GGA", "GST", "PSTI,036", "HDT"}
+
+
 def test_a_real_moving_base(shared):
     """SkyTraq at rest: 0.17 deg; PSTI,035 has the baseline's length, 0.906 m."""
     path = shared / "real_pictures" / "gnss_heading" / "skytraq-PX1172RH_DS.log"

@@ -22,7 +22,7 @@ frame, so that only packets of one such group are in memory.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
@@ -34,8 +34,9 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.known_cameras import DATA_SHEET_SIGMA, camera_of
 from tirgeo_ros.core.streams.stamps import lone_stamps
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.files.whole_files import read_text, reading
 from tirgeo_ros.io.logs.dji_srt import MOST_BYTES, Moment, read_cues
 from tirgeo_ros.io.logs.log_contents import (
@@ -87,8 +88,8 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     beside = own_subtitles(path)
     with _opened(path) as container:
         video = container.streams.best("video")
-        if video is None:
-            raise LogError(f"{path}: no video in it, or its index is damaged: copy it again")
+        if video is None or video.codec_context is None:
+            raise LogError(f"{path}: no video in it that can be decoded: copy it again")
         text = _inner_text(container) if beside is None else ""
         length_s, frames = _length_s(container, video), int(video.frames)
         created = written_time(container.metadata.get("creation_time", ""))
@@ -132,11 +133,12 @@ def _opened(path: Path) -> Iterator[Any]:
 
     with reading(path, LogError):
         try:
-            container = av.open(str(path))
-        except av.error.InvalidDataError:
+            container = av.open(str(path), metadata_errors="replace")
+        except av.error.FFmpegError as fault:
             raise LogError(
-                f"{path}: not a whole video, for it lacks its index (moov): it was cut off while "
-                "it was recorded or copied; copy it again, or let the aircraft repair it"
+                f"{path}: not a whole video ({fault.strerror}): one that was cut off while it was "
+                "recorded or copied lacks its index (moov); copy it again, or let the aircraft "
+                "repair it"
             ) from None
     with container:
         yield container
@@ -180,7 +182,7 @@ def _clock(time_ms: int) -> str:
 
 def _check_same(path: Path, beside: Path | None, moments: list[Moment], length_s: float) -> None:
     """Raise LogError if the subtitles last longer or shorter than the video."""
-    begins = [moment.begin_ns for moment in moments if moment.begin_ns is not None]
+    begins = _bounded(moment.begin_ns for moment in moments if moment.begin_ns is not None)
     if len(begins) < 2:
         return
     steps = np.diff(np.sort(begins))  # of the last cue the end is not read
@@ -215,10 +217,15 @@ def _lens_notes(moments: list[Moment], lens: _Lens) -> Iterator[str]:
         yield f"it zooms to {lengths[-1]:g} mm: one --camera is not that of all pictures"
 
 
+def _bounded(times_ns: Iterable[int]) -> IntArray:
+    """Return times (N,), ns; a damaged one may be beyond 64 bits."""
+    return np.array([min(max(time_ns, 0), LAST_NS) for time_ns in times_ns], np.int64)
+
+
 def _clock_of(moments: list[Moment], frames: int) -> _Clock:
     """Return the clock of a video of so many pictures; cues with an outlying time are ignored."""
-    stamps = np.array([moment.stamp_ns for moment in moments], np.int64)
-    begins = np.array([moment.begin_ns or 0 for moment in moments], np.int64)
+    stamps = _bounded(moment.stamp_ns for moment in moments)
+    begins = _bounded(moment.begin_ns or 0 for moment in moments)
     by_number = abs(len(stamps) - frames) <= 1 and len(stamps) > 1
     places = np.arange(len(stamps)) if by_number else begins
     good = ~lone_stamps(stamps) & ~lone_stamps(begins)
