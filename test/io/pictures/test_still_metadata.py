@@ -159,9 +159,21 @@ def test_the_datum_is_that_of_type_and_model_or_unknown(read, fields, model, dat
     assert read(still(model=model, **fields)).datum == datum
 
 
-def test_without_own_position_and_with_zeros_exif_s_is_taken_or_none(read):
-    data = read(still(GpsLatitude="0", GpsLongitude="0"))
-    assert math.isnan(data.latitude_rad)
+def test_without_own_position_exif_s_is_taken_and_zeros_are_none(read):
+    """Its height is above sea level, and below zero with the reference 1 (EXIF 2.3)."""
+    gps = {
+        "GPSLatitudeRef": "S",
+        "GPSLatitude": (33.0, 30.0, 36.0),
+        "GPSLongitudeRef": "W",
+        "GPSLongitude": (70.0, 0.0, 18.0),
+        "GPSAltitudeRef": b"\1",
+        "GPSAltitude": 2.5,
+    }
+    none = dict.fromkeys(("GpsLatitude", "GpsLongitude", "AbsoluteAltitude", "AltitudeType"))
+    data = read(still(model="other", gps=gps, **none))
+    assert np.degrees([data.latitude_rad, data.longitude_rad]) == pytest.approx([-33.51, -70.005])
+    assert (data.absolute_m, data.datum) == (-2.5, "msl")
+    assert math.isnan(read(still(GpsLatitude="0", GpsLongitude="0")).latitude_rad)
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 from xml.parsers import expat
@@ -84,8 +85,7 @@ def _opened(file: BinaryIO, form: str, packet: bytes | None) -> tuple[tuple[int,
     ``packet`` is the XMP, None where it is a tag.
     """
     try:
-        with warnings.catch_warnings(), Image.open(file, formats=(form,)) as image:
-            warnings.simplefilter("ignore")  # on EXIF that is odd
+        with _unwarned(), Image.open(file, formats=(form,)) as image:
             if math.prod(size := image.size) > MOST_OF_FILE:
                 raise Unreadable(_TOO_LARGE)
             exif = image.getexif()
@@ -100,6 +100,14 @@ def _opened(file: BinaryIO, form: str, packet: bytes | None) -> tuple[tuple[int,
     except _DAMAGES as fault:
         raise Unreadable(f"it is cut off or damaged ({fault})") from None
     return size, {**fields, **gps, **xmp}
+
+
+@contextmanager
+def _unwarned() -> Iterator[None]:
+    """Keep Pillow's remarks on odd EXIF from the screen."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def _packet(file: BinaryIO) -> bytes:

@@ -106,8 +106,15 @@ def still_metadata(path: Path) -> StillMetadata:
     size, fields = embedded_metadata(path)
     if not any(":" in name for name in fields):
         raise Unreadable("no XMP in it: it does not say where the camera was and looked")
+    try:
+        return _interpreted(fields, size, path.stem.upper())
+    except (TypeError, ValueError, LookupError, ArithmeticError) as fault:
+        raise Unreadable(f"its EXIF is damaged ({fault})") from None
+
+
+def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetadata:
     maker, model = (_text(fields, name, f"tiff:{name}") for name in ("Make", "Model"))
-    letter = _SUFFIX.search(path.stem.upper())
+    letter = _SUFFIX.search(stem)
     source = _text(fields, "ImageSource", "Camera:BandName", "FLIR:BandName")
     source = source or (letter[1] if letter else "")
     zoom = _number(fields, "DigitalZoomRatio", unknown=1.0) or 1.0  # 0: none
