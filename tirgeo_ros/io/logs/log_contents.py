@@ -141,6 +141,12 @@ class Refused(Exception):  # noqa: N818  no error: the record is counted
     """Say why a record of a log gives no sample."""
 
 
+def must(good: object, reason: str) -> None:
+    """Raise Refused unless a record is good."""
+    if not good:
+        raise Refused(reason)
+
+
 @dataclass(frozen=True)
 class LogOptions:
     """Hold what a log does not say itself; None or empty: not given."""
@@ -156,6 +162,7 @@ class LogOptions:
     start_ns: int | None = None  # UTC of the log's first record, where it has no date
     set_heading_rad: float | None = None  # of the nose, set by a person
     columns: Path | None = None  # what the columns of a CSV file mean
+    every_s: float = 0.0  # a video's picture each so many seconds; 0: all of them
 
     def to_ellipsoid_m(self, datum: str, path: Path) -> float:
         """Return the offset from heights above ``datum`` (of DATUMS) to ellipsoidal heights.
