@@ -141,6 +141,12 @@ class Refused(Exception):  # noqa: N818  no error: the record is counted
     """Say why a record of a log gives no sample."""
 
 
+def must(good: object, reason: str) -> None:
+    """Raise Refused unless a record is good."""
+    if not good:
+        raise Refused(reason)
+
+
 @dataclass(frozen=True)
 class LogOptions:
     """Hold what a log does not say itself; None or empty: not given."""

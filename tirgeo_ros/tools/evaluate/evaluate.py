@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,7 @@ from tirgeo_ros.tools.replay.registration import (
     Registered,
     Sample,
     done_without,
+    has_rates,
     resolved,
 )
 
@@ -134,9 +135,12 @@ def evaluate(
         check_folder(output, (bag, survey, observations, truth, *files, *configs.files))
     experiment = load_experiment(survey, observations)
     heights_m = experiment.heights_m
-    setups = method_setups(params, boresight, namespace, heights_m, places)
+    setups, reader = method_setups(params, boresight, namespace, heights_m, places), BagReader(bag)
+    if not has_rates(reader, namespace):
+        fit = (each.configs.fitting(reader.topics(), namespace, rates=False) for each in setups)
+        setups = [replace(s, configs=own) for s, (own, _) in zip(setups, fit, strict=True)]
     last = setups[-1]  # the checks use its parameters
-    overlay, reader = last.configs.overlay, BagReader(bag)
+    overlay = last.configs.overlay
     lens, layers = configured_camera(overlay), configured_layers(overlay)
     opened = OpenedFlight(reader, last.configs, files, namespace, [])
     checks = FlightChecks(opened, ground=last.ground, layers=layers or None, camera=lens)
