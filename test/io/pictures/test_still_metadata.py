@@ -159,9 +159,21 @@ def test_the_datum_is_that_of_type_and_model_or_unknown(read, fields, model, dat
     assert read(still(model=model, **fields)).datum == datum
 
 
-def test_without_own_position_and_with_zeros_exif_s_is_taken_or_none(read):
-    data = read(still(GpsLatitude="0", GpsLongitude="0"))
-    assert math.isnan(data.latitude_rad)
+def test_without_own_position_exif_s_is_taken_and_zeros_are_none(read):
+    """Its height is above sea level, and below zero with the reference 1 (EXIF 2.3)."""
+    gps = {
+        "GPSLatitudeRef": "S",
+        "GPSLatitude": (33.0, 30.0, 36.0),
+        "GPSLongitudeRef": "W",
+        "GPSLongitude": (70.0, 0.0, 18.0),
+        "GPSAltitudeRef": b"\1",
+        "GPSAltitude": 2.5,
+    }
+    none = dict.fromkeys(("GpsLatitude", "GpsLongitude", "AbsoluteAltitude", "AltitudeType"))
+    data = read(still(model="other", gps=gps, **none))
+    assert np.degrees([data.latitude_rad, data.longitude_rad]) == pytest.approx([-33.51, -70.005])
+    assert (data.absolute_m, data.datum) == (-2.5, "msl")
+    assert math.isnan(read(still(GpsLatitude="0", GpsLongitude="0")).latitude_rad)
 
 
 @pytest.mark.parametrize(
@@ -213,12 +225,6 @@ BOMB = (
 )
 
 
-def bombed_tiff() -> bytes:
-    """Return the head of a TIFF whose XMP is 100 MB long."""
-    entry = struct.pack("<HHII", 700, 1, 100_000_000, 26)
-    return b"II*\0" + struct.pack("<IH", 8, 1) + entry + bytes(4) + bytes(100_000_000)
-
-
 def vast_jpeg() -> bytes:
     """Return a JPEG of 65000 x 65000 pixels by its header."""
     jpeg = still()
@@ -234,7 +240,8 @@ def vast_jpeg() -> bytes:
         (lambda: jpeg_with(b"<a>" * 10_000), "nested too deeply"),
         (lambda: jpeg_with(b"<x:xmpmeta><a b='"), "XMP is damaged"),
         (lambda: jpeg_with(*[b"<a>" + b" " * 65_000] * 1600), "more than 1 MB"),
-        (bombed_tiff, "more than 1 MB"),
+        (lambda: picture("TIFF", xmp=bytes(100_000_000)), "more than 32 MB"),
+        (lambda: picture("TIFF", xmp=bytes(2_000_000)), "more than 1 MB"),
         (vast_jpeg, "million pixels"),
         (lambda: still()[:-3000], "cut off"),
         (lambda: still()[:200], "cut off"),

@@ -12,7 +12,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Take the packets and the pictures of MISB streams out of their containers, by PyAV.
+"""Take metadata and pictures of MISB streams out of their containers, by PyAV.
 
 A picture's time is that of its own time stamp (ST 0604) if it has one. Else it follows from the
 metadata's time stamps and times in the stream: their difference as the median over neighbouring
@@ -21,9 +21,7 @@ packets, so that neither jitter nor drift of a clock counts.
 
 from __future__ import annotations
 
-import contextlib
 import math
-from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -38,25 +36,25 @@ from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import reading
-from tirgeo_ros.io.logs.klv_packets import LocalSet, PacketReader, without_cell_heads
+from tirgeo_ros.io.logs.klv_packets import Items, PacketReader, without_cell_heads
 from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, Picture
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
 
-_SYNC = 0x47
-_PROGRAMME = b"\0\0\1\xba"
+_SYNC, _PROGRAMME = 0x47, b"\0\0\1\xba"
 #: Distance and offset of the sync bytes: in a transport stream, and with a time before each.
 _TRANSPORT = ((188, 0), (192, 4))
-_PIECE = 1 << 20
 _PICTURE = "picture"
 _OWN_TIME = b"MISPmicrosectime"
 #: Neighbouring packets whose times in the stream give a picture's: some seconds.
 _NEIGHBOURS = 101
 #: A picture whose time is so near a packet's is of that packet's time.
 _SAME_NS = 2_000_000
-#: Beyond this, a picture's own time stamp is of another clock than the metadata.
-_FAR_NS = SECOND_NS
 #: Largest difference of the colours of a grey picture after compression.
 _GREY = 8
+_UNTIMED = (
+    "the metadata has no times in the stream: a picture without a time stamp of its own has about "
+    "the time of the metadata beside it"
+)
 
 
 def is_stream(head: bytes) -> bool:
@@ -67,154 +65,123 @@ def is_stream(head: bytes) -> bool:
     )
 
 
-def bare_packets(path: Path, contents: LogContents) -> Iterator[LocalSet]:
+def bare_packets(path: Path, contents: LogContents) -> Iterator[tuple[Items, float]]:
     """Yield the packets of a file by their keys, whatever is between them."""
-    reader, position = PacketReader(contents), 0
+    reader = PacketReader(contents)
     with reading(path, LogError), path.open("rb") as file:
-        while piece := file.read(_PIECE):
-            yield from reader.take(piece, position=position)
-            position += len(piece)
+        while piece := file.read(1 << 20):
+            yield from reader.take(piece)
     yield from reader.take(b"", last=True)
 
 
 class Stream:
-    """Read a stream twice: its packets, then the pictures of its first video.
-
-    Raise LogError if PyAV is not installed or cannot open the file.
-    """
+    """Read a stream twice: its metadata, then its pictures. Raise LogError without PyAV."""
 
     def __init__(self, path: Path, contents: LogContents) -> None:
         self._path, self._contents = path, contents
         self._av = needed("av", f"reading {path}", LogError)
-        self._at, self._times_s = array("d"), array("d")  # places and times of the video
-        self._clock: _Clock | None = None
+        self._begin_s, self._untimed = math.nan, False
+        self._utc_ns: Callable[[float], int] = lambda _: 0
 
-    def packets(self) -> Iterator[LocalSet]:
-        """Yield the packets of the first stream of metadata that has any."""
-        readers = defaultdict(lambda: PacketReader(self._contents))
-        chosen = None
-        with self._opened() as container:
-            video = [*container.streams.video[:1]]
-            for part in self._parts(container, [*video, *container.streams.data]):
-                time_s, index = _seconds(part, part.pts), part.stream.index
-                if part.stream in video:
-                    if part.dts is not None and part.pos is not None:
-                        self._at.append(part.pos)
-                        self._times_s.append(_seconds(part, part.dts))
-                elif chosen in {None, index}:
-                    content = without_cell_heads(bytes(part))
-                    for packet in readers[index].take(content, time_s, part.pos or 0):
-                        chosen = index
-                        yield packet
-        for index, reader in readers.items():
-            yield from reader.take(b"", last=True) if chosen in {None, index} else ()
+    def packets(self) -> Iterator[tuple[Items, float]]:
+        """Yield the packets of the first stream of metadata that has any, and their times (s)."""
+        readers = defaultdict[int, PacketReader](lambda: PacketReader(self._contents))
+        chosen, video_s = None, math.nan
+        for part in self._parts(with_data=True):
+            index = part.stream.index
+            if part.stream.type == "video":
+                video_s = _seconds(part.dts, part, video_s)
+                self._begin_s = video_s if math.isnan(self._begin_s) else self._begin_s
+            elif chosen in {None, index}:
+                time_s = _seconds(part.pts, part, video_s)
+                for packet in readers[index].take(without_cell_heads(bytes(part)), time_s):
+                    self._untimed |= part.pts is None
+                    chosen = index
+                    yield packet
+        for reader in readers.values():
+            yield from reader.take(b"", last=True)
         if not self._contents.read:  # PyAV finds no metadata in a programme stream
-            yield from bare_packets(self._path, self._contents)
+            for items, _ in bare_packets(self._path, self._contents):
+                self._untimed = True
+                yield items, math.nan
 
-    def set_times(
-        self, times_s: Sequence[float], positions: Sequence[int], stamps_ns: Sequence[int]
-    ) -> None:
-        """Set from the packets of metadata how the stream's times (s, nan: none) become UTC."""
-        known_s, at = np.array(times_s), np.array(positions)
-        if len(self._at) and np.isnan(known_s).any():
-            order = np.argsort(self._at, kind="stable")
-            by_place_s = np.interp(at, np.array(self._at)[order], np.array(self._times_s)[order])
-            known_s = np.where(np.isnan(known_s), by_place_s, known_s)
-            self._contents.notes.append(
-                "the metadata has no times in the stream: a picture without a time stamp of its "
-                "own has about the time of the metadata beside it in the file"
-            )
-        timed = np.isfinite(known_s)
-        if timed.any():
-            self._clock = _Clock(known_s[timed], np.array(stamps_ns)[timed])
+    def set_times(self, times_s: Sequence[float], stamps_ns: Sequence[int]) -> None:
+        """Set from times (s, nan: none) and UTC of packets what a picture's UTC is."""
+        if np.isfinite(times_s).any():
+            self._utc_ns = _clock(np.array(times_s), np.array(stamps_ns))
+        else:
+            self._utc_ns = _clock(np.array([self._begin_s]), np.array(stamps_ns[:1]))
+        if self._untimed:
+            self._contents.notes.append(_UNTIMED)
 
     def pictures(
         self, camera: Callable[[int, int, int], Camera | None], every_s: float
     ) -> Iterator[Picture]:
         """Yield the pictures as JPEG, each with ``camera(stamp_ns, width, height)``."""
-        last_ns, due_ns = 0, 0.0
-        for frame in self._frames():
-            self._contents.read[_PICTURE] += 1
-            stamp_ns = self._stamp_ns(frame)
-            if stamp_ns <= last_ns:
-                self._refuse("no time, or one before the last picture's")
+        last_ns, due_ns, refused = 0, 0.0, self._contents.refused
+        for part in self._parts(with_data=False):
+            try:
+                frames = part.decode()
+            except self._av.error.FFmpegError:
+                refused[_PICTURE, "cannot be decoded"] += 1
                 continue
-            last_ns = stamp_ns
-            if stamp_ns >= due_ns:
-                due_ns = stamp_ns + every_s * SECOND_NS - _SAME_NS
-                optics = camera(stamp_ns, frame.width, frame.height)
-                yield Picture(stamp_ns, _jpeg(frame), optics)
+            for frame in frames:
+                self._contents.read[_PICTURE] += 1
+                stamp_ns = _own_time_ns(frame)
+                if not stamp_ns and frame.time is not None:
+                    stamp_ns = self._utc_ns(frame.time)
+                if stamp_ns <= last_ns:
+                    refused[_PICTURE, "no time, or one before the last picture's"] += 1
+                    continue
+                last_ns = stamp_ns
+                if stamp_ns >= due_ns:
+                    due_ns = stamp_ns + every_s * SECOND_NS - _SAME_NS
+                    optics = camera(stamp_ns, frame.width, frame.height)
+                    yield Picture(stamp_ns, _jpeg(frame), optics)
 
-    def _frames(self) -> Iterator[Any]:
-        with self._opened() as container:
-            videos = container.streams.video[:1]
-            for stream in videos:
-                stream.thread_type = "AUTO"
-                stream.codec_context.options = {"max_pixels": str(MOST_OF_VIDEO)}
-            for part in self._parts(container, videos):
-                try:
-                    yield from part.decode()
-                except self._av.error.FFmpegError:  # noqa: PERF203  the next may be whole
-                    self._refuse("cannot be decoded")
-
-    def _stamp_ns(self, frame: Any) -> int:
-        """Return a picture's time, 0 if it has none."""
-        own_ns, time_s = _own_time_ns(frame), frame.time
-        if self._clock is None or time_s is None:
-            return own_ns
-        stamp_ns = self._clock.at_ns(time_s)
-        return own_ns if abs(own_ns - stamp_ns) < _FAR_NS else stamp_ns
-
-    def _refuse(self, reason: str) -> None:
-        self._contents.refused[_PICTURE, reason] += 1
-
-    def _opened(self) -> contextlib.AbstractContextManager[Any]:
+    def _parts(self, *, with_data: bool) -> Iterator[Any]:
+        """Yield the packets of the first video and of metadata, as far as the file is whole."""
         try:
-            opened: contextlib.AbstractContextManager[Any] = self._av.open(str(self._path))
-        except (self._av.error.FFmpegError, OSError) as error:
-            raise LogError(f"{self._path}: cannot be read as a video: {error.strerror}") from None
-        return opened
-
-    def _parts(self, container: Any, streams: Sequence[Any]) -> Iterator[Any]:
-        """Yield the packets of the container, as far as it can be read."""
-        try:
-            yield from container.demux(*streams) if streams else ()
+            with self._av.open(str(self._path)) as container:
+                videos = container.streams.video[:1]
+                for video in videos:
+                    video.thread_type = "AUTO"
+                    video.codec_context.options = {"max_pixels": str(MOST_OF_VIDEO)}
+                streams = [*videos, *(container.streams.data if with_data else ())]
+                yield from container.demux(streams) if streams else ()
         except self._av.error.FFmpegError:
             self._contents.damaged = True
 
 
-class _Clock:
-    """Convert times in the stream to UTC."""
-
-    def __init__(self, times_s: Array, stamps_ns: IntArray) -> None:
-        order = np.argsort(times_s, kind="stable")
-        self._stamps_ns, self._begin_ns = np.sort(stamps_ns), int(stamps_ns[0])
-        self._times_s = times_s[order]
-        offsets_s = (stamps_ns[order] - self._begin_ns) * 1e-9 - self._times_s
-        self._offsets_s = median_filter(offsets_s, _NEIGHBOURS, mode="reflect")
-
-    def at_ns(self, time_s: float) -> int:
-        """Return the UTC of a time in the stream; that of a packet if it is as good as equal."""
-        after_s = time_s + float(np.interp(time_s, self._times_s, self._offsets_s))
-        stamp_ns = self._begin_ns + round(after_s * SECOND_NS)
-        place = int(np.searchsorted(self._stamps_ns, stamp_ns))
-        near = self._stamps_ns[max(place - 1, 0) : place + 1].tolist()
-        nearest = min(near, key=lambda other: abs(other - stamp_ns))
-        return int(nearest) if abs(nearest - stamp_ns) < _SAME_NS else stamp_ns
+def _seconds(ticks: int | None, part: Any, otherwise_s: float) -> float:
+    return otherwise_s if ticks is None else float(ticks * part.time_base)
 
 
-def _seconds(part: Any, ticks: int | None) -> float:
-    return math.nan if ticks is None else float(ticks * part.time_base)
+def _clock(times_s: Array, stamps_ns: IntArray) -> Callable[[float], int]:
+    """Return the UTC (ns) of a time in the stream (s); that of a packet if it is almost equal."""
+    begin_ns, timed = int(stamps_ns[0]), np.isfinite(times_s)
+    order = np.argsort(times_s[timed], kind="stable")
+    known_s, offsets_s = times_s[timed][order], (stamps_ns - begin_ns)[timed][order] * 1e-9
+    offsets_s = median_filter(offsets_s - known_s, _NEIGHBOURS, mode="reflect")
+    sorted_ns = np.sort(stamps_ns)
+
+    def utc_ns(time_s: float) -> int:
+        after_s = time_s + float(np.interp(time_s, known_s, offsets_s))
+        stamp_ns = begin_ns + round(after_s * SECOND_NS)
+        place = int(np.searchsorted(sorted_ns, stamp_ns))
+        near = sorted_ns[max(place - 1, 0) : place + 1].tolist()
+        nearest = int(min(near, key=lambda other: abs(other - stamp_ns)))
+        return nearest if abs(nearest - stamp_ns) < _SAME_NS else stamp_ns
+
+    return utc_ns
 
 
 def _own_time_ns(frame: Any) -> int:
-    """Return the precision time stamp of a picture (ST 0604.6, figure 1), or 0.
+    """Return the precision time stamp of a picture of H.264 or H.265 (ST 0604), or 0.
 
-    It is in the H.264's or H.265's user data: name, status, then the eight bytes of the
-    microseconds with 0xff after each second one.
+    It is in the user data: name, status, microseconds with 0xff after each second byte.
     """
-    for part in frame.side_data:
-        content = bytes(part)
+    for content in map(bytes, frame.side_data):
         if content.startswith(_OWN_TIME) and len(content) == len(_OWN_TIME) + 12:
             digits = content[len(_OWN_TIME) + 1 :]
             return int.from_bytes(b"".join(digits[k : k + 2] for k in (0, 3, 6, 9)), "big") * 1000
@@ -223,8 +190,7 @@ def _own_time_ns(frame: Any) -> int:
 
 def _jpeg(frame: Any) -> bytes:
     """Return a picture as JPEG, of one channel if it is grey."""
-    pixels = frame.to_ndarray(format="bgr24")
-    grey = frame.to_ndarray(format="gray")
+    pixels, grey = (frame.to_ndarray(format=name) for name in ("bgr24", "gray"))
     if int(cv2.absdiff(pixels, cv2.merge([grey] * 3)).max()) <= _GREY:
         pixels = grey
     return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()

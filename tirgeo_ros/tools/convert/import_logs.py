@@ -51,7 +51,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.logs.dji_video import own_subtitles
-from tirgeo_ros.io.logs.forms import CSV, UBX, VIDEO, Form, form_of
+from tirgeo_ros.io.logs.forms import CSV, STILLS, UBX, VIDEO, Form, form_of
 from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, LogOptions, Picture
 from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
@@ -221,7 +221,8 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
     spans = {}
     for topic, samples in by_topic.items():
         stamps_ns = np.array([sample.stamp_ns for _, sample in samples])
-        alone = lone_stamps(stamps_ns)
+        # Each still has its own time, and may be taken long after the others.
+        alone = lone_stamps(stamps_ns) & (form is not STILLS)
         good += compress(samples, ~alone)
         stamps_ns = stamps_ns[~alone]
         spans[topic] = int(stamps_ns.min()), int(stamps_ns.max())

@@ -173,8 +173,9 @@ class FlightChecks:
             self._navigation.take(topic, sample, arrival_ns)
         if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
             stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
-            alone = sample.is_attitude_alone
-            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb, alone=alone)
+            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
+            if sample.is_attitude_alone:
+                self._gimbal.autopilot_alone(stamp_ns, sample.autopilot_q_nb)
 
     @_guarded(_BLOCK)
     def watch(self, _sample: Sample, registered: Registered) -> None:

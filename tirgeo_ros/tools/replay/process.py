@@ -47,7 +47,7 @@ from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
-from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_of
+from tirgeo_ros.tools.replay.registration import PICTURES, done_without, has_rates, inputs_of
 
 #: A larger share of refused measurements of one kind is a problem: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
@@ -173,7 +173,9 @@ def _run(
 def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> dict[str, object]:
     """Return counts and notes of the messages that were read, and of the outputs."""
     reader, names, overlay = setup.opened.reader, setup.topics.values(), setup.overlay
-    absent = done_without(names, setup.opened.configs.ekf.method, setup.opened.namespace)
+    absent, namespace = "", setup.opened.namespace
+    if has_rates(reader, namespace):  # else each attitude has its position, without a velocity
+        absent = done_without(names, setup.opened.configs.ekf.method, namespace)
     without = f"{reader.path} has no {absent}: continuing without it" if absent else None
     notes = [*setup.notes]
     if not any(name.startswith("gimbal/") for name in names):
