@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, IntArray
@@ -148,7 +148,7 @@ class Stream:
                     video.codec_context.options = {"max_pixels": str(MOST_OF_VIDEO)}
                 streams = [*videos, *(container.streams.data if with_data else ())]
                 yield from container.demux(streams) if streams else ()
-        except self._av.error.FFmpegError:
+        except (self._av.error.FFmpegError, IndexError):  # of a stream that a damage has made
             self._contents.damaged = True
 
 
@@ -161,7 +161,9 @@ def _clock(times_s: Array, stamps_ns: IntArray) -> Callable[[float], int]:
     begin_ns, timed = int(stamps_ns[0]), np.isfinite(times_s)
     order = np.argsort(times_s[timed], kind="stable")
     known_s, offsets_s = times_s[timed][order], (stamps_ns - begin_ns)[timed][order] * 1e-9
-    offsets_s = median_filter(offsets_s - known_s, _NEIGHBOURS, mode="reflect")
+    padded_s = np.pad(offsets_s - known_s, _NEIGHBOURS // 2, "symmetric")
+    windows = np.array_split(sliding_window_view(padded_s, _NEIGHBOURS), len(known_s) // 1000 + 1)
+    offsets_s = np.concatenate([np.median(part, axis=1) for part in windows])  # in little memory
     sorted_ns = np.sort(stamps_ns)
 
     def utc_ns(time_s: float) -> int:
