@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 
@@ -25,21 +26,16 @@ from klv_reader import demuxed, step_of, values_in
 from process_bags import CAMERA_POSE, IMAGES, messages_of
 
 from tirgeo_ros.core.camera.known_cameras import XT2
-from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import (
     BODY_OPTICAL,
     matrix_from_euler,
-    matrix_from_quat,
     quat_from_matrix,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.gimbal.camera_pose import Mount, from_joints
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
-from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
+from tirgeo_ros.core.ground.frame_geometry import Sight, camera_place, frame_geometry
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.measurements import ImuSample, JointSample, PositionSample
-from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.logs.misb import read_misb
@@ -62,34 +58,30 @@ def film(cut, options, tmp_path_factory):
 def written_poses(bag):
     """The camera's poses of a bag, and their plane."""
     _, origin = next(messages_of(bag, "/tirgeo/origin"))
-    poses = PoseBuffer(span_s=1e6)
-    for _, message in messages_of(bag, CAMERA_POSE):
-        poses.add(convert.camera_pose(message))
+    poses = [convert.camera_pose(message) for _, message in messages_of(bag, CAMERA_POSE)]
     return poses, convert.tangent_plane(origin)
 
 
-def test_our_own_video_gives_the_poses_that_it_was_drawn_with(film):
-    """To half a step of the packet, through the joints' order and the picture's middle ray."""
-    contents = read_misb(film / "out.ts", LogOptions())
-    poses, plane = written_poses(film / "out.mcap")
-    mount = Mount.from_config(GimbalConfig(joint_order=contents.parameters["joint_order"]))
-    places, attitudes, joints = (
-        {sample.stamp_ns: sample for sample in contents.samples if isinstance(sample, kind)}
-        for kind in (PositionSample, ImuSample, JointSample)
-    )
-    assert places.keys() == attitudes.keys() == joints.keys()
-    assert len(places) > 15
+def test_our_own_video_gives_the_poses_that_it_was_drawn_with(film, tmp_path):
+    """Imported and composed anew, to half a step of the packet; of the picture's middle ray."""
+    parameters = import_flight(film / "out.ts", tmp_path / "again.mcap")["parameters"]
+    order = {"/**/gimbal_node": {"ros__parameters": {"joint_order": parameters["joint_order"]}}}
+    (tmp_path / "order.yaml").write_text(json.dumps(order))
+    files = tmp_path / "again.mcap", tmp_path / "raw.mcap"
+    process(*files, params=tmp_path / "order.yaml", method="raw", images=False)
+    again, again_plane = written_poses(tmp_path / "raw.mcap")
+    drawn, plane = written_poses(film / "out.mcap")
+    buffer = PoseBuffer(span_s=1e6)
+    assert all(map(buffer.add, drawn))
     half_n = 0.5 * np.array([*np.radians([step_of(13), step_of(14)]) * EARTH_M, step_of(75)])
-    for stamp_ns, fix in places.items():
-        pose = poses.at(stamp_ns)
-        place_n = plane.ned_from_geodetic(fix.latitude_rad, fix.longitude_rad, fix.height_m)
+    assert len(again) > 15
+    for ours in again:
+        pose = buffer.at(ours.stamp_ns)
+        place_n = plane.ned_from_geodetic(*again_plane.geodetic_from_ned(ours.position_n))
         assert (np.abs(place_n - pose.position_n) < half_n + 1e-4).all()
-        # In the axes north, east, down at the sensor, as the packet has them.
-        body = BodyPose(stamp_ns, place_n, attitudes[stamp_ns].autopilot_q_nb, np.zeros((6, 6)))
-        ours = from_joints(mount, body, joints[stamp_ns])
         sight = frame_geometry(Sight(XT2, pose, plane, math.nan), ConfidenceConfig())
         wanted = matrix_from_euler(*sight.sight_rpy) @ BODY_OPTICAL
-        error = quat_from_matrix(matrix_from_quat(ours.q_nc).T @ wanted)
+        error = quat_from_matrix(camera_place(ours, again_plane).rotation_lc.T @ wanted)
         assert np.linalg.norm(rotvec_from_quat(error)) < ANGLE_RAD
 
 

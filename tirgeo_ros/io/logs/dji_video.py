@@ -279,7 +279,7 @@ class _Reader:
                         self._contents.read[_PICTURE] += 1
                         last_ns = stamp_ns
                         camera = self._lens(moment.zoom or 1.0)
-                        yield Picture(stamp_ns, _jpeg(frame, reformatter), camera)
+                        yield Picture(stamp_ns, jpeg(frame, reformatter), camera)
             except FFmpegError:
                 self._contents.damaged = True
             self._refuse("cannot be decoded", len(self._wanted))
@@ -356,7 +356,7 @@ def _rest(video: Any) -> list[Any]:
     return frames
 
 
-def _jpeg(frame: Any, reformatter: Any) -> bytes:
+def jpeg(frame: Any, reformatter: Any) -> bytes:
     """Return a frame as JPEG, with one channel if its colours are grey."""
     pixels = reformatter.reformat(frame, format="gray" if _is_grey(frame) else "bgr24")
     return cv2.imencode(".jpg", pixels.to_ndarray(), _JPEG)[1].tobytes()

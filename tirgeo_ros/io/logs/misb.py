@@ -17,8 +17,10 @@
 The platform's heading, pitch and roll (tags 5, 6 or 90, 7 or 91) turn north, east, down to its
 axes (forward, right, down), the sensor's relative azimuth, elevation and roll (18 to 20) these to
 the sensor's: each time about z, then y, then x. The sensor's angles are therefore those of joints
-in the order yaw, pitch, roll. Its position (13, 14) is that of the camera itself. The frame's
-centre (23 to 25) is only compared: a stream whose angles mean something else shows there.
+in the order yaw, pitch, roll. They are of the line of sight through the picture's middle, which
+is the optical axis of the pinhole camera of the fields of view. The position (13, 14) is that of
+the camera itself. The frame's centre (23 to 25) is only compared: a stream whose angles mean
+something else shows there.
 """
 
 from __future__ import annotations
@@ -56,6 +58,10 @@ _TAGS = (5, 6, 7, *range(13, 21), 23, 24, 25, 75, 78, 90, 91, _EXTENDED_HEIGHT)
 _JOINT_ORDER = "yaw-pitch-roll"
 #: Of a stream's field of view, which no calibration has measured.
 _FOCAL_SIGMA = 0.01
+_MIDDLE = (
+    "the sensor's angles are of the picture's middle: keep to the camera of its fields of view, "
+    "for a calibrated one has another axis, which would need its boresight_rpy_deg"
+)
 _MOST_COMPARED = 1000  # packets, spread evenly: enough for the quantiles
 _NOT_MEASURED, _UNKNOWN = np.full(3, np.nan), np.zeros((3, 3))
 
@@ -79,6 +85,7 @@ def read_misb(path: Path, options: LogOptions) -> LogContents:
     if stream and table.stamps_ns:
         stream.set_times(table.times_s, table.stamps_ns)
         contents.parameters["confidence.focal_sigma"] = _FOCAL_SIGMA
+        contents.notes.append(_MIDDLE)
         contents.pictures = stream.pictures(_optics(table, values), options.every_s)
     return contents
 

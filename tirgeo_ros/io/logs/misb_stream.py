@@ -27,15 +27,15 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import reading
+from tirgeo_ros.io.logs.dji_video import jpeg
 from tirgeo_ros.io.logs.klv_packets import Items, PacketReader, without_cell_heads
 from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, Picture
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
@@ -49,8 +49,6 @@ _OWN_TIME = b"MISPmicrosectime"
 _NEIGHBOURS = 101
 #: A picture whose time is so near a packet's is of that packet's time.
 _SAME_NS = 2_000_000
-#: Largest difference of the colours of a grey picture after compression.
-_GREY = 8
 _UNTIMED = (
     "the metadata has no times in the stream: a picture without a time stamp of its own has about "
     "the time of the metadata beside it"
@@ -119,6 +117,7 @@ class Stream:
     ) -> Iterator[Picture]:
         """Yield the pictures as JPEG, each with ``camera(stamp_ns, width, height)``."""
         last_ns, due_ns, refused = 0, 0.0, self._contents.refused
+        reformatter = self._av.video.reformatter.VideoReformatter()
         for part in self._parts(with_data=False):
             try:
                 frames = part.decode()
@@ -137,7 +136,7 @@ class Stream:
                 if stamp_ns >= due_ns:
                     due_ns = stamp_ns + every_s * SECOND_NS - _SAME_NS
                     optics = camera(stamp_ns, frame.width, frame.height)
-                    yield Picture(stamp_ns, _jpeg(frame), optics)
+                    yield Picture(stamp_ns, jpeg(frame, reformatter), optics)
 
     def _parts(self, *, with_data: bool) -> Iterator[Any]:
         """Yield the packets of the first video and of metadata, as far as the file is whole."""
@@ -149,7 +148,7 @@ class Stream:
                     video.codec_context.options = {"max_pixels": str(MOST_OF_VIDEO)}
                 streams = [*videos, *(container.streams.data if with_data else ())]
                 yield from container.demux(streams) if streams else ()
-        except self._av.error.FFmpegError:
+        except (self._av.error.FFmpegError, IndexError):  # of a stream that a damage has made
             self._contents.damaged = True
 
 
@@ -162,7 +161,9 @@ def _clock(times_s: Array, stamps_ns: IntArray) -> Callable[[float], int]:
     begin_ns, timed = int(stamps_ns[0]), np.isfinite(times_s)
     order = np.argsort(times_s[timed], kind="stable")
     known_s, offsets_s = times_s[timed][order], (stamps_ns - begin_ns)[timed][order] * 1e-9
-    offsets_s = median_filter(offsets_s - known_s, _NEIGHBOURS, mode="reflect")
+    padded_s = np.pad(offsets_s - known_s, _NEIGHBOURS // 2, "symmetric")
+    windows = np.array_split(sliding_window_view(padded_s, _NEIGHBOURS), len(known_s) // 1000 + 1)
+    offsets_s = np.concatenate([np.median(part, axis=1) for part in windows])  # in little memory
     sorted_ns = np.sort(stamps_ns)
 
     def utc_ns(time_s: float) -> int:
@@ -186,11 +187,3 @@ def _own_time_ns(frame: Any) -> int:
             digits = content[len(_OWN_TIME) + 1 :]
             return int.from_bytes(b"".join(digits[k : k + 2] for k in (0, 3, 6, 9)), "big") * 1000
     return 0
-
-
-def _jpeg(frame: Any) -> bytes:
-    """Return a picture as JPEG, of one channel if it is grey."""
-    pixels, grey = (frame.to_ndarray(format=name) for name in ("bgr24", "gray"))
-    if int(cv2.absdiff(pixels, cv2.merge([grey] * 3)).max()) <= _GREY:
-        pixels = grey
-    return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
