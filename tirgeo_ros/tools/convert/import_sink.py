@@ -27,7 +27,7 @@ from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.logs.log_contents import Picture
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
 
 #: A sample that waits for others of its instant is out of order by less than this.
 _DISORDER_NS = 1_000_000_000

@@ -30,6 +30,7 @@ from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.messages.topics import resolved
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.evaluate.experiment import (
@@ -53,13 +54,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, node_configs
-from tirgeo_ros.tools.replay.registration import (
-    FILTERS,
-    Registered,
-    Sample,
-    done_without,
-    resolved,
-)
+from tirgeo_ros.tools.replay.registration import FILTERS, Registered, Sample, done_without
 
 #: Topics that a method must have. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}

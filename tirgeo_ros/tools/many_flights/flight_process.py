@@ -46,11 +46,11 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.topics import resolved
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, written_record
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import error_line, plain
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.replay.registration import resolved
 
 #: How often a flight is tried if its process is killed.
 ATTEMPTS = 3

@@ -37,6 +37,7 @@ from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.video.video_file import VideoFile
@@ -47,7 +48,7 @@ from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
-from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_of
+from tirgeo_ros.tools.replay.registration import done_without, inputs_of
 
 #: A larger share of refused measurements of one kind is a problem: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01

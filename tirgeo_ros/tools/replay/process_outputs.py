@@ -47,6 +47,7 @@ from tirgeo_ros.io.messages import (
     navigation_item,
 )
 from tirgeo_ros.io.messages.json_codec import state_text
+from tirgeo_ros.io.messages.topics import prefix, resolved
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
@@ -54,7 +55,7 @@ from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, OpenedFlight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
-from tirgeo_ros.tools.replay.registration import Registered, Registration, Sample, prefix, resolved
+from tirgeo_ros.tools.replay.registration import Registered, Registration, Sample
 
 #: Time between two reports of the state, as in the nodes.
 REPORT_PERIOD_NS = 1_000_000_000
