@@ -151,6 +151,7 @@ class LogOptions:
     rover_first: bool = False  # the first antenna is the rover's, the second the moving base's
     takeoff_height_m: float | None = None  # ellipsoidal, for heights above the take-off
     height: str = ""  # datum of heights if the log does not say it: one of DATUMS
+    every_s: float = 0.0  # at most one picture of a video in so many seconds; 0: all
     time_scale: str = ""  # of times if the log does not say it: gpst or utc
     utc_offset_s: int | None = None  # of local times, east positive
     start_ns: int | None = None  # UTC of the log's first record, where it has no date

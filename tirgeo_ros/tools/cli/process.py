@@ -37,7 +37,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import ANY_BAG, NEEDED, REGISTRATION, WORD, UsageError, call
+from tirgeo_ros.tools.cli._verb import (
+    ANY_BAG,
+    DIRECT,
+    EVERY,
+    NEEDED,
+    REGISTRATION,
+    WORD,
+    UsageError,
+    call,
+)
 
 _OUTPUT = "the new bag; for several flights (or with an existing folder or DIR/) the folder"
 _VIDEO = (
@@ -56,6 +65,8 @@ OPTIONS = (
     ("--video", "OUT.mp4", _VIDEO, {"nargs": "?", "const": Path()}),
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
+    *DIRECT,
+    EVERY,
 )
 _NAMES = "params map method camera dem ground_height raw_images namespace smooth"
 _ENDINGS = (".mp4", ".ts")

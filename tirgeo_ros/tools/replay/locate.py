@@ -35,10 +35,12 @@ from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
 from tirgeo_ros.io.targets.formats import exported_answers, form_of
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -58,10 +60,12 @@ def locate_pixels(
     namespace: str = "",
     camera: PathLike | None = None,
     smooth: bool = False,
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
+    """Locate pixels of a flight's pictures; return a summary.
 
+    ``pixels`` is a CSV ``id,stamp_ns,u,v``, or ``id,picture,u,v`` with the names of stills.
     The ending of ``output`` chooses the format; an unknown one means GeoJSON. ``dem`` or
     ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A
     pixel that cannot be located is written with the reason. ``smooth``: camera poses use later
@@ -70,8 +74,10 @@ def locate_pixels(
     needed("mgrs", f"writing {os.fspath(output)}", SurveyError)
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
     arguments = (bag, [output], params, namespace, options)
-    opened = open_flight(*arguments, inputs=[pixels], error=SurveyError)
-    observations = load_observations(pixels)
+    opened = open_flight(
+        *arguments, inputs=[pixels], error=SurveyError, logs=logs, progress=progress
+    )
+    observations = load_observations(pixels, opened.reader.stills())
     overlay = opened.configs.overlay
     ground = ground_of(overlay)
     if ground is None:

@@ -37,10 +37,12 @@ from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.video.video_file import VideoFile
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import finding_items, summary
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -71,6 +73,7 @@ def process(
     namespace: str = "",
     camera: PathLike | None = None,
     smooth: bool = False,
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
     cores: int | None = None,
 ) -> dict[str, object]:
@@ -89,7 +92,9 @@ def process(
         raise ConfigError("raw_images and video need images")
     where = {"map": map, "dem": dem, "ground_height": ground_height}
     options = {"method": method, "camera": camera, **where}
-    opened = open_flight(bag_in, (bag_out, video), params, namespace, options)
+    opened = open_flight(
+        bag_in, (bag_out, video), params, namespace, options, logs=logs, progress=progress
+    )
     draws = images and (wanted or bool(opened.configs.overlay.map))
     cores = available_cores() if cores is None else cores
     with PictureStage(cores if draws else 1) as stage:
