@@ -42,10 +42,17 @@ _LARGEST_SPEED_M_S = 1e3
 _LARGEST_ANGLE_RAD = 1e6  # a joint that turns once a second for two days
 _LARGEST_VARIANCE = 1e30  # m2, (m/s)2, rad2: some sources send such values for "unknown"
 _ROUNDING = 1e-6  # rounding error of a covariance that was sent in single precision
+#: Fault, for a filter, of an ``ImuSample`` that has only an attitude.
+ATTITUDE_ALONE = (
+    "imu/data has an attitude but neither rates nor forces: use method raw or rtk"
+)
 
 
 def fault_of(sample: NavigationInput) -> str:
-    """Return why a sample cannot be used, or an empty string if it can."""
+    """Return why a sample cannot be used, or an empty string if it can.
+
+    ATTITUDE_ALONE is a fault for a filter only.
+    """
     if isinstance(sample, ImuSample):
         return _imu_fault(sample)
     if isinstance(sample, HeadingSample):
@@ -104,6 +111,8 @@ def _imu_fault(sample: ImuSample) -> str:
     force_b, rate_b = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
     if _within(force_b, _LARGEST_FORCE_M_S2) and _within(rate_b, _LARGEST_RATE_RAD_S):
         return ""
+    if sample.is_attitude_alone and usable_attitude(sample.autopilot_q_nb):
+        return ATTITUDE_ALONE
     finite = all(map(math.isfinite, force_b + rate_b))
     return f"force or rate is {'out of range' if finite else 'not finite'}"
 

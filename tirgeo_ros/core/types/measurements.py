@@ -81,13 +81,23 @@ class Source(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """Hold the body's specific force and angular rate, and the autopilot's attitude if known."""
+    """Hold the body's specific force and angular rate, and the autopilot's attitude if known.
+
+    Where only the attitude is measured (stills, MISB), force and rate are nan.
+    """
 
     source: ClassVar[Source] = Source.IMU
     stamp_ns: int
     specific_force_b: Array  # (3,) FRD, m/s2; (0, 0, -9.8) at rest
     angular_rate_b: Array  # (3,) FRD, rad/s
     autopilot_q_nb: Array | None = None  # (4,) wxyz; None if the message marks it as absent
+
+    @property
+    def is_attitude_alone(self) -> bool:
+        """Return whether it has an attitude, but neither a force nor a rate."""
+        if self.autopilot_q_nb is None or not math.isnan(self.angular_rate_b[0]):
+            return False
+        return all(map(math.isnan, (*self.angular_rate_b, *self.specific_force_b)))
 
 
 @dataclass(frozen=True, slots=True)

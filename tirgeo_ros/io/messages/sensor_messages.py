@@ -75,15 +75,17 @@ class SensorMessages(MessageParts):
     """Build the messages of samples."""
 
     def imu(self, sample: ImuSample) -> Any:
-        """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown."""
+        """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown.
+
+        The rate and the force of a sample that has only an attitude are marked as absent.
+        """
         attitude = sample.autopilot_q_nb
         q_enu = NO_ROTATION if attitude is None else quat_turned_both(*attitude.tolist())
-        return self._imu(
-            sample.stamp_ns,
-            (q_enu, _absent() if attitude is None else np.zeros(9)),
-            (sample.angular_rate_b, np.zeros(9)),
-            (sample.specific_force_b, np.zeros(9)),
-        )
+        rate, force = (sample.angular_rate_b, np.zeros(9)), (sample.specific_force_b, np.zeros(9))
+        if sample.is_attitude_alone:
+            rate = force = np.zeros(3), _absent()
+        of_attitude = q_enu, _absent() if attitude is None else np.zeros(9)
+        return self._imu(sample.stamp_ns, of_attitude, rate, force)
 
     def heading(self, sample: HeadingSample) -> Any:
         """Return ``sensor_msgs/Imu`` with the heading as ENU yaw; all else is marked as absent."""
@@ -176,15 +178,16 @@ def _absent() -> Array:
 
 
 def imu_sample(msg: Any) -> ImuSample:
-    """Convert ``sensor_msgs/Imu``; no attitude if its covariance marks it as absent."""
+    """Convert ``sensor_msgs/Imu``. What a covariance marks as absent is None (attitude) or nan."""
     force, rate = msg.linear_acceleration, msg.angular_velocity
+    force_b = np.array([force.x, -force.y, -force.z])
+    rate_b = np.array([rate.x, -rate.y, -rate.z])
     attitude = None if msg.orientation_covariance[0] == _ABSENT else frd_ned(msg.orientation)
-    return ImuSample(
-        stamp_ns(msg),
-        np.array([force.x, -force.y, -force.z]),
-        np.array([rate.x, -rate.y, -rate.z]),
-        attitude,
-    )
+    if msg.angular_velocity_covariance[0] == _ABSENT:
+        rate_b = np.full(3, math.nan)
+        if msg.linear_acceleration_covariance[0] == _ABSENT:
+            force_b = np.full(3, math.nan)
+    return ImuSample(stamp_ns(msg), force_b, rate_b, attitude)
 
 
 def heading_sample(msg: Any) -> HeadingSample:

@@ -39,7 +39,7 @@ from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.timeline.aid_stamps import AidClocks, DuplicateDetector, Same
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock, in_body_axes
-from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
+from tirgeo_ros.core.streams.sanity_checks import ATTITUDE_ALONE, LARGEST_HEIGHT_M, fault_of
 from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import (
@@ -54,6 +54,8 @@ from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcom
 
 #: Interval between two checks of the filter's health.
 _WATCH_NS = 100_000_000
+#: An attitude that is late by less is out of order; more is another clock, or a bag that restarts.
+_DISORDER_NS = 1_000_000_000
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _IMU_KEY = (Source.IMU, Outcome.USED)
 
@@ -98,6 +100,8 @@ class Navigation:
         """Start again from alignment. The origin of ``map`` stays where it is."""
         self._imu_clock = ImuClock(self._config.max_imu_gap_s)
         self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
+        #: What the newest attitude without rates lacks for a solution; None with an IMU.
+        self._attitude_lacks: str | None = None
         self._begin("", None, None)
 
     def _begin(self, why: str, cause: Outcome | None, prior: Biases | None) -> None:
@@ -138,15 +142,17 @@ class Navigation:
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample, valid or not; return its verdict, and a solution if one is due."""
         fault, has_begun = fault_of(sample), self._ekf is not None
-        if fault:
+        alone = fault is ATTITUDE_ALONE
+        if fault and (self._filtering or not alone):
+            self._attitude_lacks = fault if alone else self._attitude_lacks
             step = Step(Verdict(sample.source, Outcome.INVALID, fault))
         elif isinstance(sample, ImuSample):
-            step = self._process_imu(sample)
+            step = self._process_attitude(sample) if alone else self._process_imu(sample)
             if step.verdict is _IMU_USED:  # nearly always
                 self._log.counts[_IMU_KEY] += 1
                 return step
         else:
-            step = Step(self._process_aiding(sample))
+            step = Step(self._process_aiding(sample), self._placed())
         self._count(step.verdict)
         if not has_begun or self._clocks.silence_ns:  # else the next IMU sample shows it
             self._enter(self._state()[0])
@@ -200,15 +206,18 @@ class Navigation:
 
     def _state(self) -> tuple[FilterState, str]:
         clocks, offsets = self._clocks, self._clocks.offsets
-        if clocks.imu_ns is not None and clocks.silence_ns:
+        of_attitude = self._attitude_lacks
+        if clocks.imu_ns is not None and clocks.silence_ns and of_attitude is None:
             return FilterState.WAITING, f"no imu/data for {clocks.silence_ns * 1e-9:.1f} s"
         if not self._filtering:
-            reason = self._passthrough.reason
+            reason = self._passthrough.reason if of_attitude is None else of_attitude
             return (FilterState.WAITING if reason else FilterState.RUNNING), reason
         if self._ekf is not None:
             aids, newest_ns = self._ekf.aids, self._ekf.newest_ns
             state, reason = self._health.state(aids, newest_ns, self._log.unused)
             return state, f"{reason}; {offsets}" if reason and offsets else reason
+        if clocks.imu_ns is None and of_attitude:
+            return FilterState.WAITING, of_attitude
         lacks = offsets or self._start_up.aligner.reason
         reason = "; ".join(filter(None, (self._why_again, lacks)))
         if self._began_again is Outcome.RESTART:
@@ -251,7 +260,32 @@ class Navigation:
             self._align(sample)
             return Outcome.WAITING, ""
         self.revision += 1
+        self._attitude_lacks = None
         return self._passthrough.add_imu(sample)
+
+    def _process_attitude(self, sample: ImuSample) -> Step:
+        """Take an attitude without rates, at any interval: it has a solution of its own."""
+        stamp_ns, newest_ns = sample.stamp_ns - self._delays.imu_ns, self._clocks.imu_ns
+        if newest_ns is not None and 0 <= newest_ns - stamp_ns < _DISORDER_NS:
+            reason = "stamp not later than the previous one"
+            return Step(Verdict(Source.IMU, Outcome.OUT_OF_ORDER, reason))
+        self._clocks.take_imu(stamp_ns)
+        self._passthrough.add_imu(replace(sample, stamp_ns=stamp_ns))
+        return Step(_IMU_USED, self._attitude_solution())
+
+    def _placed(self) -> NavSolution | None:
+        """Return the solution of an attitude alone whose position arrived only just now."""
+        is_late = self._attitude_lacks and self._clocks.imu_ns == self._clocks.aid_ns
+        return self._attitude_solution() if is_late and not self._filtering else None
+
+    def _attitude_solution(self) -> NavSolution | None:
+        """Return the solution at the newest attitude alone, at whatever rate, or None."""
+        self._attitude_lacks = self._passthrough.reason
+        solution = self._passthrough.solution()
+        self._newest = solution or self._newest
+        self.revision += 1
+        self._enter(self._state()[0])
+        return solution
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
         source = sample.source

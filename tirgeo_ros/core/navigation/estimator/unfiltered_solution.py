@@ -14,7 +14,8 @@
 # limitations under the License.
 """Estimate the baselines ``raw`` and ``rtk``: the autopilot's attitude and a satellite position.
 
-Between two positions, the last position is extrapolated with the last velocity, unfiltered.
+Between two positions, the last position is extrapolated with the last velocity, unfiltered. No
+IMU is needed: attitudes may come alone, at any interval.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 _LARGEST_AGE_S = 1.0
 #: Sampling rate assumed to convert the gyroscopes' noise density to a variance of one reading.
 _NOMINAL_RATE_HZ = 100.0
+#: Rate, and its variance, of a sample that has only an attitude: not known.
+_NO_RATE_B, _UNKNOWN_RAD2_S2 = np.zeros(3), (1e6, 1e6, 1e6)
 
 
 class UnfilteredSolution:
@@ -103,8 +106,11 @@ class UnfilteredSolution:
         latitude = position.latitude_rad + float(shift[0]) / (meridian + position.height_m)
         longitude = wrapped(position.longitude_rad + float(shift[1]) / float(east_m))
         place = latitude, longitude, position.height_m - float(shift[2])
-        motion = velocity_n, canonical(imu.autopilot_q_nb), imu.angular_rate_b
-        return NavSolution(imu.stamp_ns, *place, *motion, self._rate_variance_b, covariance)
+        rate_b, variance_b = imu.angular_rate_b, self._rate_variance_b
+        if imu.is_attitude_alone:
+            rate_b, variance_b = _NO_RATE_B, _UNKNOWN_RAD2_S2
+        motion = velocity_n, canonical(imu.autopilot_q_nb), rate_b, variance_b
+        return NavSolution(imu.stamp_ns, *place, *motion, covariance)
 
     def _fresh(self, sample: PositionSample | VelocitySample) -> bool:
         imu = self._imu
