@@ -39,7 +39,7 @@ from tirgeo_ros.io.logs.forms import Form
 from tirgeo_ros.io.logs.log_contents import LogContents, Picture
 from tirgeo_ros.tools.convert import direct_input, import_logs
 
-START_NS, STEP_NS = 1_700_000_000_000_000_000, 150_000_000
+START_NS, STEP_NS = 1_700_000_000_000_000_000, 100_000_000
 #: Of the park's beds (deg), on the ground at 11.5 m, and the height of the stills above it (m).
 PLACE_DEG, GROUND_M, ABOVE_M = (39.849377, 116.699679), 11.5, 60.0
 XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><a b="still %d"/></x:xmpmeta>'
@@ -67,7 +67,7 @@ def folder_of(path: Path, count=3, size=(640, 512)):
 
 @dataclass
 class StandIn:
-    """Read a folder: still n is taken at 0.15 n s, looks down and north, and is 1 m north of n - 1.
+    """Read a folder: still n is taken at 0.1 n s, looks down and north, and is 1 m north of n - 1.
 
     ``options`` are those of the last import. Of the stills ``lost`` there is no position.
     """
