@@ -43,9 +43,7 @@ _LARGEST_ANGLE_RAD = 1e6  # a joint that turns once a second for two days
 _LARGEST_VARIANCE = 1e30  # m2, (m/s)2, rad2: some sources send such values for "unknown"
 _ROUNDING = 1e-6  # rounding error of a covariance that was sent in single precision
 #: Fault, for a filter, of an ``ImuSample`` that has only an attitude.
-ATTITUDE_ALONE = (
-    "imu/data has an attitude but neither rates nor forces: use method raw or rtk"
-)
+ATTITUDE_ALONE = "imu/data has an attitude but neither rates nor forces: use method raw or rtk"
 
 
 def fault_of(sample: NavigationInput) -> str:

@@ -160,13 +160,10 @@ def import_logs(
     for finding in imu_findings(samples, config.aircraft.rotation_bi):
         key = _KEYS.get(finding.check) if is_table else None
         warnings.append(f"{finding.line} (in --columns: {key})" if key else finding.line)
-    parameters = {k: v for log in logs for k, v in log.contents.parameters.items()}
-    if any(pictures):  # their stamps are those of the exposures
-        parameters = {"video_latency_s": 0.0} | parameters
     return {
         "kind": "logs",
         "files": [log.result() for log in logs],
-        "parameters": parameters,
+        "parameters": {k: v for log in logs for k, v in log.contents.parameters.items()},
         "error": "; ".join(f"{x.path}: {_DAMAGED}" for x in logs if x.contents.damaged) or None,
         "warnings": warnings,
     }
