@@ -23,6 +23,7 @@ machine reaches that graph (docs/security.md). ``--show-args`` lists all argumen
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
 import secrets
@@ -50,6 +51,7 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.whole_files import named_files
 from tirgeo_ros.tools.graph.node_graph import localhost_environment, video_environment
 from tirgeo_ros.tools.graph.whole_graph import read_remaps
+from tirgeo_ros.tools.replay.node_configs import values_without_rates
 
 SHARE = Path(__file__).resolve().parents[1]  # share/tirgeo when installed, else the source tree
 RVIZ = SHARE / "config" / "tirgeo.rviz"
@@ -107,12 +109,13 @@ def graph(context: LaunchContext) -> list[Action]:
     check_names(context, arguments)
     check(arguments)
     arguments["params_file"] = arguments["params"] or arguments["params_file"]
+    fitting = without_rates(arguments)
     on_bag = bool(arguments["bag"])
     local = is_true("localhost_only", arguments["localhost_only"] or str(on_bag))
     source = ["bag_player"] if on_bag else ["dji_node"] * is_true("dji", arguments["dji"])
     page = ["viewer_node"] * (page_address(arguments) is not None)
     names = ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
-    nodes = [node(context, name, arguments) for name in names]
+    nodes = [node(context, name, arguments, fitting) for name in names]
     # Each new start of the page has the tokens of its first one.
     seeded = not page or TOKEN_SEED in os.environ
     seed = [] if seeded else [SetEnvironmentVariable(TOKEN_SEED, secrets.token_urlsafe())]
@@ -148,7 +151,25 @@ def check(arguments: dict[str, str]) -> None:
         raise ValueError("argument respawn:=true: not with bag:=, which ends when a node dies")
 
 
-def node(context: LaunchContext, name: str, arguments: dict[str, str]) -> Node:
+def without_rates(arguments: dict[str, str]) -> dict[str, object]:
+    """Return the parameters for a bag whose imu/data has attitudes alone; {} for any other.
+
+    The default parameters, an M600's, are then left out: the bag is of another aircraft.
+    """
+    is_default = arguments["params_file"] == ARGUMENTS["params_file"][0]
+    files = [] if is_default else paths(arguments["params_file"])
+    bags, fitting = paths(arguments["bag"])[:1], {}
+    with contextlib.suppress(ConfigError):  # the nodes say what is wrong with a parameter
+        for bag in bags:
+            fitting = values_without_rates(bag, files, arguments["namespace"])
+    if fitting and is_default:
+        arguments["params_file"] = ""
+    return fitting
+
+
+def node(
+    context: LaunchContext, name: str, arguments: dict[str, str], fitting: dict[str, object]
+) -> Node:
     """Return the action that runs one of the package's executables under its own name."""
     ends = end_of(name) if arguments["bag"] and name != "viewer_node" else None
     respawn = is_true("respawn", arguments["respawn"] or str(ends is None))
@@ -158,7 +179,7 @@ def node(context: LaunchContext, name: str, arguments: dict[str, str]) -> Node:
         executable=name,
         name=name,
         namespace=arguments["namespace"],
-        parameters=parameters(name, arguments),
+        parameters=parameters(name, arguments, fitting),
         remappings=remappings(name, arguments),
         output="screen",
         # The enclave names the node's keys under SROS 2.
@@ -169,8 +190,8 @@ def node(context: LaunchContext, name: str, arguments: dict[str, str]) -> Node:
     )
 
 
-def parameters(name: str, arguments: dict[str, str]) -> list[object]:
-    """Return the parameter files, and the values by which the arguments override them."""
+def parameters(name: str, arguments: dict[str, str], fitting: dict[str, object]) -> list[object]:
+    """Return the parameter files, and the values of arguments and bag that override them."""
     has = {parameter.name for parameter in parameters_of(NODE_CONFIGS[name])}
     texts = {
         "bag": ",".join(paths(arguments["bag"])),
@@ -179,6 +200,7 @@ def parameters(name: str, arguments: dict[str, str]) -> list[object]:
         "frame_prefix": arguments["frames"],
     }
     values = {} if name == "bag_player" else sim_time(arguments)
+    values |= {key: value for key, value in fitting.items() if key in has}
     for key, value in texts.items():
         values |= text(key, value) if key in has else {}
     return [*paths(arguments["params_file"]), *([values] if values else [])]

@@ -39,13 +39,12 @@ from tirgeo_ros.io.logs.forms import Form
 from tirgeo_ros.io.logs.log_contents import LogContents, Picture
 from tirgeo_ros.tools.convert import direct_input, import_logs
 
-START_NS, STEP_NS = 1_700_000_000_000_000_000, 100_000_000
+START_NS, STEP_NS = 1_700_000_000_000_000_000, 2_000_000_000
 #: Of the park's beds (deg), on the ground at 11.5 m, and the height of the stills above it (m).
 PLACE_DEG, GROUND_M, ABOVE_M = (39.849377, 116.699679), 11.5, 60.0
 XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><a b="still %d"/></x:xmpmeta>'
 #: A segment with the raw data of a thermal picture, which must not be copied.
 RAW = b"\xff\xe3\x00\x0araw data"
-_REST = np.array([0.0, 0.0, -9.80665])
 
 
 def still_jpeg(number, size=(640, 512)):
@@ -67,7 +66,7 @@ def folder_of(path: Path, count=3, size=(640, 512)):
 
 @dataclass
 class StandIn:
-    """Read a folder: still n is taken at 0.1 n s, looks down and north, and is 1 m north of n - 1.
+    """Read a folder: still n is taken at 2 n s, looks down and north, and is 1 m north of n - 1.
 
     ``options`` are those of the last import. Of the stills ``lost`` there is no position.
     """
@@ -99,7 +98,7 @@ class StandIn:
         level = quat_from_euler(0.0, 0.0, 0.0)
         if number not in self.lost:
             yield PositionSample(*kind, *place, np.eye(3))
-        yield ImuSample(stamp_ns, _REST, np.zeros(3), level)
+        yield ImuSample(stamp_ns, np.full(3, np.nan), np.full(3, np.nan), level)
         yield CameraAttitudeSample(stamp_ns, quat_from_euler(0.0, math.radians(-90.0), 0.0))
 
     def put(self, monkeypatch):

@@ -144,7 +144,7 @@ def test_an_import_writes_its_parameters_beside_the_bag(folder, tmp_path, capsys
     assert "use it with --params" in capsys.readouterr().out
     tree = yaml.safe_load((tmp_path / "flight.yaml").read_text())
     values = tree["/**"]["ros__parameters"]
-    assert values == {"video_latency_s": 0.0, SIGMA: 15.0, "method": "raw"}
+    assert values == {SIGMA: 15.0, "method": "raw"}
     assert BagReader(output).stills()["DJI_0002_T.JPG"] == START_NS + 2 * STEP_NS
     with pytest.raises(BagError, match=r"flight\.yaml: would overwrite the input"):
         import_flight(folder, tmp_path / "flight.mcap", params=tmp_path / "flight.yaml")

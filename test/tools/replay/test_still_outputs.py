@@ -12,7 +12,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Stills as outputs: their pixels, EXIF and XMP, the contact page, and folders that are refused."""
+"""Stills as outputs: their pixels, EXIF and XMP, the contact page, folders that are refused."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_the_page_says_why_a_still_has_no_map(stand_in, sample, tmp_path):
     assert '<a href="DJI_0000_T.JPG">' in items[0]
     for item in items[1:3]:
         assert "<span>drawn</span>" in item
-        assert f"{PLACE_DEG[0]:.4f}" in item
+        assert re.search(rf"39\.8493\d+, {PLACE_DEG[1]:.5f}", item)
         assert "71.5 m" in item  # 60 m above ground of 11.5 m
     assert "not drawn: it is no JPEG &lt;script&gt;" in items[3]
     assert "<script" not in page
@@ -109,10 +109,10 @@ def test_the_quality_is_that_of_the_parameters(stand_in, tmp_path):
     assert sizes[1] < sizes[0]
 
 
-@pytest.mark.parametrize("damage", [0, 2, 3, 9, 40])
+@pytest.mark.parametrize("damage", [0, 2, 3, 9, 20])
 def test_a_cut_file_gives_the_whole_segments(damage):
     cut = still_jpeg(1)[:damage]
-    assert len([*segments(cut)]) == (1 if damage == 40 else 0)
+    assert len([*segments(cut)]) == (damage == 20)
     assert metadata_of(cut) == b""
 
 

@@ -98,13 +98,15 @@ class GroundView:
 
     ``uv`` (N, 2) in px; ``points_n`` (N, 3) NED from the camera, m, nan above the horizon and
     outside the lens model; ``by_pose`` (N, 2, 6) derivatives of north and east by the camera's
-    position (NED, m) and attitude phi_n (rad); ``by_pixel`` (N, 2, 2) by column and row (m/px).
+    position (NED, m) and attitude phi_n (rad); ``by_pixel`` (N, 2, 2) by column and row (m/px);
+    ``from_centre`` (N, 2) are the pixels from the principal point, px.
     """
 
     uv: Array
     points_n: Array
     by_pose: Array
     by_pixel: Array
+    from_centre: Array
 
     @classmethod
     def of(cls, camera: Camera, rotation_nc: Array, height_m: float, uv: Array) -> GroundView:
@@ -120,13 +122,15 @@ class GroundView:
         pose = CameraPose(0, np.zeros(3), quat_from_matrix(rotation_nc), np.zeros((6, 6)))
         of_pose, of_point = pixel_jacobian(camera, pose, points_n)
         by_pixel = np.asarray(np.linalg.inv(of_point[:, :, :2]), float)
-        return cls(uv, points_n, np.asarray(-by_pixel @ of_pose), by_pixel)
+        from_centre = np.asarray(uv, float) - (camera.cx, camera.cy)
+        return cls(uv, points_n, np.asarray(-by_pixel @ of_pose), by_pixel, from_centre)
 
     def covariance(
         self,
         pose_covariance: Array,
         *,
         lens_sigma_px: float = 0.0,
+        focal_sigma: float = 0.0,
         ground_sigma_m: float = 0.0,
         latency_sigma_s: float = 0.0,
         rates: Array | None = None,
@@ -143,7 +147,9 @@ class GroundView:
             covariance += latency_sigma_s**2 * np.outer(rates, rates)
         by_pose = self.by_pose @ covariance @ self.by_pose.transpose(0, 2, 1)
         by_lens = self.by_pixel @ self.by_pixel.transpose(0, 2, 1)
-        return np.asarray(by_pose + lens_sigma_px**2 * by_lens)
+        by_focal = np.einsum("nij,nj->ni", self.by_pixel, focal_sigma * self.from_centre)
+        by_lens = lens_sigma_px**2 * by_lens + by_focal[:, :, None] * by_focal[:, None, :]
+        return np.asarray(by_pose + by_lens)
 
 
 def looking(depression_rad: float, heading_rad: float = 0.0) -> Array:

@@ -160,7 +160,7 @@ class FrameConfidence:
     ) -> None:
         self.camera = camera
         self._map_variance = config.map_sigma_m**2
-        self._lens_variance = config.lens_sigma_px**2
+        self._lens_variance, self._focal_sigma = config.lens_sigma_px**2, config.focal_sigma
         rotation_cn = matrix_from_quat(pose.q_nc).T
         covariance_n = timed_covariance(pose, rates, config.latency_sigma_s)
         covariance_n[[0, 1], [0, 1]] += self._map_variance
@@ -209,6 +209,10 @@ class FrameConfidence:
         v_x, v_y = vx * xx + vy * xy, vx * xy + vy * yy
         spread = np.array([u_x * ux + u_y * uy, u_x * vx + u_y * vy, v_x * vx + v_y * vy])
         spread[::2] += self._lens_variance
+        if self._focal_sigma:  # radial: proportional to the distance from the principal point
+            u, v = self.camera.pixels(rays[0], rays[1])
+            u, v = u - self.camera.cx, v - self.camera.cy
+            spread += self._focal_sigma**2 * np.array([u * u, u * v, v * v])
         if not checked:
             return spread, np.empty(0, bool)
         plane, first_slopes = (

@@ -340,6 +340,12 @@ FINDINGS: Mapping[str, Row] = {
     "boresight_default": _caution(
         "the boresight was never calibrated: the ellipses do not include its error", _BORESIGHT,
         "run tirgeo calibrate boresight, or set it to zeros if the camera is known to be aligned"),
+    "gimbal_north": Row(
+        {"down": STOP, "": CAUTION},
+        "the camera looks {bias_deg:+.1f} deg aside of the nose (positive: to the right) in all "
+        "{count} attitudes (scatter {scatter_deg:.1f}): most drones' gimbals cannot turn so far",
+        "gimbal_node north.bias_deg",
+        "set it to {bias_deg:.1f}; or if the gimbal can turn, and was turned aside, leave it"),
     "joints_late": Row(
         _OF_PAPER, "the joints are stamped {size_s:.2f} s {way} than the body's attitude",
         f"{_JOINTS} header.stamp",

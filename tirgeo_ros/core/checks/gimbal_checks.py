@@ -20,6 +20,10 @@ ignored in this, because the gimbal's north may be biased.
 
 The joints keep the camera level while the body tilts. An attitude computed with joint angles of
 another time tilts too; the delay at which it tilts least is that of the joints.
+
+Pictures of drones without an IMU's rates (stills, MP4) come from gimbals that hardly turn in yaw.
+If such a camera looks away from the nose by one large angle during a whole flight, the gimbal's
+north is wrong.
 """
 
 from __future__ import annotations
@@ -35,6 +39,7 @@ import numpy as np
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.rotations import (
+    azimuth,
     heading_of,
     matrix_from_quat,
     quat_conjugate,
@@ -74,6 +79,11 @@ _ALIKE = 1.5  # readings within this factor of the least are equal: the simplest
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))
 _UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
 #: The same limits for a map that is wrong by more than three ellipses.
+#: Largest constant angle between nose and camera of a gimbal that does not turn in yaw, and the
+#: largest scatter (a median of absolute differences) of a constant one.
+_ASIDE_RAD, _CONSTANT_RAD, _FEWEST_ASIDE = math.radians(20.0), math.radians(5.0), 8
+_STEEP = math.cos(math.radians(20.0))  # down component of a camera that looks down
+_LEAST_LEVEL = 0.1  # length of the horizontal part of an axis that has an azimuth
 _FAR_OFF_RAD, _FAR_UNLIKE_RAD = np.radians((18.0, 9.0, 9.0)), math.radians(15.0)
 
 
@@ -87,6 +97,10 @@ class GimbalChecks:
         untouched = explicit is not None and "boresight_rpy_deg" not in explicit
         self._uncalibrated = untouched and not np.any(config.boresight_rpy_deg)
         self._case = "paper" if config.composition == "paper" else ""
+        self._north_rad = math.radians(config.north.bias_deg)
+        #: Angle from the nose to the camera, and the down component of its view: attitudes alone.
+        self._aside: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+        self._alone: tuple[int, Array] | None = None  # the newest attitude without rates
         self._yaw_zero_rad, self._order = config.yaw_zero_rad, config.joint_order
         self._joints: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._autopilot: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
@@ -101,6 +115,7 @@ class GimbalChecks:
     def configure(self, config: GimbalConfig) -> None:
         """Take other parameters; another yaw zero removes all data so far."""
         self._uncalibrated = self._uncalibrated and not np.any(config.boresight_rpy_deg)
+        self._north_rad = math.radians(config.north.bias_deg)
         if config.yaw_zero_rad != self._yaw_zero_rad:
             self._yaw_zero_rad = config.yaw_zero_rad
             for buffer in (self._joints, self._pairs, self._downs):
@@ -132,9 +147,14 @@ class GimbalChecks:
             body = self._bodies.around(stamp_ns)
         return None if isinstance(body, Miss) else slerp(*body)
 
-    def autopilot(self, stamp_ns: int, q_nb: Array) -> None:
-        """Take the autopilot's attitude (4,), whose errors the reported attitudes share."""
+    def autopilot(self, stamp_ns: int, q_nb: Array, *, alone: bool = False) -> None:
+        """Take the autopilot's attitude (4,), whose errors the reported attitudes share.
+
+        ``alone``: it comes without an IMU's rates.
+        """
         _put(self._autopilot, stamp_ns, q_nb)
+        self._alone = (stamp_ns, q_nb) if alone and usable_attitude(q_nb) else None
+        self._compare_headings()
 
     def body(self, pose: BodyPose) -> None:
         """Take a body pose, which is used where the autopilot's attitude is missing."""
@@ -146,6 +166,7 @@ class GimbalChecks:
         if before is not None and 0 <= sample.stamp_ns - before.stamp_ns < _EVERY_NS:
             return
         self._waiting = sample if usable_attitude(sample.q_ng) else None
+        self._compare_headings()
         if before is None:
             return
         joints = self._joints.around(before.stamp_ns)
@@ -155,12 +176,44 @@ class GimbalChecks:
             q_bg = quat_multiply(quat_conjugate(q_nb), before.q_ng)
             self._pairs.append((start if share < 0.5 else end, q_bg, heading_of(q_nb)))
 
+    def _compare_headings(self) -> None:
+        """Keep the angle from the nose to the camera, if attitudes of both have the same stamp.
+
+        The camera's heading is that of its right axis: looking straight down, with any roll, the
+        axis of view has none.
+        """
+        alone, camera_ng = self._alone, self._waiting
+        if alone is None or camera_ng is None or alone[0] != camera_ng.stamp_ns:
+            return
+        nose_n, camera = matrix_from_quat(alone[1])[:, 0], matrix_from_quat(camera_ng.q_ng)
+        right_n, down = camera[:, 1], float(camera[2, 0])
+        if min(math.hypot(*nose_n[:2]), math.hypot(*right_n[:2])) > _LEAST_LEVEL:
+            self._aside.append((azimuth(right_n) - math.pi / 2 - azimuth(nose_n), down))
+
+    def _north(self) -> list[Finding]:
+        """Return a finding if the camera looks aside by one large angle, more than the bias set.
+
+        Encoders would show where it looks.
+        """
+        if len(self._aside) < _FEWEST_ASIDE or self._joints.newest_ns is not None:
+            return []
+        aside, down = np.array(self._aside).T
+        turn = np.exp(1j * aside)
+        middle = float(np.angle(np.median(turn.real) + 1j * np.median(turn.imag)))
+        bias = float(wrap_pi(middle + np.median(wrap_pi(aside - middle))))
+        scatter = float(np.median(np.abs(wrap_pi(aside - bias))))
+        if abs(wrap_pi(bias - self._north_rad)) < _ASIDE_RAD or scatter > _CONSTANT_RAD:
+            return []
+        degrees = {"bias_deg": math.degrees(bias), "scatter_deg": math.degrees(scatter)}
+        case = "down" if np.median(down) > _STEEP else ""
+        return [finding("gimbal_north", case, **degrees, count=len(aside))]
+
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        findings = []
+        findings = self._north()
         if len(self._pairs) >= _FEWEST:
             joints, reported, headings = map(np.array, zip(*self._pairs, strict=True))
-            findings = self._compared(joints, matrix_from_quat(reported), headings)
+            findings += self._compared(joints, matrix_from_quat(reported), headings)
         if all(each.check == "joints_unlike" for each in findings):
             findings = self._late() or findings
         has_gimbal = self._waiting is not None or self._joints.newest_ns is not None

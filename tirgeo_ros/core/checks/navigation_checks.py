@@ -125,6 +125,7 @@ class NavigationChecks:
         }
         self._levers = LeverChecks(config, self._explicit)
         self._plane: TangentPlane | None = None
+        self._inertial = True  # whether imu/data has more than attitudes
 
     def take(self, topic: str, sample: NavigationInput, arrival_ns: int) -> None:
         """Take a sample of a topic (``rtk/fix``), as it arrived; ignore a heading set by hand."""
@@ -138,6 +139,7 @@ class NavigationChecks:
         stream = self._streams[topic]
         stream.add(sample, arrival_ns)
         if isinstance(sample, ImuSample):
+            self._inertial = not sample.is_attitude_alone
             self._vibration.add(sample)
             block = self._blocks.add(sample)
             if block is not None:
@@ -175,7 +177,13 @@ class NavigationChecks:
             *self._positions.findings(),
             *(each for checks in self._velocities.values() for each in checks.findings()),
             *self._stamps.findings(),
-            *stream_findings(self._streams, self._config, waited_ns, self._gap_counts_s),
+            *stream_findings(
+                self._streams,
+                self._config,
+                waited_ns,
+                self._gap_counts_s,
+                inertial=self._inertial,
+            ),
             *([] if imu else self._vibration.findings()),  # its unit would be wrong too
         ]
         self._pause()

@@ -131,23 +131,31 @@ def longest_step_s(topic: str, config: EkfConfig) -> float:
 
 
 def stream_findings(
-    streams: Mapping[str, Stream], config: EkfConfig, waited_ns: int, gap_counts_s: float
+    streams: Mapping[str, Stream],
+    config: EkfConfig,
+    waited_ns: int,
+    gap_counts_s: float,
+    *,
+    inertial: bool = True,
 ) -> list[Finding]:
     """Return what is wrong with the streams ``waited_ns`` after the first sample of any.
 
-    A topic's gaps become a note ``gap_counts_s`` after the last one.
+    A topic's gaps become a note ``gap_counts_s`` after the last one. Without an ``inertial`` unit
+    the samples are those of pictures, which may come at any rate.
     """
-    findings = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
-    findings += lone_findings(streams, gap_counts_s)
+    findings = _shares(streams, config)
+    if inertial:
+        findings = [*_rates(streams), *_gaps(streams, gap_counts_s), *findings]
+        findings += lone_findings(streams, gap_counts_s)
     if waited_ns > _PATIENCE_NS:
         absent = [] if IMU in streams else ["no_imu_data"]
         if config.method == "raw":
             absent += [] if "gps/fix" in streams else ["no_gps_fix"]
         elif "rtk/fix" not in streams:
             absent.append("no_rtk_fix")
-        elif config.method == "ekf_heading" and "rtk/heading" not in streams:
+        elif inertial and config.method == "ekf_heading" and "rtk/heading" not in streams:
             absent.append("no_rtk_heading")
-        elif "rtk/vel" not in streams:
+        elif inertial and "rtk/vel" not in streams:
             absent.append("no_rtk_vel")
         case = "gps" if "gps/fix" in streams and config.method != "rtk" else ""
         findings += [finding(check, case, waited_s=waited_ns * 1e-9) for check in absent]

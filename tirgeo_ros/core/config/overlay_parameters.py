@@ -24,7 +24,7 @@ from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
 #: The parameters of ConfidenceConfig that enter the covariance of a located point.
-POINT_SIGMAS = ("latency_sigma_s", "lens_sigma_px", "ground_sigma_m")
+POINT_SIGMAS = ("latency_sigma_s", "lens_sigma_px", "focal_sigma", "ground_sigma_m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,12 @@ class ConfidenceConfig:
     )
     latency_sigma_s: float = param(0.005, "standard deviation of video_latency_s", ("s", 0, 1))
     lens_sigma_px: float = param(0.5, "standard deviation of the lens model", ("px", 0, 100))
+    focal_sigma: float = param(
+        0.0,
+        "relative standard deviation of the focal length: 0.02 suits a lens known only by its "
+        "data sheet",
+        ("", 0, 1),
+    )
     map_sigma_m: float = param(
         0.1, "sigma of horizontal map positions, unless the style sets it", ("m", 0, 1e3)
     )

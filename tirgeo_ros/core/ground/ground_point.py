@@ -229,7 +229,7 @@ def point_covariance(
     longer. The result is nan if the ray is parallel to the ground.
     """
     offset_n = point_n - pose.position_n
-    off_ray = _off_ray(camera, pose, timed, offset_n, config.lens_sigma_px)
+    off_ray = _off_ray(camera, pose, timed, offset_n, config)
     latitude, longitude, _ = (float(x) for x in plane.geodetic_from_ned(point_n))
     axes_n = plane.rotation_from_local(latitude, longitude)
     up_n, sigma_m = -axes_n[:, 2], config.ground_sigma_m
@@ -247,13 +247,13 @@ def point_covariance(
 
 
 def _off_ray(
-    camera: Camera, pose: CameraPose, timed: Array, offset_n: Array, lens_sigma_px: float
+    camera: Camera, pose: CameraPose, timed: Array, offset_n: Array, config: ConfidenceConfig
 ) -> Array:
     """Return the covariance (3, 3) of the ray's end, without the error of the ground.
 
-    The end is at ``offset_n`` (3,) from the camera. The lens error, in pixels, is converted to the
-    plane through the point, perpendicular to the optical axis. Its component along the ray has no
-    effect.
+    The end is at ``offset_n`` (3,) from the camera. The errors of the lens and of the focal
+    length, in pixels, are converted to the plane through the point, perpendicular to the optical
+    axis. Their component along the ray has no effect.
     """
     rotation_nc = matrix_from_quat(pose.q_nc)
     x, y, depth_m = (offset_n @ rotation_nc).tolist()
@@ -261,7 +261,12 @@ def _off_ray(
     share = depth_m / (ux * vy - uy * vx)
     across_n = rotation_nc[:, :2] @ (share * np.array([[vy, -uy], [-vx, ux]]))
     moved = np.hstack([np.eye(3), -skew(offset_n)])
-    return np.asarray(moved @ timed @ moved.T + lens_sigma_px**2 * (across_n @ across_n.T))
+    of_lens = config.lens_sigma_px**2 * (across_n @ across_n.T)
+    if config.focal_sigma:
+        u, v = camera.pixels(np.array(x / depth_m), np.array(y / depth_m)).tolist()
+        radial_n = across_n @ (config.focal_sigma * np.array([u - camera.cx, v - camera.cy]))
+        of_lens += radial_n[:, None] * radial_n
+    return np.asarray(moved @ timed @ moved.T + of_lens)
 
 
 def _on_ground(

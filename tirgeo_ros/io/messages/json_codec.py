@@ -285,6 +285,7 @@ def _topic_state(row: dict[str, Any]) -> TopicState:
 
 
 def _picture(row: dict[str, Any]) -> PictureState:
+    row = {"focal_sigma": 0.0, **row}  # which older recordings lack
     sigmas: dict[str, Any] = {name: float(row[name]) for name in POINT_SIGMAS}
     latency_s = float(row["video_latency_s"])
     if not math.isfinite(latency_s + sum(sigmas.values())):

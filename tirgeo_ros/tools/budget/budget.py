@@ -179,7 +179,9 @@ def budget(setting: Setting) -> Budget:
     time_s = confidence.latency_sigma_s
     others = {
         "latency": view.covariance(none, latency_sigma_s=time_s, rates=rates),
-        "lens": view.covariance(none, lens_sigma_px=confidence.lens_sigma_px),
+        "lens": view.covariance(
+            none, lens_sigma_px=confidence.lens_sigma_px, focal_sigma=confidence.focal_sigma
+        ),
         "ground": view.covariance(none, ground_sigma_m=confidence.ground_sigma_m),
     }
     parts |= others | {"all": parts["pose"] + sum(others.values())}

@@ -29,7 +29,12 @@ import numpy as np
 
 from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
+from tirgeo_ros.core.streams.sanity_checks import (
+    ATTITUDE_ALONE,
+    fault_of,
+    joints_fault,
+    usable_attitude,
+)
 from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
@@ -223,7 +228,8 @@ def _fault(sample: SensedSample) -> str:
         return joints_fault((sample.yaw_rad, sample.roll_rad, sample.pitch_rad))
     if isinstance(sample, CameraAttitudeSample):
         return "" if usable_attitude(sample.q_ng) else "attitude is not a unit quaternion"
-    return fault_of(sample)
+    fault = fault_of(sample)
+    return "" if fault is ATTITUDE_ALONE else fault
 
 
 def _meet(span: tuple[int, int], other: tuple[int, int]) -> bool:

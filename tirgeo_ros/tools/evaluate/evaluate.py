@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,13 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, node_configs
-from tirgeo_ros.tools.replay.registration import FILTERS, Registered, Sample, done_without
+from tirgeo_ros.tools.replay.registration import (
+    FILTERS,
+    Registered,
+    Sample,
+    done_without,
+    has_rates,
+)
 
 #: Topics that a method must have. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
@@ -135,6 +141,9 @@ def evaluate(
     experiment = load_experiment(survey, observations, reader.stills())
     heights_m = experiment.heights_m
     setups = method_setups(params, boresight, namespace, heights_m, places)
+    if not has_rates(reader, namespace):
+        fit = (each.configs.fitting(reader.topics(), namespace, rates=False) for each in setups)
+        setups = [replace(s, configs=own) for s, (own, _) in zip(setups, fit, strict=True)]
     last = setups[-1]  # the checks use its parameters
     overlay = last.configs.overlay
     lens, layers = configured_camera(overlay), configured_layers(overlay)

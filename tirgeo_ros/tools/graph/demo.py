@@ -51,7 +51,7 @@ from tirgeo_ros.tools.replay.graph_outputs import (
     read_outputs,
     read_pictures,
 )
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import node_configs, values_without_rates
 
 SAMPLE = "bags/sample"
 _NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")
@@ -147,7 +147,9 @@ def demo_setup(
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
     options = ([params] if params else [], map_file, method, rate, serial)
-    return GraphSetup(bag.absolute(), folder.absolute(), *options, environment=domain)
+    fitting = values_without_rates(bag, params)
+    paths = bag.absolute(), folder.absolute()
+    return GraphSetup(*paths, *options, environment=domain, fitting=fitting)
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:

@@ -206,6 +206,7 @@ class GraphSetup:
     # Send the aircraft's data as bytes on a port, through dji_node; needs rate 1.
     serial: bool = False
     topics: Sequence[str] = RECORDED
+    fitting: Mapping[str, object] = field(default_factory=dict)  # parameters for this bag
     environment: dict[str, str] = field(default_factory=dict)  # added to that of this process
 
 
@@ -319,7 +320,7 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     # The host's clock stamps the data of the serial link, so all nodes use that clock.
     clock: dict[str, object] = {} if setup.serial else {"use_sim_time": True}
     record = {"output": recording, "topics": ",".join(setup.topics)}
-    common = parameter_words(clock, setup.params)
+    common = parameter_words({**clock, **setup.fitting}, setup.params)
     nodes = {
         "ekf_node": common + parameter_words({"method": setup.method} if setup.method else {}),
         "gimbal_node": common,

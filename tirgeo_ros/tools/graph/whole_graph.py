@@ -36,6 +36,7 @@ from tirgeo_ros.tools.graph.node_graph import (
     parameter_words,
     video_environment,
 )
+from tirgeo_ros.tools.replay.node_configs import values_without_rates
 from tirgeo_ros.tools.replay.registration import INPUTS
 
 _USUAL_PARAMS = "config/m600_xt2.yaml"
@@ -96,8 +97,9 @@ class WholeGraph:
     def arguments(self) -> list[str]:
         """Return the ROS arguments, which are the same for each node."""
         usual = find_resource(_USUAL_PARAMS)
-        files = self.params or ([usual] if usual else [])
-        bag = {"bag": self.bag, "use_sim_time": True} if self.bag else {}
+        fitting = values_without_rates(self.bag, self.params, self.namespace) if self.bag else {}
+        files = self.params or ([usual] if usual and not fitting else [])  # no M600 without an IMU
+        bag = {"bag": self.bag, "use_sim_time": True, **fitting} if self.bag else {}
         values = {"map": self.map, "listen": self.page, "cot": self.cot}
         words = parameter_words(
             bag | {name: value for name, value in values.items() if value}, files

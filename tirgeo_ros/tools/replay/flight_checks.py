@@ -174,7 +174,8 @@ class FlightChecks:
             self._navigation.take(topic, sample, arrival_ns)
         if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
             stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
-            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
+            alone = sample.is_attitude_alone
+            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb, alone=alone)
 
     @_guarded(_BLOCK)
     def watch(self, _sample: Sample, registered: Registered) -> None:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
@@ -35,7 +36,7 @@ from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS, open_input
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.registration import fitting_method
+from tirgeo_ros.tools.replay.registration import fitting_method, has_rates, without_rates
 
 
 class NodeConfigs(NamedTuple):
@@ -52,11 +53,23 @@ class NodeConfigs(NamedTuple):
         overlay = self.overlay
         return [*map_files(overlay.map, overlay.style), *named_files(overlay.dem), overlay.camera]
 
-    def fitting(self, topics: Collection[str], namespace: str) -> tuple[NodeConfigs, list[str]]:
+    def fitting(
+        self, topics: Collection[str], namespace: str, *, rates: bool = True
+    ) -> tuple[NodeConfigs, list[str]]:
         """Return the parameters for a bag with these topics, and notes.
 
-        If no method is set, the topics choose it; a note says why if it is not the default.
+        If no method is set, the topics choose it, and whether imu/data has ``rates``; a note says
+        why if it is not the default.
         """
+        if not rates:
+            values = without_rates(topics, namespace, self.given)
+            ekf, gimbal, overlay = (
+                replace(config, **{k: v for k, v in values.items() if hasattr(config, k)})
+                for config in (self.ekf, self.gimbal, self.overlay)
+            )
+            names = ", ".join(f"{name} {value}" for name, value in values.items())
+            notes = [f"{names}: imu/data has attitudes alone, without rates"] if names else []
+            return NodeConfigs(ekf, gimbal, overlay, self.given), notes
         if "method" in self.given:
             return self, []
         method, why = fitting_method(topics, namespace)
@@ -148,9 +161,24 @@ def open_flight(
     read = open_input(bag, params, namespace, logs, progress)
     if read.params != paths_of(params):
         configs = node_configs(read.params, namespace, **options)
-    configs, notes = configs.fitting(read.reader.topics(), namespace)
+    topics, rates = read.reader.topics(), has_rates(read.reader, namespace)
+    configs, notes = configs.fitting(topics, namespace, rates=rates)
     notes = read.notes + notes
     return OpenedFlight(read.reader, configs, read.params, namespace, notes, read.refused)
+
+
+def values_without_rates(bag: PathLike, params: Files, namespace: str = "") -> dict[str, Any]:
+    """Return the parameters, beside those of files, for the graph on a bag without an IMU's rates.
+
+    Empty for any other bag, on which the filter itself finds out what it has, and for a file that
+    is no bag, which the player refuses. Raise ConfigError.
+    """
+    with suppress(BagError):
+        reader = BagReader(bag)
+        if has_rates(reader, namespace):
+            return {}
+        return without_rates(reader.topics(), namespace, node_configs(params, namespace).given)
+    return {}
 
 
 #: Parameters that are already read, parameter files (later ones override), dotted names, or None.

@@ -22,6 +22,8 @@ backwards in time; the second pass has the smoothed poses.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from itertools import islice
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
@@ -33,7 +35,7 @@ from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     SmoothedNavigation,
     SmoothedRun,
 )
-from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     ImuSample,
@@ -41,7 +43,7 @@ from tirgeo_ros.core.types.measurements import (
     NavigationInput,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_SAMPLES, SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
 
@@ -209,6 +211,36 @@ def fitting_method(present: Collection[str], namespace: str) -> tuple[str, str]:
     names = ", ".join(resolved(name, namespace) for name in (lacking if alone else lacking[-1:]))
     on_gps = "; the filter uses ordinary GPS" if alone else ""
     return "ekf", f"method ekf: the bag has no {names}{on_gps}"
+
+
+def has_rates(reader: BagReader, namespace: str) -> bool:
+    """Return whether the first message of a bag's imu/data has more than an attitude.
+
+    True without a message that can be read.
+    """
+    name, typename = resolved("imu/data", namespace), TOPIC_TYPES["imu/data"]
+    if reader.topics().get(name) == typename:
+        for message in islice(reader.messages([name]), 1):
+            with suppress(MessageError):
+                sample = SAMPLES["imu/data"](Cdr().deserialize(message.data, typename))
+                return not (isinstance(sample, ImuSample) and sample.is_attitude_alone)
+    return True
+
+
+def without_rates(
+    present: Collection[str], namespace: str, given: Collection[str]
+) -> dict[str, Any]:
+    """Return the parameters for a bag whose imu/data has no rates, but for those that are given.
+
+    Attitudes, gimbal and pictures of such a bag come from one file: their stamps are the same, and
+    may be too rare for joints to become steady.
+    """
+    on_rtk = resolved("rtk/fix", namespace) in present
+    values: dict[str, Any] = {"method": "rtk" if on_rtk else "raw", "video_latency_s": 0.0}
+    gimbal = [name for name in GIMBAL_TOPICS["auto"] if resolved(name, namespace) in present]
+    if gimbal == [*GIMBAL_TOPICS["encoders"]]:
+        values["composition"] = "encoders"
+    return {name: value for name, value in values.items() if name not in given}
 
 
 def done_without(present: Collection[str], method: str, namespace: str) -> str:
