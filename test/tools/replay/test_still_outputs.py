@@ -73,7 +73,7 @@ def test_the_page_says_why_a_still_has_no_map(stand_in, sample, tmp_path):
     assert '<a href="DJI_0000_T.JPG">' in items[0]
     for item in items[1:3]:
         assert "<span>drawn</span>" in item
-        assert re.search(rf"39\.8493\d+, {PLACE_DEG[1]:.5f}", item)
+        assert re.search(rf"39\.8493\d+, {PLACE_DEG[1]:.6f}", item)
         assert "71.5 m" in item  # 60 m above ground of 11.5 m
     assert "not drawn: it is no JPEG &lt;script&gt;" in items[3]
     assert "<script" not in page
