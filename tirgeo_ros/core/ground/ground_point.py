@@ -82,11 +82,11 @@ class Located:
     height_m: float  # ellipsoidal
     covariance_enu: tuple[float, ...]  # 9 numbers, m2, row by row: east, north, up
     uv: tuple[float, float] = field(default=(math.nan, math.nan), compare=False)  # column, row
-    temperature_c: float = field(default=math.nan, compare=False)  # at the pixel; nan: unknown
     #: (3,) NED in the map's plane in which it was located, m; nan for any other point. The
     #: covariance is in the axes of that plane: the axes at the point differ by 1e-3 rad at 6 km
     #: from the plane's origin, which is negligible in a covariance.
     point_n: Array = field(default_factory=lambda: np.full(3, math.nan), compare=False)
+    temperature_c: float = field(default=math.nan, compare=False)  # at the pixel; nan: unknown
 
     @property
     def latitude_rad(self) -> float:
@@ -199,8 +199,7 @@ def place(
         return Refusal(pose.stamp_ns, uv, Reason.GRAZING)
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(point_n))
     degrees = math.degrees(latitude), math.degrees(longitude)
-    own = pose.stamp_ns, *degrees, height_m, enu_of(covariance_n), uv
-    return Located(*own, point_n=point_n)
+    return Located(pose.stamp_ns, *degrees, height_m, enu_of(covariance_n), uv, point_n)
 
 
 def enu_of(covariance_n: Array) -> tuple[float, ...]:

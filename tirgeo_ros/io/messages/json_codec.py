@@ -164,7 +164,8 @@ def _point(
     latitude, longitude = float(row["latitude_deg"]), float(row["longitude_deg"])
     covariance = tuple(map(float, row["covariance_enu"]))
     stamp_ns, height_m = int(row["stamp_ns"]), float(row["height_m"])
-    return Located(stamp_ns, latitude, longitude, height_m, covariance, uv, temperature_c)
+    own = stamp_ns, latitude, longitude, height_m, covariance, uv
+    return Located(*own, temperature_c=temperature_c)
 
 
 @dataclass(frozen=True, slots=True)
