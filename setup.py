@@ -66,7 +66,7 @@ EXTRAS = {
     # The operator's page: its server, codes to scan, written coordinates, Cursor-on-Target.
     "page": ["aiohttp>=3.9", "segno>=1.5", "mgrs>=1.4.6", "pytak>=7.5.2"],
     # Readers of other autopilots' and receivers' logs, for tirgeo import.
-    "logs": ["pyulog>=1.0", "pymavlink>=2.4.40", "pyubx2>=1.2.40"],
+    "logs": ["pyulog>=1.0", "pymavlink>=2.4.40", "pyubx2>=1.2.40", "pynmeagps>=1.0.36"],
     # Elevation models, orthophotos.
     "dem": ["rasterio>=1.3"],
     # Many flights on several computers.

@@ -74,6 +74,8 @@ LINES = {
     ("import", "{0}/a.ulg", "-o", "{0}/out.mcap"): "reading {0}/a.ulg needs pyulog [logs]",
     ("import", "{0}/a.bin", "-o", "{0}/out.mcap"): "reading {0}/a.bin needs pymavlink [logs]",
     ("import", "{0}/a.ubx", "-o", "{0}/out.mcap"): "reading {0}/a.ubx needs pyubx2 [logs]",
+    ("import", "{0}/a.nmea", "-o", "{0}/out.mcap"): "reading {0}/a.nmea needs pynmeagps [logs]",
+    ("import", "{0}/a.MP4", "-o", "{0}/out.mcap"): "reading {0}/a.MP4 needs av [video]",
     (
         "import",
         "{0}/a.dat",

@@ -47,8 +47,8 @@ ORDER = {
     "navigation calibration gimbal overlay checks",
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link sources interpret simulator",
-    "io": "files coordinates parameters elevation messages logs pictures bags maps surveys "
-    "targets video",
+    "io": "files coordinates parameters elevation messages pictures video logs bags maps "
+    "surveys targets",
     "tools": "presentation convert replay simulate budget calibrate evaluate export many_flights "
     "graph cli",
 }

@@ -42,7 +42,7 @@ NAME = "tirgeo"
 #: What rosdep has no key for, or one for pip, which neither a released package nor a system with
 #: an externally managed Python can use.
 NO_KEY = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak"}
-NO_KEY |= {"pyulog", "pymavlink", "pyubx2", "distributed"}
+NO_KEY |= {"pyulog", "pymavlink", "pyubx2", "pynmeagps", "distributed"}
 #: What the modules that the code imports are called in package.xml, where not the same.
 KEYS = {name: apt for name, (_, _, apt) in PACKAGES.items() if name not in NO_KEY}
 #: Not in the distribution, and needed with an M300 or M350 alone.

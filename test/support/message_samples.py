@@ -124,7 +124,9 @@ STATE = NodeState(
     {"drawn": 7},
     STATUS,
     "encoders",
-    PictureState("NO MAP: no pose", 0.05, ConfidenceConfig(latency_sigma_s=0.01), STAMP_NS),
+    PictureState(
+        "NO MAP: no pose", 0.05, ConfidenceConfig(latency_sigma_s=0.01, focal_sigma=0.02), STAMP_NS
+    ),
 )
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)

@@ -115,6 +115,7 @@ def test_the_whole_covariance_against_monte_carlo(depression_deg, heading_deg):
     rotation_nc = looking(math.radians(depression_deg), math.radians(heading_deg))
     uv, _ = pixel_grid(XT2, 64)
     others = {"lens_sigma_px": 0.7, "ground_sigma_m": 0.2, "latency_sigma_s": 0.02}
+    others["focal_sigma"] = 0.01
     view = GroundView.of(XT2, rotation_nc, 20.0, uv)
     reports = rms_m(view.covariance(covariance, rates=rates, **others))
     draws = 20000
@@ -122,7 +123,8 @@ def test_the_whole_covariance_against_monte_carlo(depression_deg, heading_deg):
     errors += 0.02 * rng.standard_normal((draws, 1)) * rates
     errors[:, 2] += 0.2 * rng.standard_normal(draws)
     for k, (pixel, expected) in enumerate(zip(uv, reports, strict=True)):
-        rays_c = XT2.rays(pixel + 0.7 * rng.standard_normal((draws, 2)))
+        radial = 0.01 * rng.standard_normal((draws, 1)) * (pixel - [XT2.cx, XT2.cy])
+        rays_c = XT2.rays(pixel + radial + 0.7 * rng.standard_normal((draws, 2)))
         moved = located(rotation_nc, rays_c, errors, 20.0) - view.points_n[k, :2]
         assert np.sqrt(np.mean(np.sum(moved**2, axis=1))) == pytest.approx(expected, rel=0.03)
 

@@ -190,10 +190,18 @@ def by_joints(euler, camera):
     return compose, FULL.joint_variance
 
 
+def erring(camera, error):
+    """Euler angles with errors of roll, pitch, and the tilt aside as far as it looks down."""
+    roll, pitch, yaw = camera + np.append(error[:2], 0.0)
+    aside = np.array([np.cos(camera[2]), np.sin(camera[2]), 0.0]) * -np.sin(camera[1]) * error[2]
+    turned = matrix_from_rotvec(aside) @ matrix_from_quat(quat_from_euler(roll, pitch, yaw))
+    return euler_from_matrix(turned)
+
+
 def by_reported(euler, camera):
     def compose(at, error):
-        reported = CameraAttitudeSample(7, quat_from_euler(*(camera + np.append(error[:2], 0.0))))
-        north = YawBias(0.05 - error[2], NORTH_VARIANCE)
+        reported = CameraAttitudeSample(7, quat_from_euler(*erring(camera, error)))
+        north = YawBias(0.05 - error[3], NORTH_VARIANCE)
         return from_reported(FULL, at, quat_from_euler(0.0, 0.0, euler[2]), reported, north)
 
     return compose, np.append(FULL.reported_variance, NORTH_VARIANCE)
@@ -203,9 +211,9 @@ def by_computed(euler, camera):
     """The autopilot's tilt equals the body's, so the camera's tilt is the reported one."""
 
     def compose(at, error):
-        tilted = quat_multiply(quat_from_euler(*error[2:4], 0.0), quat_from_euler(*euler))
-        joints = computed(tilted, camera + np.append(error[:2], 0.0))
-        return from_computed(FULL, at, joints, YawBias(0.05 - error[4], NORTH_VARIANCE))
+        tilted = quat_multiply(quat_from_euler(*error[3:5], 0.0), quat_from_euler(*euler))
+        joints = computed(tilted, erring(camera, error))
+        return from_computed(FULL, at, joints, YawBias(0.05 - error[5], NORTH_VARIANCE))
 
     tilt = FULL.tilt_variance
     return compose, np.append(FULL.reported_variance, (tilt, tilt, NORTH_VARIANCE))
@@ -223,6 +231,16 @@ def test_covariance_against_differences(composed, euler, camera, heading, seed):
     # step 1e-5: truncation 1e-10, rounding 1e-11, on covariances of order 1e-3, arms below 1 m
     np.testing.assert_allclose(result, expected, atol=1e-9)
     np.testing.assert_array_equal(result, result.T)
+
+
+@pytest.mark.parametrize("pitch_deg", [0, -30, -60, -89.99, -90])
+def test_the_tilt_aside_is_as_uncertain_at_any_pitch(pitch_deg):
+    """Also straight down, where Euler roll is a turn about the vertical."""
+    reported = CameraAttitudeSample(7, quat_from_euler(0.0, np.radians(pitch_deg), 0.0))
+    level = quat_from_euler(0.0, 0.0, 0.0)
+    pose = from_reported(PLAIN, body_at((0.0, 0.0, 0.0)), level, reported, KNOWN)
+    # the camera looks north: its tilt aside is phi about north, and has no other error
+    assert pose.covariance[3, 3] == pytest.approx(PLAIN.reported_variance[0], rel=1e-6)
 
 
 def test_nose_straight_up_has_no_heading():

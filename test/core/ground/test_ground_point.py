@@ -51,7 +51,10 @@ PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
 COVARIANCE = np.diag([0.03, 0.02, 0.05, 0.004, 0.003, 0.006]) ** 2
 COVARIANCE[0, 4] = COVARIANCE[4, 0] = 0.5 * 0.03 * 0.003
 COVARIANCE[2, 5] = COVARIANCE[5, 2] = -0.4 * 0.05 * 0.006
-CONFIG = ConfidenceConfig(latency_sigma_s=0.02, lens_sigma_px=1.5, ground_sigma_m=0.15)
+CONFIG = ConfidenceConfig(
+    latency_sigma_s=0.02, lens_sigma_px=1.5, focal_sigma=0.02, ground_sigma_m=0.15
+)
+CENTRE = np.array([XT2.cx, XT2.cy])
 RATES = CameraRates(np.array([4.0, 3.0, -0.5]), np.array([0.05, -0.02, 0.2]))
 RUNS = 1200
 
@@ -71,14 +74,17 @@ def slope_terrain():
     return Terrain(heights, graticule(south_west, step, 121))
 
 
-def drawn(rng, pose):
+def drawn(rng, pose, uv):
     """Draw a true pose for an estimated one, and errors of the pixel and of the ground."""
     errors = rng.multivariate_normal(np.zeros(6), COVARIANCE)
     late = rng.normal(0, CONFIG.latency_sigma_s)
     errors += late * np.concatenate(RATES)
     q_nc = quat_multiply(quat_from_rotvec(errors[3:]), pose.q_nc)
     true = CameraPose(0, pose.position_n + errors[:3], q_nc, COVARIANCE)
-    return true, rng.normal(0, CONFIG.lens_sigma_px, 2), rng.normal(0, CONFIG.ground_sigma_m)
+    # A lens that is longer by a share sees at a pixel what the calibrated one sees further in.
+    inwards = (CENTRE - uv) * (1 - 1 / (1 + rng.normal(0, CONFIG.focal_sigma)))
+    shift = inwards + rng.normal(0, CONFIG.lens_sigma_px, 2)
+    return true, shift, rng.normal(0, CONFIG.ground_sigma_m)
 
 
 @pytest.mark.parametrize("kind", ["level", "terrain"])
@@ -91,7 +97,7 @@ def test_the_covariance_against_monte_carlo(kind, uv):
     rng = np.random.default_rng(3)
     truth = []
     for _ in range(RUNS):
-        true, shift, raised = drawn(rng, pose)
+        true, shift, raised = drawn(rng, pose, uv)
         if kind == "level":
             under = 5.0 + raised
         else:
@@ -123,6 +129,7 @@ def test_the_covariance_is_that_of_the_pixels_derivatives(seed):
     up_n = PLANE.up_n(latitude, longitude)
     sources = np.zeros((3, 3))
     sources[:2, :2] = by_pose @ COVARIANCE @ by_pose.T + CONFIG.lens_sigma_px**2 * np.eye(2)
+    sources[:2, :2] += CONFIG.focal_sigma**2 * np.outer(*[(uv[0] - CENTRE)] * 2)
     sources[2, 2] = CONFIG.ground_sigma_m**2
     inverse = np.linalg.inv(np.vstack([by_point, up_n]))
     expected = inverse @ sources @ inverse.T

@@ -149,7 +149,7 @@ class Mount:
     camera_offset_g: Array  # (3,) from the pivot to the camera, m
     q_gc: Array  # (4,) from the optical frame to the gimbal's camera axes, with the boresight
     joint_variance: Array  # (3,) yaw, roll, pitch encoders, rad2
-    reported_variance: Array  # (2,) reported roll, pitch, rad2
+    reported_variance: Array  # (3,) reported roll, pitch, and tilt aside looking down, rad2
     tilt_variance: float  # the autopilot's attitude, about north and about east each, rad2
     joint_order: str = USUAL_ORDER
 
@@ -161,7 +161,7 @@ class Mount:
             camera_offset_g=config.aircraft.camera_from_pivot_g,
             q_gc=quat_from_matrix(matrix_from_euler(*config.boresight_rpy_rad) @ BODY_OPTICAL),
             joint_variance=np.full(3, np.radians(config.encoder_sigma_deg) ** 2),
-            reported_variance=np.radians(np.array(config.reported_sigma_deg)) ** 2,
+            reported_variance=np.radians(np.take(config.reported_sigma_deg, (0, 1, 0))) ** 2,
             tilt_variance=np.radians(config.autopilot_tilt_sigma_deg) ** 2,
             joint_order=config.joint_order,
         )
@@ -195,7 +195,7 @@ def from_computed(mount: Mount, body: BodyPose, joints: JointSample, north: YawB
     q_bg, _ = chain(joints)
     swing = _about_vertical(-north.bias_rad)
     q_ng = quat_multiply(swing, quat_multiply(q_nb, q_bg))
-    axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _AXES_N], 1)
+    axes_n = np.concatenate([_reported_axes(matrix(rotation_of(q_ng))), _AXES_N], 1)
     tilt = mount.tilt_variance
     variances = np.append(mount.reported_variance, (tilt, tilt, north.variance))
     turned = matrix(rotation_of(swing))
@@ -231,7 +231,7 @@ def from_reported(
     q_ng = quat_multiply(swing, tuple(canonical(reported.q_ng).tolist()))
     vertical = np.zeros((3, 3))
     vertical[2] = azimuth_row(nose)
-    axes_n = np.concatenate([_roll_and_pitch_axes(matrix(rotation_of(q_ng))), _DOWN_N], 1)
+    axes_n = np.concatenate([_reported_axes(matrix(rotation_of(q_ng))), _DOWN_N], 1)
     variances = np.append(mount.reported_variance, north.variance)
     return _camera_pose(mount, body, rotation_nb, q_ng, vertical, axes_n, variances)
 
@@ -240,14 +240,20 @@ def _has_heading(nose_n: Array) -> bool:
     return bool(np.hypot(nose_n[0], nose_n[1]) > _LEAST_HORIZONTAL)
 
 
-def _roll_and_pitch_axes(rotation_ng: Array) -> Array:
-    """Return the axes (3, 2), in NED, about which Euler roll and pitch turn the camera."""
+def _reported_axes(rotation_ng: Array) -> Array:
+    """Return the axes (3, 3), in NED, about which errors of the reported attitude turn the camera.
+
+    The first two are those of Euler roll and pitch. Of a camera that looks down, roll is a turn
+    about the vertical, and the tilt to its sides would have no error. The third axis, level and
+    as long as the view's down component, keeps the error of that tilt the same at any pitch.
+    """
     forward = rotation_ng[:, 0]
     if _has_heading(forward):
         across = np.array([-forward[1], forward[0], 0.0]) / np.hypot(forward[0], forward[1])
     else:
         across = rotation_ng[:, 1]  # the camera's right axis, level within the same small angle
-    return np.stack([forward, across], 1)
+    aside = forward[2] * np.array([across[1], -across[0], 0.0])
+    return np.stack([forward, across, aside], 1)
 
 
 def _camera_pose(

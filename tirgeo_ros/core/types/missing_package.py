@@ -40,6 +40,7 @@ PACKAGES = {
     "distributed": ("distributed", "cluster", "python3-distributed"),
     "matplotlib": ("matplotlib", "plots", "python3-matplotlib"),
     "mgrs": ("mgrs", "page", ""),
+    "pynmeagps": ("pynmeagps", "logs", ""),
     "pyogrio": ("pyogrio", "maps", "python3-pyogrio"),
     "pymavlink": ("pymavlink", "logs", ""),
     "pytak": ("pytak", "page", ""),

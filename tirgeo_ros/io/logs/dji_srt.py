@@ -12,10 +12,11 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Read the subtitles (SRT) that DJI's cameras write beside a video: position and gimbal.
+"""Read the subtitles (SRT) that DJI's cameras write beside a video: position, gimbal and lens.
 
 The fields and their order differ by model and year. A cue begins at its number; its end time,
-which may be impossible (00:04:60), is not read. There is no IMU.
+which may be impossible (00:04:60), is not read. There is no IMU: the aircraft's attitude is that
+of ``F.PRY``, or level, below the camera.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
+    ImuSample,
     PositionSample,
     Source,
 )
@@ -49,7 +51,7 @@ from tirgeo_ros.io.logs.log_contents import (
     written_time,
 )
 
-_MOST_BYTES = 1 << 28
+MOST_BYTES = 1 << 28
 _N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number
 _CUE = re.compile(r"^\ufeff?\d+[ \t]*\n(?=\d+:\d\d:\d\d[,.]\d+\s*-->|\d{4}[-.])", re.MULTILINE)
 _BEGIN = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
@@ -67,7 +69,16 @@ _RELATIVE = re.compile(rf"(?:rel_alt\s*:|BAROMETER\s*:|\bHb\s*:|\bH\s){_N}")
 _GIMBAL_PRY = re.compile(rf"G\.PRY\s*\({_N}°?,{_N}°?,{_N}°?\)")
 _GIMBAL_YPR = re.compile(rf"gb_yaw\s*:{_N}\s+gb_pitch\s*:{_N}\s+gb_roll\s*:{_N}")
 _GIMBAL = re.compile(r"G\.PRY|gb_(?:yaw|pitch|roll)")
+_AIRCRAFT_PRY = re.compile(rf"F\.PRY\s*\({_N}°?,{_N}°?,{_N}°?\)")
+_FOCAL, _ZOOM = (re.compile(rf"{name}\s*:{_N}") for name in ("focal_len", "dzoom_ratio"))
+#: What a whole number counts; one with a decimal point is in mm, or a ratio.
+_FOCAL_PARTS, _ZOOM_PARTS = 10, 10_000
 _CUE_NAME = "cue"
+_LEVEL = (
+    "the aircraft's attitude is not recorded: level, looking where the camera looks; only lever "
+    "arms depend on it"
+)
+_NOT_MEASURED = np.full(3, np.nan)
 
 
 class _Cue(NamedTuple):
@@ -78,6 +89,15 @@ class _Cue(NamedTuple):
     written: WrittenTime | None
 
 
+class Moment(NamedTuple):
+    """Hold the time of a cue (UTC, and in the video), and the lens then; None: not written."""
+
+    stamp_ns: int
+    begin_ns: int | None
+    focal_mm: float | None  # the zoom in it, for a picture of 36 mm by 24 mm with its diagonal
+    zoom: float | None  # digital
+
+
 def is_srt(head: bytes) -> bool:
     """Return whether a file's first bytes are numbered cues."""
     return bool(_CUE.match(head.decode("utf-8", "replace").replace("\r\n", "\n").lstrip()))
@@ -85,16 +105,19 @@ def is_srt(head: bytes) -> bool:
 
 def read_srt(path: Path, options: LogOptions) -> LogContents:
     """Read DJI's subtitles. Raise LogError if a zone, a date or a datum is missing."""
-    text = read_text(path, LogError, _MOST_BYTES, damaged=True)
+    text = read_text(path, LogError, MOST_BYTES, damaged=True)
+    return read_cues(text, path, options)[0]
+
+
+def read_cues(text: str, path: Path, options: LogOptions) -> tuple[LogContents, list[Moment]]:
+    """Return the contents of subtitles, and the moment of each cue; LogError as ``read_srt``."""
     cues = [_cue(part) for part in _CUE.split(text) if part.strip()]
-    contents = LogContents()
+    contents, moments = LogContents(), []
     heights = _Heights(path, options)
     for cue, stamp_ns in zip(cues, _stamps_ns(cues, path, options), strict=True):
         contents.read[_CUE_NAME] += 1
-        attitude = _attitude(cue.text, stamp_ns)
-        contents.samples += attitude
-        if not attitude and _GIMBAL.search(cue.text):
-            contents.refused[_CUE_NAME, "its gimbal angles cannot be read"] += 1
+        focal_mm, zoom = _number(_FOCAL, cue, _FOCAL_PARTS), _number(_ZOOM, cue, _ZOOM_PARTS)
+        moments.append(Moment(stamp_ns, cue.begin_ns, focal_mm, zoom))
         place = _place(cue.text)
         height_m = None if place is None else heights.of(cue.text)
         if place is None or height_m is None:
@@ -105,9 +128,15 @@ def read_srt(path: Path, options: LogOptions) -> LogContents:
             latitude_rad, longitude_rad = (math.radians(float(degrees)) for degrees in place)
             geodetic = latitude_rad, longitude_rad, height_m
             contents.samples.append(PositionSample(stamp_ns, source, status, *geodetic, unknown))
+        attitudes = _attitudes(cue.text, stamp_ns)
+        contents.samples += attitudes
+        if not attitudes and _GIMBAL.search(cue.text):
+            contents.refused[_CUE_NAME, "its gimbal angles cannot be read"] += 1
     if heights.used:
         contents.notes.append(f"heights: {', '.join(heights.used)}")
-    return contents
+    if any(_GIMBAL.search(cue.text) and not _AIRCRAFT_PRY.search(cue.text) for cue in cues):
+        contents.notes.append(_LEVEL)
+    return contents, moments
 
 
 class _Heights:
@@ -179,13 +208,25 @@ def _place(text: str) -> tuple[str, str] | None:
     return (match[2], match[1]) if match else None
 
 
-def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:
-    """Return the camera's attitude in NED, if its angles (deg) are written."""
+def _attitudes(text: str, stamp_ns: int) -> list[ImuSample | CameraAttitudeSample]:
+    """Return the attitudes of aircraft and camera in NED, if the camera's angles are written."""
     if match := _GIMBAL_PRY.search(text):
         pitch, roll, yaw = match.groups()
     elif match := _GIMBAL_YPR.search(text):
         yaw, pitch, roll = match.groups()
     else:
         return []
-    angles_rad = (math.radians(float(angle)) for angle in (roll, pitch, yaw))
-    return [CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
+    angles_rad = [math.radians(float(angle)) for angle in (roll, pitch, yaw)]
+    if aircraft := _AIRCRAFT_PRY.search(text):
+        body_rad = [math.radians(float(aircraft[place])) for place in (2, 1, 3)]
+    else:  # a roll of 180 deg, which DJI writes at a pitch of -90, turns the yaw by 180
+        behind = abs(angles_rad[0]) > math.pi / 2
+        body_rad = [0.0, 0.0, angles_rad[2] + behind * math.pi]
+    attitude = ImuSample(stamp_ns, _NOT_MEASURED, _NOT_MEASURED, quat_from_euler(*body_rad))
+    return [attitude, CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
+
+
+def _number(pattern: re.Pattern[str], cue: _Cue, parts: int) -> float | None:
+    """Return a number of a cue, or None; a whole number counts so many parts."""
+    match = pattern.search(cue.text)
+    return float(match[1]) / (1 if "." in match[1] else parts) if match else None

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -24,10 +23,20 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.whole_files import UTF16, first_bytes
-from tirgeo_ros.io.logs import csv_log, dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
+from tirgeo_ros.io.logs import (
+    csv_log,
+    dataflash,
+    dji_mrk,
+    dji_srt,
+    dji_video,
+    misb,
+    nmea,
+    px4_ulog,
+    rtklib_pos,
+    stills,
+    ubx,
+)
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
-
-_NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
 
 
 class Form(NamedTuple):
@@ -40,13 +49,21 @@ class Form(NamedTuple):
 
 
 UBX = Form("u-blox UBX", ubx.is_ubx, ubx.read_ubx, "pyubx2")
+STILLS = Form("stills", stills.is_still, stills.read_stills)
+NMEA = Form("NMEA", nmea.is_nmea, nmea.read_nmea, "pynmeagps")
+VIDEO = Form("DJI video", dji_video.is_dji_video, dji_video.read_dji_video, "av")
 #: The first form that fits is used.
 FORMS = (
+    STILLS,
     Form("PX4 ULog", px4_ulog.is_px4_ulog, px4_ulog.read_px4_ulog, "pyulog"),
     Form("ArduPilot DataFlash", dataflash.is_dataflash, dataflash.read_dataflash, "pymavlink"),
     UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, rtklib_pos.read_pos),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, dji_srt.read_srt),
+    Form("MISB ST 0601", misb.is_misb, misb.read_misb),
+    VIDEO,
+    Form("DJI marks of stills (MRK)", dji_mrk.is_mrk, dji_mrk.read_mrk),
+    NMEA,
 )
 
 
@@ -66,23 +83,21 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
     """Return the form of a log by its first bytes; None if no reader fits.
 
     With ``columns`` a text of no other form is CSV. Raise LogError for a file that cannot be read,
-    and for NMEA and a table without ``columns``.
+    and for a table without ``columns``.
     """
     if path.is_dir():
-        return None
+        return STILLS if stills.is_folder_of_stills(path) else None
     head = first_bytes(path, 1 << 16, LogError)  # enough to recognise a log
     if head.startswith(UTF16):
         with suppress(UnicodeDecodeError):  # it is not a text
             head = head.decode("utf-16").encode()
     form = next((form for form in FORMS if form.is_form(head)), None)
+    if form in {UBX, NMEA} and NMEA.is_form(head):  # of a receiver that sends both
+        return UBX if ubx.has_solutions(path.read_bytes()) else NMEA
     if form is not None or not head or not CSV.is_form(head):
         return form
     if columns:
         return CSV
-    if _NMEA.search(head):
-        if UBX.is_form(path.read_bytes()):  # the receiver was switched to UBX later
-            return UBX
-        raise LogError(f"{path}: NMEA: it has no covariances; record UBX (NAV-PVT) beside it")
     if b"," in head or b";" in head:
         raise LogError(
             f"{path}: text in columns: say what they mean with --columns YAML, "

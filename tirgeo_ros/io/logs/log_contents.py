@@ -141,6 +141,12 @@ class Refused(Exception):  # noqa: N818  no error: the record is counted
     """Say why a record of a log gives no sample."""
 
 
+def must(good: object, reason: str) -> None:
+    """Raise Refused unless a record is good."""
+    if not good:
+        raise Refused(reason)
+
+
 @dataclass(frozen=True)
 class LogOptions:
     """Hold what a log does not say itself; None or empty: not given."""
@@ -151,12 +157,12 @@ class LogOptions:
     rover_first: bool = False  # the first antenna is the rover's, the second the moving base's
     takeoff_height_m: float | None = None  # ellipsoidal, for heights above the take-off
     height: str = ""  # datum of heights if the log does not say it: one of DATUMS
-    every_s: float = 0.0  # at most one picture of a video in so many seconds; 0: all
     time_scale: str = ""  # of times if the log does not say it: gpst or utc
     utc_offset_s: int | None = None  # of local times, east positive
     start_ns: int | None = None  # UTC of the log's first record, where it has no date
     set_heading_rad: float | None = None  # of the nose, set by a person
     columns: Path | None = None  # what the columns of a CSV file mean
+    every_s: float = 0.0  # a video's picture each so many seconds; 0: all of them
 
     def to_ellipsoid_m(self, datum: str, path: Path) -> float:
         """Return the offset from heights above ``datum`` (of DATUMS) to ellipsoidal heights.

@@ -47,6 +47,7 @@ from tirgeo_ros.io.logs.log_contents import (
     LogOptions,
     Refused,
     classify_receiver,
+    must,
     written_time,
 )
 from tirgeo_ros.io.messages import SensedSample
@@ -136,8 +137,8 @@ class _UbxLog:
     def _solution(self, number: int, pvt: Any, place: Any) -> list[SensedSample]:
         stamp_ns = _stamp_ns(pvt)
         self._dated.append(_Dated(number, pvt.iTOW, stamp_ns))
-        _must(pvt.gnssFixOk and pvt.fixType in _FIX_TYPES, "no 3D fix")
-        _must(not getattr(pvt, "invalidLlh", 0), "latitude, longitude and height are not valid")
+        must(pvt.gnssFixOk and pvt.fixType in _FIX_TYPES, "no 3D fix")
+        must(not getattr(pvt, "invalidLlh", 0), "latitude, longitude and height are not valid")
         status = _STATUS.get(pvt.carrSoln, FixStatus.FLOAT if pvt.diffSoln else FixStatus.SINGLE)
         horizontal, vertical = 0.5 * (place.hAcc * 1e-3) ** 2, (place.vAcc * 1e-3) ** 2
         geodetic = math.radians(place.lat), math.radians(place.lon), place.height * 1e-3
@@ -151,11 +152,11 @@ class _UbxLog:
 
     def _heading(self, number: int, vector: Any) -> list[SensedSample]:
         whole = vector.version == 1 and vector.length == _LENGTHS[RELPOSNED][-1]
-        _must(whole, f"version {vector.version} of {vector.length} bytes has no heading")
+        must(whole, f"version {vector.version} of {vector.length} bytes has no heading")
         valid = vector.relPosValid and vector.relPosHeadingValid
-        _must(valid, "the receiver marks it as not valid")
-        _must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
-        _must(vector.carrSoln == 2, "ambiguities are not fixed")
+        must(valid, "the receiver marks it as not valid")
+        must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
+        must(vector.carrSoln == 2, "ambiguities are not fixed")
         baseline_m, tolerance_m = self._options.baseline_m, _LENGTH_TOLERANCE_M
         if baseline_m is None:
             raise Refused(
@@ -163,7 +164,7 @@ class _UbxLog:
                 "aircraft.second_antenna_m, or give --baseline"
             )
         near = abs(vector.relPosLength * 1e-2 - baseline_m) <= tolerance_m
-        _must(near, f"its length is more than {tolerance_m:g} m from the baseline's")
+        must(near, f"its length is more than {tolerance_m:g} m from the baseline's")
         stamp_ns = self._stamp_near_ns(number, vector.iTOW)
         azimuth_rad = math.radians(vector.relPosHeading) + self._options.rover_first * math.pi
         heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
@@ -182,22 +183,17 @@ class _UbxLog:
             for dated in self._dated[max(place - 1, 0) : place + 1]
         }
         nearest_ms = min(by_difference_ms, key=abs, default=_WEEK_MS)
-        _must(
+        must(
             abs(nearest_ms) < 60_000,
             "no NAV-PVT with a date within a minute of it: record both",
         )
         return by_difference_ms[nearest_ms].stamp_ns + nearest_ms * 1_000_000
 
 
-def _must(good: object, reason: str) -> None:
-    if not good:
-        raise Refused(reason)
-
-
 def _stamp_ns(pvt: Any) -> int:
     """Return the UTC of a NAV-PVT in ns; its fraction of a second may be negative."""
-    _must(pvt.validDate and pvt.validTime, "date or time is not valid")
-    _must(pvt.fullyResolved, "UTC is not resolved to the second")
+    must(pvt.validDate and pvt.validTime, "date or time is not valid")
+    must(pvt.fullyResolved, "UTC is not resolved to the second")
     text = f"{pvt.year:04}-{pvt.month}-{pvt.day} {pvt.hour}:{pvt.min:02}:{pvt.second:02}"
     time = written_time(text)
     if time is None or abs(pvt.nano) > SECOND_NS:
@@ -219,6 +215,11 @@ def ubx_frames(data: bytes) -> Iterator[bytes | None]:
         whole = end <= len(data) and _sum(data[place + 2 : end - _SUM]) == data[end - _SUM : end]
         yield data[place:end] if whole else None
         place = data.find(_SYNC, end if whole else place + len(_SYNC))
+
+
+def has_solutions(data: bytes) -> bool:
+    """Return whether a log has the beginning of a message that is read."""
+    return any(_SYNC + key in data for key in _KEYS)
 
 
 def is_ubx(head: bytes) -> bool:

@@ -83,7 +83,7 @@ class SensorMessages(MessageParts):
         q_enu = NO_ROTATION if attitude is None else quat_turned_both(*attitude.tolist())
         rate, force = (sample.angular_rate_b, np.zeros(9)), (sample.specific_force_b, np.zeros(9))
         if sample.is_attitude_alone:
-            rate = force = np.zeros(3), _absent()
+            rate, force = ((np.zeros(3), _absent()) for _ in range(2))
         of_attitude = q_enu, _absent() if attitude is None else np.zeros(9)
         return self._imu(sample.stamp_ns, of_attitude, rate, force)
 
@@ -178,7 +178,10 @@ def _absent() -> Array:
 
 
 def imu_sample(msg: Any) -> ImuSample:
-    """Convert ``sensor_msgs/Imu``. What a covariance marks as absent is None (attitude) or nan."""
+    """Convert ``sensor_msgs/Imu``; no attitude if its covariance marks it as absent.
+
+    Rates that are marked as absent are nan, and so is the force that is then marked too.
+    """
     force, rate = msg.linear_acceleration, msg.angular_velocity
     force_b = np.array([force.x, -force.y, -force.z])
     rate_b = np.array([rate.x, -rate.y, -rate.z])

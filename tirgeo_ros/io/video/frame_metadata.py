@@ -15,7 +15,8 @@
 """Write the metadata of a picture, what it shows and from where, as MISB ST 0601.
 
 A packet is a key, a length and items: tag, length, value, big endian. Numbers are mapped to
-integers. ITEMS holds the items that are written, with their ranges. An item is left out if its
+integers. ITEMS holds the items that are written, with their ranges; the reader of other makers'
+streams (``io/logs/misb.py``) decodes them by the same table. An item is left out if its
 value is unknown or out of range. The standard's error codes for such values are not used, because
 common parsers (klvdata, QGIS FMV) lose the whole packet if it has one.
 """
@@ -78,6 +79,15 @@ class Item(NamedTuple):
         zero = 0.0 if self._signed else self.low
         number = round((value - zero) / self.step)
         return number.to_bytes(self.length, "big", signed=self._signed)
+
+    def decoded(self, content: bytes) -> float:
+        """Return a number's value from its bytes; nan for another length or the error code."""
+        number = int.from_bytes(content, "big", signed=self._signed)
+        if len(content) != self.length or (self._signed and number == -1 << 8 * self.length - 1):
+            return math.nan
+        if math.isnan(self.low):
+            return float(number)
+        return (0.0 if self._signed else self.low) + number * self.step
 
 
 def _degrees(name: str, length: int, most: float) -> Item:
@@ -161,7 +171,19 @@ def ber(length: int) -> bytes:
 
 def checksum(head: bytes) -> int:
     """Return the sum of the 16-bit words up to the checksum's own tag and length."""
-    return (256 * sum(head[::2]) + sum(head[1::2])) & 0xFFFF
+    words = np.frombuffer(head + bytes(len(head) % 2), ">u2")
+    return int(words.sum(dtype=np.uint64)) & 0xFFFF
+
+
+def extended(content: bytes, low: float, high: float) -> float:
+    """Return a value of an item with a free length, mapped as IMAPB (ST 1201); nan if special."""
+    bits = 8 * len(content) - 1
+    step = 2.0 ** (math.ceil(math.log2(high - low)) - bits)
+    number = int.from_bytes(content, "big")
+    if not 0 < len(content) <= 8 or number > 1 << bits:
+        return math.nan
+    zero = low / step - math.floor(low / step) if low < 0 < high else 0.0
+    return low + step * (number - zero)
 
 
 class FrameMetadata:

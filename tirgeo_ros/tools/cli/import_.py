@@ -23,9 +23,10 @@ input gives the same bytes. --namespace and the topics are for bags; --packages 
 captures.
 
 Logs: CSV (with --columns, of which config/columns has a template), RTKLIB .pos, u-blox UBX
-(NAV-PVT, NAV-RELPOSNED), PX4 ULog, ArduPilot DataFlash, subtitles of DJI's cameras (SRT). Several
-of one flight are merged by their time stamps; a topic that two of them have for the same time
-comes from the first. An error names the option for a value that a log lacks. docs/import.md and
+(NAV-PVT, NAV-RELPOSNED), NMEA, PX4 ULog, ArduPilot DataFlash; of DJI's cameras videos (MP4, MOV)
+with their subtitles, subtitles alone (SRT) and marks of stills (MRK). Several of one flight are
+merged by their time stamps; a topic that two of them have for the same time comes from the first.
+An error names the option for a value that a log lacks. docs/import.md and
 docs/import_autopilots.md describe the result for each kind of log.
 
 example:
@@ -84,6 +85,7 @@ _COLUMNS = "meaning of a CSV's columns: one file for all, or one for each"
 _OFFSET = "offset from UTC of local times without a zone, east positive"
 _SCALE = "scale of the times if a .pos does not tell it: %(choices)s"
 _DATUM = "datum of heights if the log does not tell it: %(choices)s"
+_EVERY = "take a picture of a video each so many seconds; default: all pictures"
 _HEADING = "heading of the nose 7 s after all topics have begun, from true north, clockwise"
 
 
@@ -96,6 +98,7 @@ LOGS: tuple[Option, ...] = (
     ("--baseline", "M", _BASELINE, NUMBER),
     ("--rover-first", None, _ROVER),
     ("--set-heading", "DEG", _HEADING, NUMBER),
+    ("--every", "S", _EVERY, NUMBER),
 )
 OPTIONS = (
     ("flight", "IN", _FILES, {"nargs": "+"}),
@@ -134,6 +137,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         time_scale=args.time_scale or "",
         utc_offset_s=args.utc_offset,
         start_ns=start_ns,
+        every_s=args.every or 0.0,
         set_heading_rad=None if args.set_heading is None else math.radians(args.set_heading),
     )
     kinds = {"mapped": mapped, "pictures": pictures, "capture": capture, "logs": logs}

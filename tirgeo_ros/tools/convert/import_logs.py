@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import bisect
 import heapq
 import math
 from collections import Counter, defaultdict
@@ -29,6 +30,7 @@ import numpy as np
 
 from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.frames.rotations import wrapped
 from tirgeo_ros.core.streams.sanity_checks import (
     ATTITUDE_ALONE,
     fault_of,
@@ -40,13 +42,17 @@ from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     LAST_NS,
     CameraAttitudeSample,
+    ImuSample,
     JointSample,
+    PositionSample,
     SetHeading,
+    Source,
 )
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.texts import utc
-from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Picture
+from tirgeo_ros.io.logs.dji_video import own_subtitles
+from tirgeo_ros.io.logs.forms import CSV, UBX, VIDEO, Form, form_of
+from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, LogOptions, Picture
 from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
@@ -137,6 +143,7 @@ def import_logs(
         if form.module:
             needed(form.module, f"reading {path}", LogError)
     options = _completed(options, config)
+    files = _without_own_subtitles(files)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
     logs: list[Log] = []
     for number, (path, form) in enumerate(files):
@@ -151,15 +158,17 @@ def import_logs(
     if options.set_heading_rad is not None:
         last_begin_ns = max(span[0] for log in logs for span in log.spans.values())
         samples.append(SetHeading(last_begin_ns + _HEADING_AFTER_NS, options.set_heading_rad, 0.0))
-    samples.sort(key=_stamp_ns)
+    # Of one instant, positions come before the attitude that is used with them.
+    samples = sorted(_positions_of_attitudes(samples) + samples, key=_stamp_ns)
+    first_ns, last_ns = samples[0].stamp_ns, samples[-1].stamp_ns
     pictures = [log.contents.pictures for log in logs]
     # Of one instant, samples come before pictures: each pose before what is drawn with it.
-    for number, item in enumerate(heapq.merge(samples, *pictures, key=_stamp_ns)):
+    for item in heapq.merge(samples, *pictures, key=_stamp_ns):
         if isinstance(item, Picture):
             sink.picture(item)
         else:
             sink.write(item)
-        progress(number, len(samples))
+        progress((item.stamp_ns - first_ns) / SECOND_NS, (last_ns - first_ns) / SECOND_NS)
     warnings = list(_doubts(logs, rover_first=options.rover_first))
     is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
     for finding in imu_findings(samples, config.aircraft.rotation_bi):
@@ -176,6 +185,12 @@ def import_logs(
 
 def _stamp_ns(item: SensedSample | Picture) -> int:
     return item.stamp_ns
+
+
+def _without_own_subtitles(files: Sequence[tuple[Path, Form]]) -> list[tuple[Path, Form]]:
+    """Return the files without the subtitles that are read with a video of their name."""
+    own = [own_subtitles(path) for path, form in files if form is VIDEO]
+    return [file for file in files if not any(s and s.samefile(file[0]) for s in own)]
 
 
 def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
@@ -224,12 +239,54 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
 def _fault(sample: SensedSample) -> str:
     if not 0 <= sample.stamp_ns < LAST_NS:
         return "its time is not between 1970 and 2038"
+    if _is_attitude_alone(sample):
+        return ""
     if isinstance(sample, JointSample):
         return joints_fault((sample.yaw_rad, sample.roll_rad, sample.pitch_rad))
     if isinstance(sample, CameraAttitudeSample):
         return "" if usable_attitude(sample.q_ng) else "attitude is not a unit quaternion"
     fault = fault_of(sample)
     return "" if fault is ATTITUDE_ALONE else fault
+
+
+def _is_attitude_alone(sample: SensedSample) -> bool:
+    """Return whether a sample is the attitude of a picture, without forces and rates."""
+    return isinstance(sample, ImuSample) and bool(np.isnan(sample.specific_force_b).all())
+
+
+def _positions_of_attitudes(samples: Sequence[SensedSample]) -> list[SensedSample]:
+    """Return a position of each receiver at the attitudes of pictures, where it has epochs near.
+
+    Without an IMU nothing else carries a position to the time of a picture. It lies on the line
+    between two epochs that are at most a second apart, and has the worse status and covariance.
+    """
+    moments = sorted({sample.stamp_ns for sample in samples if _is_attitude_alone(sample)})
+    made: list[SensedSample] = []
+    for source in (Source.RTK_POSITION, Source.GPS_POSITION):
+        epochs = [s for s in samples if isinstance(s, PositionSample) and s.source is source]
+        epochs.sort(key=_stamp_ns)
+        stamps_ns = [epoch.stamp_ns for epoch in epochs]
+        for moment_ns in moments:
+            after = bisect.bisect_left(stamps_ns, moment_ns)
+            if not 0 < after < len(epochs) or stamps_ns[after] == moment_ns:
+                continue
+            if stamps_ns[after] - stamps_ns[after - 1] <= SECOND_NS:
+                made.append(_between(epochs[after - 1], epochs[after], moment_ns))
+    return made
+
+
+def _between(before: PositionSample, after: PositionSample, stamp_ns: int) -> PositionSample:
+    share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
+    worse = min(before, after, key=lambda s: (s.status, -np.trace(s.covariance_n)))
+    north_rad, up_m = after.latitude_rad - before.latitude_rad, after.height_m - before.height_m
+    east_rad = float(wrapped(after.longitude_rad - before.longitude_rad))
+    return replace(
+        worse,
+        stamp_ns=stamp_ns,
+        latitude_rad=before.latitude_rad + share * north_rad,
+        longitude_rad=float(wrapped(before.longitude_rad + share * east_rad)),
+        height_m=before.height_m + share * up_m,
+    )
 
 
 def _meet(span: tuple[int, int], other: tuple[int, int]) -> bool:
@@ -239,13 +296,23 @@ def _meet(span: tuple[int, int], other: tuple[int, int]) -> bool:
 def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
     """Leave out a topic that an earlier log has for the same time.
 
-    Two receivers on one topic would look like one that jumps between two places.
+    Two receivers on one topic would look like one that jumps between two places. A log that has
+    attitudes of pictures on ``imu/data`` gives way to any with an IMU.
     """
-    for place, log in enumerate(logs):
-        for topic, span in list(log.spans.items()):
-            same = [earlier for earlier in logs[:place] if topic in earlier.spans]
-            before = next((earlier for earlier in same if _meet(span, earlier.spans[topic])), None)
-            if before is not None:
+    for topic in sorted({topic for log in logs for topic in log.spans}):
+        same = [log for log in logs if topic in log.spans]
+        same.sort(
+            key=lambda log: any(
+                _is_attitude_alone(s) and topic_of(s) == topic for s in log.contents.samples
+            )
+        )
+        for place, log in enumerate(same):
+            meeting = (
+                x
+                for x in same[:place]
+                if topic in x.spans and _meet(log.spans[topic], x.spans[topic])
+            )
+            if before := next(meeting, None):
                 log.leave_out(topic, f"{before.path}, named earlier, has it")
 
 

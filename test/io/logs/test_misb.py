@@ -1,0 +1,277 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""MISB streams: values by the standard's text, times of pictures, containers, hostile files."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from itertools import pairwise
+
+import av
+import cv2
+import numpy as np
+import pytest
+from damaged_files import read_damaged
+from klv_reader import by_klvdata, step_of
+
+from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import ImuSample, JointSample, PositionSample
+from tirgeo_ros.io.logs.forms import form_of
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.logs.misb import read_misb
+from tirgeo_ros.io.video.frame_metadata import KEY, ber, packet
+
+BEGIN_NS = 1_634_731_264_888_888_000
+OPTIONS = LogOptions(geoid_undulation_m=-21.387)
+VALUES = {
+    5: 359.0,
+    6: -3.5,
+    7: 12.25,
+    13: 48.137154,
+    14: -11.576124,
+    15: 540.0,
+    16: 45.0,
+    17: 36.0,
+    18: 300.0,
+    19: -45.0,
+    20: 350.0,
+}
+
+
+def of_kind(contents, kind):
+    return [sample for sample in contents.samples if isinstance(sample, kind)]
+
+
+def read(folder, content, options=OPTIONS, name="flight.klv"):
+    (folder / name).write_bytes(content)
+    return read_misb(folder / name, options)
+
+
+def raw(*items):
+    """A packet of tags and bytes, without a checksum, at one second since 1970."""
+    items = ((2, (10**6).to_bytes(8, "big")), *items)
+    content = b"".join(bytes((tag, len(value))) + value for tag, value in items)
+    return KEY + ber(len(content)) + content
+
+
+def test_values_are_those_of_the_packet(tmp_path):
+    contents = read(tmp_path, packet(BEGIN_NS, VALUES))
+    (imu,), (joints,), (fix,) = (
+        of_kind(contents, kind) for kind in (ImuSample, JointSample, PositionSample)
+    )
+    assert {imu.stamp_ns, joints.stamp_ns, fix.stamp_ns} == {BEGIN_NS}
+    angles_deg = np.degrees(euler_from_quat(imu.autopilot_q_nb))
+    np.testing.assert_allclose(angles_deg, [12.25, -3.5, -1.0], atol=step_of(5))
+    assert np.isnan([imu.specific_force_b, imu.angular_rate_b]).all()
+    joints_deg = np.degrees([joints.yaw_rad, joints.pitch_rad, joints.roll_rad])
+    np.testing.assert_allclose(joints_deg, [-60, -45, -10], atol=step_of(18))
+    place_deg = np.degrees([fix.latitude_rad, fix.longitude_rad])
+    np.testing.assert_allclose(place_deg, [48.137154, -11.576124], atol=step_of(14))
+    assert fix.height_m == pytest.approx(540.0 - 21.387, abs=step_of(15))
+    assert contents.parameters == {"joint_order": "yaw-pitch-roll"}
+
+
+def test_the_minimum_set_is_what_klvdata_reads(shared):
+    path = shared / "foreign_logs" / "misb" / "st0902_dynamic_only.bin"
+    values = {tag: value for tag, value in by_klvdata(path.read_bytes()).items() if tag > 2}
+    contents = read_misb(path, LogOptions(geoid_undulation_m=0.0))
+    (imu,), (joints,), (fix,) = (
+        of_kind(contents, kind) for kind in (ImuSample, JointSample, PositionSample)
+    )
+    roll, pitch, heading = np.degrees(euler_from_quat(imu.autopilot_q_nb))
+    ours = {
+        5: heading % 360,
+        6: pitch,
+        7: roll,
+        13: math.degrees(fix.latitude_rad),
+        14: math.degrees(fix.longitude_rad),
+        15: fix.height_m,
+        18: math.degrees(joints.yaw_rad) % 360,
+        19: math.degrees(joints.pitch_rad),
+    }
+    for tag, value in ours.items():
+        assert value == pytest.approx(float(values[tag]), abs=step_of(tag)), tag
+
+
+def test_out_of_range_is_absent_and_the_full_range_takes_its_place(tmp_path):
+    error, heading, roll = (6, b"\x80\x00"), (5, b"\x40\x00"), (7, b"\x00\x00")
+    contents = read(tmp_path, raw(heading, error, roll))
+    assert not of_kind(contents, ImuSample)
+    assert contents.refused["packet", "no heading, pitch and roll of the platform"] == 1
+    steep = (90, b"\xc0\x00\x00\x00")  # -45 deg
+    (imu,) = of_kind(read(tmp_path, raw(heading, error, roll, steep)), ImuSample)
+    assert np.degrees(euler_from_quat(imu.autopilot_q_nb))[1] == pytest.approx(-45, abs=1e-6)
+    short = (90, b"\xc0\x00")
+    assert not of_kind(read(tmp_path, raw(heading, roll, short)), ImuSample)
+
+
+def test_heights_have_a_datum(tmp_path):
+    place = (13, b"\x40\x00\x00\x00"), (14, b"\x00\x00\x00\x00")
+    at_sea, ellipsoidal = (15, b"\x00\x00"), (75, b"\xff\xff")
+    extended = (104, b"\x2f\x92\x1e")  # the example of ST 0601 for this item
+
+    def height_m(*items, options=OPTIONS):
+        (fix,) = of_kind(read(tmp_path, raw(*place, *items), options), PositionSample)
+        return fix.height_m
+
+    assert height_m(at_sea) == pytest.approx(-900 - 21.387)
+    assert height_m(at_sea, ellipsoidal, options=LogOptions()) == pytest.approx(19_000)
+    assert height_m(at_sea, ellipsoidal, extended) == pytest.approx(23_456.24, abs=2.0**-7)
+    with pytest.raises(LogError, match=r"^/.*flight.klv: .*--geoid-undulation"):
+        height_m(at_sea, options=LogOptions())
+    special = (104, b"\xc8\x00\x00")  # plus infinity in ST 1201
+    assert height_m(at_sea, special) == pytest.approx(-900 - 21.387)
+
+
+def test_a_missing_roll_is_said_and_a_time_needed(tmp_path):
+    contents = read(tmp_path, packet(BEGIN_NS, {18: 90.0, 19: -30.0}))
+    assert of_kind(contents, JointSample)[0].roll_rad == 0
+    assert any("roll is not recorded" in note for note in contents.notes)
+    contents = read(tmp_path, packet(0, VALUES) + packet(1 << 61, VALUES))
+    assert not contents.samples
+    assert contents.refused["packet", "no time, or none between 1970 and 2038"] == 2
+
+
+def write_stream(path, times_s, timed, *, colour=False):
+    """A video with a picture at each time (s) and packets: (time in the stream, UTC ns)."""
+    clock = Fraction(1, 90_000)
+    with av.open(str(path), "w", format="mpegts") as container:
+        video = container.add_stream("libx264", rate=30, options={"preset": "ultrafast"})
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        video.codec_context.time_base = clock
+        data = container.add_data_stream("klv")
+        items = [(time_s, None) for time_s in times_s] + [*timed]
+        for time_s, utc_ns in sorted(items, key=lambda item: item[0]):
+            if utc_ns is None:
+                pixels = np.full((48, 64, 3), (90, 90, 200 if colour else 90), np.uint8)
+                pixels[:, 20:30] += np.uint8(30)
+                entry = av.VideoFrame.from_ndarray(pixels, format="bgr24")
+                entry.pts, entry.time_base = round(time_s / clock), clock
+                container.mux(video.encode(entry))
+            else:
+                entry = av.Packet(packet(utc_ns, VALUES))
+                entry.stream, entry.time_base = data, clock
+                entry.pts = entry.dts = round(time_s / clock)
+                container.mux(entry)
+        container.mux(video.encode())
+    return path.read_bytes()
+
+
+TIMES_S = np.arange(90) / 30
+
+
+def synchronous():
+    return [(t, BEGIN_NS + round(t * 1e6) * 1000) for t in TIMES_S.tolist()]
+
+
+def test_pictures_have_the_time_of_their_packets(tmp_path):
+    stream = write_stream(tmp_path / "a.ts", TIMES_S, synchronous())
+    contents = read_misb(tmp_path / "a.ts", OPTIONS)
+    pictures = [*contents.pictures]
+    assert [picture.stamp_ns for picture in pictures] == [utc_ns for _, utc_ns in synchronous()]
+    assert contents.read == {"packet": 90, "picture": 90}
+    assert not contents.refused
+    camera = pictures[0].camera
+    assert (camera.width, camera.height, camera.cx) == (64, 48, 31.5)
+    assert camera.fx == pytest.approx(32 / math.tan(math.radians(22.5)), rel=1e-3)
+    assert camera.fy == pytest.approx(24 / math.tan(math.radians(18)), rel=1e-3)
+    assert contents.parameters["confidence.focal_sigma"] == 0.01
+    # The same stream with a time before each of its packets of 188 bytes, as cameras write it.
+    blocks = [stream[k : k + 188] for k in range(0, len(stream), 188)]
+    long = b"".join(k.to_bytes(4, "big") + block for k, block in enumerate(blocks))
+    again = read(tmp_path, long, name="a.m2ts")
+    assert form_of(tmp_path / "a.m2ts").name == "MISB ST 0601"
+    assert [p.stamp_ns for p in again.pictures] == [p.stamp_ns for p in pictures]
+    third = read_misb(tmp_path / "a.ts", LogOptions(geoid_undulation_m=0.0, every_s=0.1))
+    assert [p.stamp_ns for p in third.pictures] == [p.stamp_ns for p in pictures[::3]]
+
+
+def test_asynchronous_metadata_gives_the_time_by_the_median(tmp_path):
+    """Packets at 7 Hz, written 0 to 20 ms late (median 10): UTC has that delay, not its jitter."""
+    rng = np.random.default_rng(5)
+    late_s = rng.permutation(np.linspace(0, 0.02, 21))
+    timed = [(k / 7 + late, BEGIN_NS + round(k / 7 * 1e9)) for k, late in enumerate(late_s)]
+    write_stream(tmp_path / "a.ts", TIMES_S, timed)
+    pictures = read_misb(tmp_path / "a.ts", OPTIONS).pictures
+    errors_s = [
+        (p.stamp_ns - BEGIN_NS) * 1e-9 - t + 0.01 for p, t in zip(pictures, TIMES_S, strict=True)
+    ]
+    assert np.ptp(errors_s) < 0.004 + 1e-6  # of these, a packet within 2 ms gives its own time
+    assert np.median(np.abs(errors_s)) < 1e-3
+
+
+def test_a_grey_picture_has_one_channel(tmp_path):
+    for colour in (False, True):
+        write_stream(tmp_path / "a.ts", TIMES_S[:5], synchronous()[:5], colour=colour)
+        first = next(iter(read_misb(tmp_path / "a.ts", OPTIONS).pictures))
+        pixels = cv2.imdecode(np.frombuffer(first.data, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert pixels.shape == ((48, 64, 3) if colour else (48, 64))
+        assert abs(float(pixels[..., 0].mean() if colour else pixels.mean()) - 95) < 4
+
+
+def test_a_programme_stream_has_its_metadata_beside_its_pictures(tmp_path):
+    """Each pack is followed by a packet, with the UTC of the first picture that begins in it."""
+    with av.open(str(tmp_path / "a.mpg"), "w", format="mpeg") as container:
+        video = container.add_stream("mpeg2video", rate=30)
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        for k in range(30):
+            pixels = np.random.default_rng(k).integers(0, 255, (48, 64, 3), np.uint8)
+            container.mux(video.encode(av.VideoFrame.from_ndarray(pixels, format="bgr24")))
+        container.mux(video.encode())
+    with av.open(str(tmp_path / "a.mpg")) as container:
+        parts = [part for part in container.demux(container.streams.video[0]) if part.pos]
+    whole, stream, end = (tmp_path / "a.mpg").read_bytes(), b"", 0
+    for part, following in pairwise(parts):
+        begin, end = end, whole.find(b"\0\0\1\xba", following.pos)
+        utc_ns = BEGIN_NS + round(part.pts * part.time_base * 10**9)
+        body = b"\x80\0\0" + packet(utc_ns, VALUES)
+        stream += whole[begin:end] + b"\0\0\1\xfc" + len(body).to_bytes(2, "big") + body
+    contents = read(tmp_path, stream + whole[end:], name="b.mpg")
+    assert len(of_kind(contents, JointSample)) == len(parts) - 1 > 3
+    stamps_s = np.array([picture.stamp_ns - BEGIN_NS for picture in contents.pictures]) * 1e-9
+    assert 28 <= len(stamps_s) <= 30  # few have a time: FFmpeg may give two of them one
+    first_s = float(parts[0].pts * parts[0].time_base)
+    assert np.abs(stamps_s - first_s - np.arange(len(stamps_s)) / 30).max() < 0.25  # a pack
+    assert any("no times in the stream" in note for note in contents.notes)
+
+
+def test_a_picture_has_its_own_time_stamp_where_there_is_one(shared):
+    """The stream's packets have no times; each picture's own is that of the packet beside it."""
+    path = shared / "foreign_logs" / "misb" / "h264_klv.ts"
+    contents = read_misb(path, LogOptions())
+    stamps = [sample.stamp_ns for sample in of_kind(contents, JointSample)]
+    assert [picture.stamp_ns for picture in contents.pictures] == stamps
+    assert len(stamps) == 30
+
+
+def test_damaged_streams_are_read_as_far_as_they_go(tmp_path):
+    whole = write_stream(tmp_path / "a.ts", TIMES_S[:30], synchronous()[:30])
+
+    def number(path):
+        contents = read_misb(path, OPTIONS)
+        return [*contents.samples, *contents.pictures]
+
+    assert read_damaged(number, whole, tmp_path / "b.ts", 40) > 30
+
+
+def test_what_has_no_metadata_is_refused(tmp_path):
+    write_stream(tmp_path / "a.ts", TIMES_S[:5], [])
+    with pytest.raises(LogError, match=r"a.ts: no metadata of MISB ST 0601"):
+        read_misb(tmp_path / "a.ts", OPTIONS)
+    hollow = (b"\x47" + bytes(187)) * 50
+    with pytest.raises(LogError, match=r"^/.*b.ts: "):
+        read(tmp_path, hollow, name="b.ts")

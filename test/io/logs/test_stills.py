@@ -1,0 +1,328 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A folder of stills: what is imported and refused, times, heights, the laser's test."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime, timezone
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from made_stills import jpeg_with, packet, picture, still
+
+from tirgeo_ros.core.frames.rotations import (
+    Q_BODY_OPTICAL,
+    euler_from_quat,
+    quat_from_euler,
+    quat_multiply,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    FixStatus,
+    ImuSample,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io.logs.forms import STILLS, form_of
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.logs.stills import _level, read_stills
+from tirgeo_ros.io.pictures.still_metadata import still_metadata
+
+LOCAL = {"UTCAtExposure": None, "tags": {"DateTimeOriginal": "2024:05:10 10:30:00"}}
+NO_RTK = {"RtkFlag": None, "RtkStdLat": None, "RtkStdLon": None, "RtkStdHgt": None}
+
+
+BEGIN_NS = int(datetime(2024, 5, 10, 8, tzinfo=timezone.utc).timestamp()) * 10**9
+
+
+def at(second: float, **fields) -> bytes:
+    """Return a still of so many seconds after BEGIN_NS."""
+    minutes, seconds = divmod(second, 60)
+    hours, minutes = divmod(int(minutes), 60)
+    text = f"2024:05:10 {8 + hours:02}:{minutes:02}:{seconds:09.6f}"
+    return still(UTCAtExposure=text, **fields)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    def of(files: dict[str, bytes]):
+        for name, data in files.items():
+            path = tmp_path / "DCIM" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        return tmp_path / "DCIM"
+
+    return of
+
+
+def of_kind(contents, kind):
+    return [sample for sample in contents.samples if isinstance(sample, kind)]
+
+
+def refusals(contents) -> dict[str, str]:
+    """Return the reason of each refused file, after checking that each has one line."""
+    reasons = dict(contents.refused.keys())
+    assert len(reasons) == contents.refused.total()
+    return reasons
+
+
+def test_a_still_gives_place_attitudes_and_its_own_bytes(folder):
+    path = folder({"DJI_0001_T.JPG": at(1.25)})
+    contents = read_stills(path, LogOptions())
+    (position,), (gimbal,), (imu,) = (
+        of_kind(contents, kind) for kind in (PositionSample, CameraAttitudeSample, ImuSample)
+    )
+    assert position.stamp_ns == gimbal.stamp_ns == imu.stamp_ns == BEGIN_NS + 1_250_000_000
+    assert (position.source, position.status) == (Source.RTK_POSITION, FixStatus.FIXED)
+    assert np.sqrt(position.covariance_n.diagonal()) == pytest.approx([0.01, 0.02, 0.03])
+    assert position.height_m == 230.25
+    assert np.degrees(euler_from_quat(imu.autopilot_q_nb)) == pytest.approx([1, -3, 28])
+    assert np.isnan([imu.specific_force_b, imu.angular_rate_b]).all()
+    (taken,) = contents.pictures
+    assert taken.data == (path / "DJI_0001_T.JPG").read_bytes()
+    assert (taken.name, taken.stamp_ns) == ("DJI_0001_T.JPG", position.stamp_ns)
+    assert taken.camera.fx == pytest.approx(758.3, abs=0.1)
+    assert contents.parameters == {"confidence.focal_sigma": 0.02, "north.sigma_deg": 3.0}
+
+
+def test_one_still_alone_is_a_log_too(folder):
+    path = folder({"DJI_0001_T.JPG": at(1)}) / "DJI_0001_T.JPG"
+    assert form_of(path) is STILLS
+    assert read_stills(path, LogOptions()).read["still"] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "is_stills"),
+    [("a.jpg", True), ("100MEDIA/a.JPG", True), ("a.tif", True), ("a.txt", False)],
+)
+def test_a_folder_is_stills_by_its_pictures(folder, name, is_stills):
+    assert (form_of(folder({name: b"x"})) is STILLS) == is_stills
+
+
+@pytest.mark.parametrize("bag", ["metadata.yaml", "a_0.mcap", "a.db3"])
+def test_a_folder_of_a_bag_stays_one(folder, bag):
+    assert form_of(folder({"a.jpg": at(1), bag: b"x"})) is None
+
+
+def test_each_bad_file_is_a_line_and_the_others_are_read(folder):
+    files = {
+        "100/1_T.JPG": at(1),
+        "100/1_T.TIFF": picture("TIFF"),
+        "100/2_T.JPG": at(2),
+        "100/2_W.JPG": at(2, ImageSource="WideCamera", size=(800, 600)),
+        "cut.JPG": at(3)[:-3000],
+        "holiday.jpg": picture("JPEG"),
+        "large_T.JPG": at(4, size=(1280, 1024)),
+        "nothing.jpg": b"",
+        "notes.txt": b"notes",
+        "other_T.JPG": at(5, model="M30T"),
+        "without.JPG": at(6, GimbalYawDegree=None, GpsLatitude="0", GpsLongitude="0"),
+        ".hidden.jpg": b"x",
+    }
+    contents = read_stills(folder(files), LogOptions())
+    reasons = refusals(contents)
+    assert [still.name for still in contents.pictures] == ["100/1_T.JPG", "100/2_T.JPG"]
+    assert contents.read == {"still": 2, "TIFF beside a still": 1}
+    assert reasons.keys() == files.keys() - {
+        "100/1_T.JPG",
+        "100/2_T.JPG",
+        "100/1_T.TIFF",
+        ".hidden.jpg",
+    }
+    for name, words in {
+        "100/2_W.JPG": "another camera, DJI M3T WideCamera, not DJI M3T thermal",
+        "cut.JPG": "cut off",
+        "holiday.jpg": "no XMP",
+        "large_T.JPG": "another size, 1280x1024, not 640x512",
+        "nothing.jpg": "empty",
+        "notes.txt": "no JPEG",
+        "other_T.JPG": "another camera",
+        "without.JPG": "no angles of the camera, no position",
+    }.items():
+        assert words in reasons[name]
+
+
+def test_the_thermal_camera_is_taken_though_the_other_has_more(folder):
+    wide = {f"{k}_W.JPG": at(k, ImageSource="WideCamera", size=(800, 600)) for k in (1, 2, 3)}
+    contents = read_stills(folder(wide | {"1_T.JPG": at(1)}), LogOptions())
+    assert [still.name for still in contents.pictures] == ["1_T.JPG"]
+    assert len(refusals(contents)) == 3
+
+
+def test_the_only_camera_is_taken_if_none_is_thermal(folder):
+    wide = {f"{k}_W.JPG": at(k, ImageSource="WideCamera", size=(800, 600)) for k in (1, 2)}
+    assert read_stills(folder(wide), LogOptions()).read["still"] == 2
+
+
+def test_stills_of_one_second_are_spread_in_it_by_name(folder):
+    names = ["a.JPG", "b.JPG", "c.JPG", "d.JPG"]
+    path = folder({name: still(**LOCAL) for name in names})
+    contents = read_stills(path, LogOptions(utc_offset_s=7200))
+    pictures = list(contents.pictures)
+    assert [each.name for each in pictures] == names
+    after_ns = [each.stamp_ns - BEGIN_NS - 1800 * 10**9 for each in pictures]
+    assert after_ns == [0, 25e7, 5e8, 75e7]
+    assert any("4 stills share their second" in note for note in contents.notes)
+
+
+def test_a_time_without_a_zone_is_asked_for(folder):
+    path = folder({"a.JPG": still(**LOCAL)})
+    with pytest.raises(LogError, match="--utc-offset"):
+        read_stills(path, LogOptions())
+
+
+@pytest.mark.parametrize(
+    ("fields", "options", "height_m"),
+    [
+        ({}, {"takeoff_height_m": 100.0, "height": "sea"}, 230.25),  # RTK's says what it is
+        ({"AltitudeType": "PressureAlt"}, {"takeoff_height_m": 100.0}, 175.0),
+        ({"AltitudeType": "PressureAlt"}, {"height": "sea", "geoid_undulation_m": 44.0}, 274.25),
+        ({"AltitudeType": "PressureAlt"}, {"height": "ellipsoid"}, 230.25),
+        ({"AltitudeType": "GpsFusionAlt"}, {}, 230.25),
+        ({"AltitudeType": "GpsFusionAlt"}, {"height": "sea", "geoid_undulation_m": 44.0}, 274.25),
+    ],
+)
+def test_heights_become_ellipsoidal(folder, fields, options, height_m):
+    contents = read_stills(folder({"a.JPG": still(**fields)}), LogOptions(**options))
+    assert of_kind(contents, PositionSample)[0].height_m == pytest.approx(height_m)
+
+
+@pytest.mark.parametrize(
+    ("fields", "options", "option"),
+    [
+        ({"AltitudeType": "PressureAlt"}, {}, "--height ellipsoid"),
+        ({"AltitudeType": "PressureAlt"}, {"height": "sea"}, "--geoid-undulation"),
+        ({"AltitudeType": "PressureAlt"}, {"height": "takeoff"}, "--takeoff-height"),
+    ],
+)
+def test_a_datum_that_is_not_known_is_asked_for(folder, fields, options, option):
+    with pytest.raises(LogError, match=option):
+        read_stills(folder({"a.JPG": still(**fields)}), LogOptions(**options))
+
+
+@pytest.mark.parametrize(
+    ("flag", "source", "status"),
+    [
+        ("50", Source.RTK_POSITION, FixStatus.FIXED),
+        ("34", Source.RTK_POSITION, FixStatus.FLOAT),
+        ("16", Source.GPS_POSITION, FixStatus.SINGLE),
+        ("0", Source.GPS_POSITION, FixStatus.SINGLE),
+        (None, Source.GPS_POSITION, FixStatus.SINGLE),
+    ],
+)
+def test_rtk_s_flag_is_the_status(folder, flag, source, status):
+    contents = read_stills(folder({"a.JPG": still(RtkFlag=flag)}), LogOptions())
+    (position,) = of_kind(contents, PositionSample)
+    assert (position.source, position.status) == (source, status)
+
+
+def test_without_stds_the_covariance_is_unknown(folder):
+    contents = read_stills(folder({"a.JPG": still(**NO_RTK)}), LogOptions())
+    assert not of_kind(contents, PositionSample)[0].covariance_n.any()
+
+
+@pytest.mark.parametrize("pitch", [0.0, -45.0, -90.0])
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_level_aircraft_looks_where_the_camera_looks(pitch, flipped):
+    yaw, roll = (40.0, 0.0) if not flipped else (-140.0, 180.0)
+    pitch = pitch if not flipped else -180.0 - pitch
+    q_nb = _level(quat_from_euler(*np.radians([roll, pitch, yaw])))
+    assert np.degrees(euler_from_quat(q_nb)) == pytest.approx([0, 0, 40])
+
+
+def test_without_the_aircraft_s_attitude_a_note_says_so(folder):
+    contents = read_stills(folder({"a.JPG": still(FlightYawDegree=None)}), LogOptions())
+    assert np.degrees(euler_from_quat(of_kind(contents, ImuSample)[0].autopilot_q_nb)) == (
+        pytest.approx([0, 0, 30])
+    )
+    assert any("not recorded in 1 stills" in note for note in contents.notes)
+
+
+@pytest.mark.parametrize(
+    ("second", "latitude", "flights"),
+    [(10, "51.3670", 1), (10, "51.3700", 2), (1900, "51.3660", 2), (1700, "51.3660", 1)],
+)
+def test_a_landing_or_a_jump_begins_another_flight(folder, second, latitude, flights):
+    """A thousandth of a degree are 111 m: 11 m/s, then 44 m/s."""
+    path = folder({"a.JPG": at(0), "b.JPG": at(second, GpsLatitude=latitude)})
+    contents = read_stills(path, LogOptions())
+    noted = [note for note in contents.notes if "flights" in note]
+    assert noted == (["2 flights, all imported: a.JPG to a.JPG; b.JPG to b.JPG"] * (flights - 1))
+    assert contents.read["still"] == 2
+
+
+def test_pictures_are_read_one_by_one_and_a_lost_one_is_named(folder):
+    path = folder({"a.JPG": at(1), "b.JPG": at(2)})
+    pictures = iter(read_stills(path, LogOptions()).pictures)
+    assert next(pictures).name == "a.JPG"
+    (path / "b.JPG").unlink()
+    with pytest.raises(LogError, match=r"b\.JPG: cannot be read"):
+        next(pictures)
+
+
+def test_hostile_xmp_is_one_refused_file(folder):
+    bomb = b'<!DOCTYPE x [<!ENTITY a "a">]>' + packet({})
+    contents = read_stills(folder({"a.JPG": at(1), "b.JPG": jpeg_with(bomb)}), LogOptions())
+    assert contents.read["still"] == 1
+    assert refusals(contents).keys() == {"b.JPG"}
+
+
+@pytest.mark.parametrize(
+    ("name", "stills", "refused"),
+    [
+        ("real_pictures/h20t_strip", 64, 0),
+        ("real_pictures/m2ea_strip", 17, 1),  # its licence
+        ("thermal_samples", 0, 6),  # pictures without metadata, and a text
+        ("foreign_logs/dji/rjpeg", 2, 1),  # of two cameras
+    ],
+)
+def test_every_real_file_is_imported_or_refused_by_name(shared, name, stills, refused):
+    folder = shared / name
+    options = LogOptions(utc_offset_s=0, takeoff_height_m=0.0)
+    contents = read_stills(folder, options)
+    names = {each.name for each in contents.pictures} | refusals(contents).keys()
+    assert (contents.read["still"], len(contents.refused)) == (stills, refused)
+    assert names == {path.name for path in folder.iterdir()}
+
+
+def test_real_stills_follow_each_other_as_a_drone_flies(shared):
+    contents = read_stills(shared / "real_pictures" / "h20t_strip", LogOptions())
+    stamps = [each.stamp_ns for each in contents.pictures]
+    assert all(after > before for before, after in pairwise(stamps))
+    assert not [note for note in contents.notes if "flights" in note]
+
+
+def test_our_ray_through_the_middle_meets_the_laser_s_place(shared):
+    """The laser shares the attitude and looks beside the lens: geometry alone, at 63 to 97 m."""
+    apart_m = []
+    for path in (shared / "real_pictures" / "h20t_strip").glob("*.JPG"):
+        data = still_metadata(path)
+        plane = TangentPlane(data.latitude_rad, data.longitude_rad, data.absolute_m)
+        q_nc = quat_multiply(data.camera_q_ng, Q_BODY_OPTICAL)
+        pose = CameraPose(0, np.zeros(3), q_nc, np.zeros((6, 6)))
+        middle = np.array([[(data.size[0] - 1) / 2, (data.size[1] - 1) / 2]])
+        laser = data.laser
+        (ground_n,), _ = locate(data.camera, pose, middle, plane, laser.height_m)
+        laser_n = plane.ned_from_geodetic(laser.latitude_rad, laser.longitude_rad, laser.height_m)
+        apart_m.append(math.hypot(*(ground_n - laser_n)[:2]))
+    assert len(apart_m) == 64
+    assert np.median(apart_m) <= 0.35
+    assert np.percentile(apart_m, 95) <= 0.75

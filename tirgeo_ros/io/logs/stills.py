@@ -1,0 +1,301 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Read a folder of a drone's stills: position and attitudes of each, and the pictures themselves.
+
+A file that gives none is refused by name, and the others are read. The pictures are passed on
+byte by byte, so R-JPEG keep their temperatures. There is no IMU: the aircraft's attitude that
+stands in the stills, or a level one, is written as the autopilot's.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    FixStatus,
+    ImuSample,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.io.files.whole_files import reading
+from tirgeo_ros.io.logs.log_contents import (
+    SECOND_NS,
+    TAKEOFF,
+    LogContents,
+    LogOptions,
+    Picture,
+    classify_receiver,
+    written_time,
+)
+from tirgeo_ros.io.pictures.embedded_metadata import JPEG, TIFFS, Unreadable
+from tirgeo_ros.io.pictures.still_metadata import StillMetadata, still_metadata
+
+_JPEG_ENDINGS, _TIFF_ENDINGS = {".jpg", ".jpeg"}, {".tif", ".tiff"}
+_BAG_ENDINGS = {".mcap", ".db3", ".zstd"}
+_STILL, _TEMPERATURES = "still", "TIFF beside a still"
+_FIXED, _FLOAT = 50, 32  # least RtkFlag
+#: Between two flights: a landing, or a way that no drone flies (stamps may be whole seconds).
+_PAUSE_NS, _MOST_M_S, _ROUNDED_S = 1800 * SECOND_NS, 30.0, 2.0
+#: Of the direction that a gimbal takes for north: 0 to 5 deg off as a rule, until calibrated.
+NORTH_SIGMA_DEG = 3.0
+_NO_RATES = np.full(3, np.nan)
+
+
+class _Still(NamedTuple):
+    """Hold a still: its file and name below the folder, stamp (ns) and ellipsoidal height (m)."""
+
+    file: Path
+    name: str
+    metadata: StillMetadata
+    stamp_ns: int = 0
+    height_m: float = math.nan
+    height_of: str = ""  # what the height was made of, for a person
+
+
+def is_still(head: bytes) -> bool:
+    """Return whether a file's first bytes are those of a JPEG or TIFF."""
+    return head.startswith((JPEG, *TIFFS))
+
+
+def is_folder_of_stills(folder: Path) -> bool:
+    """Return whether a folder holds pictures, and is no bag of ROS 2."""
+    if any(
+        path.suffix in _BAG_ENDINGS or path.name == "metadata.yaml" for path in folder.iterdir()
+    ):
+        return False
+    return any(file.suffix.lower() in _JPEG_ENDINGS | _TIFF_ENDINGS for file in _files(folder))
+
+
+def read_stills(path: Path, options: LogOptions) -> LogContents:
+    """Read a folder of stills, or one. Raise LogError if a zone or a datum is missing."""
+    contents = LogContents()
+    read = _of_one_camera(list(_read(path, contents)), contents)
+    stills = _spread([_placed(still, path, options) for still in read], contents)
+    contents.read[_STILL] = len(stills)
+    contents.samples = [sample for still in stills for sample in _samples(still)]
+    if any(still.metadata.rtk_flag for still in stills):
+        is_rtk = any(still.metadata.rtk_flag >= _FLOAT for still in stills)
+        classify_receiver(contents, "the aircraft's receiver", is_rtk=is_rtk)
+    if stills:
+        contents.notes += [*_remarks(stills), *_flights(stills)]
+        contents.parameters = _parameters(stills)
+    contents.pictures = _pictures(stills)
+    return contents
+
+
+def _files(path: Path) -> Iterator[Path]:
+    """Yield a folder's files, also those of folders in it, in the order of their names."""
+    for folder, folders, names in os.walk(path):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        files = (Path(folder, name) for name in sorted(names) if not name.startswith("."))
+        yield from (file for file in files if file.is_file())  # no pipes
+
+
+def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
+    """Yield the stills that have all that is needed; count the other files as refused."""
+    files = list(_files(path)) if path.is_dir() else [path]
+    jpegs = {file.with_suffix("") for file in files if file.suffix.lower() in _JPEG_ENDINGS}
+    for file in files:
+        name = file.relative_to(path).as_posix() if path.is_dir() else file.name
+        try:
+            yield _Still(file, name, _complete(still_metadata(file)))
+        except Unreadable as reason:
+            if file.suffix.lower() in _TIFF_ENDINGS and file.with_suffix("") in jpegs:
+                contents.read[_TEMPERATURES] += 1
+            else:
+                contents.refused[name, str(reason)] += 1
+
+
+def _complete(data: StillMetadata) -> StillMetadata:
+    """Return the metadata if it has all that is needed. Raise Unreadable."""
+    lacks = {
+        "angles of the camera": data.camera_q_ng is None,
+        "position": math.isnan(data.latitude_rad),
+        "height": math.isnan(data.absolute_m),
+        "time": written_time(data.time) is None,
+    }
+    if any(lacks.values()):
+        raise Unreadable(f"no {', no '.join(what for what, lack in lacks.items() if lack)} in it")
+    return data
+
+
+def _placed(still: _Still, path: Path, options: LogOptions) -> _Still:
+    """Return a still with its stamp and height. Raise LogError for an unknown zone or datum."""
+    written = written_time(still.metadata.time)
+    assert written is not None  # by _complete
+    height_m, datum, height_of = _height(still.metadata, path, options)
+    height_m += options.to_ellipsoid_m(datum, path)
+    return still._replace(
+        stamp_ns=options.utc_ns(written, path), height_m=height_m, height_of=height_of
+    )
+
+
+def _height(data: StillMetadata, path: Path, options: LogOptions) -> tuple[float, str, str]:
+    """Return a height (m), its datum and its name.
+
+    RTK's comes first. That above the take-off is the next best, if the take-off's is given. Raise
+    LogError if a datum is not known.
+    """
+    if data.surveyed:
+        return data.absolute_m, data.datum, "RTK's height"
+    datum = options.height or data.datum
+    is_relative = math.isfinite(data.relative_m)
+    if options.takeoff_height_m is not None and is_relative:
+        datum = TAKEOFF
+    if datum == TAKEOFF and is_relative:
+        return data.relative_m, datum, "RelativeAltitude above the take-off"
+    if datum in {"", TAKEOFF}:
+        raise LogError(
+            f"{path}: {data.model or 'its camera'} does not say what AbsoluteAltitude is above: "
+            "give --height ellipsoid, --height sea or --takeoff-height"
+        )
+    return data.absolute_m, datum, f"AbsoluteAltitude above the {datum}, metres off at times"
+
+
+def _of_one_camera(stills: list[_Still], contents: LogContents) -> list[_Still]:
+    """Return the stills of the thermal camera, else of that with most; refuse the others."""
+
+    def camera(still: _Still) -> tuple[str, ...]:
+        data = still.metadata
+        return data.maker, data.model, "thermal" if data.thermal else data.source
+
+    def size(still: _Still) -> tuple[str, ...]:
+        return (f"{still.metadata.size[0]}x{still.metadata.size[1]}",)
+
+    thermal = [still for still in stills if still.metadata.thermal]
+    for what, key, among in (("camera", camera, thermal or stills), ("size", size, [])):
+        most = Counter(map(key, among or stills)).most_common(1)
+        for still in stills:
+            if key(still) != most[0][0]:
+                own, kept = " ".join(key(still)), " ".join(most[0][0])
+                contents.refused[still.name, f"of another {what}, {own}, not {kept}"] += 1
+        stills = [still for still in stills if key(still) == most[0][0]]
+    return stills
+
+
+def _spread(stills: list[_Still], contents: LogContents) -> list[_Still]:
+    """Return the stills by time; spread those of one stamp evenly over the second that follows."""
+    spread: list[_Still] = []
+    crowded = 0
+    for stamp_ns, group in groupby(sorted(stills, key=_stamp_and_name), lambda x: x.stamp_ns):
+        same = list(group)
+        crowded += len(same) if len(same) > 1 else 0
+        step_ns = SECOND_NS // len(same)
+        spread += (x._replace(stamp_ns=stamp_ns + k * step_ns) for k, x in enumerate(same))
+    if crowded:
+        contents.notes.append(
+            f"{crowded} stills share their second with others: spread evenly in it, in the order "
+            "of their names"
+        )
+    return sorted(spread, key=_stamp_and_name)
+
+
+def _stamp_and_name(still: _Still) -> tuple[int, str]:
+    return still.stamp_ns, still.name
+
+
+def _samples(still: _Still) -> list[PositionSample | CameraAttitudeSample | ImuSample]:
+    """Return position, camera's attitude and aircraft's attitude, all of the still's stamp."""
+    data, stamp_ns = still.metadata, still.stamp_ns
+    north_east_down_m = np.array(data.rtk_std_m)
+    measured = bool((north_east_down_m > 0).all())  # false for nan
+    covariance = np.diag(north_east_down_m**2) if measured else np.zeros((3, 3))
+    source = Source.RTK_POSITION if data.rtk_flag else Source.GPS_POSITION
+    place = data.latitude_rad, data.longitude_rad, still.height_m
+    q_ng = np.asarray(data.camera_q_ng)
+    q_nb = _level(q_ng) if data.body_q_nb is None else data.body_q_nb
+    return [
+        PositionSample(stamp_ns, source, _status(data.rtk_flag), *place, covariance),
+        CameraAttitudeSample(stamp_ns, q_ng),
+        ImuSample(stamp_ns, _NO_RATES, _NO_RATES, q_nb),
+    ]
+
+
+def _status(rtk_flag: int) -> FixStatus:
+    if rtk_flag >= _FIXED:
+        return FixStatus.FIXED
+    return FixStatus.FLOAT if rtk_flag >= _FLOAT else FixStatus.SINGLE
+
+
+def _level(q_ng: Array) -> Array:
+    """Return a level attitude (4,) that heads where the camera's picture has its top.
+
+    A level camera's heading is that of its axis; straight down it is that of the top. The sum of
+    both has this heading at every pitch between.
+    """
+    rotation = matrix_from_quat(q_ng)
+    north, east, _ = rotation[:, 0] - rotation[:, 2]
+    return quat_from_euler(0.0, 0.0, math.atan2(east, north))
+
+
+def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
+    """Yield what the stills leave open and what is assumed."""
+    yield f"heights: {', '.join(dict.fromkeys(still.height_of for still in stills))}"
+    level = sum(still.metadata.body_q_nb is None for still in stills)
+    if level:
+        yield (
+            f"the aircraft's attitude is not recorded in {level} stills: taken as level, looking "
+            "where the camera looks; only lever arms depend on it"
+        )
+    cameras = [still.metadata.camera for still in stills]
+    lengths = sorted({f"{camera.fx:.0f} px" for camera in cameras if camera})
+    if None in cameras:
+        yield "the lens is not known: give its calibration with --camera"
+    elif any(still.metadata.focal_sigma for still in stills):
+        yield f"the lens is not calibrated: focal length {', '.join(lengths)} as published"
+    yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
+
+
+def _parameters(stills: Sequence[_Still]) -> dict[str, float]:
+    sigma = max(still.metadata.focal_sigma for still in stills)
+    focal = {"confidence.focal_sigma": sigma} if sigma else {}
+    return {**focal, "north.sigma_deg": NORTH_SIGMA_DEG}
+
+
+def _flights(stills: Sequence[_Still]) -> Iterator[str]:
+    """Yield a note that names the flights, if there are several."""
+    geodetic = [(s.metadata.latitude_rad, s.metadata.longitude_rad, s.height_m) for s in stills]
+    ways_m = np.linalg.norm(np.diff(ecef_from_geodetic(*np.array(geodetic).T), axis=0), axis=1)
+    begins = [0]
+    for k, ((before, after), way_m) in enumerate(zip(pairwise(stills), ways_m, strict=True)):
+        pause_ns = after.stamp_ns - before.stamp_ns
+        if pause_ns > _PAUSE_NS or way_m > _MOST_M_S * (pause_ns / SECOND_NS + _ROUNDED_S):
+            begins.append(k + 1)
+    if len(begins) > 1:
+        ends = [*begins[1:], len(stills)]
+        spans = (
+            f"{stills[b].name} to {stills[e - 1].name}" for b, e in zip(begins, ends, strict=True)
+        )
+        yield f"{len(begins)} flights, all imported: {'; '.join(spans)}"
+
+
+def _pictures(stills: Sequence[_Still]) -> Iterator[Picture]:
+    for still in stills:
+        with reading(still.file, LogError):
+            data = still.file.read_bytes()
+        yield Picture(still.stamp_ns, data, still.metadata.camera, still.name)
