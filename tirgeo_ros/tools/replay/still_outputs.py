@@ -48,6 +48,7 @@ body { max-width: 84rem; }
 .stills img { display: block; width: 100%; }
 .stills div { padding: .5rem .7rem; }
 .stills strong, .stills span { display: block; }
+.stills strong { font-size: .9rem; }
 .stills span { color: var(--soft); font-size: .85rem; }
 .stills .notice { color: var(--fault-edge); }
 a { color: inherit; }
