@@ -25,8 +25,9 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,57 +45,56 @@ _PIECE = 8  # bytes before a piece: FLIR, 0, 1, its number, the last number
 _HEAD, _ENTRY = 0x40, 0x20  # bytes of the file's head and of an entry of its directory
 _RAW, _CAMERA = 1, 0x20  # types of records
 _PIXELS = 0x20  # where they begin in the record of raw values
+#: Number of the camera's record -> where it is; temperatures in kelvin, humidity as a share.
+_CAMERA_AT = {
+    "emissivity": 0x20,
+    "distance_m": 0x24,
+    "reflected_k": 0x28,
+    "air_k": 0x2C,
+    "window_k": 0x30,
+    "window": 0x34,
+    "humidity": 0x3C,  # window: its transmission
+    "r1": 0x58,
+    "b": 0x5C,
+    "f": 0x60,
+    "r2": 0x30C,
+    "alpha_1": 0x70,
+    "alpha_2": 0x74,
+    "beta_1": 0x78,
+    "beta_2": 0x7C,
+    "x": 0x80,
+}
 _PNG = b"\x89PNG"
 _ZERO_K = 273.15
 DJI_NOTE = "temperatures: DJI's raw data needs DJI's own tool: put its TIFF beside the still"
 _BAD = struct.error, ValueError, IndexError, ArithmeticError, KeyError
 
 
-class Camera(NamedTuple):
-    """Hold the constants of FLIR's camera record; temperatures in kelvin, distance in m."""
+def transmission(c: Mapping[str, float]) -> float:
+    """Return the transmission of the air over the distance (FLIR's two exponentials)."""
+    t = c["air_k"] - _ZERO_K
+    growth = 1.5587 + 0.06939 * t - 2.7816e-4 * t**2 + 6.8455e-7 * t**3
+    wet = math.sqrt(c["humidity"] * math.exp(growth))
+    root = math.sqrt(c["distance_m"])
+    first = c["x"] * math.exp(-root * (c["alpha_1"] + c["beta_1"] * wet))
+    return first + (1 - c["x"]) * math.exp(-root * (c["alpha_2"] + c["beta_2"] * wet))
 
-    emissivity: float
-    distance_m: float
-    reflected_k: float
-    air_k: float
-    window_k: float
-    window_transmission: float
-    humidity: float  # share
-    r1: float
-    b: float
-    f: float
-    o: float
-    r2: float
-    alpha_1: float  # of the air: FLIR's two terms, and the share x of the first
-    alpha_2: float
-    beta_1: float
-    beta_2: float
-    x: float
 
-    @property
-    def transmission(self) -> float:
-        """Return the air's transmission over the distance (FLIR's two exponentials)."""
-        t = self.air_k - _ZERO_K
-        growth = 1.5587 + 0.06939 * t - 2.7816e-4 * t**2 + 6.8455e-7 * t**3
-        water = self.humidity * math.exp(growth)
-        root, wet = math.sqrt(max(self.distance_m, 0.0)), math.sqrt(max(water, 0.0))
-        first = self.x * math.exp(-root * (self.alpha_1 + self.beta_1 * wet))
-        return first + (1 - self.x) * math.exp(-root * (self.alpha_2 + self.beta_2 * wet))
+def black_body(temperature_k: float, c: Mapping[str, float]) -> float:
+    """Return the raw value of a black body at a temperature."""
+    return c["r1"] / (c["r2"] * (math.exp(c["b"] / temperature_k) - c["f"])) - c["o"]
 
-    def value_of(self, temperature_k: float) -> float:
-        """Return the raw value of a black body at a temperature."""
-        return self.r1 / (self.r2 * (math.exp(self.b / temperature_k) - self.f)) - self.o
 
-    def celsius(self, raw: Array) -> Array:
-        """Return temperatures (deg C) of raw values, in their shape; nan where there is none."""
-        air, window = self.transmission, self.window_transmission
-        others = (1 - self.emissivity) * air * window * self.value_of(self.reflected_k)
-        others += (1 - air) * window * self.value_of(self.air_k)
-        others += (1 - window) * self.value_of(self.window_k)
-        with np.errstate(all="ignore"):
-            of_object = (raw - others) / (self.emissivity * air * window)
-            ratio = np.log(self.r1 / (self.r2 * (of_object + self.o)) + self.f)
-            return np.asarray(self.b / ratio - _ZERO_K)
+def celsius(raw: Array, c: Mapping[str, float]) -> Array:
+    """Return temperatures (deg C) of raw values, in their shape; nan where there is none."""
+    air, window = transmission(c), c["window"]
+    others = (1 - c["emissivity"]) * air * window * black_body(c["reflected_k"], c)
+    others += (1 - air) * window * black_body(c["air_k"], c)
+    others += (1 - window) * black_body(c["window_k"], c)
+    with np.errstate(all="ignore"):
+        of_object = (raw - others) / (c["emissivity"] * air * window)
+        ratio = np.log(c["r1"] / (c["r2"] * (of_object + c["o"])) + c["f"])
+        return np.asarray(c["b"] / ratio - _ZERO_K)
 
 
 def flir_thermal(jpeg: bytes) -> Thermal | None:
@@ -111,10 +111,10 @@ def flir_thermal(jpeg: bytes) -> Thermal | None:
     try:
         records = _records(file)
         raw, camera = _raw(records[_RAW]), _camera(records[_CAMERA])
-        camera.celsius(raw[:1])  # with impossible constants it cannot be computed
+        celsius(raw[:1], camera)  # with impossible constants it cannot be computed
     except _BAD as error:
         raise MessageError(f"FLIR's raw data are damaged: {error}") from None
-    return _scaled(raw, pictures.size_of(jpeg), lambda value: float(camera.celsius(value)))
+    return _scaled(raw, pictures.size_of(jpeg), lambda value: float(celsius(value, camera)))
 
 
 def _records(file: bytes) -> dict[int, bytes]:
@@ -148,17 +148,14 @@ def _raw(record: bytes) -> Array:
     return counts.reshape(height, width).astype(float)
 
 
-def _camera(record: bytes) -> Camera:
+def _camera(record: bytes) -> dict[str, float]:
     order = _order(record)
-    unpack = struct.Struct(f"{order}6f4xf24x3f12x5f").unpack_from
-    emissivity, distance, reflected, air, window, through, humidity, *rest = unpack(record, 0x20)
-    r1, b, f, *of_air = rest
-    o, r2 = struct.unpack_from(f"{order}if", record, 0x308)
-    humidity = humidity / 100 if humidity > 2 else humidity  # some write per cent
-    own = emissivity, distance, reflected, air, window, through, humidity
-    if not (0 < emissivity <= 1 and 0 < through <= 1 and min(reflected, air, window, b) > 0):
+    c = {name: struct.unpack_from(f"{order}f", record, at)[0] for name, at in _CAMERA_AT.items()}
+    c["o"] = float(struct.unpack_from(f"{order}i", record, 0x308)[0])
+    c["humidity"] /= 100 if c["humidity"] > 2 else 1  # some write per cent
+    if not (0 < c["emissivity"] <= 1 and 0 < c["window"] <= 1 and c["air_k"] > 0):
         raise ValueError("its constants are impossible")
-    return Camera(*own, r1, b, f, float(o), r2, *of_air)
+    return c
 
 
 def tiff_thermal(path: Path, size: tuple[int, int], config: PictureConfig) -> Thermal:
@@ -181,7 +178,7 @@ def tiff_thermal(path: Path, size: tuple[int, int], config: PictureConfig) -> Th
     return _scaled(np.asarray(values, float), size, lambda value: counted(float(value), config))
 
 
-def _scaled(values: Array, size: tuple[int, int], celsius: Any) -> Thermal:
+def _scaled(values: Array, size: tuple[int, int], degrees: Any) -> Thermal:
     """Return the temperatures at the pixels of a picture that may have another size."""
     height, width = values.shape
 
@@ -189,7 +186,7 @@ def _scaled(values: Array, size: tuple[int, int], celsius: Any) -> Thermal:
         column = math.floor((u + 0.5) * width / max(size[0], 1))
         row = math.floor((v + 0.5) * height / max(size[1], 1))
         inside = 0 <= column < width and 0 <= row < height
-        return float(celsius(values[row, column])) if inside else math.nan
+        return float(degrees(values[row, column])) if inside else math.nan
 
     return at
 
