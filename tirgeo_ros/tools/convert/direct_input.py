@@ -90,10 +90,12 @@ def open_input(
         return OpenedInput(BagReader(path), own, [], [])
     folder = Path(tempfile.mkdtemp(prefix="tirgeo-import-"))
     try:
-        bag, kinds = folder / "flight.mcap", {"params": own, "namespace": namespace}
+        bag = folder / "flight.mcap"
         with Progress("importing") as bar:
             shown = silent if progress is silent else bar
-            result = import_flight(path, bag, **kinds, logs=options, progress=shown)
+            result = import_flight(
+                path, bag, params=own, namespace=namespace, logs=options, progress=shown
+            )
         reader = BagReader(bag)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

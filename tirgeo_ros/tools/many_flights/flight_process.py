@@ -250,7 +250,7 @@ def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
     bag_out, picture = task.path(".mcap"), task.path(".jpg")
     options = {k: v for k, v in task.options.items() if k != "logs"}
     logs = LogOptions(**task.options.get("logs", {}))
-    more = {"video": video, "logs": logs, "progress": report, "cores": cores}
+    more: dict[str, Any] = {"video": video, "logs": logs, "progress": report, "cores": cores}
     summary: dict[str, Any] = process(task.bag, bag_out, **options, **more)
     facts, jpeg = flight_facts(bag_out, task.options["namespace"], summary["duration_s"])
     if jpeg:

@@ -111,8 +111,7 @@ def process(
         if setup.overlay is not None:
             stage.begin(opened.configs.overlay, setup.overlay.painter.ground, keeps_images=wanted)
         files = (bag_out, video, progress, stage)
-        options = {"raw_images": raw_images, "smooth": smooth}
-        flight, outputs, film = _run(setup, *files, sheet, **options)
+        flight, outputs, film = _run(setup, *files, sheet, raw_images=raw_images, smooth=smooth)
     elapsed_s = time.perf_counter() - begun_s
     findings = setup.checks.findings()  # damage is in the error
     result = _summary(setup, flight, outputs)
@@ -191,7 +190,7 @@ def _run(
         flight = Flight(reader, setup.opened.namespace, checks=setup.checks, needs_camera=False)
         own = configs.ekf, configs.gimbal, setup.topics.values()
         poses = flight.add_poses(FlightPoses(*own), smooth=smooth)
-        extras = {"raw_images": raw_images, "stills": stills}
+        extras: dict[str, Any] = {"raw_images": raw_images, "stills": stills}
         outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, **extras)
         poses.watchers += [setup.checks.watch, outputs.watch]
         flight.read_all(progress, outputs)
@@ -266,7 +265,7 @@ def six_lines(result: Mapping[str, Any]) -> str:
     text = f"{result['output']}, {three(Path(result['output']).stat().st_size / 1e6)} MB"
     if film := result["video"]:
         text += f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz"
-    if sheet := result["stills"]:
+    if sheet := result.get("stills"):
         text += f"; {sheet['drawn']} of {sheet['stills']} stills drawn: {sheet['page']}"
     if notes := result["notes"]:
         text += f"; {notes[0]}"

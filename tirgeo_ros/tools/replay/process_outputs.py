@@ -176,7 +176,9 @@ class PictureOutputs:
         due = self._footprint_rate.due(picture.stamp_ns)
         packet = self._film.packet(picture, body_at) if self._film is not None else b""
         self._stage.send(picture, overlay.painter.scene, with_outline=due)
-        still = self._stills and self._stills.state_of(picture, overlay.plane)
+        still = None
+        if self._stills is not None:
+            still = self._stills.state_of(picture, overlay.plane)
         sent = _Picture(picture.stamp_ns, picture.camera, packet, log_time_ns, still)
         self._waiting.append(sent)
         self._under_way += 1

@@ -126,6 +126,7 @@ class StillOutputs:
 
 def _thumbnail(jpeg: bytes) -> bytes:
     pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None  # it was encoded here
     scale = min(_THUMBNAIL_PX / pixels.shape[1], 1.0)
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _THUMBNAIL_QUALITY])[1].tobytes()
