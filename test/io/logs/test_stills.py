@@ -180,12 +180,12 @@ def test_a_time_without_a_zone_is_asked_for(folder):
 @pytest.mark.parametrize(
     ("fields", "options", "height_m"),
     [
-        ({}, {"takeoff_height_m": 100.0, "height": "msl"}, 230.25),  # RTK's says what it is
+        ({}, {"takeoff_height_m": 100.0, "height": "sea"}, 230.25),  # RTK's says what it is
         ({"AltitudeType": "PressureAlt"}, {"takeoff_height_m": 100.0}, 175.0),
-        ({"AltitudeType": "PressureAlt"}, {"height": "msl", "geoid_undulation_m": 44.0}, 274.25),
-        ({"AltitudeType": "PressureAlt"}, {"height": "ellipsoidal"}, 230.25),
+        ({"AltitudeType": "PressureAlt"}, {"height": "sea", "geoid_undulation_m": 44.0}, 274.25),
+        ({"AltitudeType": "PressureAlt"}, {"height": "ellipsoid"}, 230.25),
         ({"AltitudeType": "GpsFusionAlt"}, {}, 230.25),
-        ({"AltitudeType": "GpsFusionAlt"}, {"height": "msl", "geoid_undulation_m": 44.0}, 274.25),
+        ({"AltitudeType": "GpsFusionAlt"}, {"height": "sea", "geoid_undulation_m": 44.0}, 274.25),
     ],
 )
 def test_heights_become_ellipsoidal(folder, fields, options, height_m):
@@ -196,8 +196,8 @@ def test_heights_become_ellipsoidal(folder, fields, options, height_m):
 @pytest.mark.parametrize(
     ("fields", "options", "option"),
     [
-        ({"AltitudeType": "PressureAlt"}, {}, "--height ellipsoidal"),
-        ({"AltitudeType": "PressureAlt"}, {"height": "msl"}, "--geoid-undulation"),
+        ({"AltitudeType": "PressureAlt"}, {}, "--height ellipsoid"),
+        ({"AltitudeType": "PressureAlt"}, {"height": "sea"}, "--geoid-undulation"),
         ({"AltitudeType": "PressureAlt"}, {"height": "takeoff"}, "--takeoff-height"),
     ],
 )

@@ -62,7 +62,7 @@ def test_all_fields_of_dji_are_read_from_attributes_and_elements(read, elements)
     )
     assert data.time == "2024-05-10 08:30:00.250000Z"
     assert np.degrees([data.latitude_rad, data.longitude_rad]) == pytest.approx([51.366, 12.309])
-    assert (data.absolute_m, data.datum, data.surveyed) == (230.25, "ellipsoidal", True)
+    assert (data.absolute_m, data.datum, data.surveyed) == (230.25, "ellipsoid", True)
     assert data.relative_m == 75.0
     assert (data.rtk_flag, data.rtk_std_m) == (50, (0.01, 0.02, 0.03))
     assert np.degrees(euler_from_quat(data.body_q_nb)) == pytest.approx([1, -3, 28])
@@ -122,7 +122,7 @@ def test_a_structure_of_skydio_is_read(read):
     }
     data = read(jpeg_with(packet(fields, elements=True), model="VT300-Z_40"))
     assert np.degrees(euler_from_quat(data.camera_q_ng)) == pytest.approx([0, -45, 10])
-    assert (data.absolute_m, data.datum) == (200, "ellipsoidal")
+    assert (data.absolute_m, data.datum) == (200, "ellipsoid")
 
 
 @pytest.mark.parametrize(
@@ -149,10 +149,10 @@ def test_a_time_with_a_zone_comes_first(read, fields, tags, written):
 @pytest.mark.parametrize(
     ("fields", "model", "datum"),
     [
-        ({"AltitudeType": "GpsFusionAlt"}, "ZH20T", "ellipsoidal"),
+        ({"AltitudeType": "GpsFusionAlt"}, "ZH20T", "ellipsoid"),
         ({"AltitudeType": "PressureAlt"}, "ZH20T", ""),
         ({"AltitudeType": None}, "MAVIC2-ENTERPRISE-ADVANCED", ""),
-        ({"AltitudeType": None}, "FLIR", "msl"),
+        ({"AltitudeType": None}, "FLIR", "sea"),
     ],
 )
 def test_the_datum_is_that_of_type_and_model_or_unknown(read, fields, model, datum):

@@ -170,9 +170,9 @@ def _height(data: StillMetadata, path: Path, options: LogOptions) -> tuple[float
     if datum in {"", TAKEOFF}:
         raise LogError(
             f"{path}: {data.model or 'its camera'} does not say what AbsoluteAltitude is above: "
-            "give --height ellipsoidal, --height msl (sea level) or --takeoff-height"
+            "give --height ellipsoid, --height sea or --takeoff-height"
         )
-    return data.absolute_m, datum, f"AbsoluteAltitude as {datum}, metres off at times"
+    return data.absolute_m, datum, f"AbsoluteAltitude above the {datum}, metres off at times"
 
 
 def _of_one_camera(stills: list[_Still], contents: LogContents) -> list[_Still]:

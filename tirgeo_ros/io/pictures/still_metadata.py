@@ -89,7 +89,7 @@ class StillMetadata:
     latitude_rad: float
     longitude_rad: float
     absolute_m: float  # height above ``datum``
-    datum: str  # ellipsoidal or msl; empty: not known
+    datum: str  # ellipsoid or sea; empty: not known
     surveyed: bool  # the height is RTK's
     relative_m: float  # above the take-off
     rtk_flag: int  # 50 fixed, 32 to 49 float, 16 single, 0 none
@@ -207,17 +207,17 @@ def _height(fields: Fields, model: str) -> tuple[float, str]:
     """Return the absolute height (m) and its datum, where it is known."""
     height_m, kind = _number(fields, "AbsoluteAltitude"), _text(fields, "AltitudeType")
     if kind == "RtkAlt" or "drone-skydio:AbsoluteAltitude" in fields:
-        return height_m, "ellipsoidal"
+        return height_m, "ellipsoid"
     reference = (fields.get("GPSAltitudeRef") or b"\0")[0]
     is_exif = math.isnan(height_m)
     if is_exif:
         height_m = _number(fields, "GPSAltitude") * (-1 if reference in {1, 3} else 1)
     if (fields.get("GPSVersionID") or b"")[:2] >= _EXIF_3:
-        return height_m, "msl" if reference in {2, 3} else "ellipsoidal"
+        return height_m, "sea" if reference in {2, 3} else "ellipsoid"
     if model in _ELLIPSOIDAL and kind in {"", "GpsFusionAlt"}:  # else by air pressure
-        return height_m, "ellipsoidal"
+        return height_m, "ellipsoid"
     # EXIF 2.3 defines its own height as above sea level; XMP's is not defined.
-    return height_m, "msl" if not kind and (is_exif or model in _ABOVE_SEA) else ""
+    return height_m, "sea" if not kind and (is_exif or model in _ABOVE_SEA) else ""
 
 
 def _time(fields: Fields) -> str:

@@ -52,9 +52,10 @@ from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, 
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES, pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, SAMPLES, Registered, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 #: Calls that are run together: one kind of work in a row uses the processor's caches better.
 _BLOCK = 128
