@@ -34,8 +34,9 @@ from dev.graphs import started_graph
 from dev.judging import exit_code, print_report
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.dds_profiles import PROFILES
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.node_graph import PROFILES, GraphSetup, await_words, run_graph
+from tirgeo_ros.tools.graph.node_graph import GraphSetup, await_words, run_graph
 from tirgeo_ros.tools.presentation.progress import Progress, Report
 
 RECORDED = (

@@ -172,7 +172,7 @@ def test_without_own_position_exif_s_is_taken_and_zeros_are_none(read):
     none = dict.fromkeys(("GpsLatitude", "GpsLongitude", "AbsoluteAltitude", "AltitudeType"))
     data = read(still(model="other", gps=gps, **none))
     assert np.degrees([data.latitude_rad, data.longitude_rad]) == pytest.approx([-33.51, -70.005])
-    assert (data.absolute_m, data.datum) == (-2.5, "msl")
+    assert (data.absolute_m, data.datum) == (-2.5, "sea")
     assert math.isnan(read(still(GpsLatitude="0", GpsLongitude="0")).latitude_rad)
 
 

@@ -146,10 +146,10 @@ def demo_setup(
     outputs = [folder / name for name in _NAMES]
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
-    options = ([params] if params else [], map_file, method, rate, serial)
-    fitting = values_without_rates(bag, params)
+    files_of = [params] if params else []
+    options = {"environment": domain, "fitting": values_without_rates(bag, params)}
     paths = bag.absolute(), folder.absolute()
-    return GraphSetup(*paths, *options, environment=domain, fitting=fitting)
+    return GraphSetup(*paths, files_of, map_file, method, rate, serial, **options)
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:

@@ -63,13 +63,14 @@ class NodeConfigs(NamedTuple):
         """
         if not rates:
             values = without_rates(topics, namespace, self.given)
-            ekf, gimbal, overlay = (
-                replace(config, **{k: v for k, v in values.items() if hasattr(config, k)})
-                for config in (self.ekf, self.gimbal, self.overlay)
-            )
+
+            def fitted_to(config: T) -> T:
+                return replace(config, **{k: v for k, v in values.items() if hasattr(config, k)})
+
+            kinds = fitted_to(self.ekf), fitted_to(self.gimbal), fitted_to(self.overlay)
             names = ", ".join(f"{name} {value}" for name, value in values.items())
             notes = [f"{names}: imu/data has attitudes alone, without rates"] if names else []
-            return NodeConfigs(ekf, gimbal, overlay, self.given), notes
+            return NodeConfigs(*kinds, self.given), notes
         if "method" in self.given:
             return self, []
         method, why = fitting_method(topics, namespace)

@@ -109,8 +109,8 @@ class UnfilteredSolution:
         rate_b, variance_b = imu.angular_rate_b, self._rate_variance_b
         if imu.is_attitude_alone:
             rate_b, variance_b = _NO_RATE_B, _UNKNOWN_RAD2_S2
-        motion = velocity_n, canonical(imu.autopilot_q_nb), rate_b, variance_b
-        return NavSolution(imu.stamp_ns, *place, *motion, covariance)
+        motion = velocity_n, canonical(imu.autopilot_q_nb), rate_b
+        return NavSolution(imu.stamp_ns, *place, *motion, variance_b, covariance)
 
     def _fresh(self, sample: PositionSample | VelocitySample) -> bool:
         imu = self._imu
