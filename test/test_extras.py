@@ -95,6 +95,8 @@ HEADS = {
     "a.ulg": b"ULog\x01\x12\x35" + bytes(9),
     "a.bin": b"\xa3\x95\x80" + bytes(86),
     "a.ubx": b"\xb5\x62\x01\x07\x00\x00\x08\x19",
+    "a.nmea": b"$GPHDT,25.50,T*37\r\n",
+    "a.MP4": b"\0\0\0\x18ftypmp42",
     "a.dat": b"\xaa" * 40,
     "a.gpkg": b"SQLite format 3\0",
     "a.zip": b"PK\x03\x04",

@@ -49,7 +49,7 @@ ORDER = {
     "dji": "clocks protocol link sources interpret simulator",
     "io": "files coordinates parameters elevation messages pictures video logs bags maps "
     "surveys targets",
-    "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
+    "tools": "presentation convert replay simulate budget calibrate evaluate export many_flights "
     "graph cli",
 }
 

@@ -49,23 +49,24 @@ def made_subtitles(count, step_ms=1000 / RATE_HZ):
     return "\n".join(cue(k + 1, round(k * step_ms)) for k in range(count))
 
 
-def made_video(path, count, *, inside="", colour=0, **options):
+def made_video(path, count, *, inside="", colour=0, size=(WIDTH, HEIGHT), **options):
     """Write a video of uniform pictures (see ``level``), with subtitles of an SRT ``inside``.
 
     ``colour`` is the pictures' chroma, from grey; ``options`` are the container's.
     """
+    width, height = size
     av = pytest.importorskip("av")
     with av.open(str(path), "w", options=options) as container:
         container.metadata["creation_time"] = "2024-12-09T15:24:10Z"
         video = container.add_stream("libx264", rate=RATE_HZ, options={"g": str(GROUP)})
-        video.width, video.height, video.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        video.width, video.height, video.pix_fmt = width, height, "yuv420p"
         if inside:
             track = container.add_stream("mov_text")
             track.codec_context.subtitle_header = _STYLES
         texts = [part.partition("\n")[2].partition("\n")[2] for part in inside.split("\n\n")]
         for number in range(count):
-            planes = np.full((HEIGHT * 3 // 2, WIDTH), 128 + colour, np.uint8)
-            planes[:HEIGHT] = 16 + number % 50 * 4
+            planes = np.full((height * 3 // 2, width), 128 + colour, np.uint8)
+            planes[:height] = 16 + number % 50 * 4
             frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
             frame.pts, frame.time_base = number, Fraction(1, RATE_HZ)
             container.mux(video.encode(frame))

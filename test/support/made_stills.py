@@ -20,7 +20,7 @@ import io
 
 import numpy as np
 from PIL import Image
-from PIL.ExifTags import IFD, Base
+from PIL.ExifTags import GPS, IFD, Base
 
 XMP_HEAD = b"http://ns.adobe.com/xap/1.0/\0"
 URIS = {
@@ -76,20 +76,24 @@ def jpeg_with(*packets: bytes, **exif) -> bytes:
     return jpeg[:2] + b"".join(segment(XMP_HEAD + each) for each in packets) + jpeg[2:]
 
 
-def still(*, model: str = "M3T", elements: bool = False, size=(640, 512), tags=None, **fields):
+def still(
+    *, elements: bool = False, model: str = "M3T", size=(640, 512), tags=None, gps=None, **fields
+):
     """Return a Mavic 3T's still with some of its fields changed; None leaves one out.
 
-    ``tags`` are EXIF's of the exposure, by name.
+    ``tags`` and ``gps`` are EXIF's of the exposure and the position, by name.
     """
     kept = {key: text for key, text in (M3T | fields).items() if text is not None}
-    return jpeg_with(packet(kept, elements=elements), model=model, size=size, tags=tags)
+    exif = {"model": model, "size": size, "tags": tags, "gps": gps}
+    return jpeg_with(packet(kept, elements=elements), **exif)
 
 
-def picture(form: str, *, model: str = "M3T", size=(640, 512), tags=None, xmp: bytes = b""):
+def picture(form: str, *, model="M3T", size=(640, 512), tags=None, gps=None, xmp: bytes = b""):
     """Return a grey picture's file with EXIF; ``xmp`` is for a TIFF."""
     exif = Image.Exif()
     exif[Base.Make], exif[Base.Model] = "DJI", model
     exif[IFD.Exif] = {Base[name]: value for name, value in (tags or {}).items()}
+    exif[IFD.GPSInfo] = {GPS[name]: value for name, value in (gps or {}).items()}
     if xmp:
         exif[Base.XMLPacket] = xmp
     out = io.BytesIO()

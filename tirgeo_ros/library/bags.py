@@ -37,8 +37,8 @@ from tirgeo_ros.io.messages import (
     sensed,
 )
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
 from tirgeo_ros.library.tables import ARRIVAL, ORDER, OUTPUTS, SENSORS, STAMP, Table, arrived
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 T = TypeVar("T")
 

@@ -109,8 +109,10 @@ class GimbalNode(GraphNode):
         sample = self._stamped("imu/data", imu_sample(message))
         if sample.autopilot_q_nb is not None:
             self._publish(self._composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb))
-            take = partial(self._checks.autopilot, alone=sample.is_attitude_alone)
-            self._setup.take(take, sample.stamp_ns, sample.autopilot_q_nb)
+            self._setup.take(self._checks.autopilot, sample.stamp_ns, sample.autopilot_q_nb)
+            if sample.is_attitude_alone:
+                take = self._checks.autopilot_alone
+                self._setup.take(take, sample.stamp_ns, sample.autopilot_q_nb)
 
     def _stamped(self, topic: str, sample: Any) -> Any:
         return self._arrivals.stamped(topic, sample, self.now_ns)

@@ -266,10 +266,12 @@ class Actions:
         if isinstance(place, str):
             raise RequestError(place)
         store, now_ns = self._backend.targets, time.time_ns()
+        known = math.isfinite(place.temperature_c)
+        more = {"temperature_c": place.temperature_c if known else None}
         if refine:
-            return await self._target(lambda: store.refine(refine, place, now_ns))
+            return more | await self._target(lambda: store.refine(refine, place, now_ns))
         add = partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
-        return await self._target(lambda: add(picture=cut_out()))
+        return more | await self._target(lambda: add(picture=cut_out()))
 
     async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002  the page's own word
         edit = partial(self._backend.targets.edit, id, time.time_ns(), was)

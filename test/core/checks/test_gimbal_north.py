@@ -36,7 +36,9 @@ def result(stills, bias_deg=0.0, *, order=1, alone=True):
     for still in stills:
         for sample in still.samples()[::order]:
             if isinstance(sample, ImuSample):
-                checks.autopilot(sample.stamp_ns, sample.autopilot_q_nb, alone=alone)
+                checks.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+                if alone:
+                    checks.autopilot_alone(sample.stamp_ns, sample.autopilot_q_nb)
             elif isinstance(sample, CameraAttitudeSample):
                 checks.reported(sample)
     return next((each for each in checks.findings() if each.check == "gimbal_north"), None)

@@ -24,7 +24,7 @@ from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.known_cameras import XT2
-from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig, PictureConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
@@ -33,6 +33,7 @@ from tirgeo_ros.core.overlay.clicks import (
     MARKERS,
     REMEMBERED_S,
     Clicks,
+    Counts,
     Marker,
     PlacedMarkers,
 )
@@ -137,6 +138,18 @@ def test_another_plane_forgets_pictures_and_moves_marks(clicks):
     clicks.show(9 * S, XT2, pose_over(0.0))
     clicks.set_plane(TangentPlane(other.latitude_rad, other.longitude_rad, other.height_m))
     assert isinstance(clicks.locate(CENTRE), Located)  # the same plane, set again
+
+
+def test_a_click_has_the_temperature_of_its_own_picture(clicks):
+    scale = PictureConfig(celsius_per_count=0.04)
+    pixels = np.full((512, 640), 7500, np.uint16)
+    pixels[round(CENTRE[1]), round(CENTRE[0])] = 8000
+    clicks.show_thermal(S, Counts(pixels, scale))
+    clicks.show_thermal(2 * S, Counts(pixels + np.uint16(25), scale))
+    assert clicks.locate(CENTRE, S).temperature_c == pytest.approx(8000 * 0.04 - 273.15)
+    assert clicks.locate(CENTRE, 2 * S).temperature_c == pytest.approx(8025 * 0.04 - 273.15)
+    assert math.isnan(clicks.locate(CENTRE, 3 * S).temperature_c)
+    assert math.isnan(Counts(pixels, scale)(639.6, 0.0))
 
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)

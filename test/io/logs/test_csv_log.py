@@ -391,7 +391,7 @@ def test_longitudes_to_360_deg(tmp_path, longitude, expected_deg):
     columns = """
 time: {counts: utc, column: t, unit: s}
 gps_position:
-  {latitude: a, longitude: b, unit: deg, height: {column: c, unit: m, above: ellipsoidal},
+  {latitude: a, longitude: b, unit: deg, height: {column: c, unit: m, above: ellipsoid},
    status: {always: single}}
 """
     table = f"t,a,b,c\n1,48,{longitude},500\n2,48,361,500\n"
@@ -407,7 +407,7 @@ gps_position:
   latitude: lat
   longitude: lon
   unit: rad
-  height: {column: h, unit: km, above: msl}
+  height: {column: h, unit: km, above: sea}
   status: {column: s, float: [DGPS, 5], single: 1}
 """
     rows = "t,lat,lon,h,s\n1,1,2,0.3,DGPS\n2,1,2,0.3,1.000\n3,1,2,0.3,0\n4,1,2,0.3,\n"

@@ -149,7 +149,7 @@ def test_cues_before_the_first_date_are_placed_by_the_video(shared):
         (
             re.sub(r"\[rel_alt.*?\]", "[altitude: 9.5]", SRT),
             {"utc_offset_s": 0},
-            "what its altitude is above: give --height msl",
+            "what its altitude is above: give --height sea",
         ),
         (SRT.replace("2024-06-11", ""), {}, "no date in it: give .* --start-time"),
     ],

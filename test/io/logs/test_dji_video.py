@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import cv2
@@ -23,6 +24,7 @@ import numpy as np
 import pytest
 from dji_videos import BEGUN, GROUP, cue, level, made_subtitles, made_video
 from foreign_logs import samples
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.errors import LogError
@@ -82,6 +84,20 @@ def test_a_picture_each_so_many_seconds_decodes_no_more_than_it_needs(video, mon
     contents = read_dji_video(video, replace(OPTIONS, every_s=0.5))
     assert numbers(contents.pictures) == [0, 15, 30, 45]
     assert not contents.damaged
+
+
+def test_a_known_model_has_its_lens(tmp_path):
+    """DJI's encoder is called by the model; the digital zoom makes pixels smaller."""
+    path = made_video(tmp_path / "a.mp4", 4, size=(640, 512))
+    named = re.sub(rb"Lavf[\d.]+", lambda m: b"DJI M3T".ljust(len(m[0])), path.read_bytes())
+    path.write_bytes(named)
+    first, _, rest = made_subtitles(4).partition("dzoom_ratio: 1.00")
+    path.with_suffix(".SRT").write_text(first + "dzoom_ratio: 2.00" + rest)
+    contents = read_dji_video(path, OPTIONS)
+    focals_px = [picture.camera.fx for picture in contents.pictures]
+    assert focals_px == pytest.approx([2 * 758.3, *[758.3] * 3], abs=0.1)
+    assert contents.parameters == {"north.sigma_deg": 3.0, "confidence.focal_sigma": 0.02}
+    assert not any("--camera" in note for note in contents.notes)
 
 
 def test_colours_stay(tmp_path):
@@ -165,6 +181,29 @@ def test_damaged_pictures_are_counted_and_the_rest_keep_their_times(video):
     assert contents.damaged
     assert contents.read["picture"] + sum(contents.refused.values()) == COUNT
     assert {picture.stamp_ns for picture in pictures} <= set(stamps)
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_flipped_bits_give_one_line_or_pictures(tmp_path, data):
+    """In the index too, with its sizes, names and codecs."""
+    path = tmp_path / "whole.mp4"
+    if not path.exists():
+        text = made_subtitles(GROUP)
+        made_video(path, GROUP, inside=text, movflags="+faststart")
+    content = bytearray(path.read_bytes())
+    for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=30)):
+        content[place] ^= 1 << data.draw(st.integers(0, 7))
+    damaged = tmp_path / "damaged.mp4"
+    damaged.write_bytes(content)
+    stamps, message = [], ""
+    try:
+        stamps = [picture.stamp_ns for picture in read_dji_video(damaged, OPTIONS).pictures]
+    except LogError as error:
+        message = str(error)
+    assert stamps == sorted(set(stamps))
+    assert message.startswith(str(damaged)) or not message
+    assert "\n" not in message
 
 
 def test_the_import_reads_the_subtitles_once(video, tmp_path):

@@ -146,7 +146,7 @@ def test_columns_with_another_separator(tmp_path, separator, header):
     lines[0] = POS.splitlines()[0]
     path = written(tmp_path, "\ufeff" + "\n".join(lines if header else lines[2:]))
     assert form_of(path, columns=True).name == "RTKLIB .pos"
-    result = read_pos(path, LogOptions(time_scale="gpst", height="ellipsoidal"))
+    result = read_pos(path, LogOptions(time_scale="gpst", height="ellipsoid"))
     expected = read_pos(written(tmp_path, POS), LogOptions())
     assert not result.refused
     for item, other in zip(result.samples, expected.samples, strict=True):
@@ -173,7 +173,7 @@ def test_weeks_and_seconds_of_another_table_are_none():
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
-        (("height=WGS84/ellipsoidal", ""), {}, "give --height ellipsoidal, or --height msl"),
+        (("height=WGS84/ellipsoidal", ""), {}, "give --height ellipsoid, or --height sea"),
         (("ellipsoidal", "geodetic"), {}, "above mean sea level: give .* --geoid-undulation"),
         (("% ", "# "), {}, "no header with the time scale: give --time-scale gpst or utc"),
         (("latitude(deg)", "e-baseline(m)"), {}, "e-baseline.* relative to a base"),

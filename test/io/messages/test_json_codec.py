@@ -67,6 +67,15 @@ def test_a_located_click_comes_back_to_the_last_digit():
     )
 
 
+@pytest.mark.parametrize(("celsius", "written"), [(21.5, 21.5), (math.nan, None)])
+def test_a_click_may_have_a_temperature(celsius, written):
+    text = answer_text(dataclasses.replace(LOCATED, temperature_c=celsius))
+    document = json.loads(text)
+    assert document.pop("temperature_c") == written
+    np.testing.assert_equal(answer_of(MESSAGES.text(text)).temperature_c, celsius)
+    assert math.isnan(answer_of(text_of(document)).temperature_c)  # of an earlier version
+
+
 @pytest.mark.parametrize("reason", Reason)
 def test_a_refused_click_comes_back_with_its_reason(reason):
     refusal = Refusal(STAMP_NS, (-5.0, 3.0), reason)

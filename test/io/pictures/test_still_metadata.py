@@ -62,7 +62,7 @@ def test_all_fields_of_dji_are_read_from_attributes_and_elements(read, elements)
     )
     assert data.time == "2024-05-10 08:30:00.250000Z"
     assert np.degrees([data.latitude_rad, data.longitude_rad]) == pytest.approx([51.366, 12.309])
-    assert (data.absolute_m, data.datum, data.surveyed) == (230.25, "ellipsoidal", True)
+    assert (data.absolute_m, data.datum, data.surveyed) == (230.25, "ellipsoid", True)
     assert data.relative_m == 75.0
     assert (data.rtk_flag, data.rtk_std_m) == (50, (0.01, 0.02, 0.03))
     assert np.degrees(euler_from_quat(data.body_q_nb)) == pytest.approx([1, -3, 28])
@@ -122,7 +122,7 @@ def test_a_structure_of_skydio_is_read(read):
     }
     data = read(jpeg_with(packet(fields, elements=True), model="VT300-Z_40"))
     assert np.degrees(euler_from_quat(data.camera_q_ng)) == pytest.approx([0, -45, 10])
-    assert (data.absolute_m, data.datum) == (200, "ellipsoidal")
+    assert (data.absolute_m, data.datum) == (200, "ellipsoid")
 
 
 @pytest.mark.parametrize(
@@ -149,19 +149,31 @@ def test_a_time_with_a_zone_comes_first(read, fields, tags, written):
 @pytest.mark.parametrize(
     ("fields", "model", "datum"),
     [
-        ({"AltitudeType": "GpsFusionAlt"}, "ZH20T", "ellipsoidal"),
+        ({"AltitudeType": "GpsFusionAlt"}, "ZH20T", "ellipsoid"),
         ({"AltitudeType": "PressureAlt"}, "ZH20T", ""),
         ({"AltitudeType": None}, "MAVIC2-ENTERPRISE-ADVANCED", ""),
-        ({"AltitudeType": None}, "FLIR", "msl"),
+        ({"AltitudeType": None}, "FLIR", "sea"),
     ],
 )
 def test_the_datum_is_that_of_type_and_model_or_unknown(read, fields, model, datum):
     assert read(still(model=model, **fields)).datum == datum
 
 
-def test_without_own_position_and_with_zeros_exif_s_is_taken_or_none(read):
-    data = read(still(GpsLatitude="0", GpsLongitude="0"))
-    assert math.isnan(data.latitude_rad)
+def test_without_own_position_exif_s_is_taken_and_zeros_are_none(read):
+    """Its height is above sea level, and below zero with the reference 1 (EXIF 2.3)."""
+    gps = {
+        "GPSLatitudeRef": "S",
+        "GPSLatitude": (33.0, 30.0, 36.0),
+        "GPSLongitudeRef": "W",
+        "GPSLongitude": (70.0, 0.0, 18.0),
+        "GPSAltitudeRef": b"\1",
+        "GPSAltitude": 2.5,
+    }
+    none = dict.fromkeys(("GpsLatitude", "GpsLongitude", "AbsoluteAltitude", "AltitudeType"))
+    data = read(still(model="other", gps=gps, **none))
+    assert np.degrees([data.latitude_rad, data.longitude_rad]) == pytest.approx([-33.51, -70.005])
+    assert (data.absolute_m, data.datum) == (-2.5, "msl")
+    assert math.isnan(read(still(GpsLatitude="0", GpsLongitude="0")).latitude_rad)
 
 
 @pytest.mark.parametrize(
@@ -213,12 +225,6 @@ BOMB = (
 )
 
 
-def bombed_tiff() -> bytes:
-    """Return the head of a TIFF whose XMP is 100 MB long."""
-    entry = struct.pack("<HHII", 700, 1, 100_000_000, 26)
-    return b"II*\0" + struct.pack("<IH", 8, 1) + entry + bytes(4) + bytes(100_000_000)
-
-
 def vast_jpeg() -> bytes:
     """Return a JPEG of 65000 x 65000 pixels by its header."""
     jpeg = still()
@@ -234,7 +240,8 @@ def vast_jpeg() -> bytes:
         (lambda: jpeg_with(b"<a>" * 10_000), "nested too deeply"),
         (lambda: jpeg_with(b"<x:xmpmeta><a b='"), "XMP is damaged"),
         (lambda: jpeg_with(*[b"<a>" + b" " * 65_000] * 1600), "more than 1 MB"),
-        (bombed_tiff, "more than 1 MB"),
+        (lambda: picture("TIFF", xmp=bytes(100_000_000)), "more than 32 MB"),
+        (lambda: picture("TIFF", xmp=bytes(2_000_000)), "more than 1 MB"),
         (vast_jpeg, "million pixels"),
         (lambda: still()[:-3000], "cut off"),
         (lambda: still()[:200], "cut off"),

@@ -90,6 +90,41 @@ def test_a_topic_comes_from_the_first_log_that_has_it(folder):
     assert result["written"]["/rtk/fix"]["messages"] == 4
 
 
+def test_a_receivers_record_gives_a_position_at_each_picture(folder):
+    """On the line between its epochs, with the worse status; SRT has a cue each 33 ms."""
+    at = "07:44:57.{}00 48.13715{} 11.576124000 560.{}000"
+    rest = "1 20 0.01 0.02 0.03 0.005 -0.006 0.007 0.20 99.0"
+    header = POS.splitlines()[:2]
+    fixes = [f"2024/06/11 {at.format(k, k, k)} {rest}" for k in (0, 2)]
+    fixes[1] = fixes[1].replace(" 1 20", " 2 20")
+    (folder / "fast.pos").write_text("\n".join([*header, *fixes]))
+    result = imported(folder, "fast.pos", "clip.srt")
+    outcome = samples(folder / "out.mcap")
+    assert [s.stamp_ns for s in outcome["gps/fix"]] == [s.stamp_ns for s in outcome["imu/data"]]
+    stamps = [sample.stamp_ns for sample in outcome["rtk/fix"]]
+    pictures = [sample.stamp_ns for sample in outcome["gimbal/attitude"]]
+    assert sorted({*stamps, *pictures}) == stamps
+    assert len(stamps) == 4
+    made = outcome["rtk/fix"][1]
+    share = (made.stamp_ns - stamps[0]) / 2e8
+    assert math.degrees(made.latitude_rad) == pytest.approx(48.13715 + 2e-6 * share, abs=1e-9)
+    assert made.height_m == pytest.approx(560.0 + 0.2 * share)
+    assert made.status == 1
+    assert result["error"] is None
+    (folder / "rover.pos").write_text(POS.replace("07:44:58", "07:44:59"))
+    imported(folder, "rover.pos", "clip.srt")  # its epochs are further apart than a second
+    assert len(samples(folder / "out.mcap")["rtk/fix"]) == 2
+
+
+@pytest.mark.parametrize("names", [("imu.csv", "clip.srt"), ("clip.srt", "imu.csv")])
+def test_an_attitude_of_pictures_gives_way_to_an_imu(folder, names):
+    result = imported(folder, *names, columns=[folder / "imu.yaml"])
+    outcome = samples(folder / "out.mcap")
+    assert len(outcome["imu/data"]) == result["written"]["/imu/data"]["messages"] == 19
+    assert all(math.isfinite(sample.specific_force_b[2]) for sample in outcome["imu/data"])
+    assert "clip.srt: refused 2 imu/data: " in result["warning"]
+
+
 def test_logs_without_a_common_time_are_refused(folder):
     """Local times that are taken as UTC, for example."""
     options = LogOptions(utc_offset_s=0, geoid_undulation_m=0.0)

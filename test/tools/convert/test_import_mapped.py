@@ -278,7 +278,7 @@ _PAIR = "give FROM=TO, TO one of imu/data, rtk/fix"
         ("--imu-rpy 90 0 0", "--imu-rpy is for --map-topic"),
         ("--map-topic /a=imu/data --set-heading 0", "--set-heading is for logs, not for --map-t"),
         ("--map-topic /a=imu/data --rover-first", "--rover-first is for logs"),
-        ("--map-topic /a=imu/data --height msl", "--height is for logs"),
+        ("--map-topic /a=imu/data --height sea", "--height is for logs"),
         ("--map-topic /a=imu/data --image-topic /a", "use --map-topic TOPIC=thermal/image_raw, t"),
     ],
 )

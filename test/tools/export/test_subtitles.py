@@ -158,7 +158,7 @@ def test_an_empty_file_is_not_written_and_one_that_cannot_be_is_named(flight, tm
 
 def test_import_reads_them_back(written, flight, tmp_path):
     written(undulation_m=UNDULATION_M)
-    options = LogOptions(geoid_undulation_m=UNDULATION_M, height="msl", utc_offset_s=0)
+    options = LogOptions(geoid_undulation_m=UNDULATION_M, height="sea", utc_offset_s=0)
     result = read_srt(tmp_path / "flight.srt", options)
     places = [item for item in result.samples if isinstance(item, PositionSample)]
     assert len(places) == len(flight.frames)

@@ -25,8 +25,12 @@ from still_flights import GROUND_M, PLANE, strip, write_ground, write_stills
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
+from tirgeo_ros.io.logs import forms
+from tirgeo_ros.io.logs.forms import Form
+from tirgeo_ros.io.logs.log_contents import LogContents
 from tirgeo_ros.io.messages import camera_pose
 from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.convert.import_flight import import_flight
 from tirgeo_ros.tools.graph.demo import demo_setup
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph
 from tirgeo_ros.tools.replay.node_configs import values_without_rates
@@ -76,6 +80,7 @@ def test_process_draws_the_map_on_each_still(flight, tmp_path, capsys):
     out = tmp_path / "o.mcap"
     code, summary = run(capsys, "process", folder / "flight.mcap", "-o", out, *given)
     assert (code, summary["method"], summary["composition"]) == (0, "rtk", "paper")
+    assert summary["warning"] is None
     assert (summary["overlay"]["drawn"], summary["overlay"]["notices"]) == (12, 0)
     assert_poses_are_true(out, stills)
 
@@ -172,3 +177,16 @@ def test_the_live_graph_gets_the_same_parameters(flight, tmp_path):
 
 def test_a_flight_with_an_imu_is_left_as_it_is(sample):
     assert values_without_rates(sample / "flight.mcap", None) == {}
+
+
+def test_such_samples_pass_the_import(tmp_path, monkeypatch):
+    stills, path = strip(), tmp_path / "stills.log"
+    path.write_text("stills\n")
+    samples = [sample for still in stills for sample in still.samples()]
+    form = Form("made", lambda _: True, lambda *_: LogContents(samples))
+    monkeypatch.setattr(forms, "FORMS", (form,))
+    result = import_flight([path], tmp_path / "out.mcap")
+    assert result["warning"] is None
+    counts = {topic: count["messages"] for topic, count in result["written"].items()}
+    assert counts == dict.fromkeys(("/rtk/fix", "/imu/data", "/gimbal/attitude"), 12)
+    assert values_without_rates(tmp_path / "out.mcap", None) == GIVEN

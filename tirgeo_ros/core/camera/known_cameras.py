@@ -23,7 +23,7 @@ focal length is that of the middle; distortion is not in a data sheet, so none i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
 
@@ -33,20 +33,18 @@ XT2 = Camera(640, 512, 803.5593, 797.6270, 349.3325, 251.8215, (0.0540, 0.3462, 
 #: Relative sigma of a focal length from a data sheet: what calibrations of single cameras, and a
 #: data sheet's own field of view, differ from it.
 DATA_SHEET_SIGMA = 0.02
-#: EXIF rounds focal lengths; the lenses of one camera differ by more.
-_SAME_LENS = 0.1
+_SAME_LENS = 0.1  # EXIF rounds focal lengths; the lenses of one camera differ by more
 _SAME_SHAPE = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class DataSheet:
-    """Hold a camera's models as they stand in EXIF or XMP, and one of its lenses.
+class DataSheet(NamedTuple):
+    """Hold a camera's models as EXIF or XMP has them, and one of its lenses.
 
-    ``seen_deg`` is the field of view in the data sheet: across, or from corner to corner
-    (``diagonal``); ``source`` is what stands there.
+    ``seen_deg`` is the field of view in the data sheet, from corner to corner (``diagonal``) or
+    across; ``source`` is what stands there.
     """
 
-    maker: str
+    makers: str
     models: tuple[str, ...]
     size: tuple[int, int]  # of the sensor: width, height, pixels
     pixel_um: float
@@ -55,24 +53,11 @@ class DataSheet:
     diagonal: bool
     source: str
 
-    @property
-    def focal_px(self) -> float:
-        """Return the focal length in pixels of the sensor."""
-        return self.focal_mm / self.pixel_um * 1e3
-
-    @property
-    def angles_deg(self) -> tuple[float, float]:
-        """Return what the lens sees without distortion, and if angles grow with the distance."""
-        half_px = (math.hypot(*self.size) if self.diagonal else self.size[0]) / 2
-        half = half_px / self.focal_px
-        return 2 * math.degrees(math.atan(half)), 2 * math.degrees(half)
-
 
 _VGA, _PITCH, _WIDE = (640, 512), 12.0, 17.0  # um: uncooled sensors of today, of ten years ago
 _M3T, _M4T, _H20N = ("M3T", "M3TD", "M30T"), ("M4T", "M4TD"), ("ZH20N", "H20N")
 _M2EA, _H20T, _H30T = ("MAVIC2-ENTERPRISE-ADVANCED", "M2EA"), ("ZH20T", "H20T"), ("ZH30T", "H30T")
-_XT, _X10 = ("XT", "XT2", "FLIR", "ZENMUSE XT", "ZENMUSE XT2"), ("VT300-Z_40", "VT300-L_40")
-_VUE = ("VUE PRO", "VUE PRO R", "VUE PRO 640", "VUE PRO R 640", "DUO PRO R")
+_XT = ("XT", "XT2", "FLIR", "VUE PRO", "VUE PRO R", "VUE PRO 640", "VUE PRO R 640", "DUO PRO R")
 #: Data sheets give some focal lengths as the equivalent of a full frame: 'like 40 mm'.
 DATA_SHEETS = (
     DataSheet("DJI", _M3T, _VGA, _PITCH, 9.1, 61, True, "9.1 mm, like 40 mm, DFOV 61 deg"),
@@ -82,14 +67,11 @@ DATA_SHEETS = (
     DataSheet("DJI", _H20N, _VGA, _PITCH, 12.0, 45.5, True, "12 mm, like 53 mm, DFOV 45.5 deg"),
     DataSheet("DJI", _H20N, _VGA, _PITCH, 44.5, 12.5, True, "44.5 mm, like 196 mm"),
     DataSheet("DJI", _H30T, (1280, 1024), _PITCH, 24.0, 45.2, True, "24 mm, DFOV 45.2 deg"),
-    DataSheet("DJI", _XT, _VGA, _WIDE, 9.0, 69, False, "9 mm, 69 x 56 deg"),
-    DataSheet("DJI", _XT, _VGA, _WIDE, 13.0, 45, False, "13 mm, 45 x 37 deg"),
-    DataSheet("DJI", _XT, _VGA, _WIDE, 19.0, 32, False, "19 mm, 32 x 26 deg"),
-    DataSheet("DJI", _XT, _VGA, _WIDE, 25.0, 25, False, "25 mm, 25 x 20 deg"),
-    DataSheet("FLIR", _VUE, _VGA, _WIDE, 9.0, 69, False, "9 mm, 69 x 56 deg"),
-    DataSheet("FLIR", _VUE, _VGA, _WIDE, 13.0, 45, False, "13 mm, 45 x 37 deg"),
-    DataSheet("FLIR", _VUE, _VGA, _WIDE, 19.0, 32, False, "19 mm, 32 x 26 deg"),
-    DataSheet("SKYDIO", _X10, _VGA, _PITCH, 13.6, 40, True, "13.6 mm, 12 um; 40 in its name"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 9.0, 69, False, "9 mm, 69 x 56 deg"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 13.0, 45, False, "13 mm, 45 x 37 deg"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 19.0, 32, False, "19 mm, 32 x 26 deg"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 25.0, 25, False, "25 mm, 25 x 20 deg"),
+    DataSheet("SKYDIO", ("VT300-Z_40", "VT300-L_40"), _VGA, _PITCH, 13.6, 40, True, "13.6 mm"),
 )
 
 
@@ -109,7 +91,7 @@ def camera_of(
     fits = [
         (sheet, size[0] / sheet.size[0])
         for sheet in DATA_SHEETS
-        if sheet.maker == maker.upper()
+        if maker.upper() in sheet.makers.split()
         and model.upper() in sheet.models
         and abs(size[1] / sheet.size[1] * sheet.size[0] / size[0] - 1) < _SAME_SHAPE
         and not abs(focal_mm / sheet.focal_mm - 1) > _SAME_LENS  # nan: not given
@@ -118,5 +100,5 @@ def camera_of(
         return None
     sheet, scale = fits[0]
     width, height = size
-    focal_px = sheet.focal_px * scale * zoom
+    focal_px = sheet.focal_mm / sheet.pixel_um * 1e3 * scale * zoom
     return Camera(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)

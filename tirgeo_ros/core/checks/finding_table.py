@@ -342,8 +342,9 @@ FINDINGS: Mapping[str, Row] = {
         "run tirgeo calibrate boresight, or set it to zeros if the camera is known to be aligned"),
     "gimbal_north": Row(
         {"down": STOP, "": CAUTION},
-        "the camera looks {bias_deg:+.1f} deg aside of the nose (positive: to the right) in all "
-        "{count} attitudes (scatter {scatter_deg:.1f}): most drones' gimbals cannot turn so far",
+        "the camera looks {bias_deg:+.1f} deg aside of the nose (positive: to the right; median "
+        "of {count} attitudes, scatter {scatter_deg:.1f}): most drones' gimbals cannot turn so "
+        "far",
         "gimbal_node north.bias_deg",
         "set it to {bias_deg:.1f}; or if the gimbal can turn, and was turned aside, leave it"),
     "joints_late": Row(

@@ -147,13 +147,13 @@ class GimbalChecks:
             body = self._bodies.around(stamp_ns)
         return None if isinstance(body, Miss) else slerp(*body)
 
-    def autopilot(self, stamp_ns: int, q_nb: Array, *, alone: bool = False) -> None:
-        """Take the autopilot's attitude (4,), whose errors the reported attitudes share.
-
-        ``alone``: it comes without an IMU's rates.
-        """
+    def autopilot(self, stamp_ns: int, q_nb: Array) -> None:
+        """Take the autopilot's attitude (4,), whose errors the reported attitudes share."""
         _put(self._autopilot, stamp_ns, q_nb)
-        self._alone = (stamp_ns, q_nb) if alone and usable_attitude(q_nb) else None
+
+    def autopilot_alone(self, stamp_ns: int, q_nb: Array) -> None:
+        """Take the autopilot's attitude (4,) once more, if it came without an IMU's rates."""
+        self._alone = (stamp_ns, q_nb) if usable_attitude(q_nb) else None
         self._compare_headings()
 
     def body(self, pose: BodyPose) -> None:

@@ -40,6 +40,12 @@ class PictureConfig:
     local_contrast: float = param(
         0.0, "limit of the local contrast's gain; 0 = off, 2 = plain, 8 = strong", ("", 0, 40)
     )
+    celsius_per_count: float = param(
+        0.0, "step of temperature of a 16-bit picture's values; 0 = unknown", ("deg C", 0, 10)
+    )
+    celsius_offset: float = param(
+        -273.15, "temperature of a 16-bit picture's value 0", ("deg C", -1000, 1000)
+    )
 
 
 @dataclass(frozen=True, slots=True)

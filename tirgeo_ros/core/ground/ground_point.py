@@ -86,6 +86,7 @@ class Located:
     #: covariance is in the axes of that plane: the axes at the point differ by 1e-3 rad at 6 km
     #: from the plane's origin, which is negligible in a covariance.
     point_n: Array = field(default_factory=lambda: np.full(3, math.nan), compare=False)
+    temperature_c: float = field(default=math.nan, compare=False)  # at the pixel; nan: unknown
 
     @property
     def latitude_rad(self) -> float:

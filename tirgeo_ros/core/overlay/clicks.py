@@ -21,15 +21,16 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import Counter, deque
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, ellipse_95, pixel_jacobian
-from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig, PictureConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
@@ -42,7 +43,7 @@ from tirgeo_ros.core.overlay.map_renderer import LineRenderer, marks_as_lines
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 from tirgeo_ros.core.overlay.written_text import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.targets.target import Target
-from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: Time for which pictures are kept: a person looks, thinks and clicks on a paused picture.
@@ -54,6 +55,35 @@ _MISSED = {Miss.EMPTY: Reason.NO_PICTURE, Miss.TOO_OLD: Reason.TOO_OLD}
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
 _LARGEST_PX = 2000.0  # semi-axis of an ellipse larger than any picture
+
+
+#: Newest pictures whose temperatures are kept: of 640x512 pixels with 16 bits, 42 MB.
+_THERMAL = 64
+#: Return the temperature (deg C) at column and row of a picture; nan outside.
+Thermal: TypeAlias = Callable[[float, float], float]
+
+
+def counted(value: float, config: PictureConfig) -> float:
+    """Return the temperature (deg C) of a value of a 16-bit picture."""
+    return value * config.celsius_per_count + config.celsius_offset
+
+
+def _unknown(_u: float, _v: float) -> float:
+    return math.nan
+
+
+class Counts:
+    """Give the temperatures of a picture (h, w) of 16 bits; a Thermal."""
+
+    def __init__(self, pixels: RawPixels, config: PictureConfig) -> None:
+        self._pixels, self._config = pixels, config
+
+    def __call__(self, u: float, v: float) -> float:
+        """Return the temperature (deg C) at a pixel; nan outside the picture."""
+        row, column = math.floor(v + 0.5), math.floor(u + 0.5)
+        height, width = self._pixels.shape
+        inside = 0 <= row < height and 0 <= column < width
+        return counted(float(self._pixels[row, column]), self._config) if inside else math.nan
 
 
 class Marker(NamedTuple):
@@ -85,6 +115,7 @@ class Clicks:
         self._plane: TangentPlane | None = None
         #: An ellipsoidal height (m) or an elevation model; None, nan: unknown.
         self.ground: Ground | None = None
+        self._thermal: deque[tuple[int, Thermal]] = deque(maxlen=_THERMAL)
         self._shown: StampedBuffer[ShownFrame] = StampedBuffer(REMEMBERED_S)
         self._located: deque[Located] = deque(maxlen=MARKERS)
         self._targets: Sequence[Target] | None = None
@@ -126,6 +157,10 @@ class Clicks:
         """Remember a published picture; ``stamp_ns`` is the stamp of its header."""
         self._shown.put(stamp_ns, ShownFrame(camera, pose, rates))
 
+    def show_thermal(self, stamp_ns: int, thermal: Thermal) -> None:
+        """Remember the temperatures of a picture; only of the newest pictures."""
+        self._thermal.append((stamp_ns, thermal))
+
     def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Answer:
         """Return the ground point at a pixel (column, row) of a picture; stamp 0: the newest."""
         answer = self._answer(uv, stamp_ns)
@@ -162,7 +197,11 @@ class Clicks:
         answer = place(
             shown.camera, shown.pose, uv, self._plane, self.ground, self.confidence, shown.rates
         )
-        return dataclasses.replace(answer, stamp_ns=stamp_ns)
+        if isinstance(answer, Refusal):
+            return dataclasses.replace(answer, stamp_ns=stamp_ns)
+        thermal = (thermal for stamp, thermal in self._thermal if stamp == stamp_ns)
+        temperature_c = next(thermal, _unknown)(*uv)
+        return dataclasses.replace(answer, stamp_ns=stamp_ns, temperature_c=temperature_c)
 
 
 class PlacedMarkers:

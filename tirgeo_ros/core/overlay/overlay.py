@@ -44,7 +44,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import MapLayer
-from tirgeo_ros.core.overlay.clicks import Clicks
+from tirgeo_ros.core.overlay.clicks import Clicks, Counts, Thermal
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.overlay.picture_painter import (
     DrawingVerdict,
@@ -278,7 +278,7 @@ class Overlay:
         """Set the live parameters, at start or in flight. Raises CameraError as ``set_camera``."""
         if self._camera is not None and config.rectify is not self._rectify:
             self.painter.set_lens(self._camera, rectify=config.rectify)
-        self._rectify = config.rectify
+        self._rectify, self._picture = config.rectify, config.picture
         self._latency_s = config.video_latency_s
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
@@ -337,8 +337,18 @@ class Overlay:
         """Record why the map that is draped elsewhere failed; keep a map that is drawn."""
         self._map_not_ready = self._map_not_ready and why
 
-    def add_frame(self, stamp_ns: int, pixels: RawPixels, now_ns: int) -> None:
-        """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take."""
+    def add_frame(
+        self, stamp_ns: int, pixels: RawPixels, now_ns: int, thermal: Thermal | None = None
+    ) -> None:
+        """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take.
+
+        ``thermal`` has the frame's temperatures, which its values may also be themselves. They are
+        of no use for a picture that is rectified.
+        """
+        if thermal is None and self._picture.celsius_per_count and pixels.dtype == np.uint16:
+            thermal = Counts(pixels, self._picture)
+        if thermal is not None and not self._rectify:
+            self.clicks.show_thermal(stamp_ns, thermal)
         self.frames.put(Frame(stamp_ns, pixels, now_ns))
 
     def take(self, now_ns: int) -> OverlayResult | None:

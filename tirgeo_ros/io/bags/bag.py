@@ -41,6 +41,8 @@ __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
 #: First bytes of the files of a ROS 2 bag.
 ROS2_MAGICS = (MCAP_MAGIC, SQLITE, ZSTD_MAGIC)
 METADATA = "metadata.yaml"
+#: Name of the record that an import writes: names of stills, and their stamps as texts.
+STILLS = "tirgeo/stills"
 _SUFFIXES, _ZSTD = (".mcap", ".db3"), ".zstd"
 _MOST_METADATA_BYTES = 4 << 20  # the recorder writes some hundred bytes a topic and a file
 #: Files that SQLite writes beside a database, and merges into it after a power cut.
@@ -77,6 +79,11 @@ class BagReader:
         for file in reversed(self._files):
             forms |= file.forms()
         return forms
+
+    def stills(self) -> dict[str, int]:
+        """Return the stamps (ns) of the pictures that were stills, by the names of their files."""
+        texts = {k: v for file in self._files for k, v in file.metadata(STILLS).items()}
+        return {name: int(text) for name, text in texts.items() if text.isdecimal()}
 
     @property
     def span_ns(self) -> tuple[int, int]:

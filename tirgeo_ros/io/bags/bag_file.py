@@ -87,6 +87,10 @@ class BagFile(ABC):
     def rows(self, keys: Collection[int], start_ns: int) -> Iterator[Row]:
         """Yield the messages of these connections from ``start_ns`` on, in order of log time."""
 
+    def metadata(self, name: str) -> dict[str, str]:  # noqa: ARG002  of another kind of file
+        """Return the texts of a record that is no message; empty if the file has none."""
+        return {}
+
     def forms(self) -> dict[str, TopicForm]:
         """Return every topic that has messages, with the form of its first connection."""
         forms: dict[str, TopicForm] = {}

@@ -73,6 +73,11 @@ class BagWriter:
         with writing(self.path, BagError):
             self._sink.add(number, data, log_time_ns)
 
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a record of texts by name, which is no message; rosbag2_py cannot write one."""
+        with writing(self.path, BagError):
+            self._sink.add_metadata(name, values)
+
     def flush(self) -> None:
         """Pass all messages to the operating system, except those of the newest chunk."""
         with writing(self.path, BagError):

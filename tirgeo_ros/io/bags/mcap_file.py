@@ -24,7 +24,7 @@ import os
 import struct
 import zlib
 from bisect import bisect_left
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from mmap import ACCESS_READ, MADV_DONTNEED, mmap
@@ -35,7 +35,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from tirgeo_ros import __version__
@@ -168,6 +168,22 @@ class McapFile(BagFile):
                     waiting.append((log_ns, place, number, channel, body))
                 waiting.sort()
         yield from waiting
+
+    def metadata(self, name: str) -> dict[str, str]:
+        """Return the texts of the records of this name, up to the first record that is broken."""
+        values: dict[str, str] = {}
+        with self._mapped() as data, suppress(*_BROKEN):
+            at = len(MAGIC)
+            while at < len(data):
+                opcode, end = _record_at(data, at)
+                if opcode is None or opcode == Opcode.DATA_END or end > len(data):
+                    break
+                if opcode == Opcode.METADATA:
+                    body = BytesIO(data[at + _RECORD.size : end])
+                    record = Metadata.read(ReadDataStream(body))
+                    values |= record.metadata if record.name == name else {}
+                at = end
+        return values
 
     # what the file holds
 
@@ -376,6 +392,10 @@ class McapSink:
     def add(self, number: int, data: bytes, log_time_ns: int) -> None:
         """Append a message."""
         self._writer.add_message(number, log_time_ns, data, log_time_ns)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a record that is no message."""
+        self._writer.add_metadata(name, dict(values))
 
     def flush(self) -> None:
         """Pass all messages to the operating system, except those of the newest chunk."""

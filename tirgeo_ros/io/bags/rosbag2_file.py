@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, final
@@ -108,6 +108,9 @@ class Rosbag2Sink:
         """Append a message."""
         with _as_os_error():
             self._writer.write(self._topics[number], data, log_time_ns)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Do nothing: rosbag2 writes no other records than its own."""
 
     def flush(self) -> None:
         """Do nothing: rosbag2 writes each chunk as soon as it is full."""

@@ -159,8 +159,8 @@ class _Heights:
             return self._above(MSL, absolute)
         if plain and not self._options.height:
             raise LogError(
-                f"{self._path}: it does not say what its altitude is above: give --height msl "
-                "(sea level) or --height takeoff"
+                f"{self._path}: it does not say what its altitude is above: give --height sea "
+                "(above sea level) or --height takeoff"
             )
         return self._above(self._options.height, plain) if plain else None
 

@@ -22,17 +22,21 @@ frame, so that only packets of one such group are in memory.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.known_cameras import DATA_SHEET_SIGMA, camera_of
 from tirgeo_ros.core.streams.stamps import lone_stamps
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.files.whole_files import read_text, reading
 from tirgeo_ros.io.logs.dji_srt import MOST_BYTES, Moment, read_cues
 from tirgeo_ros.io.logs.log_contents import (
@@ -55,6 +59,13 @@ _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p")
 _MOST_DIFFERENCE = 0.1  # between subtitles and video, of the duration
 _LEAST_DIFFERENCE_S = 2.0
 _DAY_NS = 86400 * SECOND_NS
+_MAKER = "DJI"  # begins the name of the encoder, which goes on with the model
+_NORTH_SIGMA_DEG = 3.0  # of the gimbal, as a rule, where it is not calibrated
+
+#: Number of a picture and its time in the video (ns) -> its stamp (ns), and the cue in force.
+_Clock = Callable[[int, int], tuple[int, Moment]]
+#: Digital zoom -> the camera, if it is known.
+_Lens = Callable[[float], Camera | None]
 
 
 def is_dji_video(head: bytes) -> bool:
@@ -77,11 +88,12 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     beside = own_subtitles(path)
     with _opened(path) as container:
         video = container.streams.best("video")
-        if video is None:
-            raise LogError(f"{path}: no video in it, or its index is damaged: copy it again")
+        if video is None or video.codec_context is None:
+            raise LogError(f"{path}: no video in it that can be decoded: copy it again")
         text = _inner_text(container) if beside is None else ""
         length_s, frames = _length_s(container, video), int(video.frames)
         created = written_time(container.metadata.get("creation_time", ""))
+        lens = _lens(container.metadata.get("encoder", ""), (video.width, video.height))
     if beside is not None:
         text = read_text(beside, LogError, MOST_BYTES, damaged=True)
     elif not text:
@@ -94,9 +106,24 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     contents, moments = read_cues(text, beside or path, options)
     _check_same(path, beside, moments, length_s)
     contents.notes += _notes(beside, moments, created and created.local_ns)
-    stamp_ns = _timing(moments, frames)
-    contents.pictures = _Reader(path, contents, stamp_ns, options.every_s).pictures()
+    contents.notes += _lens_notes(moments, lens)
+    contents.parameters["north.sigma_deg"] = _NORTH_SIGMA_DEG
+    if lens(1.0) is not None:
+        contents.parameters["confidence.focal_sigma"] = DATA_SHEET_SIGMA
+    clock = _clock_of(moments, frames)
+    contents.pictures = _Reader(path, contents, clock, lens, options.every_s).pictures()
     return contents
+
+
+def _lens(encoder: str, size: tuple[int, int]) -> _Lens:
+    """Return what makes the camera of a zoom, by the model that wrote the video."""
+    maker, _, model = encoder.partition(" ")
+
+    @lru_cache
+    def lens(zoom: float) -> Camera | None:
+        return camera_of(_MAKER, model.strip(), size, zoom) if maker == _MAKER else None
+
+    return lens
 
 
 @contextmanager
@@ -106,11 +133,12 @@ def _opened(path: Path) -> Iterator[Any]:
 
     with reading(path, LogError):
         try:
-            container = av.open(str(path))
-        except av.error.InvalidDataError:
+            container = av.open(str(path), metadata_errors="replace")
+        except av.error.FFmpegError as fault:
             raise LogError(
-                f"{path}: not a whole video, for it lacks its index (moov): it was cut off while "
-                "it was recorded or copied; copy it again, or let the aircraft repair it"
+                f"{path}: not a whole video ({fault.strerror}): one that was cut off while it was "
+                "recorded or copied lacks its index (moov); copy it again, or let the aircraft "
+                "repair it"
             ) from None
     with container:
         yield container
@@ -154,7 +182,7 @@ def _clock(time_ms: int) -> str:
 
 def _check_same(path: Path, beside: Path | None, moments: list[Moment], length_s: float) -> None:
     """Raise LogError if the subtitles last longer or shorter than the video."""
-    begins = [moment.begin_ns for moment in moments if moment.begin_ns is not None]
+    begins = _bounded(moment.begin_ns for moment in moments if moment.begin_ns is not None)
     if len(begins) < 2:
         return
     steps = np.diff(np.sort(begins))  # of the last cue the end is not read
@@ -168,54 +196,68 @@ def _check_same(path: Path, beside: Path | None, moments: list[Moment], length_s
 
 
 def _notes(beside: Path | None, moments: list[Moment], created_ns: int | None) -> Iterator[str]:
-    """Yield what is assumed of a video's subtitles and lens."""
+    """Yield what is assumed of a video's subtitles."""
     yield f"positions and gimbal are of {beside or 'the subtitles inside it'}"
     begun_ns = moments[0].stamp_ns if moments else 0
     if created_ns is not None and created_ns > 0 and abs(begun_ns - created_ns) > _DAY_NS:
         days = abs(begun_ns - created_ns) / _DAY_NS
         yield f"by its own date the video is {days:.0f} days from its subtitles: are they its own?"
-    lenses = sorted({m.focal_mm for m in moments if m.focal_mm})
-    known = f", of {lenses[0]:g} mm as for 36 x 24 mm" if lenses else ""
-    yield f"no camera_info: give the lens{known} as --camera to what reads the bag"
-    if len(lenses) > 1:
-        yield f"it zooms to {lenses[-1]:g} mm: one --camera is not that of all pictures"
+    yield f"the gimbal's north is not calibrated: {_NORTH_SIGMA_DEG:g} deg are assumed"
 
 
-def _timing(moments: list[Moment], frames: int) -> Callable[[int, int], int]:
-    """Return what makes a stamp (ns) of a picture's number and time in the video (ns)."""
-    stamps = np.array([moment.stamp_ns for moment in moments], np.int64)
-    begins = np.array([moment.begin_ns or 0 for moment in moments], np.int64)
+def _lens_notes(moments: list[Moment], lens: _Lens) -> Iterator[str]:
+    """Yield what is assumed of a video's lens."""
+    if camera := lens(1.0):
+        yield f"the lens is not calibrated: focal length {camera.fx:.0f} px as published"
+        return
+    lengths = sorted({m.focal_mm for m in moments if m.focal_mm})
+    length = f", of {lengths[0]:g} mm as for 36 x 24 mm" if lengths else ""
+    yield f"no camera_info: give the lens{length} as --camera to what reads the bag"
+    if len(lengths) > 1:
+        yield f"it zooms to {lengths[-1]:g} mm: one --camera is not that of all pictures"
+
+
+def _bounded(times_ns: Iterable[int]) -> IntArray:
+    """Return times (N,), ns; a damaged one may be beyond 64 bits."""
+    return np.array([min(max(time_ns, 0), LAST_NS) for time_ns in times_ns], np.int64)
+
+
+def _clock_of(moments: list[Moment], frames: int) -> _Clock:
+    """Return the clock of a video of so many pictures; cues with an outlying time are ignored."""
+    stamps = _bounded(moment.stamp_ns for moment in moments)
+    begins = _bounded(moment.begin_ns or 0 for moment in moments)
     by_number = abs(len(stamps) - frames) <= 1 and len(stamps) > 1
     places = np.arange(len(stamps)) if by_number else begins
     good = ~lone_stamps(stamps) & ~lone_stamps(begins)
     places, stamps = places[good], np.maximum.accumulate(stamps[good])
     order = np.argsort(places, kind="stable")
+    moments = [moments[place] for place in np.flatnonzero(good)[order]]
     places, since = places[order], (stamps - stamps[0])[order].astype(float)
     first_ns = int(stamps[0])
     step_ns = (since[-1] / max(len(since) - 1, 1)) if by_number else 1.0
 
-    def stamp_ns(number: int, time_ns: int) -> int:
+    def clock(number: int, time_ns: int) -> tuple[int, Moment]:
         place = number if by_number else time_ns
         outside = place - min(max(place, places[0]), places[-1])
-        return first_ns + round(float(np.interp(place, places, since)) + outside * step_ns)
+        since_ns = float(np.interp(place, places, since)) + outside * step_ns
+        begun = max(int(np.searchsorted(places, place, "right")) - 1, 0)
+        return first_ns + round(since_ns), moments[begun]
 
-    return stamp_ns
+    return clock
 
 
 class _Reader:
     """Decode the pictures of a video, all or one each ``every_s``, and count them."""
 
     def __init__(
-        self,
-        path: Path,
-        contents: LogContents,
-        stamp_ns: Callable[[int, int], int],
-        every_s: float,
+        self, path: Path, contents: LogContents, clock: _Clock, lens: _Lens, every_s: float
     ) -> None:
-        self._path, self._contents, self._stamp_ns = path, contents, stamp_ns
+        self._path, self._contents = path, contents
+        self._clock, self._lens = clock, lens
         self._every_ns = round(every_s * SECOND_NS)
         self._due_ns = self._number = 0
-        self._wanted: dict[int, int] = {}  # presentation time (ticks) -> stamp, ns
+        #: Presentation time (ticks) -> stamp (ns), and the cue then.
+        self._wanted: dict[int, tuple[int, Moment]] = {}
 
     def pictures(self) -> Iterator[Picture]:
         """Yield the pictures in order; count those that are damaged or cut off."""
@@ -228,15 +270,16 @@ class _Reader:
             video.codec_context.thread_type = "AUTO"
             try:
                 for frame in self._frames(container, video):
-                    stamp_ns = self._wanted.pop(frame.pts, None)
-                    if stamp_ns is None:
+                    if frame.pts not in self._wanted:
                         continue
+                    stamp_ns, moment = self._wanted.pop(frame.pts)
                     if frame.is_corrupt:
                         self._refuse("damaged", 1)
                     elif stamp_ns > last_ns:  # so that they stay in order
                         self._contents.read[_PICTURE] += 1
                         last_ns = stamp_ns
-                        yield Picture(stamp_ns, jpeg(frame, reformatter))
+                        camera = self._lens(moment.zoom or 1.0)
+                        yield Picture(stamp_ns, jpeg(frame, reformatter), camera)
             except FFmpegError:
                 self._contents.damaged = True
             self._refuse("cannot be decoded", len(self._wanted))
@@ -269,7 +312,7 @@ class _Reader:
             time_ns = round((ticks - start) * video.time_base * SECOND_NS)
             if time_ns >= self._due_ns or not self._every_ns:
                 wanted.add(ticks)
-                self._wanted[ticks] = self._stamp_ns(self._number, time_ns)
+                self._wanted[ticks] = self._clock(self._number, time_ns)
                 self._due_ns = (
                     (time_ns // self._every_ns + 1) * self._every_ns if self._every_ns else 0
                 )

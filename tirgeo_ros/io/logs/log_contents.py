@@ -52,7 +52,7 @@ _WRITTEN = re.compile(
     r"[ \t]*(?:(Z|UTC|GMT)\b)?[ \t]*([+-]\d{1,2}(?::?\d{2})?(?![\d:.]))?"
 )
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
-ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoidal", "msl", "takeoff")
+ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoid", "sea", "takeoff")
 _ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}
 
 
@@ -156,7 +156,7 @@ class LogOptions:
     baseline_rad: float = 0.0  # direction from the first antenna to the second, from the nose
     rover_first: bool = False  # the first antenna is the rover's, the second the moving base's
     takeoff_height_m: float | None = None  # ellipsoidal, for heights above the take-off
-    height: str = ""  # datum of heights if the log does not say it: ellipsoidal or msl
+    height: str = ""  # datum of heights if the log does not say it: one of DATUMS
     time_scale: str = ""  # of times if the log does not say it: gpst or utc
     utc_offset_s: int | None = None  # of local times, east positive
     start_ns: int | None = None  # UTC of the log's first record, where it has no date

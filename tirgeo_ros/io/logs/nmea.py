@@ -59,6 +59,8 @@ _RTK = (4, 5)
 _VECTOR, _ANGLES = "PSTI,035", "PSTI,036"  # from the moving base to the rover
 #: Sentences with a heading; those of one log repeat the same one, and the first is used.
 _HEADINGS = (_ANGLES, "PASHR", "THS", "HDT")
+#: What a field that is missing or no number raises; the checksum has eight bits.
+_DAMAGE = (AttributeError, KeyError, TypeError, ValueError)
 _DAY_NS = 86400 * SECOND_NS
 #: As for RELPOSNED of u-blox.
 _LENGTH_TOLERANCE_M = 0.1
@@ -108,13 +110,15 @@ class _NmeaLog:
         from pynmeagps import NMEAReader  # noqa: PLC0415  an extra
         from pynmeagps.exceptions import NMEAParseError, NMEATypeError  # noqa: PLC0415  as above
 
+        faults = (Refused, NMEAParseError, NMEATypeError, *_DAMAGE)
+
         name = data[1:9].decode() if data.startswith(b"$PSTI") else data[1:6].decode()
         name = name if name.startswith("P") and name[1] in "AS" else name[2:]
         self.contents.read[name] += 1
         try:
             must(b"*" in data, "cut off")
             sentence = _sentence(self._number, NMEAReader.parse(data + b"\r\n"))
-        except (Refused, NMEAParseError, NMEATypeError, ValueError, TypeError, KeyError):
+        except faults:
             self.contents.refused[name, "cut off, or its checksum is wrong"] += 1
             return
         self._heading_first |= not self._number and sentence.of_day_ns is None
@@ -137,7 +141,9 @@ class _NmeaLog:
                 self.contents.notes.append(f"headings are those of {name}")
                 break
         if "GGA" in self._sentences:
-            qualities = {sentence.fields.quality for sentence in self._sentences["GGA"]}
+            qualities = {
+                getattr(sentence.fields, "quality", 0) for sentence in self._sentences["GGA"]
+            }
             classify_receiver(self.contents, "GGA", is_rtk=bool(qualities & {*_RTK}))
 
     def _each(self, name: str, convert: Callable[[_Sentence, int], Any]) -> int:
@@ -153,6 +159,8 @@ class _NmeaLog:
             self.contents.samples += [] if sample is None else [sample]
         except Refused as why:
             self.contents.refused[name, str(why)] += 1
+        except _DAMAGE:
+            self.contents.refused[name, "a field of it is missing, or no number"] += 1
 
     def _stamp_ns(self, sentence: _Sentence) -> int:
         """Return the UTC (ns) of a sentence, by the date nearest to it in the log."""

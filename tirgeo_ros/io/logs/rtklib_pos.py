@@ -195,7 +195,7 @@ class _PosLog:
         if not datum:
             raise LogError(
                 f"{self._path}: its header does not say what heights are above: give --height "
-                "ellipsoidal, or --height msl (sea level)"
+                "ellipsoid, or --height sea (above sea level)"
             )
         offset_m = self._options.to_ellipsoid_m(datum, self._path)
         return (latitude_rad, longitude_rad, float(cells[-1]) + offset_m), _NEU

@@ -25,7 +25,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,9 +55,8 @@ from tirgeo_ros.io.logs.log_contents import (
 from tirgeo_ros.io.pictures.embedded_metadata import JPEG, TIFFS, Unreadable
 from tirgeo_ros.io.pictures.still_metadata import StillMetadata, still_metadata
 
-_JPEG_ENDINGS, _TIFF_ENDINGS = {".jpg", ".jpeg"}, {".tif", ".tiff"}
-_BAG_ENDINGS = {".mcap", ".db3", ".zstd"}
-_STILL, _TEMPERATURES = "still", "TIFF beside a still"
+_JPEGS, _TIFFS = {".jpg", ".jpeg"}, {".tif", ".tiff"}  # endings
+_BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
 _FIXED, _FLOAT = 50, 32  # least RtkFlag
 #: Between two flights: a landing, or a way that no drone flies (stamps may be whole seconds).
 _PAUSE_NS, _MOST_M_S, _ROUNDED_S = 1800 * SECOND_NS, 30.0, 2.0
@@ -67,14 +66,14 @@ _NO_RATES = np.full(3, np.nan)
 
 
 class _Still(NamedTuple):
-    """Hold a still: its file and name below the folder, stamp (ns) and ellipsoidal height (m)."""
+    """Hold a still with its name below the folder, and its ellipsoidal height and the origin."""
 
     file: Path
     name: str
     metadata: StillMetadata
     stamp_ns: int = 0
     height_m: float = math.nan
-    height_of: str = ""  # what the height was made of, for a person
+    height_of: str = ""
 
 
 def is_still(head: bytes) -> bool:
@@ -84,11 +83,8 @@ def is_still(head: bytes) -> bool:
 
 def is_folder_of_stills(folder: Path) -> bool:
     """Return whether a folder holds pictures, and is no bag of ROS 2."""
-    if any(
-        path.suffix in _BAG_ENDINGS or path.name == "metadata.yaml" for path in folder.iterdir()
-    ):
-        return False
-    return any(file.suffix.lower() in _JPEG_ENDINGS | _TIFF_ENDINGS for file in _files(folder))
+    is_bag = any(path.suffix in _BAG_ENDINGS for path in folder.iterdir())
+    return not is_bag and any(file.suffix.lower() in _JPEGS | _TIFFS for file in _files(folder))
 
 
 def read_stills(path: Path, options: LogOptions) -> LogContents:
@@ -96,14 +92,16 @@ def read_stills(path: Path, options: LogOptions) -> LogContents:
     contents = LogContents()
     read = _of_one_camera(list(_read(path, contents)), contents)
     stills = _spread([_placed(still, path, options) for still in read], contents)
-    contents.read[_STILL] = len(stills)
+    contents.read["still"] = len(stills)
     contents.samples = [sample for still in stills for sample in _samples(still)]
     if any(still.metadata.rtk_flag for still in stills):
         is_rtk = any(still.metadata.rtk_flag >= _FLOAT for still in stills)
         classify_receiver(contents, "the aircraft's receiver", is_rtk=is_rtk)
     if stills:
         contents.notes += [*_remarks(stills), *_flights(stills)]
-        contents.parameters = _parameters(stills)
+        sigma = max(still.metadata.focal_sigma for still in stills)
+        focal = {"confidence.focal_sigma": sigma} if sigma else {}
+        contents.parameters = {**focal, "north.sigma_deg": NORTH_SIGMA_DEG}
     contents.pictures = _pictures(stills)
     return contents
 
@@ -119,14 +117,14 @@ def _files(path: Path) -> Iterator[Path]:
 def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
     """Yield the stills that have all that is needed; count the other files as refused."""
     files = list(_files(path)) if path.is_dir() else [path]
-    jpegs = {file.with_suffix("") for file in files if file.suffix.lower() in _JPEG_ENDINGS}
+    jpegs = {file.with_suffix("") for file in files if file.suffix.lower() in _JPEGS}
     for file in files:
         name = file.relative_to(path).as_posix() if path.is_dir() else file.name
         try:
             yield _Still(file, name, _complete(still_metadata(file)))
         except Unreadable as reason:
-            if file.suffix.lower() in _TIFF_ENDINGS and file.with_suffix("") in jpegs:
-                contents.read[_TEMPERATURES] += 1
+            if file.suffix.lower() in _TIFFS and file.with_suffix("") in jpegs:
+                contents.read["TIFF beside a still"] += 1
             else:
                 contents.refused[name, str(reason)] += 1
 
@@ -146,10 +144,10 @@ def _complete(data: StillMetadata) -> StillMetadata:
 
 def _placed(still: _Still, path: Path, options: LogOptions) -> _Still:
     """Return a still with its stamp and height. Raise LogError for an unknown zone or datum."""
-    written = written_time(still.metadata.time)
-    assert written is not None  # by _complete
     height_m, datum, height_of = _height(still.metadata, path, options)
     height_m += options.to_ellipsoid_m(datum, path)
+    written = written_time(still.metadata.time)
+    assert written is not None  # by _complete
     return still._replace(
         stamp_ns=options.utc_ns(written, path), height_m=height_m, height_of=height_of
     )
@@ -172,74 +170,65 @@ def _height(data: StillMetadata, path: Path, options: LogOptions) -> tuple[float
     if datum in {"", TAKEOFF}:
         raise LogError(
             f"{path}: {data.model or 'its camera'} does not say what AbsoluteAltitude is above: "
-            "give --height ellipsoidal, --height msl (sea level) or --takeoff-height"
+            "give --height ellipsoid, --height sea or --takeoff-height"
         )
-    return data.absolute_m, datum, f"AbsoluteAltitude as {datum}, metres off at times"
+    return data.absolute_m, datum, f"AbsoluteAltitude above the {datum}, metres off at times"
 
 
 def _of_one_camera(stills: list[_Still], contents: LogContents) -> list[_Still]:
     """Return the stills of the thermal camera, else of that with most; refuse the others."""
 
-    def camera(still: _Still) -> tuple[str, ...]:
-        data = still.metadata
-        return data.maker, data.model, "thermal" if data.thermal else data.source
+    def camera(data: StillMetadata) -> str:
+        return f"{data.maker} {data.model} {'thermal' if data.thermal else data.source}"
 
-    def size(still: _Still) -> tuple[str, ...]:
-        return (f"{still.metadata.size[0]}x{still.metadata.size[1]}",)
+    def size(data: StillMetadata) -> str:
+        return f"{data.size[0]}x{data.size[1]}"
 
-    thermal = [still for still in stills if still.metadata.thermal]
-    for what, key, among in (("camera", camera, thermal or stills), ("size", size, [])):
-        most = Counter(map(key, among or stills)).most_common(1)
-        for still in stills:
-            if key(still) != most[0][0]:
-                own, kept = " ".join(key(still)), " ".join(most[0][0])
-                contents.refused[still.name, f"of another {what}, {own}, not {kept}"] += 1
-        stills = [still for still in stills if key(still) == most[0][0]]
+    for what, key in (("camera", camera), ("size", size)):
+        thermal = [still for still in stills if still.metadata.thermal]
+        counts = Counter(key(still.metadata) for still in thermal or stills)
+        kept = counts.most_common(1)[0][0] if counts else ""
+        others = [still for still in stills if key(still.metadata) != kept]
+        for still in others:
+            reason = f"of another {what}, {key(still.metadata)}, not {kept}"
+            contents.refused[still.name, reason] += 1
+        stills = [still for still in stills if still not in others]
     return stills
 
 
 def _spread(stills: list[_Still], contents: LogContents) -> list[_Still]:
     """Return the stills by time; spread those of one stamp evenly over the second that follows."""
-    spread: list[_Still] = []
-    crowded = 0
-    for stamp_ns, group in groupby(sorted(stills, key=_stamp_and_name), lambda x: x.stamp_ns):
-        same = list(group)
-        crowded += len(same) if len(same) > 1 else 0
-        step_ns = SECOND_NS // len(same)
-        spread += (x._replace(stamp_ns=stamp_ns + k * step_ns) for k, x in enumerate(same))
-    if crowded:
+    counts, numbers = Counter(still.stamp_ns for still in stills), Counter[int]()
+    spread = []
+    for still in sorted(stills, key=lambda still: still.name):
+        begin_ns = still.stamp_ns
+        after_ns = numbers[begin_ns] * SECOND_NS // counts[begin_ns]
+        numbers[begin_ns] += 1
+        spread.append(still._replace(stamp_ns=begin_ns + after_ns))
+    if crowded := sum(count for count in counts.values() if count > 1):
         contents.notes.append(
             f"{crowded} stills share their second with others: spread evenly in it, in the order "
             "of their names"
         )
-    return sorted(spread, key=_stamp_and_name)
-
-
-def _stamp_and_name(still: _Still) -> tuple[int, str]:
-    return still.stamp_ns, still.name
+    return sorted(spread, key=lambda still: still.stamp_ns)
 
 
 def _samples(still: _Still) -> list[PositionSample | CameraAttitudeSample | ImuSample]:
     """Return position, camera's attitude and aircraft's attitude, all of the still's stamp."""
-    data, stamp_ns = still.metadata, still.stamp_ns
-    north_east_down_m = np.array(data.rtk_std_m)
-    measured = bool((north_east_down_m > 0).all())  # false for nan
-    covariance = np.diag(north_east_down_m**2) if measured else np.zeros((3, 3))
-    source = Source.RTK_POSITION if data.rtk_flag else Source.GPS_POSITION
+    data, stamp_ns, flag = still.metadata, still.stamp_ns, still.metadata.rtk_flag
+    variances_m2 = np.square(data.rtk_std_m)
+    covariance = np.diag(variances_m2) if (variances_m2 > 0).all() else np.zeros((3, 3))
+    source = Source.RTK_POSITION if flag else Source.GPS_POSITION
+    status = FixStatus.FLOAT if flag >= _FLOAT else FixStatus.SINGLE
+    status = FixStatus.FIXED if flag >= _FIXED else status
     place = data.latitude_rad, data.longitude_rad, still.height_m
     q_ng = np.asarray(data.camera_q_ng)
     q_nb = _level(q_ng) if data.body_q_nb is None else data.body_q_nb
     return [
-        PositionSample(stamp_ns, source, _status(data.rtk_flag), *place, covariance),
+        PositionSample(stamp_ns, source, status, *place, covariance),
         CameraAttitudeSample(stamp_ns, q_ng),
         ImuSample(stamp_ns, _NO_RATES, _NO_RATES, q_nb),
     ]
-
-
-def _status(rtk_flag: int) -> FixStatus:
-    if rtk_flag >= _FIXED:
-        return FixStatus.FIXED
-    return FixStatus.FLOAT if rtk_flag >= _FLOAT else FixStatus.SINGLE
 
 
 def _level(q_ng: Array) -> Array:
@@ -271,27 +260,18 @@ def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
 
 
-def _parameters(stills: Sequence[_Still]) -> dict[str, float]:
-    sigma = max(still.metadata.focal_sigma for still in stills)
-    focal = {"confidence.focal_sigma": sigma} if sigma else {}
-    return {**focal, "north.sigma_deg": NORTH_SIGMA_DEG}
-
-
 def _flights(stills: Sequence[_Still]) -> Iterator[str]:
     """Yield a note that names the flights, if there are several."""
     geodetic = [(s.metadata.latitude_rad, s.metadata.longitude_rad, s.height_m) for s in stills]
     ways_m = np.linalg.norm(np.diff(ecef_from_geodetic(*np.array(geodetic).T), axis=0), axis=1)
-    begins = [0]
-    for k, ((before, after), way_m) in enumerate(zip(pairwise(stills), ways_m, strict=True)):
+    spans = [[stills[0].name, stills[0].name]]
+    for (before, after), way_m in zip(pairwise(stills), ways_m, strict=True):
         pause_ns = after.stamp_ns - before.stamp_ns
         if pause_ns > _PAUSE_NS or way_m > _MOST_M_S * (pause_ns / SECOND_NS + _ROUNDED_S):
-            begins.append(k + 1)
-    if len(begins) > 1:
-        ends = [*begins[1:], len(stills)]
-        spans = (
-            f"{stills[b].name} to {stills[e - 1].name}" for b, e in zip(begins, ends, strict=True)
-        )
-        yield f"{len(begins)} flights, all imported: {'; '.join(spans)}"
+            spans.append([after.name, after.name])
+        spans[-1][1] = after.name
+    if len(spans) > 1:
+        yield f"{len(spans)} flights, all imported: {'; '.join(map(' to '.join, spans))}"
 
 
 def _pictures(stills: Sequence[_Still]) -> Iterator[Picture]:

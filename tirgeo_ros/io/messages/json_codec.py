@@ -76,7 +76,9 @@ def answer_text(answer: Answer) -> str:
     if isinstance(answer, Refusal):
         reason = {"refused": answer.reason.name.lower(), "words": answer.reason.value}
         return json.dumps(pixel | reason)
-    return json.dumps(pixel | {"refused": None} | _place_row(answer))
+    temperature_c = answer.temperature_c if math.isfinite(answer.temperature_c) else None
+    place = _place_row(answer) | {"temperature_c": temperature_c}
+    return json.dumps(pixel | {"refused": None} | place)
 
 
 def answer_of(message: Any) -> Answer:
@@ -86,7 +88,7 @@ def answer_of(message: Any) -> Answer:
         u, v = (math.nan if row[key] is None else float(row[key]) for key in ("u", "v"))
         if row["refused"] is not None:
             return Refusal(int(row["stamp_ns"]), (u, v), Reason[row["refused"].upper()])
-        point = _point(row, (u, v))
+        point = _point(row, (u, v), _number(row.get("temperature_c")))
     except WRONG_FORM as error:
         why = f"not a valid answer to a click: {shown(error, 100)}"
         raise MessageError(f"{ANSWER_TOPIC}: {why}") from None
@@ -154,11 +156,16 @@ def _place_row(point: Located) -> dict[str, Any]:
     return {name: getattr(point, name) for name in names}
 
 
-def _point(row: Mapping[str, Any], uv: tuple[float, float] = (math.nan, math.nan)) -> Located:
+def _point(
+    row: Mapping[str, Any],
+    uv: tuple[float, float] = (math.nan, math.nan),
+    temperature_c: float = math.nan,
+) -> Located:
     latitude, longitude = float(row["latitude_deg"]), float(row["longitude_deg"])
     covariance = tuple(map(float, row["covariance_enu"]))
     stamp_ns, height_m = int(row["stamp_ns"]), float(row["height_m"])
-    return Located(stamp_ns, latitude, longitude, height_m, covariance, uv)
+    own = stamp_ns, latitude, longitude, height_m, covariance, uv
+    return Located(*own, temperature_c=temperature_c)
 
 
 @dataclass(frozen=True, slots=True)

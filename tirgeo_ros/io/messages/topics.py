@@ -48,6 +48,9 @@ TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in BY_TOPIC.it
     "/tf_static": "tf2_msgs/msg/TFMessage",
 }
 
+CAMERA_INFO = "thermal/camera_info"
+PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+
 #: For streams of which every sample counts: 2 s of an IMU at 400 Hz. A node that pauses for 2 s
 #: still gets every sample, if the transport buffers as much (``config/fastdds.xml``).
 STREAM_DEPTH = 800
@@ -96,6 +99,20 @@ class OfferedQos(NamedTuple):
         """Return the profile as rosbag2 reads it in ``offered_qos_profiles``: YAML, a list."""
         durability = "transient_local" if self.latched else "volatile"
         return _TEXT.format(depth=self.depth, durability=durability)
+
+
+def prefix(namespace: str) -> str:
+    """Return the prefix of a relative name: a slash, or the namespace between two slashes."""
+    name = str(namespace or "").strip("/")
+    return f"/{name}/" if name else "/"
+
+
+def resolved(topic: str, namespace: str) -> str:
+    """Return a contract topic's name in a bag.
+
+    A name with a leading slash ignores the namespace.
+    """
+    return topic if topic.startswith("/") else prefix(namespace) + topic
 
 
 def offered_qos(topic: str) -> OfferedQos:

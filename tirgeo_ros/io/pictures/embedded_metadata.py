@@ -17,43 +17,39 @@
 A JPEG is read segment by segment up to its first scan (ISO/IEC 10918-1, Annex B); its XMP is in
 APP1 segments (XMP specification part 3, section 1.1.3): a packet, and an extension in pieces. XMP
 is XML of a camera, so it has neither document type nor entities: a text with them is refused, and
-so is one of more than 1 MB. Only then does Pillow open the file.
+so is one of more than 1 MB.
 """
 
 from __future__ import annotations
 
 import math
-import struct
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 from xml.parsers import expat
 
 from PIL import Image
-from PIL.ExifTags import IFD, Base
+from PIL.ExifTags import GPSTAGS, IFD, TAGS, Base
 
 from tirgeo_ros.io.messages.pictures import MOST_OF_FILE
 
+#: EXIF's tags by name, ``FocalLength``; XMP's properties as they are written,
+#: ``drone-dji:GpsLatitude``, parts behind their structure,
+#: ``drone-skydio:CameraOrientationNED/drone-skydio:Yaw``.
+Fields: TypeAlias = dict[str, Any]
 #: First bytes of the files that are read.
 JPEG, TIFFS = b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
-#: Most bytes of a file: R-JPEG have 1.5 MB, stills of 100 million pixels 60 MB.
-_MOST_BYTES = 1 << 27
-_MOST_OF_XMP = 1 << 20
+#: Most bytes of a JPEG (stills of 100 million pixels have 60 MB), a TIFF and a text of XMP.
+_MOST_OF_JPEG, _MOST_OF_TIFF, _MOST_OF_XMP = 1 << 27, 1 << 25, 1 << 20
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 #: Of a piece of the extension: GUID and full length, then where the piece begins (4 bytes).
 _OFFSET = slice(len(_EXTENSION) + 36, len(_EXTENSION) + 40)
 _APP1, _SCAN, _END = 0xE1, 0xDA, 0xD9  # markers
 _ALONE = {0x01, *range(0xD0, 0xD8)}  # those without a length
-_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # those with height and width
 _STRUCTURE = ("rdf:", "x:")  # elements of XMP that are no properties
 _MOST_DEPTH = 64
-_TIFF_SIZES = (0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4)  # bytes of a value, by type
-_PARTS_OF_PICTURE = (
-    (Base.StripOffsets, Base.StripByteCounts),
-    (Base.TileOffsets, Base.TileByteCounts),
-)
 _TOO_LARGE = f"it has more than {MOST_OF_FILE // 1_000_000} million pixels"
 #: What Pillow raises for a damaged picture or EXIF.
 _DAMAGES = (OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError)
@@ -63,80 +59,65 @@ class Unreadable(Exception):  # noqa: N818  no error of the program: the file is
     """Say in words why a file gives no still."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Embedded:
-    """Hold what a picture's file says: size, tags of EXIF by number, XMP by name.
-
-    Names of XMP are those written, ``drone-dji:GpsLatitude``; a part of a structure follows the
-    structure's name, ``drone-skydio:CameraOrientationNED/drone-skydio:Yaw``.
-    """
-
-    size: tuple[int, int]  # width, height
-    tags: Mapping[int, object]  # of the picture: maker, model
-    exposure: Mapping[int, object]
-    gps: Mapping[int, object]
-    xmp: Mapping[str, str]
-
-
-def embedded_metadata(path: Path) -> Embedded:
-    """Read the metadata of a JPEG or TIFF, and whether it is whole. Raise Unreadable."""
+def embedded_metadata(path: Path) -> tuple[tuple[int, int], Fields]:
+    """Return width and height of a JPEG or TIFF, and its fields. Raise Unreadable."""
     try:
         with path.open("rb") as file:
-            if (size := path.stat().st_size) > _MOST_BYTES:
-                raise Unreadable(f"it has more than {_MOST_BYTES >> 20} MB")
             head = file.read(4)
-            if head.startswith(JPEG):
-                return _opened(file, "JPEG", _xmp_of_jpeg(file), size)
-            if head in TIFFS:
-                return _opened(file, "TIFF", _xmp_of_tiff(file, head), size)
+            is_jpeg = head.startswith(JPEG)
+            if not is_jpeg and head not in TIFFS:
+                raise Unreadable("it is no JPEG or TIFF" if head else "it is empty")
+            _check(path.stat().st_size, _MOST_OF_JPEG if is_jpeg else _MOST_OF_TIFF, "it has")
+            packet = _packet(file) if is_jpeg else None
+            return _opened(file, "JPEG" if is_jpeg else "TIFF", packet)
     except OSError as fault:
         raise Unreadable(f"it cannot be read: {fault.strerror or fault}") from None
-    raise Unreadable("it is no JPEG or TIFF" if head else "it is empty")
 
 
-def _opened(file: BinaryIO, form: str, xmp: bytes, file_bytes: int) -> Embedded:
-    """Return what a file of which only the XMP is read so far holds."""
-    texts = properties(xmp)
-    file.seek(0)
+def _check(size: int, most: int, what: str) -> None:
+    if size > most:
+        raise Unreadable(f"{what} more than {most >> 20} MB")
+
+
+def _opened(file: BinaryIO, form: str, packet: bytes | None) -> tuple[tuple[int, int], Fields]:
+    """Return size and fields of a picture that is whole: it is decoded, a JPEG to an eighth.
+
+    ``packet`` is the XMP, None where it is a tag.
+    """
     try:
-        with warnings.catch_warnings(), Image.open(file, formats=(form,)) as image:
-            warnings.simplefilter("ignore")  # on EXIF that is odd
-            if math.prod(image.size) > MOST_OF_FILE:
+        with _unwarned(), Image.open(file, formats=(form,)) as image:
+            if math.prod(size := image.size) > MOST_OF_FILE:
                 raise Unreadable(_TOO_LARGE)
-            exif, size = image.getexif(), image.size
-            tags = dict(exif), exif.get_ifd(IFD.Exif), exif.get_ifd(IFD.GPSInfo)
-            _check_whole(image, tags[0], file_bytes)
-            return Embedded(size, *tags, texts)
+            exif = image.getexif()
+            xmp = properties(exif.get(Base.XMLPacket, b"") if packet is None else packet)
+            tags = {**exif, **exif.get_ifd(IFD.Exif)}
+            fields = {TAGS.get(tag, ""): value for tag, value in tags.items()}
+            gps = {GPSTAGS.get(tag, ""): x for tag, x in exif.get_ifd(IFD.GPSInfo).items()}
+            image.draft("L", (1, 1))
+            image.load()
     except Image.DecompressionBombError:
         raise Unreadable(_TOO_LARGE) from None
     except _DAMAGES as fault:
         raise Unreadable(f"it is cut off or damaged ({fault})") from None
+    return size, {**fields, **gps, **xmp}
 
 
-def _check_whole(image: Image.Image, tags: Mapping[int, object], file_bytes: int) -> None:
-    """Raise OSError for a picture that is cut off."""
-    if image.format != "TIFF":
-        image.draft("L", (1, 1))  # decodes to an eighth of its size
-        image.load()
-        return
-    for offsets, counts in _PARTS_OF_PICTURE:
-        starts, sizes = (_numbers(tags.get(tag, ())) for tag in (offsets, counts))
-        if any(start + size > file_bytes for start, size in zip(starts, sizes, strict=True)):
-            raise OSError("the file ends in the picture")
+@contextmanager
+def _unwarned() -> Iterator[None]:
+    """Keep Pillow's remarks on odd EXIF from the screen."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
-def _numbers(value: object) -> tuple[int, ...]:
-    """Return a tag's whole numbers."""
-    return tuple(map(int, value if isinstance(value, tuple) else [value]))
-
-
-def _xmp_of_jpeg(file: BinaryIO) -> bytes:
-    """Return the packet of XMP, else its extension."""
+def _packet(file: BinaryIO) -> bytes:
+    """Return the packet of XMP in a JPEG, else its extension."""
     packet, pieces, total = b"", dict[int, bytes](), 0
     for marker, length in _segments(file):
         content = file.read(length) if marker == _APP1 else b""
         if content.startswith((_XMP, _EXTENSION)):
-            total = _checked(total + length)
+            total += length
+            _check(total, _MOST_OF_XMP, "its XMP has")
         if content.startswith(_XMP):
             packet = packet or content[len(_XMP) :]
         elif content.startswith(_EXTENSION):
@@ -162,36 +143,12 @@ def _segments(file: BinaryIO) -> Iterator[tuple[int, int]]:
         place += 2 + max(length, 2)
 
 
-def _xmp_of_tiff(file: BinaryIO, head: bytes) -> bytes:
-    """Return the packet of XMP; Pillow would read one of any length."""
-    order = "<" if head[:1] == b"I" else ">"
-    try:
-        file.seek(*struct.unpack(f"{order}I", file.read(4)))
-        (count,) = struct.unpack(f"{order}H", file.read(2))
-        entries = list(struct.iter_unpack(f"{order}HHII", file.read(12 * count)))
-    except struct.error:
-        raise Unreadable("it is cut off or damaged (no directory)") from None
-    packet = b""
-    for tag, kind, number, place in entries:
-        size = number * (_TIFF_SIZES[kind] if kind < len(_TIFF_SIZES) else 0)
-        if tag == Base.XMLPacket:
-            _checked(size)
-            file.seek(place)
-            packet = file.read(size)
-    return packet
-
-
-def _checked(total: int) -> int:
-    if total > _MOST_OF_XMP:
-        raise Unreadable(f"its XMP has more than {_MOST_OF_XMP >> 20} MB")
-    return total
-
-
 def properties(packet: bytes) -> dict[str, str]:
     """Return the properties of a packet of XMP, attributes and elements. Raise Unreadable.
 
     Of several items (``rdf:li``) of a property the last is returned.
     """
+    _check(len(packet), _MOST_OF_XMP, "its XMP has")
     texts: dict[str, str] = {}
     path: list[str] = []
     current: list[str] = []

@@ -20,16 +20,17 @@ import csv
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from tirgeo_ros.core.ground.ground_point import Answer
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import SurveyError
+from tirgeo_ros.core.types.errors import SurveyError, nearest
 from tirgeo_ros.io.coordinates.crs import to_wgs84
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text, read_text, write_files
 
@@ -37,6 +38,7 @@ T = TypeVar("T")
 
 _SURVEY_COLUMNS = ("id", "lat", "lon", "h")
 _OBSERVATION_COLUMNS = ("id", "stamp_ns", "u", "v")
+_STILL_COLUMNS = ("id", "picture", "u", "v")
 _MARK_COLUMNS = ("id", "column", "row")
 _QGIS_COLUMNS = ("mapX", "mapY", "sourceX", "sourceY")  # since 3.26
 #: Limit for a file: ``locate`` needs 35 kB and a millisecond for each row.
@@ -96,9 +98,24 @@ def save_survey(path: PathLike, points: Sequence[SurveyPoint]) -> None:
     write_files({path: text}, SurveyError)
 
 
-def load_observations(path: PathLike) -> list[Observation]:
-    """Load a CSV file ``id,stamp_ns,u,v``. Raises SurveyError naming file and line."""
-    return _csv_rows(path, read_text(path, SurveyError), _OBSERVATION_COLUMNS, _observation)
+def load_observations(
+    path: PathLike, stills: Mapping[str, int] = MappingProxyType({})
+) -> list[Observation]:
+    """Load a CSV file ``id,stamp_ns,u,v``, or ``id,picture,u,v`` with the names of ``stills``.
+
+    ``stills`` gives the stamp (ns) of each. Raises SurveyError naming file and line, and for a
+    name that is not among them.
+    """
+    text = read_text(path, SurveyError)
+    header = [name.strip() for name in text.partition("\n")[0].split(",")]
+    if "stamp_ns" in header or "picture" not in header:
+        return _csv_rows(path, text, _OBSERVATION_COLUMNS, _observation)
+    rows = _csv_rows(path, text, _STILL_COLUMNS, _by_name)
+    for number, (_, picture, _) in enumerate(rows, 1):
+        if picture not in stills:
+            hint = nearest(picture, stills) if stills else "; it has none: use stamp_ns"
+            raise SurveyError(f"{path}: row {number}: no still {picture} in the flight{hint}")
+    return [Observation(name, stills[picture], *uv) for name, picture, uv in rows]
 
 
 def save_observations(path: PathLike, observations: Sequence[Observation]) -> None:
@@ -167,6 +184,10 @@ def _observation(name: str, stamp: str, u: str, v: str) -> Observation:
     if abs(stamp_ns) >= 1 << 63:
         raise ValueError
     return Observation(_name(name), stamp_ns, *_finite(u, v))
+
+
+def _by_name(name: str, picture: str, u: str, v: str) -> tuple[str, str, list[float]]:
+    return _name(name), _name(picture), _finite(u, v)
 
 
 def _finite(*numbers: str | float) -> list[float]:

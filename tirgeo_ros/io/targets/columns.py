@@ -42,6 +42,7 @@ _PLACE_COLUMNS = {
     **dict.fromkeys(("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg"), "REAL"),
     **dict.fromkeys(("covariance_enu", "mgrs", "utm"), "TEXT"),
 }
+_CELSIUS = "temperature_c"  # column of a pixel
 #: Column of a target -> its type in SQL, and its cell. A point that a GIS adds has neither id nor
 #: number.
 _TARGET_COLUMNS: Mapping[str, tuple[str, Callable[[Target], Any]]] = {
@@ -87,13 +88,16 @@ def answer_rows(answers: Sequence[Answered]) -> list[Row]:
     for number, (name, answer) in enumerate(answers, 1):
         pixel = {"id": name, "stamp_ns": answer.stamp_ns, "u": answer.uv[0], "v": answer.uv[1]}
         if isinstance(answer, Refusal):
-            nothing = {key: None for key in _PLACE_COLUMNS if key not in pixel}
+            nothing = {key: None for key in (*_PLACE_COLUMNS, _CELSIUS) if key not in pixel}
             reason = answer.reason.value
             rows.append(Row(pixel | nothing | {"reason": reason}, None, f"not located: {reason}"))
         else:
             target = target_of_pixel(number, name, answer)
-            cells = pixel | _place_cells(answer) | {"reason": None}
-            rows.append(Row(cells, target, _words(target)))
+            known, words = math.isfinite(answer.temperature_c), _words(target)
+            temperature_c = round(answer.temperature_c, 2) if known else None
+            words += f"; {temperature_c:.1f} deg C" if known else ""
+            temperature = {_CELSIUS: temperature_c, "reason": None}
+            rows.append(Row(pixel | _place_cells(answer) | temperature, target, words))
     return rows
 
 

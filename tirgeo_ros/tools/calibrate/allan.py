@@ -44,6 +44,7 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
+from tirgeo_ros.io.messages.topics import resolved
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 from tirgeo_ros.tools.calibrate.imu import (
     CHANNELS,
@@ -59,7 +60,6 @@ from tirgeo_ros.tools.calibrate.imu import (
 from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.registration import resolved
 
 LEAST_REST_S = 60.0  # a shorter rest does not determine the noise
 _NAMED = 3  # intervals that a refusal lists

@@ -34,8 +34,9 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr, by_numbers, is_bag
 from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.messages.pictures import MOST_OF_FILE, unpacked
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, resolved
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, picture_topic, resolved
+from tirgeo_ros.tools.replay.registration import picture_topic
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 #: Why a picture without pixels is not used.

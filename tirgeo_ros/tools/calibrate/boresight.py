@@ -53,10 +53,12 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files, Value
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, open_flight
@@ -89,6 +91,7 @@ def calibrate_boresight(
     click_sigma_px: float = CLICK_SIGMA_PX,
     camera: PathLike | None = None,
     smooth: bool = False,
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Estimate parameters from a flight over surveyed points and write them; return a summary.
@@ -101,10 +104,19 @@ def calibrate_boresight(
     """
     options, inputs = {"camera": camera}, (survey, observations)
     opened = open_flight(
-        bag, (output,), params, namespace, options, inputs=inputs, error=CalibrationError
+        bag,
+        (output,),
+        params,
+        namespace,
+        options,
+        inputs=inputs,
+        error=CalibrationError,
+        logs=logs,
+        progress=progress,
     )
     reader, configs = opened.reader, opened.configs
-    observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
+    clicks = load_observations(observations, reader.stills())
+    observed = (clicks, load_survey(survey), click_sigma_px, progress)
     wanted = _wanted(estimate, hold, configs)
     read = _read(reader, namespace, configs, wanted, *observed, smooth=smooth)
     try:

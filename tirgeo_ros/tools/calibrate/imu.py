@@ -37,13 +37,13 @@ from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
+from tirgeo_ros.io.messages.topics import resolved
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, parameters_yaml, paths_of
 from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import table
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.registration import resolved
 
 _ORDERS = {b"\0\1": "<", b"\0\0": ">"}
 #: Numbers of a message: orientation, rate and acceleration, each followed by its covariance (9).

@@ -43,7 +43,8 @@ WORD, NEEDED = {"type": str}, {"required": True}
 
 #: Options that several verbs have, and their help.
 ANY_BAG = "a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
-FLIGHT: tuple[Option, ...] = (("bag", "BAG", f"the recorded flight: {ANY_BAG}"),)
+_ANY_FLIGHT = f"{ANY_BAG}; or a folder of stills, an MP4 with its SRT, a MISB stream"
+FLIGHT: tuple[Option, ...] = (("bag", "FLIGHT", f"the recorded flight: {_ANY_FLIGHT}"),)
 _NAMESPACE = "namespace of the aircraft's topics in the bag, as uav1; default: none"
 NAMESPACE: tuple[Option, ...] = (("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),)
 _PARAMS = "ROS 2 parameter file; may be repeated: later files override earlier ones"
@@ -53,9 +54,17 @@ PARAMETERS = (*PARAMS, ("--camera", "YAML", _CAMERA), *NAMESPACE)
 _METHOD = "%(choices)s; default: as in --params, else ekf_heading, or ekf without rtk/heading"
 _SMOOTH = "use later measurements too: slower, but better poses, above all without RTK"
 SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
+_OBSERVED = (
+    "id,stamp_ns,u,v: the picture's header stamp, column, row; or id,picture,u,v: a still's name"
+)
 SURVEY: tuple[Option, ...] = (
     ("--survey", "GCPS", "GeoJSON, or CSV id,lat,lon,h", NEEDED),
-    ("--observations", "CSV", "id,stamp_ns,u,v: the picture's header stamp, column, row", NEEDED),
+    (
+        "--observations",
+        "CSV",
+        _OBSERVED,
+        NEEDED,
+    ),
 )
 _FROM = "begin, in seconds after the first message"
 _TO = "end, in seconds after the first message; default: the end of the bag"
@@ -120,6 +129,29 @@ def utc_time(text: str) -> datetime:
     whole = re.sub(r"[.,](\d{1,6})\d*", lambda match: f".{match[1]:0<6}", text.removesuffix("Z"))
     time = datetime.fromisoformat(whole)
     return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+
+
+def offset_s(text: str) -> int:
+    """Return seconds of an offset from UTC, as +02:00; a type of option."""
+    from tirgeo_ros.io.logs.log_contents import zone_offset_s  # noqa: PLC0415 --help stays quick
+
+    try:
+        return zone_offset_s(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: not an offset as +02:00 or -03:30") from None
+
+
+_ONLY = "; for stills, MP4 and MISB"
+HEIGHTS = {"choices": ("ellipsoid", "sea", "takeoff")}
+#: Options of flights that are no bags, and so are imported first: ``call`` makes LogOptions.
+DIRECT: tuple[Option, ...] = (
+    ("--geoid-undulation", "M", f"height of sea level above the ellipsoid{_ONLY}", NUMBER),
+    ("--takeoff-height", "M", f"ellipsoidal height of the take-off{_ONLY}", NUMBER),
+    ("--height", "DATUM", f"what unlabelled heights are above: %(choices)s{_ONLY}", HEIGHTS),
+    ("--utc-offset", "+HH:MM", f"zone of local times without one{_ONLY}", {"type": offset_s}),
+)
+_EVERY = f"take at most one picture of a video in S seconds; default: all{_ONLY}"
+EVERY: Option = ("--every", "S", _EVERY, NUMBER | {"dest": "every_s", "default": 0.0})
 
 
 class Parser(argparse.ArgumentParser):
@@ -206,9 +238,24 @@ def call(tool: Callable[..., T], args: argparse.Namespace, doing: str, **more: o
     if "from_s" in values and not 0 <= args.from_s < args.to_s:
         raise UsageError("--from must be 0 or more, and less than --to")
     named = {name: values[name] for name in signature(tool).parameters if name in values}
+    if "takeoff_height" in values and "logs" in signature(tool).parameters:
+        named["logs"] = log_options(args)
     what, _, unit = doing.partition(", ")
     with Progress(what, unit=unit) as bar:
         return tool(**(named | more), progress=bar)
+
+
+def log_options(args: argparse.Namespace) -> Any:
+    """Return the LogOptions of a verb that has DIRECT's options."""
+    from tirgeo_ros.io.logs.log_contents import LogOptions  # noqa: PLC0415 --help stays quick
+
+    return LogOptions(
+        geoid_undulation_m=args.geoid_undulation,
+        takeoff_height_m=args.takeoff_height,
+        height=args.height or "",
+        utc_offset_s=args.utc_offset,
+        every_s=getattr(args, "every_s", 0.0),
+    )
 
 
 def names_of(permitted: tuple[str, ...]) -> Callable[[str], list[str]]:

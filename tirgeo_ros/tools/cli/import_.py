@@ -55,7 +55,17 @@ from contextlib import suppress
 from datetime import datetime, timezone
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import NEEDED, NUMBER, WORD, Option, UsageError, call, utc_time
+from tirgeo_ros.tools.cli._verb import (
+    HEIGHTS,
+    NEEDED,
+    NUMBER,
+    WORD,
+    Option,
+    UsageError,
+    call,
+    offset_s,
+    utc_time,
+)
 from tirgeo_ros.tools.cli.dump import CAPTURE
 from tirgeo_ros.tools.presentation.results import table
 
@@ -79,20 +89,10 @@ _EVERY = "take a picture of a video each so many seconds; default: all pictures"
 _HEADING = "heading of the nose 7 s after all topics have begun, from true north, clockwise"
 
 
-def offset_s(text: str) -> int:
-    """Return seconds of an offset from UTC, as +02:00; a type of option."""
-    from tirgeo_ros.io.logs.log_contents import zone_offset_s  # noqa: PLC0415 --help stays quick
-
-    try:
-        return zone_offset_s(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text}: not an offset as +02:00 or -03:30") from None
-
-
 LOGS: tuple[Option, ...] = (
     ("--columns", "YAML", _COLUMNS, {"action": "append"}),
     ("--takeoff-height", "M", "ellipsoidal height of the take-off, for heights above it", NUMBER),
-    ("--height", "DATUM", _DATUM, {"choices": ("ellipsoidal", "msl", "takeoff")}),
+    ("--height", "DATUM", _DATUM, HEIGHTS),
     ("--utc-offset", "+HH:MM", _OFFSET, {"type": offset_s}),
     ("--time-scale", "SCALE", _SCALE, {"choices": ("gpst", "utc")}),
     ("--baseline", "M", _BASELINE, NUMBER),
@@ -195,6 +195,8 @@ def describe(result: dict[str, Any]) -> str:
     if result["counts"]:
         parts.append(_pairs(result["counts"]))
     parts += result.get("notes", [])
+    if file := result["parameter_file"]:
+        parts.append(f"{file}: parameters that follow from it: use it with --params {file}")
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
         option = "--map-topic" if result["kind"] == "mapped" else "--image-topic"

@@ -26,9 +26,12 @@ from __future__ import annotations
 
 import argparse
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, REGISTRATION, call
+from tirgeo_ros.tools.cli._verb import DIRECT, EVERY, FLIGHT, NEEDED, REGISTRATION, call
 
-_PIXELS = "a head id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row"
+_PIXELS = (
+    "a head id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row; or "
+    "id,picture,u,v with the names of stills"
+)
 _OUTPUT = (
     "file for points and ellipses: .geojson, .kml, .gpx, .csv, .gpkg, or .xml for Cursor-on-Target"
 )
@@ -37,6 +40,8 @@ OPTIONS = (
     ("--pixels", "CSV", _PIXELS, NEEDED),
     ("-o --output", "OUT", _OUTPUT, NEEDED),
     *REGISTRATION,
+    *DIRECT,
+    EVERY,
 )
 
 

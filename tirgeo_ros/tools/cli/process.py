@@ -18,6 +18,10 @@ Runs filter, gimbal composition and overlay over a bag, faster than real time, a
 output topic of the nodes to a new bag. The same input gives the same bytes. A damaged bag is
 processed as far as it can be read (exit code 1).
 
+A folder of stills, an MP4 with its SRT and a MISB stream are imported first. Stills with a folder
+as output are drawn into it, each full size with its own EXIF and XMP, with their contact page
+index.html and a bag.
+
 Several flights, or one with a folder as output, are processed into the folder: it gets NAME.mcap
 and NAME.json of each flight and the page index.html. Each flight has a process of its own; flights
 that an earlier run has processed from the same files with the same options are kept. If a flight
@@ -34,10 +38,22 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import ANY_BAG, NEEDED, REGISTRATION, WORD, UsageError, call
+from tirgeo_ros.core.types.errors import ManyFlightsError
+from tirgeo_ros.tools.cli._verb import (
+    ANY_BAG,
+    DIRECT,
+    EVERY,
+    NEEDED,
+    REGISTRATION,
+    WORD,
+    UsageError,
+    call,
+    log_options,
+)
 
 _OUTPUT = "the new bag; for several flights (or with an existing folder or DIR/) the folder"
 _VIDEO = (
@@ -56,16 +72,24 @@ OPTIONS = (
     ("--video", "OUT.mp4", _VIDEO, {"nargs": "?", "const": Path()}),
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
+    *DIRECT,
+    EVERY,
 )
 _NAMES = "params map method camera dem ground_height raw_images namespace smooth"
-_ENDINGS = (".mp4", ".ts")
+_ENDINGS, _STILLS = (".mp4", ".ts"), (".jpg", ".jpeg", ".tif", ".tiff")
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Process the flight or the flights; return a summary."""
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images cannot be used with --video or --raw-images")
-    if len(args.bag) > 1 or args.output.endswith("/") or Path(args.output).is_dir():
+    if len(args.bag) == 1 and _is_folder(args.output):
+        from tirgeo_ros.tools.convert.direct_input import is_direct  # noqa: PLC0415 heavy
+
+        of_stills = args.bag[0].is_dir() or args.bag[0].suffix.lower() in _STILLS
+        if of_stills and is_direct(args.bag[0]):
+            return _stills(args)
+    if len(args.bag) > 1 or _is_folder(args.output):
         return _many_flights(args)
     from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
 
@@ -75,6 +99,26 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--video needs a name, as OUT.mp4")
     files = {"bag_in": args.bag[0], "bag_out": Path(args.output)}
     return call(process, args, "processing, s", **files, images=not args.no_images)
+
+
+def _is_folder(output: str) -> bool:
+    return output.endswith("/") or Path(output).is_dir()
+
+
+def _stills(args: argparse.Namespace) -> dict[str, object]:
+    """Process a folder of stills into a folder: the stills, drawn, their page and a bag."""
+    from tirgeo_ros.io.files.whole_files import made_folder  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
+
+    if args.video == Path():
+        raise UsageError("--video needs a name, as OUT.mp4")
+    if args.workers is not None or args.scheduler is not None:
+        raise UsageError("--workers and --scheduler are for several flights")
+    if args.no_images:
+        raise UsageError("--no-images gives no stills: give -o OUT.mcap")
+    source, folder = args.bag[0], made_folder(args.output, ManyFlightsError)
+    files = {"bag_in": source, "bag_out": folder / f"{source.resolve().name}.mcap"}
+    return call(process, args, "drawing", **files, stills=folder)
 
 
 def _many_flights(args: argparse.Namespace) -> dict[str, object]:
@@ -87,6 +131,8 @@ def _many_flights(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError(f"several flights need a folder, not {args.output}: give -o DIR")
     options = {name: getattr(args, name) for name in _NAMES.split()}
     options |= {"images": not args.no_images, "video": _ending(args.video)}
+    logs = asdict(log_options(args))
+    options |= {"logs": logs} if any(logs.values()) else {}
     places = {"flights": args.bag, "folder": args.output}
     return call(process_flights, args, "processing, flights", **places, **options)
 

@@ -25,9 +25,9 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import ROS2_MAGICS, BagWriter, is_bag
 from tirgeo_ros.io.bags.ros1_bag import MAGIC as ROS1_MAGIC
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, first_bytes
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, first_bytes, write_files
 from tirgeo_ros.io.logs.log_contents import LogOptions
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, parameters_yaml, paths_of
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
 from tirgeo_ros.tools.convert.import_logs import forms_of, import_logs
 from tirgeo_ros.tools.convert.import_mapped import MappedTopics, import_mapped, what_can_be_mapped
@@ -48,7 +48,7 @@ def import_flight(
     source: PathLike | Sequence[PathLike],
     output: PathLike,
     *,
-    params: PathLike | None = None,
+    params: Files = None,
     namespace: str = "",
     pictures: Pictures = Pictures(),  # noqa: B008  immutable
     capture: CaptureOptions = CaptureOptions(),  # noqa: B008  immutable
@@ -61,10 +61,11 @@ def import_flight(
 
     ``source`` is a ROS 1 bag of DJI's wrapper, a capture of the aircraft's serial port, or one or
     several logs of one flight, recognised by their content; or a bag of ROS 1 or ROS 2 whose
-    topics ``mapped`` names. ``params`` is a YAML file with dji_node's parameters; ``namespace`` is
+    topics ``mapped`` names. ``params`` are YAML files with dji_node's parameters; ``namespace`` is
     that of the bag's topics and of the written ones; ``pictures`` is for DJI's bags, ``capture``
     for captures, ``logs`` for logs, ``columns`` for logs in CSV. In the result ``warning`` is None
-    or a warning. The output gets its name only when it is complete. Raise BagError, DjiError,
+    or a warning. The output gets its name only when it is complete. ``parameters`` of the nodes
+    that follow from logs are also written beside it, as ``.yaml``. Raise BagError, DjiError,
     LogError, ConfigError.
     """
     paths = [Path(source)] if isinstance(source, str | os.PathLike) else list(map(Path, source))
@@ -75,7 +76,7 @@ def import_flight(
     files = [(path, form) for path, form in zip(paths, forms, strict=True) if form is not None]
     is_ros1 = not files and not mapped.pairs and _is_ros1(paths[0], namespace)
     config = ParameterFile(params).config("dji_node", DjiConfig, namespace)
-    inputs = (*paths, *tables, params, capture.packages, config.packages)
+    inputs = (*paths, *tables, *paths_of(params), capture.packages, config.packages)
     check_outputs(inputs, [output], BagError)
     with BagWriter(output) as writer:
         sink = ImportSink(writer, config, namespace)
@@ -88,12 +89,19 @@ def import_flight(
         else:
             imported = import_capture(paths[0], sink, config, capture, progress)
         sink.finish()
+        parameters = imported.get("parameters") or {}
+        beside = Path(output).with_suffix(".yaml") if parameters else None
+        check_outputs(inputs, [output, beside], BagError)
+    if beside is not None:
+        head = f"Parameters that follow from {', '.join(path.name for path in paths)}"
+        write_files({beside: parameters_yaml({"": parameters}, head)}, BagError)
     names = [str(path) for path in paths]
     of_dji = [] if files or mapped.pairs else sink.interpreter.warnings
     warnings = [*imported["warnings"], *of_dji]
     return {
         "input": names if files else names[0],
         "output": os.fspath(output),
+        "parameter_file": beside and str(beside),
         **imported,
         "written": {name: vars(counts) for name, counts in sorted(sink.written.items())},
         "counts": sink.interpreter.counts,

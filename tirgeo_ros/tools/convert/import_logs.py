@@ -51,7 +51,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.logs.dji_video import own_subtitles
-from tirgeo_ros.io.logs.forms import CSV, UBX, VIDEO, Form, form_of
+from tirgeo_ros.io.logs.forms import CSV, STILLS, UBX, VIDEO, Form, form_of
 from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, LogOptions, Picture
 from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
@@ -221,7 +221,8 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
     spans = {}
     for topic, samples in by_topic.items():
         stamps_ns = np.array([sample.stamp_ns for _, sample in samples])
-        alone = lone_stamps(stamps_ns)
+        # Each still has its own time, and may be taken long after the others.
+        alone = lone_stamps(stamps_ns) & (form is not STILLS)
         good += compress(samples, ~alone)
         stamps_ns = stamps_ns[~alone]
         spans[topic] = int(stamps_ns.min()), int(stamps_ns.max())
@@ -239,8 +240,6 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
 def _fault(sample: SensedSample) -> str:
     if not 0 <= sample.stamp_ns < LAST_NS:
         return "its time is not between 1970 and 2038"
-    if _is_attitude_alone(sample):
-        return ""
     if isinstance(sample, JointSample):
         return joints_fault((sample.yaw_rad, sample.roll_rad, sample.pitch_rad))
     if isinstance(sample, CameraAttitudeSample):
@@ -251,7 +250,7 @@ def _fault(sample: SensedSample) -> str:
 
 def _is_attitude_alone(sample: SensedSample) -> bool:
     """Return whether a sample is the attitude of a picture, without forces and rates."""
-    return isinstance(sample, ImuSample) and bool(np.isnan(sample.specific_force_b).all())
+    return isinstance(sample, ImuSample) and sample.is_attitude_alone
 
 
 def _positions_of_attitudes(samples: Sequence[SensedSample]) -> list[SensedSample]:

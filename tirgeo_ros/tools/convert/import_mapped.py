@@ -45,10 +45,10 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, any_bag
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, stamp_ns
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import listed
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
 
 #: Topic of the contract -> words: a bag's topic with a fitting type and one of them is suggested.
 _SUGGESTED: Mapping[str, tuple[str, ...]] = {

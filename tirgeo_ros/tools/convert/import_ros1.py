@@ -28,10 +28,10 @@ from tirgeo_ros.dji.sources.ros1 import NEEDED, TOPICS, WRAPPERS, Ros1Decoder, s
 from tirgeo_ros.io.bags.bag_file import BagMessage
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES
 from tirgeo_ros.tools.convert.import_mapped import asked_topics, suggested
 from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES
 
 #: Number of messages that are inspected before the import begins.
 _SURVEYED = 4000

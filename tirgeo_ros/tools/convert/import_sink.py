@@ -24,10 +24,10 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.io.bags.bag import STILLS, BagWriter
 from tirgeo_ros.io.logs.log_contents import Picture
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, resolved
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
 
 #: A sample that waits for others of its instant is out of order by less than this.
 _DISORDER_NS = 1_000_000_000
@@ -92,6 +92,7 @@ class ImportSink:
         self._waiting: list[tuple[int, int, str, Any]] = []
         self._number = 0
         self._newest_ns = 0
+        self._stills: dict[str, str] = {}
 
     def take(self, arrival_ns: int, reading: Reading) -> None:
         """Convert and queue a reading that arrived at ``arrival_ns``."""
@@ -104,6 +105,8 @@ class ImportSink:
     def picture(self, picture: Picture) -> None:
         """Queue a picture, after its camera's calibration."""
         stamp_ns, make = picture.stamp_ns, self._messages
+        if picture.name:
+            self._stills[picture.name] = str(stamp_ns)
         if picture.camera is not None:
             self.pass_on(stamp_ns, CAMERA_INFO, make.camera_info(picture.camera, stamp_ns))
         self.pass_on(stamp_ns, PICTURES[1], make.compressed(stamp_ns, picture.data))
@@ -121,6 +124,8 @@ class ImportSink:
         self._put(self._newest_ns, self.interpreter.flush())
         while self._waiting:
             self._write(*heapq.heappop(self._waiting))
+        if self._stills:
+            self._writer.add_metadata(STILLS, self._stills)
         if not self.written:
             counts = [f"{name} {number}" for name, number in self.interpreter.counts.items()]
             because = f": {', '.join(counts)}" if counts else ""

@@ -30,8 +30,11 @@ from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.messages.topics import resolved
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import configured_camera
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS, open_input
 from tirgeo_ros.tools.evaluate.experiment import (
     Experiment,
     MethodSetup,
@@ -59,7 +62,6 @@ from tirgeo_ros.tools.replay.registration import (
     Sample,
     done_without,
     has_rates,
-    resolved,
 )
 
 #: Topics that a method must have. Without them the filter would still run, on ordinary GPS.
@@ -114,6 +116,7 @@ def evaluate(
     truth: PathLike | None = None,
     camera: PathLike | None = None,
     smooth: bool = False,
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> Evaluation:
     """Locate the observations of a bag under every method, in one pass through it.
@@ -127,15 +130,17 @@ def evaluate(
     CalibrationError if no method can be run.
     """
     needed("scipy", "comparing the methods", CalibrationError)
-    files = [*paths_of(params), *paths_of(boresight)]
+    inputs = [*paths_of(params), *paths_of(boresight)]
     places: dict[str, Any] = {"dem": dem, "ground_height": ground_height, "camera": camera}
     if output is not None:
         needed("matplotlib", f"drawing the report in {output}", CalibrationError)
-        configs = node_configs(files, namespace, **places)
-        check_folder(output, (bag, survey, observations, truth, *files, *configs.files))
-    experiment = load_experiment(survey, observations)
+        configs = node_configs(inputs, namespace, **places)
+        check_folder(output, (bag, survey, observations, truth, *inputs, *configs.files))
+    read = open_input(bag, params, namespace, logs, progress)
+    reader, params, files = read.reader, read.params, [*read.params, *paths_of(boresight)]
+    experiment = load_experiment(survey, observations, reader.stills())
     heights_m = experiment.heights_m
-    setups, reader = method_setups(params, boresight, namespace, heights_m, places), BagReader(bag)
+    setups = method_setups(params, boresight, namespace, heights_m, places)
     if not has_rates(reader, namespace):
         fit = (each.configs.fitting(reader.topics(), namespace, rates=False) for each in setups)
         setups = [replace(s, configs=own) for s, (own, _) in zip(setups, fit, strict=True)]
@@ -150,6 +155,7 @@ def evaluate(
     runs, missing = _read(runs, flight, checks, experiment, reader, namespace, smooth, progress)
     methods = [run.result(flight.camera, experiment) for run in runs]
     notes = [
+        *read.notes,
         *setup_notes(setups, heights_m),
         *_run_notes(runs, namespace, smooth=smooth),
         *(f"{method} is left out: {why}" for method, why in missing.items()),

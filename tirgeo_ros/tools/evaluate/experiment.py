@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import median
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -118,12 +119,14 @@ def experiment_of(points: Sequence[SurveyPoint], clicks: Sequence[Observation]) 
     return Experiment(plane, {point.id: point for point in points}, clicks)
 
 
-def load_experiment(survey: PathLike, observations: PathLike) -> Experiment:
-    """Load survey and observations from files.
+def load_experiment(
+    survey: PathLike, observations: PathLike, stills: Mapping[str, int] = MappingProxyType({})
+) -> Experiment:
+    """Load survey and observations from files; these may name ``stills`` by their stamps (ns).
 
     Raise SurveyError, also if no surveyed point was observed.
     """
-    experiment = experiment_of(load_survey(survey), load_observations(observations))
+    experiment = experiment_of(load_survey(survey), load_observations(observations, stills))
     where, total = os.fspath(observations), len(experiment.observations)
     if not total:
         raise SurveyError(f"{where}: has no observations")

@@ -31,7 +31,9 @@ from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.export import PRODUCTS, RASTERS
 from tirgeo_ros.tools.export.frames import (
     ExportFrame,
@@ -78,6 +80,7 @@ def export(
     window: Window | None = None,
     targets: PathLike | None = None,
     rasters: RasterOptions | None = None,
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Write the products of a bag into a folder; return a summary, also as ``summary.json``.
@@ -91,14 +94,16 @@ def export(
     places = [Path(output) / name for name in FILES]
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
     arguments = bag, places, params, namespace, options
-    opened = open_flight(*arguments, inputs=[targets], error=MapError)
+    opened = open_flight(
+        *arguments, inputs=[targets], error=MapError, logs=logs, progress=progress
+    )
     if not {*RASTERS}.isdisjoint(wanted):
         needed("rasterio", "writing orthophotos and mosaics", MapError)
     pictures = FlightPictures(opened.reader, namespace)
     chosen = pictures.chosen(window)
     flight = register(opened, chosen, _part(progress, 0.0, _REGISTRATION), smooth=smooth)
     products, lattice = _rasters(flight, rasters or RasterOptions(), Path(output), wanted)
-    dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
+    dji = ParameterFile(opened.params).config("dji_node", DjiConfig, namespace)
     if "stills" in wanted:
         products["stills"] = Stills(Path(output) / "stills", dji.geoid_undulation_m)
     if "vectors" in wanted:

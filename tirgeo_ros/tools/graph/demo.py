@@ -31,6 +31,7 @@ from tirgeo_ros.core.types.missing_package import needed, needed_extra
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, named_files, write_files
 from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import (
@@ -51,7 +52,6 @@ from tirgeo_ros.tools.replay.graph_outputs import (
     read_pictures,
 )
 from tirgeo_ros.tools.replay.node_configs import node_configs, values_without_rates
-from tirgeo_ros.tools.replay.registration import PICTURES
 
 SAMPLE = "bags/sample"
 _NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")

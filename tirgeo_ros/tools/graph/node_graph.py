@@ -39,9 +39,9 @@ from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.io.files.dds_profiles import PROFILES
 from tirgeo_ros.io.files.stop_signals import stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
+from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.registration import PICTURES
 
 #: Variables that would let other machines reach the nodes.
 _WIDER = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")

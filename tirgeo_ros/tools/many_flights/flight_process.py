@@ -45,12 +45,13 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.whole_files import write_files
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.topics import resolved
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, written_record
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import error_line, plain
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.replay.registration import resolved
 
 #: How often a flight is tried if its process is killed.
 ATTEMPTS = 3
@@ -247,9 +248,10 @@ def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
     cv2.setNumThreads(cores)
     video = task.path(task.video) if task.video else None
     bag_out, picture = task.path(".mcap"), task.path(".jpg")
-    summary: dict[str, Any] = process(
-        task.bag, bag_out, **task.options, video=video, progress=report, cores=cores
-    )
+    options = {k: v for k, v in task.options.items() if k != "logs"}
+    logs = LogOptions(**task.options.get("logs", {}))
+    more: dict[str, Any] = {"video": video, "logs": logs, "progress": report, "cores": cores}
+    summary: dict[str, Any] = process(task.bag, bag_out, **options, **more)
     facts, jpeg = flight_facts(bag_out, task.options["namespace"], summary["duration_s"])
     if jpeg:
         write_files({picture: jpeg}, ManyFlightsError)

@@ -27,8 +27,10 @@ from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -46,6 +48,7 @@ def check(
     ground_height: float | None = None,
     camera: PathLike | None = None,
     namespace: str = "",
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Run a bag through filter, gimbal and all checks, and return findings and numbers.
@@ -54,7 +57,7 @@ def check(
     that cannot be read is a finding. Raise BagError and ConfigError.
     """
     options = {"map": map, "dem": dem, "ground_height": ground_height, "camera": camera}
-    opened = open_flight(bag, (), params, namespace, options)
+    opened = open_flight(bag, (), params, namespace, options, logs=logs, progress=progress)
     reader, configs, overlay = opened.reader, opened.configs, opened.configs.overlay
     findings: list[Finding] = []
     ground = try_load(findings, "dem", lambda: ground_of(overlay))

@@ -47,13 +47,12 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.registration import (
-    CAMERA_INFO,
     FILTERS,
     METHOD_TOPICS,
-    PICTURES,
     SAMPLES,
     Registered,
     Registration,
@@ -61,7 +60,6 @@ from tirgeo_ros.tools.replay.registration import (
     checked_topics,
     inputs_of,
     navigated,
-    resolved,
     topics_absent,
 )
 

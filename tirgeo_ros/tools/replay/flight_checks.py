@@ -52,9 +52,10 @@ from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, 
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES, pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import CAMERA_INFO, PICTURES, SAMPLES, Registered, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 #: Calls that are run together: one kind of work in a row uses the processor's caches better.
 _BLOCK = 128
@@ -173,8 +174,9 @@ class FlightChecks:
             self._navigation.take(topic, sample, arrival_ns)
         if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
             stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
-            alone = sample.is_attitude_alone
-            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb, alone=alone)
+            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
+            if sample.is_attitude_alone:
+                self._gimbal.autopilot_alone(stamp_ns, sample.autopilot_q_nb)
 
     @_guarded(_BLOCK)
     def watch(self, _sample: Sample, registered: Registered) -> None:

@@ -37,8 +37,8 @@ from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import pictures as picture_messages
+from tirgeo_ros.io.messages.topics import prefix
 from tirgeo_ros.tools.replay.flight import WHOLE_FLIGHT_S
-from tirgeo_ros.tools.replay.registration import prefix
 
 OVERLAY = "tirgeo/overlay/image/compressed"
 

@@ -24,21 +24,28 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from statistics import median
 
 from tirgeo_ros.core.ground.backprojection import Ground, Reason, Terrain
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
+from tirgeo_ros.core.overlay.clicks import Thermal
 from tirgeo_ros.core.streams.stamps import exposure_ns
-from tirgeo_ros.core.types.errors import ConfigError, SurveyError
+from tirgeo_ros.core.types.errors import ConfigError, MessageError, SurveyError
 from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.core.types.missing_package import needed
-from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.messages.cdr import header_stamp_ns
+from tirgeo_ros.io.messages.topics import PICTURES, resolved
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
+from tirgeo_ros.io.pictures.temperatures import thermal_of
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
 from tirgeo_ros.io.targets.formats import exported_answers, form_of
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -58,10 +65,12 @@ def locate_pixels(
     namespace: str = "",
     camera: PathLike | None = None,
     smooth: bool = False,
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
+    """Locate pixels of a flight's pictures; return a summary.
 
+    ``pixels`` is a CSV ``id,stamp_ns,u,v``, or ``id,picture,u,v`` with the names of stills.
     The ending of ``output`` chooses the format; an unknown one means GeoJSON. ``dem`` or
     ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A
     pixel that cannot be located is written with the reason. ``smooth``: camera poses use later
@@ -70,8 +79,10 @@ def locate_pixels(
     needed("mgrs", f"writing {os.fspath(output)}", SurveyError)
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
     arguments = (bag, [output], params, namespace, options)
-    opened = open_flight(*arguments, inputs=[pixels], error=SurveyError)
-    observations = load_observations(pixels)
+    opened = open_flight(
+        *arguments, inputs=[pixels], error=SurveyError, logs=logs, progress=progress
+    )
+    observations = load_observations(pixels, opened.reader.stills())
     overlay = opened.configs.overlay
     ground = ground_of(overlay)
     if ground is None:
@@ -86,6 +97,7 @@ def locate_pixels(
     poses = flight.registered(*used, checks.watch, smooth=smooth)
     flight.read_all(progress)
     answers = _answers(observations, exposures_ns, flight, poses, ground, opened)
+    answers, unknown = _with_temperatures(answers, opened)
     write_files({output: exported_answers(answers, form_of(output))}, SurveyError)
     located = _summary(opened.reader, answers, ground)
     navigation, findings = poses.registration.navigation.status(), checks.findings()
@@ -95,7 +107,7 @@ def locate_pixels(
         "method": navigation.method,
         "smoothed": smooth,
         "composition": poses.registration.composer.composition,
-        "notes": opened.notes,
+        "notes": [*opened.notes, *unknown],
         "state": navigation.state.value,
         "messages": flight.read.total(),
         "messages_refused": flight.refused,
@@ -126,6 +138,45 @@ def _answers(
 
     pairs = zip(observations, exposures_ns, strict=True)
     return [Answered(pixel.id, answer(pixel, exposed_ns)) for pixel, exposed_ns in pairs]
+
+
+def _with_temperatures(
+    answers: Sequence[Answered], opened: OpenedFlight
+) -> tuple[list[Answered], list[str]]:
+    """Return the answers with the temperatures at their pixels, and why some are unknown."""
+    wanted = {answer.stamp_ns for _, answer in answers if isinstance(answer, Located)}
+    names = {stamp_ns: name for name, stamp_ns in opened.reader.stills().items()}
+    topics = {resolved(topic, opened.namespace): topic for topic in PICTURES}
+    config, cdr = opened.configs.overlay.picture, Cdr()
+    thermals: dict[int, Thermal] = {}
+    notes: dict[str, None] = {}  # each once, in order
+    for message in opened.reader.messages(topics) if wanted else ():
+        stamp_ns = header_stamp_ns(message.data)
+        if stamp_ns not in wanted or stamp_ns in thermals:
+            continue
+        try:
+            content = cdr.deserialize(message.data, message.typename)
+            tiff = _tiff_beside(opened.reader.path, names.get(stamp_ns))
+            thermal = thermal_of(topics[message.topic], content, config, tiff)
+            thermals |= {stamp_ns: thermal} if thermal else {}
+        except MessageError as error:
+            notes[f"temperatures: {error}"] = None
+
+    def warmed(answer: Answer) -> Answer:
+        if isinstance(answer, Refusal) or answer.stamp_ns not in thermals:
+            return answer
+        return replace(answer, temperature_c=thermals[answer.stamp_ns](*answer.uv))
+
+    return [Answered(name, warmed(answer)) for name, answer in answers], list(notes)
+
+
+def _tiff_beside(flight: Path, name: str | None) -> Path | None:
+    """Return the TIFF with the temperatures of a still, if there is one in its folder."""
+    if not name or not flight.is_dir():
+        return None
+    stem = (flight / name).with_suffix("")
+    files = (stem.with_name(stem.name + end) for end in (".tif", ".tiff", ".TIF", ".TIFF"))
+    return next((file for file in files if file.is_file()), None)
 
 
 def _summary(reader: BagReader, answers: Sequence[Answered], ground: Ground) -> dict[str, object]:

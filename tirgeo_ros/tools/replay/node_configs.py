@@ -31,8 +31,11 @@ from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.types.errors import BagError, ConfigError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, named_files
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS, open_input
+from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.registration import fitting_method, has_rates, without_rates
 
 
@@ -131,7 +134,8 @@ class OpenedFlight(NamedTuple):
     configs: NodeConfigs  # with the method that fits the bag
     params: Files
     namespace: str
-    notes: list[str]  # why the method is not the default
+    notes: list[str]  # of the import, and why the method is not the default
+    refused: Sequence[tuple[str, str]] = ()  # records (stills) that the import refused, and why
 
 
 def open_flight(
@@ -143,18 +147,24 @@ def open_flight(
     *,
     inputs: Sequence[PathLike | None] = (),
     error: type[TirgeoError] = BagError,
+    logs: LogOptions = NO_OPTIONS,
+    progress: Report = silent,
 ) -> OpenedFlight:
     """Open a flight, with the parameters and with options of ``node_configs``.
 
-    Raise ``error`` if one of the outputs would overwrite an input (the bag, the parameters' files,
-    or one of ``inputs``) or has no folder; BagError and ConfigError.
+    What is no bag is imported first, with ``logs``; its parameters count as those of a file
+    before ``params``. Raise ``error`` if one of the outputs would overwrite an input (the bag, the
+    parameters' files, or one of ``inputs``) or has no folder; BagError, LogError, ConfigError.
     """
     configs = node_configs(params, namespace, **options)
     check_outputs((bag, *inputs, *paths_of(params), *configs.files), outputs, error)
-    reader = BagReader(bag)
-    rates = has_rates(reader, namespace)
-    configs, notes = configs.fitting(reader.topics(), namespace, rates=rates)
-    return OpenedFlight(reader, configs, params, namespace, notes)
+    read = open_input(bag, params, namespace, logs, progress)
+    if read.params != paths_of(params):
+        configs = node_configs(read.params, namespace, **options)
+    topics, rates = read.reader.topics(), has_rates(read.reader, namespace)
+    configs, notes = configs.fitting(topics, namespace, rates=rates)
+    notes = read.notes + notes
+    return OpenedFlight(read.reader, configs, read.params, namespace, notes, read.refused)
 
 
 def values_without_rates(bag: PathLike, params: Files, namespace: str = "") -> dict[str, Any]:

@@ -26,6 +26,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +38,12 @@ from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.video.video_file import VideoFile
+from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import finding_items, summary
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
@@ -47,7 +51,8 @@ from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
-from tirgeo_ros.tools.replay.registration import PICTURES, done_without, inputs_of
+from tirgeo_ros.tools.replay.registration import done_without, has_rates, inputs_of
+from tirgeo_ros.tools.replay.still_outputs import STILL_QUALITY, StillOutputs
 
 #: A larger share of refused measurements of one kind is a problem: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
@@ -70,6 +75,8 @@ def process(
     namespace: str = "",
     camera: PathLike | None = None,
     smooth: bool = False,
+    stills: PathLike | None = None,
+    logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
     cores: int | None = None,
 ) -> dict[str, object]:
@@ -80,16 +87,23 @@ def process(
     ``camera``, a calibration file, override them. ``images`` need the gimbal's topics. They are
     drawn if there is a map, or for ``raw_images`` or ``video``, in another process unless
     ``cores`` (None: as many as this process may use) is 1: the bytes are the same. ``smooth``:
-    each pose uses later measurements too. Raise BagError (no bag, a needed topic absent, nothing
+    each pose uses later measurements too. ``stills`` is a folder for pictures that were stills,
+    drawn, with their contact page. Raise BagError (no bag, a needed topic absent, nothing
     readable), CameraError, ConfigError, MapError, ElevationError, PictureError, VideoError.
     """
     wanted = raw_images or video is not None
-    if wanted and not images:
-        raise ConfigError("raw_images and video need images")
+    if (wanted or stills is not None) and not images:
+        raise ConfigError("raw_images, video and stills need images")
     where = {"map": map, "dem": dem, "ground_height": ground_height}
     options = {"method": method, "camera": camera, **where}
-    opened = open_flight(bag_in, (bag_out, video), params, namespace, options)
-    draws = images and (wanted or bool(opened.configs.overlay.map))
+    opened = open_flight(
+        bag_in, (bag_out, video), params, namespace, options, logs=logs, progress=progress
+    )
+    draws = images and (wanted or stills is not None or bool(opened.configs.overlay.map))
+    sheet = None
+    if stills is not None:
+        sheet = StillOutputs(stills, bag_in, opened.reader.stills())
+        opened = _with_quality(opened)
     cores = available_cores() if cores is None else cores
     with PictureStage(cores if draws else 1) as stage:
         setup = _set_up(opened, images=images, draws=draws)
@@ -97,7 +111,7 @@ def process(
         if setup.overlay is not None:
             stage.begin(opened.configs.overlay, setup.overlay.painter.ground, keeps_images=wanted)
         files = (bag_out, video, progress, stage)
-        flight, outputs, film = _run(setup, *files, raw_images=raw_images, smooth=smooth)
+        flight, outputs, film = _run(setup, *files, sheet, raw_images=raw_images, smooth=smooth)
     elapsed_s = time.perf_counter() - begun_s
     findings = setup.checks.findings()  # damage is in the error
     result = _summary(setup, flight, outputs)
@@ -109,9 +123,24 @@ def process(
         "elapsed_s": elapsed_s,
         "speed": flight.duration_s / elapsed_s,
         "findings": finding_items(findings),
+        "stills": sheet and sheet.finish(opened.refused, _undrawn(flight)),
         "video": film and {"frames": film.frames, "rate_hz": film.rate_hz},
         "error": _error(opened.reader, result) or stop_line(findings),
     }
+
+
+def _with_quality(opened: OpenedFlight) -> OpenedFlight:
+    """Return the flight with the JPEG quality of stills, unless the parameters set one."""
+    if "jpeg_quality" in opened.configs.given:
+        return opened
+    overlay = replace(opened.configs.overlay, jpeg_quality=STILL_QUALITY)
+    return opened._replace(configs=opened.configs._replace(overlay=overlay))
+
+
+def _undrawn(flight: Flight) -> str:
+    """Return why stills were not drawn, as far as is known."""
+    reasons = [why for topic, why in flight.unreadable_because.items() if topic in PICTURES]
+    return reasons[0] if reasons else "its picture did not come to be drawn"
 
 
 def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
@@ -148,6 +177,7 @@ def _run(
     video: PathLike | None,
     progress: Report,
     stage: PictureStage,
+    stills: StillOutputs | None,
     *,
     raw_images: bool,
     smooth: bool,
@@ -160,7 +190,8 @@ def _run(
         flight = Flight(reader, setup.opened.namespace, checks=setup.checks, needs_camera=False)
         own = configs.ekf, configs.gimbal, setup.topics.values()
         poses = flight.add_poses(FlightPoses(*own), smooth=smooth)
-        outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, raw_images=raw_images)
+        extras: dict[str, Any] = {"raw_images": raw_images, "stills": stills}
+        outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, **extras)
         poses.watchers += [setup.checks.watch, outputs.watch]
         flight.read_all(progress, outputs)
         if not flight.read:
@@ -173,7 +204,9 @@ def _run(
 def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> dict[str, object]:
     """Return counts and notes of the messages that were read, and of the outputs."""
     reader, names, overlay = setup.opened.reader, setup.topics.values(), setup.overlay
-    absent = done_without(names, setup.opened.configs.ekf.method, setup.opened.namespace)
+    absent, namespace = "", setup.opened.namespace
+    if has_rates(reader, namespace):  # else each attitude has its position, without a velocity
+        absent = done_without(names, setup.opened.configs.ekf.method, namespace)
     without = f"{reader.path} has no {absent}: continuing without it" if absent else None
     notes = [*setup.notes]
     if not any(name.startswith("gimbal/") for name in names):
@@ -234,6 +267,8 @@ def six_lines(result: Mapping[str, Any]) -> str:
     text = f"{result['output']}, {three(Path(result['output']).stat().st_size / 1e6)} MB"
     if film := result["video"]:
         text += f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz"
+    if sheet := result.get("stills"):
+        text += f"; {sheet['drawn']} of {sheet['stills']} stills drawn: {sheet['page']}"
     if notes := result["notes"]:
         text += f"; {notes[0]}"
         text += f" (and {len(notes) - 1} more, with --json)" if len(notes) > 1 else ""

@@ -45,14 +45,13 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_SAMPLES, SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
 
-CAMERA_INFO = "thermal/camera_info"
 #: Method -> the topics that it uses.
 METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
     method: tuple(NAVIGATION_INPUTS[source][0] for source in sources)
     for method, sources in METHOD_SOURCES.items()
 }
-PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 #: Topics that sensors publish; in another system they may have other names.
 INPUTS = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
 #: Composition of the camera's pose -> the gimbal's topics that it uses; one of them is enough.
@@ -123,20 +122,6 @@ def composed(composer: GimbalComposer, sample: Sample, body: BodyPose | None) ->
     if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
         cameras = composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb)
     return cameras if body is None else cameras + composer.add_body(body)
-
-
-def prefix(namespace: str) -> str:
-    """Return the prefix of a relative name: a slash, or the namespace between two slashes."""
-    name = str(namespace or "").strip("/")
-    return f"/{name}/" if name else "/"
-
-
-def resolved(topic: str, namespace: str) -> str:
-    """Return a contract topic's name in a bag.
-
-    A name with a leading slash ignores the namespace.
-    """
-    return topic if topic.startswith("/") else prefix(namespace) + topic
 
 
 def topics_absent(

@@ -48,6 +48,7 @@ export async function pressed(stage, u, v, stampNs) {
 function located(marks, u, v, answer, refined) {
   const { target } = answer;
   const words = [target.number, target.coordinates.decimal, `95 %: ${ellipse(target.ellipse)}`];
+  if (answer.temperature_c !== null) words.push(`${answer.temperature_c.toFixed(1)} °C`);
   marks.located(u, v, words.join("  ·  "));
   store.set({ refine: null, selected: refined ? target.id : store.get("selected") });
   changed(

@@ -1,0 +1,52 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Read the segments of a JPEG, and keep a picture's metadata in another one (ITU-T T.81, B.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+_SOI, _SOS, _APP0, APP1 = b"\xff\xd8", 0xDA, 0xE0, 0xE1
+_ALONE = (0x01, *range(0xD0, 0xD9))  # markers without a length: TEM, RST, SOI
+#: How segments APP1 with metadata begin: EXIF, XMP and its extension. FLIR has raw data in others.
+_METADATA = (b"Exif\0", b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0")
+
+
+def segments(jpeg: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield marker and content of each segment up to the pixels; of a cut file, the whole ones."""
+    at = len(_SOI) if jpeg.startswith(_SOI) else len(jpeg)
+    while at + 4 <= len(jpeg) and jpeg[at] == 0xFF:
+        marker = jpeg[at + 1]
+        if marker == 0xFF or marker in _ALONE:  # fill bytes may stand before a marker
+            at += 1 if marker == 0xFF else 2
+            continue
+        end = at + 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
+        if marker == _SOS or end > len(jpeg) or end < at + 4:
+            return
+        yield marker, jpeg[at + 4 : end]
+        at = end
+
+
+def metadata_of(jpeg: bytes) -> bytes:
+    """Return the segments with EXIF and XMP as they are; empty for a file that is no JPEG."""
+    kept = (c for marker, c in segments(jpeg) if marker == APP1 and c.startswith(_METADATA))
+    return b"".join(b"\xff\xe1" + (len(c) + 2).to_bytes(2, "big") + c for c in kept)
+
+
+def with_metadata(jpeg: bytes, metadata: bytes) -> bytes:
+    """Return a JPEG with segments of ``metadata_of``, after its JFIF segment if it has one."""
+    first = next(segments(jpeg), (0, b""))
+    end = len(_SOI) + (4 + len(first[1]) if first[0] == _APP0 else 0)
+    return jpeg[:end] + metadata + jpeg[end:]

@@ -1,0 +1,211 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Read the temperatures of a picture: FLIR's raw data in its JPEG, a TIFF beside it, or counts.
+
+FLIR's JPEG has an FFF file in pieces (APP1): a directory of records, one with the raw values, one
+with the camera's constants, both with a byte order of their own (layout: ExifTool's tables). The
+measured value is that of the object, of what it reflects, of the air and of a window before the
+lens (FLIR's user manuals, "The measurement formula"), each by Planck's law with the camera's own
+constants: U(T) = R1 / (R2 (exp(B / T) - F)) - O.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.config.overlay_parameters import PictureConfig
+from tirgeo_ros.core.overlay.clicks import Counts, Thermal, counted
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.io.files.whole_files import reading
+from tirgeo_ros.io.messages import pictures
+from tirgeo_ros.io.pictures.jpeg_segments import APP1, segments
+
+_FLIR, _APP3 = b"FLIR\0", 0xE3
+_PIECE = 8  # bytes before a piece: FLIR, 0, 1, its number, the last number
+_HEAD, _ENTRY = 0x40, 0x20  # bytes of the file's head and of an entry of its directory
+_RAW, _CAMERA = 1, 0x20  # types of records
+_PIXELS = 0x20  # where they begin in the record of raw values
+#: Number of the camera's record -> where it is; temperatures in kelvin, humidity as a share.
+_CAMERA_AT = {
+    "emissivity": 0x20,
+    "distance_m": 0x24,
+    "reflected_k": 0x28,
+    "air_k": 0x2C,
+    "window_k": 0x30,
+    "window": 0x34,
+    "humidity": 0x3C,  # window: its transmission
+    "r1": 0x58,
+    "b": 0x5C,
+    "f": 0x60,
+    "r2": 0x30C,
+    "alpha_1": 0x70,
+    "alpha_2": 0x74,
+    "beta_1": 0x78,
+    "beta_2": 0x7C,
+    "x": 0x80,
+}
+_PNG = b"\x89PNG"
+_ZERO_K = 273.15
+DJI_NOTE = "temperatures: DJI's raw data needs DJI's own tool: put its TIFF beside the still"
+_BAD = struct.error, ValueError, IndexError, ArithmeticError, KeyError
+
+
+def transmission(c: Mapping[str, float]) -> float:
+    """Return the transmission of the air over the distance (FLIR's two exponentials)."""
+    t = c["air_k"] - _ZERO_K
+    growth = 1.5587 + 0.06939 * t - 2.7816e-4 * t**2 + 6.8455e-7 * t**3
+    wet = math.sqrt(c["humidity"] * math.exp(growth))
+    root = math.sqrt(c["distance_m"])
+    first = c["x"] * math.exp(-root * (c["alpha_1"] + c["beta_1"] * wet))
+    return first + (1 - c["x"]) * math.exp(-root * (c["alpha_2"] + c["beta_2"] * wet))
+
+
+def black_body(temperature_k: float, c: Mapping[str, float]) -> float:
+    """Return the raw value of a black body at a temperature."""
+    return c["r1"] / (c["r2"] * (math.exp(c["b"] / temperature_k) - c["f"])) - c["o"]
+
+
+def celsius(raw: Array, c: Mapping[str, float]) -> Array:
+    """Return temperatures (deg C) of raw values, in their shape; nan where there is none."""
+    air, window = transmission(c), c["window"]
+    others = (1 - c["emissivity"]) * air * window * black_body(c["reflected_k"], c)
+    others += (1 - air) * window * black_body(c["air_k"], c)
+    others += (1 - window) * black_body(c["window_k"], c)
+    with np.errstate(all="ignore"):
+        of_object = (raw - others) / (c["emissivity"] * air * window)
+        ratio = np.log(c["r1"] / (c["r2"] * (of_object + c["o"])) + c["f"])
+        return np.asarray(c["b"] / ratio - _ZERO_K)
+
+
+def flir_thermal(jpeg: bytes) -> Thermal | None:
+    """Return the temperatures at the pixels of FLIR's R-JPEG; None for another picture.
+
+    Raise MessageError for damaged raw data.
+    """
+    if _FLIR not in jpeg[: 1 << 17]:
+        return None
+    pieces = {c[6]: c for m, c in segments(jpeg) if m == APP1 and c[:5] == _FLIR and len(c) > 8}
+    file = b"".join(pieces[number][_PIECE:] for number in sorted(pieces))
+    if not file:
+        return None
+    try:
+        records = _records(file)
+        raw, camera = _raw(records[_RAW]), _camera(records[_CAMERA])
+        celsius(raw[:1], camera)  # with impossible constants it cannot be computed
+    except _BAD as error:
+        raise MessageError(f"FLIR's raw data are damaged: {error}") from None
+    return _scaled(raw, pictures.size_of(jpeg), lambda value: float(celsius(value, camera)))
+
+
+def _records(file: bytes) -> dict[int, bytes]:
+    """Return the records of an FFF file by type, the first of each."""
+    version = struct.unpack_from(">I", file, 0x14)[0]
+    order = ">" if 100 <= version < 200 else "<"
+    at, count = struct.unpack_from(f"{order}II", file, 0x18)
+    records: dict[int, bytes] = {}
+    for place in range(at, min(at + count * _ENTRY, len(file) - _ENTRY + 1), _ENTRY):
+        kind = struct.unpack_from(f"{order}H", file, place)[0]
+        offset, length = struct.unpack_from(f"{order}II", file, place + 0x0C)
+        records.setdefault(kind, file[offset : offset + length])
+    return records
+
+
+def _order(record: bytes) -> str:
+    """Return the byte order of a record, whose first number is small."""
+    return "<" if struct.unpack_from("<H", record)[0] < 0x100 else ">"
+
+
+def _raw(record: bytes) -> Array:
+    order = _order(record)
+    width, height = struct.unpack_from(f"{order}HH", record, 2)
+    content = record[_PIXELS:]
+    if content.startswith(_PNG):  # of 16 bits, written with the bytes of each value exchanged
+        values = pictures.unpacked(content, cv2.IMREAD_UNCHANGED, pictures.MOST_OF_VIDEO)
+        if values is None or values.dtype != np.uint16:
+            raise ValueError("its PNG has no 16 bits")
+        return np.asarray(values.byteswap(), float)
+    counts = np.frombuffer(content, f"{order}u2", width * height)
+    return counts.reshape(height, width).astype(float)
+
+
+def _camera(record: bytes) -> dict[str, float]:
+    order = _order(record)
+    c = {name: struct.unpack_from(f"{order}f", record, at)[0] for name, at in _CAMERA_AT.items()}
+    c["o"] = float(struct.unpack_from(f"{order}i", record, 0x308)[0])
+    c["humidity"] /= 100 if c["humidity"] > 2 else 1  # some write per cent
+    if not (0 < c["emissivity"] <= 1 and 0 < c["window"] <= 1 and c["air_k"] > 0):
+        raise ValueError("its constants are impossible")
+    return c
+
+
+def tiff_thermal(path: Path, size: tuple[int, int], config: PictureConfig) -> Thermal:
+    """Return the temperatures of a TIFF beside a still of ``size`` (width, height).
+
+    Numbers with decimals are deg C, whole ones counts. Raise MessageError if it cannot be used.
+    """
+    with reading(path, MessageError):
+        data = path.read_bytes()
+    try:
+        values = pictures.unpacked(data, cv2.IMREAD_UNCHANGED, pictures.MOST_OF_FILE)
+    except ValueError as error:
+        raise MessageError(f"{path}: {error}") from None
+    if values is None or values.ndim != 2:
+        raise MessageError(f"{path}: no picture of one value a pixel")
+    if values.dtype.kind == "f":
+        return _scaled(np.asarray(values, float), size, float)
+    if not config.celsius_per_count:
+        raise MessageError(f"{path}: its values are counts: set picture.celsius_per_count")
+    return _scaled(np.asarray(values, float), size, lambda value: counted(float(value), config))
+
+
+def _scaled(values: Array, size: tuple[int, int], degrees: Any) -> Thermal:
+    """Return the temperatures at the pixels of a picture that may have another size."""
+    height, width = values.shape
+
+    def at(u: float, v: float) -> float:
+        column = math.floor((u + 0.5) * width / max(size[0], 1))
+        row = math.floor((v + 0.5) * height / max(size[1], 1))
+        inside = 0 <= column < width and 0 <= row < height
+        return float(degrees(values[row, column])) if inside else math.nan
+
+    return at
+
+
+def thermal_of(
+    topic: str, message: Any, config: PictureConfig, tiff: Path | None = None
+) -> Thermal | None:
+    """Return the temperatures of a picture's message, or of the TIFF beside its still.
+
+    None if there are none. Raise MessageError saying why they cannot be read.
+    """
+    data = bytes(message.data) if topic.endswith("/compressed") else b""
+    if tiff is not None:
+        return tiff_thermal(tiff, pictures.size_of(data), config)
+    if thermal := flir_thermal(data):
+        return thermal
+    if any(marker == _APP3 for marker, _ in segments(data)):
+        raise MessageError(DJI_NOTE.removeprefix("temperatures: "))
+    if not config.celsius_per_count:
+        return None
+    values = pictures.pixels(topic, message)
+    return Counts(values, config) if values.dtype == np.uint16 else None

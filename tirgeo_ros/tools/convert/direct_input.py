@@ -1,0 +1,114 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Open a flight for a verb: a bag as it is; stills, MP4 or MISB by importing them first."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.types.errors import BagError, LogError
+from tirgeo_ros.io.bags.bag import ROS2_MAGICS, BagReader, is_bag
+from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of
+from tirgeo_ros.io.logs.forms import form_of
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.tools.convert.import_flight import import_flight
+from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
+
+NO_OPTIONS = LogOptions()
+#: Field of LogOptions -> the verbs' option for it.
+_OPTIONS = {
+    "geoid_undulation_m": "--geoid-undulation",
+    "takeoff_height_m": "--takeoff-height",
+    "height": "--height",
+    "utc_offset_s": "--utc-offset",
+    "every_s": "--every",
+}
+
+
+class OpenedInput(NamedTuple):
+    """Hold a flight that can be read, and what follows from its import; nothing for a bag."""
+
+    reader: BagReader
+    params: list[PathLike]  # those of the import, then the user's, which override them
+    notes: list[str]
+    refused: list[tuple[str, str]]  # record (the name of a still) and reason
+
+
+def is_direct(path: PathLike) -> bool:
+    """Return whether a path is no bag, but of a form that the import knows."""
+    place = path_of(path, BagError)
+    if place.is_dir():
+        inside = (file for file in place.iterdir() if not file.is_dir())
+        is_other = is_bag(place) or any(map(is_bag, inside))
+    else:  # reading a pipe would block without end
+        is_other = not place.is_file() or is_bag(place)
+        is_other = is_other or first_bytes(place, 8, BagError).startswith(ROS2_MAGICS)
+    if is_other:
+        return False
+    with suppress(LogError):
+        return form_of(place) is not None
+    return False
+
+
+def open_input(
+    path: PathLike,
+    params: Files = None,
+    namespace: str = "",
+    options: LogOptions = NO_OPTIONS,
+    progress: Report = silent,
+) -> OpenedInput:
+    """Open a bag, or import a folder or file into a temporary one.
+
+    The temporary bag is removed with its reader, at the latest when the process ends; ``progress``
+    decides only whether a bar is shown. Raise BagError, also for ``options`` of a bag, LogError
+    and ConfigError.
+    """
+    own = paths_of(params)
+    if not is_direct(path):
+        for name, option in _OPTIONS.items():
+            if getattr(options, name, None) != getattr(NO_OPTIONS, name, None):
+                raise BagError(f"{path}: a bag: {option} is for stills, MP4 and MISB")
+        return OpenedInput(BagReader(path), own, [], [])
+    folder = Path(tempfile.mkdtemp(prefix="tirgeo-import-"))
+    try:
+        bag = folder / "flight.mcap"
+        with Progress("importing") as bar:
+            shown = silent if progress is silent else bar
+            result = import_flight(
+                path, bag, params=own, namespace=namespace, logs=options, progress=shown
+            )
+        reader = BagReader(bag)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(reader, shutil.rmtree, folder, ignore_errors=True)
+    reader.path = Path(path)  # the name for people
+    beside = result["parameter_file"]
+    return OpenedInput(reader, [*([beside] if beside else ()), *own], *_said(result))
+
+
+def _said(result: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str]]]:
+    """Return the notes of an import, and what it refused with the reasons."""
+    notes = [note for file in result["files"] for note in file["notes"]]
+    rows = [row for file in result["files"] for row in file["refused"]]
+    notes += [*result["warnings"], *filter(None, [result["error"]])]
+    return notes, [(str(row["record"]), str(row["reason"])) for row in rows]
