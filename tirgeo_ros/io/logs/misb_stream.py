@@ -107,7 +107,7 @@ class Stream:
         """Set from times (s, nan: none) and UTC of packets what a picture's UTC is."""
         if np.isfinite(times_s).any():
             self._utc_ns = _clock(np.array(times_s), np.array(stamps_ns))
-        else:
+        elif math.isfinite(self._begin_s):
             self._utc_ns = _clock(np.array([self._begin_s]), np.array(stamps_ns[:1]))
         if self._untimed:
             self._contents.notes.append(_UNTIMED)
