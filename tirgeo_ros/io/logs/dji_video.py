@@ -30,11 +30,12 @@ from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.known_cameras import DATA_SHEET_SIGMA, camera_of
 from tirgeo_ros.core.streams.stamps import lone_stamps
-from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.arrays import IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.files.whole_files import read_text, reading
@@ -160,7 +161,7 @@ def _inner_text(container: Any) -> str:
     for stream in container.streams:
         if stream is not track and hasattr(stream, "discard"):  # else all is read
             stream.discard = type(stream.discard)["all"]
-    cues = []
+    cues: list[str] = []
     with suppress(FFmpegError):  # cut off: its pictures too, which are counted
         for packet in container.demux(track):
             data = bytes(packet)
@@ -187,7 +188,9 @@ def _check_same(path: Path, beside: Path | None, moments: list[Moment], length_s
         return
     steps = np.diff(np.sort(begins))  # of the last cue the end is not read
     lasts_s = (np.percentile(begins, 99) / 0.99 + np.median(steps)) / SECOND_NS
-    limit_s = max(_MOST_DIFFERENCE * length_s, _LEAST_DIFFERENCE_S, 2 * np.median(steps) / 1e9)
+    limit_s = max(
+        _MOST_DIFFERENCE * length_s, _LEAST_DIFFERENCE_S, 2 * float(np.median(steps)) / 1e9
+    )
     if abs(lasts_s - length_s) > limit_s:
         raise LogError(
             f"{beside or path}: subtitles of another video: they last {lasts_s:.1f} s, and "
@@ -370,7 +373,7 @@ def _is_grey(frame: Any) -> bool:
     )
 
 
-def _plane(plane: Any) -> Array:
+def _plane(plane: Any) -> npt.NDArray[np.int16]:
     """Return a plane of colours (h, w), as differences from grey."""
     rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
     return rows[:, : plane.width].astype(np.int16) - 128

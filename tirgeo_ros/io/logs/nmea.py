@@ -90,8 +90,8 @@ class _Sentence(NamedTuple):
 
     number: int
     fields: Any
-    of_day_ns: int | None
-    day_ns: int | None  # Unix time of its midnight
+    of_day_ns: Any  # int or None
+    day_ns: Any  # Unix time of its midnight
 
 
 class _NmeaLog:
@@ -169,7 +169,6 @@ class _NmeaLog:
             near = self._timed[place - 1 + self._heading_first :][:1] if place else self._timed[:1]
             must(near, "no sentence with a time beside it")
             sentence = near[0]
-        assert sentence.of_day_ns is not None
         place = bisect.bisect(self._dated, sentence.number, key=lambda dated: dated.number)
         steps = {
             (sentence.of_day_ns - d.of_day_ns + _DAY_NS // 2) % _DAY_NS - _DAY_NS // 2: d
@@ -203,7 +202,11 @@ class _NmeaLog:
     def _heading(self, sentence: _Sentence, stamp_ns: int) -> HeadingSample:
         azimuth_deg, sigma_deg = _azimuth_deg(sentence.fields)
         length_m, baseline_m = self._lengths_m.get(stamp_ns), self._options.baseline_m
-        near = None in {length_m, baseline_m} or abs(length_m - baseline_m) <= _LENGTH_TOLERANCE_M
+        near = (
+            length_m is None
+            or baseline_m is None
+            or abs(length_m - baseline_m) <= _LENGTH_TOLERANCE_M
+        )
         must(near, f"its length is more than {_LENGTH_TOLERANCE_M:g} m from the baseline's")
         azimuth_rad = math.radians(azimuth_deg) + self._options.rover_first * math.pi
         heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
@@ -230,6 +233,8 @@ def _float(value: object) -> float:
 
 def _sentence(number: int, fields: Any) -> _Sentence:
     """Return a sentence with its time and date; raise ValueError for an impossible one."""
+    moment: Any
+    date: Any
     if fields.msgID == "STI":
         moment = datetime.strptime(fields.field_02[:6], "%H%M%S").time()  # noqa: DTZ007  UTC
         fraction_ns = round(float(f"0{fields.field_02[6:]}") * SECOND_NS)

@@ -19,6 +19,7 @@ from __future__ import annotations
 import json
 import math
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean, median
 from typing import TextIO
@@ -147,9 +148,9 @@ def demo_setup(
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
     files_of = [params] if params else []
-    options = {"environment": domain, "fitting": values_without_rates(bag, params)}
-    paths = bag.absolute(), folder.absolute()
-    return GraphSetup(*paths, files_of, map_file, method, rate, serial, **options)
+    fitting = values_without_rates(bag, params)
+    setup = GraphSetup(bag.absolute(), folder.absolute(), files_of, map_file, method, rate, serial)
+    return replace(setup, environment=domain, fitting=fitting)
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:

@@ -21,7 +21,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS, open_input
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.registration import fitting_method, has_rates, without_rates
+
+T = TypeVar("T", EkfConfig, GimbalConfig, OverlayConfig)
 
 
 class NodeConfigs(NamedTuple):
