@@ -262,7 +262,7 @@ def test_unusable_inputs_and_options_are_refused(cut, options, tmp_path):
         (ConfigError, r"params\.yaml: unknown parameter methud", cut, {"params": unknown}),
         (ConfigError, r"ground_height_m: 90000 m is outside", cut, {"ground_height": 9e4}),
         (ConfigError, r"method: 'magic' is not one of raw, rtk", cut, {"method": "magic"}),
-        (ConfigError, r"video need images", cut, {"images": False, "raw_images": True}),
+        (ConfigError, r"video and stills need images", cut, {"images": False, "raw_images": True}),
         (VideoError, r"no such folder", cut, {"video": tmp_path / "absent" / "a.mp4"}),
         (BagError, r"cannot be written", cut, {"out": tmp_path / "absent" / "o.mcap"}),
     ]
