@@ -34,7 +34,7 @@ GROUND = ["--ground-height", "11.5"]
 
 
 def drawn(folder, output, *words):
-    return main(["process", str(folder), "-o", f"{output}/", *GROUND, *words])
+    return main(["process", str(folder), "-o", str(output), *GROUND, *words])
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def stand_in(monkeypatch):
 
 def test_each_still_is_drawn_full_size_with_its_metadata(stand_in, sample, tmp_path, capsys):
     folder, output = folder_of(tmp_path / "DCIM"), tmp_path / "out"
-    assert drawn(folder, output, "--map", str(sample / "map.geojson")) == 0
+    assert drawn(folder, f"{output}/", "--map", str(sample / "map.geojson")) == 0
     assert "3 of 4 stills drawn" in capsys.readouterr().out
     for number in range(3):
         data = (output / f"DJI_{number:04}_T.JPG").read_bytes()

@@ -41,6 +41,7 @@ from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.files.whole_files import read_text, reading
 from tirgeo_ros.io.logs.dji_srt import MOST_BYTES, Moment, read_cues
 from tirgeo_ros.io.logs.log_contents import (
+    NORTH_SIGMA_DEG,
     SECOND_NS,
     LogContents,
     LogOptions,
@@ -61,7 +62,6 @@ _MOST_DIFFERENCE = 0.1  # between subtitles and video, of the duration
 _LEAST_DIFFERENCE_S = 2.0
 _DAY_NS = 86400 * SECOND_NS
 _MAKER = "DJI"  # begins the name of the encoder, which goes on with the model
-_NORTH_SIGMA_DEG = 3.0  # of the gimbal, as a rule, where it is not calibrated
 
 #: Number of a picture and its time in the video (ns) -> its stamp (ns), and the cue in force.
 _Clock = Callable[[int, int], tuple[int, Moment]]
@@ -108,7 +108,7 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     _check_same(path, beside, moments, length_s)
     contents.notes += _notes(beside, moments, created and created.local_ns)
     contents.notes += _lens_notes(moments, lens)
-    contents.parameters["north.sigma_deg"] = _NORTH_SIGMA_DEG
+    contents.parameters["north.sigma_deg"] = NORTH_SIGMA_DEG
     if lens(1.0) is not None:
         contents.parameters["confidence.focal_sigma"] = DATA_SHEET_SIGMA
     clock = _clock_of(moments, frames)
@@ -205,7 +205,7 @@ def _notes(beside: Path | None, moments: list[Moment], created_ns: int | None) -
     if created_ns is not None and created_ns > 0 and abs(begun_ns - created_ns) > _DAY_NS:
         days = abs(begun_ns - created_ns) / _DAY_NS
         yield f"by its own date the video is {days:.0f} days from its subtitles: are they its own?"
-    yield f"the gimbal's north is not calibrated: {_NORTH_SIGMA_DEG:g} deg are assumed"
+    yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
 
 
 def _lens_notes(moments: list[Moment], lens: _Lens) -> Iterator[str]:

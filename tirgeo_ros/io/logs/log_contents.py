@@ -53,6 +53,8 @@ _WRITTEN = re.compile(
 )
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoid", "sea", "takeoff")
+#: Of the direction that DJI's gimbals take for north: 0 to 5 deg off as a rule, until calibrated.
+NORTH_SIGMA_DEG = 3.0
 _ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}
 
 

@@ -44,6 +44,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.log_contents import (
+    NORTH_SIGMA_DEG,
     SECOND_NS,
     TAKEOFF,
     LogContents,
@@ -60,8 +61,6 @@ _BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
 _FIXED, _FLOAT = 50, 32  # least RtkFlag
 #: Between two flights: a landing, or a way that no drone flies (stamps may be whole seconds).
 _PAUSE_NS, _MOST_M_S, _ROUNDED_S = 1800 * SECOND_NS, 30.0, 2.0
-#: Of the direction that a gimbal takes for north: 0 to 5 deg off as a rule, until calibrated.
-NORTH_SIGMA_DEG = 3.0
 _NO_RATES = np.full(3, np.nan)
 
 

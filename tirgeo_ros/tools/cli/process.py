@@ -55,7 +55,7 @@ from tirgeo_ros.tools.cli._verb import (
     log_options,
 )
 
-_OUTPUT = "the new bag; for several flights (or with an existing folder or DIR/) the folder"
+_OUTPUT = "the new bag; the folder for several flights (or with an existing one or DIR/) or stills"
 _VIDEO = (
     "the overlay as a video: .mp4 (H.264), or .ts (H.264 with KLV metadata); for "
     "several flights only the ending, or nothing for .mp4"
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Process the flight or the flights; return a summary."""
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images cannot be used with --video or --raw-images")
-    if len(args.bag) == 1 and _is_folder(args.output):
+    if len(args.bag) == 1 and (_is_folder(args.output) or not Path(args.output).suffix):
         from tirgeo_ros.tools.convert.direct_input import is_direct  # noqa: PLC0415 heavy
 
         of_stills = args.bag[0].is_dir() or args.bag[0].suffix.lower() in _STILLS
