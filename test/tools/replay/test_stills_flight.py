@@ -23,11 +23,18 @@ import pytest
 from process_bags import CAMERA_POSE, messages_of
 from still_flights import GROUND_M, PLANE, strip, write_ground, write_stills
 
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_conjugate,
+    quat_multiply,
+    rotvec_from_quat,
+)
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample
 from tirgeo_ros.io.logs import forms
 from tirgeo_ros.io.logs.forms import Form
-from tirgeo_ros.io.logs.log_contents import LogContents
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.logs.stills import read_stills
 from tirgeo_ros.io.messages import camera_pose
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_flight import import_flight
@@ -132,6 +139,11 @@ def test_evaluate_and_export_run_on_it(flight, tmp_path, capsys):
     assert "use method raw or rtk" in json.dumps(summary)
     code, summary = run(capsys, "export", bag, "-o", tmp_path / "x", *GROUND)
     assert (code, summary["used"], summary["stills"]["files"]) == (0, 12, 12)
+    back = read_stills(tmp_path / "x" / "stills", LogOptions()).samples
+    attitudes = [sample.q_ng for sample in back if isinstance(sample, CameraAttitudeSample)]
+    for still, q_ng in zip(flight[1], attitudes, strict=True):  # six with roll 180
+        turn = quat_multiply(quat_conjugate(still.q_ng), q_ng)
+        assert np.degrees(np.linalg.norm(rotvec_from_quat(turn))) < 0.1
 
 
 def test_the_filter_says_what_it_lacks(flight, tmp_path, capsys):
