@@ -89,7 +89,7 @@ def test_pix4d_s_angles_give_the_attitude_that_they_define(yaw, pitch, roll):
     """0, 0, 0 is straight down with the top north; pitch lifts the view towards the top."""
     fields = {"Yaw": yaw, "Pitch": pitch, "Roll": roll}
     xmp = properties(packet({f"Camera:{k}": f"{round(v * 100)}/100" for k, v in fields.items()}))
-    q_ng = _attitude(xmp, (), ("Camera:{}",))
+    q_ng = _attitude(xmp, ("Camera:{}",))
     axis_n, top_n = (matrix_from_quat(q_ng) @ BODY_OPTICAL @ v for v in ([0, 0, 1], [0, -1, 0]))
     y, p, r = np.radians([yaw, pitch, roll])
     nose = np.array([math.cos(p) * math.cos(y), math.cos(p) * math.sin(y), -math.sin(p)])
