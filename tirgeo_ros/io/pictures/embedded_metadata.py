@@ -118,9 +118,7 @@ def properties(packet: bytes) -> dict[str, str]:
     Of several items (``rdf:li``) of a property the last is returned.
     """
     _check(len(packet), _MOST_OF_XMP, "its XMP has")
-    texts: dict[str, str] = {}
-    path: list[str] = []
-    current: list[str] = []
+    texts, path, current = dict[str, str](), list[str](), list[str]()
 
     def refuse(*_: object) -> None:
         raise Unreadable("its XMP has a document type or entities, as no camera writes it")
@@ -128,15 +126,13 @@ def properties(packet: bytes) -> dict[str, str]:
     def begin(name: str, attributes: dict[str, str]) -> None:
         if len(path) == _MOST_DEPTH:
             raise Unreadable("its XMP is nested too deeply")
-        path.append("" if name.startswith(_STRUCTURE) else name)
+        path.append("" if name.startswith(_STRUCTURE) else f"{name}/")
         current.clear()
-        for key, text in attributes.items():
-            texts["/".join(filter(None, (*path, key)))] = text.strip()
+        texts.update({"".join((*path, key)): text.strip() for key, text in attributes.items()})
 
     def end(_name: str) -> None:
-        text = "".join(current).strip()
-        if text:
-            texts["/".join(filter(None, path))] = text
+        if text := "".join(current).strip():
+            texts["".join(path)[:-1]] = text
         path.pop()
         current.clear()
 

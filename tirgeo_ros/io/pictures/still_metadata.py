@@ -67,7 +67,6 @@ class LaserTarget(NamedTuple):
     latitude_rad: float
     longitude_rad: float
     height_m: float
-    distance_m: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -87,7 +86,7 @@ class StillMetadata:
     surveyed: bool  # the height is RTK's
     relative_m: float  # above the take-off
     rtk_flag: int  # 50 fixed, 32 to 49 float, 16 single, 0 none
-    rtk_std_m: tuple[float, float, float]  # north, east, height
+    rtk_std_m: tuple[float, ...]  # north, east, height
     camera_q_ng: Array | None  # (4,) wxyz, camera body (FRD) to NED
     body_q_nb: Array | None  # (4,) wxyz
     laser: LaserTarget | None
@@ -109,15 +108,13 @@ def still_metadata(path: Path) -> StillMetadata:
 
 def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetadata:
     maker, model = (_text(fields, name, f"tiff:{name}") for name in ("Make", "Model"))
-    letter = _SUFFIX.search(stem)
     source = _text(fields, "ImageSource", "Camera:BandName", "FLIR:BandName")
-    source = source or (letter[1] if letter else "")
+    source = source or "".join(_SUFFIX.findall(stem))
     zoom = _number(fields, "DigitalZoomRatio", unknown=1.0) or 1.0  # 0: none
     sheet = camera_of(maker, model, size, zoom, _number(fields, "FocalLength") or math.nan)
     camera, sigma = _lens(fields, size, sheet)
     absolute_m, datum = _height(fields, model.upper())
     latitude_rad, longitude_rad = _place(fields)
-    north_m, east_m, up_m = (_number(fields, f"RtkStd{axis}") for axis in ("Lat", "Lon", "Hgt"))
     return StillMetadata(
         maker=maker,
         model=model,
@@ -132,7 +129,7 @@ def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetad
         surveyed=_text(fields, "AltitudeType") == "RtkAlt",
         relative_m=_number(fields, "RelativeAltitude"),
         rtk_flag=int(_number(fields, "RtkFlag", unknown=0.0)),
-        rtk_std_m=(north_m, east_m, up_m),
+        rtk_std_m=tuple(_number(fields, f"RtkStd{axis}") for axis in ("Lat", "Lon", "Hgt")),
         camera_q_ng=_attitude(fields, _CAMERA),
         body_q_nb=_attitude(fields, _BODY),
         laser=_laser(fields),
@@ -164,8 +161,9 @@ def _float(value: object, unknown: float = math.nan) -> float:
 def _three(fields: Fields, name: str) -> tuple[float, ...]:
     """Return EXIF's degrees or hours, minutes and seconds; nan without them."""
     parts = fields.get(name)
-    is_three = isinstance(parts, tuple) and len(parts) == 3
-    return tuple(map(float, parts)) if is_three else (math.nan,) * 3
+    if not isinstance(parts, tuple) or len(parts) != 3:
+        return (math.nan,) * 3
+    return tuple(map(float, parts))
 
 
 def _attitude(fields: Fields, forms: Sequence[str]) -> Array | None:
@@ -240,7 +238,7 @@ def _laser(fields: Fields) -> LaserTarget | None:
     latitude, longitude, height_m, distance_m = (_number(fields, name) for name in names)
     if _text(fields, "LRFStatus") not in {"", "Normal"} or not distance_m > 0:
         return None
-    return LaserTarget(math.radians(latitude), math.radians(longitude), height_m, distance_m)
+    return LaserTarget(math.radians(latitude), math.radians(longitude), height_m)
 
 
 def _lens(
