@@ -40,9 +40,9 @@ from tirgeo_ros.core.types.errors import CameraError
 from tirgeo_ros.io.pictures.embedded_metadata import Fields, Unreadable, embedded_metadata
 from tirgeo_ros.io.pictures.still_file import MODEL as OWN_MODEL
 
-#: Before DJI's, Autel's, Parrot's and Skydio's names; whose angles are looked for in this order:
-_MAKER = re.compile(r"drone(-\w+)?:")
+_MAKER = re.compile(r"drone(-\w+)?:")  # before the names of DJI, Autel, Parrot and Skydio
 _MAPPING = "Camera:{}"
+#: Their angles in this order; the first that are there count.
 _CAMERA = ("Gimbal{}Degree", "Camera{}Degree", "CameraOrientationNED/{}", _MAPPING)
 _BODY = ("Flight{}Degree", "Drone{}Degree", "VehicleOrientationNED/{}", "FLIR:MAV{}")
 _DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)")
