@@ -46,8 +46,6 @@ from tirgeo_ros.io.logs.stills import _level, read_stills
 from tirgeo_ros.io.pictures.still_metadata import still_metadata
 
 LOCAL = {"UTCAtExposure": None, "tags": {"DateTimeOriginal": "2024:05:10 10:30:00"}}
-
-
 BEGIN_NS = int(datetime(2024, 5, 10, 8, tzinfo=timezone.utc).timestamp()) * 10**9
 
 
