@@ -46,8 +46,6 @@ from tirgeo_ros.io.logs.stills import _level, read_stills
 from tirgeo_ros.io.pictures.still_metadata import still_metadata
 
 LOCAL = {"UTCAtExposure": None, "tags": {"DateTimeOriginal": "2024:05:10 10:30:00"}}
-
-
 BEGIN_NS = int(datetime(2024, 5, 10, 8, tzinfo=timezone.utc).timestamp()) * 10**9
 
 
@@ -134,13 +132,7 @@ def test_each_bad_file_is_a_line_and_the_others_are_read(folder):
     reasons = refusals(contents)
     assert [still.name for still in contents.pictures] == ["100/1_T.JPG", "100/2_T.JPG"]
     assert contents.read == {"still": 2, "TIFF beside a still": 1}
-    assert reasons.keys() == files.keys() - {
-        "100/1_T.JPG",
-        "100/2_T.JPG",
-        "100/1_T.TIFF",
-        ".hidden.jpg",
-    }
-    for name, words in {
+    words = {
         "100/2_W.JPG": "another camera, DJI M3T WideCamera, not DJI M3T thermal",
         "cut.JPG": "cut off",
         "holiday.jpg": "no XMP",
@@ -149,8 +141,9 @@ def test_each_bad_file_is_a_line_and_the_others_are_read(folder):
         "notes.txt": "no JPEG",
         "other_T.JPG": "another camera",
         "without.JPG": "no angles of the camera, no position",
-    }.items():
-        assert words in reasons[name]
+    }
+    assert reasons.keys() == words.keys()
+    assert all(words[name] in reason for name, reason in reasons.items())
 
 
 def test_the_thermal_camera_is_taken_though_the_other_has_more(folder):

@@ -89,7 +89,7 @@ def test_pix4d_s_angles_give_the_attitude_that_they_define(yaw, pitch, roll):
     """0, 0, 0 is straight down with the top north; pitch lifts the view towards the top."""
     fields = {"Yaw": yaw, "Pitch": pitch, "Roll": roll}
     xmp = properties(packet({f"Camera:{k}": f"{round(v * 100)}/100" for k, v in fields.items()}))
-    q_ng = _attitude(xmp, (), ("Camera:{}",))
+    q_ng = _attitude(xmp, ("Camera:{}",))
     axis_n, top_n = (matrix_from_quat(q_ng) @ BODY_OPTICAL @ v for v in ([0, 0, 1], [0, -1, 0]))
     y, p, r = np.radians([yaw, pitch, roll])
     nose = np.array([math.cos(p) * math.cos(y), math.cos(p) * math.sin(y), -math.sin(p)])
@@ -180,7 +180,6 @@ def test_without_own_position_exif_s_is_taken_and_zeros_are_none(read):
     ("fields", "size", "expected", "sigma"),
     [
         ({}, (640, 512), (758.33, 319.5), 0.02),
-        ({}, (1280, 1024), (1516.67, 639.5), 0.02),
         (
             {"DewarpData": "2024-01-01;750,751,3,-2,-0.3,0.1,0.001,0.002,0"},
             (640, 512),
@@ -243,11 +242,8 @@ def vast_jpeg() -> bytes:
         (lambda: picture("TIFF", xmp=bytes(100_000_000)), "more than 32 MB"),
         (lambda: picture("TIFF", xmp=bytes(2_000_000)), "more than 1 MB"),
         (vast_jpeg, "million pixels"),
-        (lambda: still()[:-3000], "cut off"),
         (lambda: still()[:200], "cut off"),
-        (lambda: b"", "it is empty"),
         (lambda: b"\x89PNG\r\n\x1a\n", "no JPEG or TIFF"),
-        (jpeg_with, "no XMP"),
     ],
 )
 def test_a_hostile_file_is_refused_in_a_line_at_once(tmp_path, make, reason):

@@ -76,11 +76,7 @@ DATA_SHEETS = (
 
 
 def camera_of(
-    maker: str,
-    model: str,
-    size: tuple[int, int],
-    zoom: float = 1.0,
-    focal_mm: float = math.nan,
+    maker: str, model: str, size: tuple[int, int], zoom: float = 1.0, focal_mm: float = math.nan
 ) -> Camera | None:
     """Return the camera that took a picture of ``size`` (width, height), without distortion.
 
@@ -88,17 +84,16 @@ def camera_of(
     that is larger than the sensor by interpolation, and digital ``zoom``, scale the focal length.
     None: the table does not have it, or the picture has another shape than its sensor.
     """
-    fits = [
-        (sheet, size[0] / sheet.size[0])
+    width, height = size
+    lengths_px = [
+        sheet.focal_mm / sheet.pixel_um * 1e3 * zoom * width / sheet.size[0]
         for sheet in DATA_SHEETS
         if maker.upper() in sheet.makers.split()
         and model.upper() in sheet.models
-        and abs(size[1] / sheet.size[1] * sheet.size[0] / size[0] - 1) < _SAME_SHAPE
+        and abs(height / sheet.size[1] * sheet.size[0] / width - 1) < _SAME_SHAPE
         and not abs(focal_mm / sheet.focal_mm - 1) > _SAME_LENS  # nan: not given
     ]
-    if len(fits) != 1:
+    if len(lengths_px) != 1:
         return None
-    sheet, scale = fits[0]
-    width, height = size
-    focal_px = sheet.focal_mm / sheet.pixel_um * 1e3 * scale * zoom
-    return Camera(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
+    fx = fy = lengths_px[0]
+    return Camera(width, height, fx, fy, (width - 1) / 2, (height - 1) / 2)

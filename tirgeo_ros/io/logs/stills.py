@@ -24,8 +24,8 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,6 +61,10 @@ _BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
 _FIXED, _FLOAT = 50, 32  # least RtkFlag
 #: Between two flights: a landing, or a way that no drone flies (stamps may be whole seconds).
 _PAUSE_NS, _MOST_M_S, _ROUNDED_S = 1800 * SECOND_NS, 30.0, 2.0
+_LABELS: dict[str, Callable[[StillMetadata], str]] = {
+    "camera": lambda x: f"{x.maker} {x.model} {'thermal' if x.thermal else x.source}",
+    "size": lambda x: f"{x.size[0]}x{x.size[1]}",
+}
 _NO_RATES = np.full(3, np.nan)
 
 
@@ -93,9 +97,8 @@ def read_stills(path: Path, options: LogOptions) -> LogContents:
     stills = _spread([_placed(still, path, options) for still in read], contents)
     contents.read["still"] = len(stills)
     contents.samples = [sample for still in stills for sample in _samples(still)]
-    if any(still.metadata.rtk_flag for still in stills):
-        is_rtk = any(still.metadata.rtk_flag >= _FLOAT for still in stills)
-        classify_receiver(contents, "the aircraft's receiver", is_rtk=is_rtk)
+    if best := max((still.metadata.rtk_flag for still in stills), default=0):
+        classify_receiver(contents, "the aircraft's receiver", is_rtk=best >= _FLOAT)
     if stills:
         contents.notes += [*_remarks(stills), *_flights(stills)]
         sigma = max(still.metadata.focal_sigma for still in stills)
@@ -142,69 +145,55 @@ def _complete(data: StillMetadata) -> StillMetadata:
 
 
 def _placed(still: _Still, path: Path, options: LogOptions) -> _Still:
-    """Return a still with its stamp and height. Raise LogError for an unknown zone or datum."""
-    height_m, datum, height_of = _height(still.metadata, path, options)
-    height_m += options.to_ellipsoid_m(datum, path)
-    written = written_time(still.metadata.time)
-    assert written is not None  # by _complete
-    return still._replace(
-        stamp_ns=options.utc_ns(written, path), height_m=height_m, height_of=height_of
-    )
+    """Return a still with its stamp and height. Raise LogError for an unknown zone or datum.
 
-
-def _height(data: StillMetadata, path: Path, options: LogOptions) -> tuple[float, str, str]:
-    """Return a height (m), its datum and its name.
-
-    RTK's comes first. That above the take-off is the next best, if the take-off's is given. Raise
-    LogError if a datum is not known.
+    RTK's height comes first. That above the take-off is the next best, if the take-off's is given.
     """
+    data, datum = still.metadata, options.height or still.metadata.datum
+    is_from_takeoff = options.takeoff_height_m is not None or datum == TAKEOFF
     if data.surveyed:
-        return data.absolute_m, data.datum, "RTK's height"
-    datum = options.height or data.datum
-    is_relative = math.isfinite(data.relative_m)
-    if options.takeoff_height_m is not None and is_relative:
-        datum = TAKEOFF
-    if datum == TAKEOFF and is_relative:
-        return data.relative_m, datum, "RelativeAltitude above the take-off"
-    if datum in {"", TAKEOFF}:
+        height_m, datum, height_of = data.absolute_m, data.datum, "RTK's height"
+    elif is_from_takeoff and math.isfinite(data.relative_m):
+        height_m, datum = data.relative_m, TAKEOFF
+        height_of = "RelativeAltitude above the take-off"
+    elif datum in {"", TAKEOFF}:
         raise LogError(
             f"{path}: {data.model or 'its camera'} does not say what AbsoluteAltitude is above: "
             "give --height ellipsoid, --height sea or --takeoff-height"
         )
-    return data.absolute_m, datum, f"AbsoluteAltitude above the {datum}, metres off at times"
+    else:
+        height_m = data.absolute_m
+        height_of = f"AbsoluteAltitude above the {datum}, metres off at times"
+    height_m += options.to_ellipsoid_m(datum, path)
+    written = written_time(data.time)
+    assert written is not None  # by _complete
+    stamp_ns = options.utc_ns(written, path)
+    return still._replace(stamp_ns=stamp_ns, height_m=height_m, height_of=height_of)
 
 
 def _of_one_camera(stills: list[_Still], contents: LogContents) -> list[_Still]:
     """Return the stills of the thermal camera, else of that with most; refuse the others."""
-
-    def camera(data: StillMetadata) -> str:
-        return f"{data.maker} {data.model} {'thermal' if data.thermal else data.source}"
-
-    def size(data: StillMetadata) -> str:
-        return f"{data.size[0]}x{data.size[1]}"
-
-    for what, key in (("camera", camera), ("size", size)):
+    for what, label in _LABELS.items():
         thermal = [still for still in stills if still.metadata.thermal]
-        counts = Counter(key(still.metadata) for still in thermal or stills)
-        kept = counts.most_common(1)[0][0] if counts else ""
-        others = [still for still in stills if key(still.metadata) != kept]
-        for still in others:
-            reason = f"of another {what}, {key(still.metadata)}, not {kept}"
-            contents.refused[still.name, reason] += 1
-        stills = [still for still in stills if still not in others]
+        counts = Counter(label(still.metadata) for still in thermal or stills)
+        kept = max(counts, key=counts.__getitem__, default="")
+        for still in stills:
+            if (other := label(still.metadata)) != kept:
+                contents.refused[still.name, f"of another {what}, {other}, not {kept}"] += 1
+        stills = [still for still in stills if label(still.metadata) == kept]
     return stills
 
 
 def _spread(stills: list[_Still], contents: LogContents) -> list[_Still]:
     """Return the stills by time; spread those of one stamp evenly over the second that follows."""
-    counts, numbers = Counter(still.stamp_ns for still in stills), Counter[int]()
-    spread = []
-    for still in sorted(stills, key=lambda still: still.name):
-        begin_ns = still.stamp_ns
-        after_ns = numbers[begin_ns] * SECOND_NS // counts[begin_ns]
-        numbers[begin_ns] += 1
-        spread.append(still._replace(stamp_ns=begin_ns + after_ns))
-    if crowded := sum(count for count in counts.values() if count > 1):
+    spread, crowded = [], 0
+    by_time = sorted(stills, key=lambda still: (still.stamp_ns, still.name))
+    for begin_ns, group in groupby(by_time, key=lambda still: still.stamp_ns):
+        same = list(group)
+        for k, still in enumerate(same):
+            spread.append(still._replace(stamp_ns=begin_ns + k * SECOND_NS // len(same)))
+        crowded += len(same) if len(same) > 1 else 0
+    if crowded:
         contents.notes.append(
             f"{crowded} stills share their second with others: spread evenly in it, in the order "
             "of their names"
@@ -244,8 +233,7 @@ def _level(q_ng: Array) -> Array:
 def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     """Yield what the stills leave open and what is assumed."""
     yield f"heights: {', '.join(dict.fromkeys(still.height_of for still in stills))}"
-    level = sum(still.metadata.body_q_nb is None for still in stills)
-    if level:
+    if level := sum(still.metadata.body_q_nb is None for still in stills):
         yield (
             f"the aircraft's attitude is not recorded in {level} stills: taken as level, looking "
             "where the camera looks; only lever arms depend on it"

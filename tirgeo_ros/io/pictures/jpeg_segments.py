@@ -16,27 +16,33 @@
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Iterator
+from typing import BinaryIO
 
-_SOI, _SOS, _APP0, APP1 = b"\xff\xd8", 0xDA, 0xE0, 0xE1
+_SOI, _SOS, _EOI, _APP0, APP1 = b"\xff\xd8", 0xDA, 0xD9, 0xE0, 0xE1
 _ALONE = (0x01, *range(0xD0, 0xD9))  # markers without a length: TEM, RST, SOI
-#: How segments APP1 with metadata begin: EXIF, XMP and its extension. FLIR has raw data in others.
-_METADATA = (b"Exif\0", b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0")
+#: How segments APP1 with metadata begin: XMP, its extension, EXIF. FLIR has raw data in others.
+XMP, EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
+_METADATA = (b"Exif\0", XMP, EXTENSION)
 
 
-def segments(jpeg: bytes) -> Iterator[tuple[int, bytes]]:
+def segments(jpeg: bytes | BinaryIO) -> Iterator[tuple[int, bytes]]:
     """Yield marker and content of each segment up to the pixels; of a cut file, the whole ones."""
-    at = len(_SOI) if jpeg.startswith(_SOI) else len(jpeg)
-    while at + 4 <= len(jpeg) and jpeg[at] == 0xFF:
-        marker = jpeg[at + 1]
-        if marker == 0xFF or marker in _ALONE:  # fill bytes may stand before a marker
-            at += 1 if marker == 0xFF else 2
-            continue
-        end = at + 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
-        if marker == _SOS or end > len(jpeg) or end < at + 4:
-            return
-        yield marker, jpeg[at + 4 : end]
-        at = end
+    file = io.BytesIO(jpeg) if isinstance(jpeg, bytes) else jpeg
+    file.seek(0)
+    is_jpeg = file.read(2) == _SOI
+    while is_jpeg and file.read(1) == b"\xff":
+        marker = int.from_bytes(file.read(1), "big")
+        if marker == 0xFF:  # fill bytes may stand before a marker
+            file.seek(-1, os.SEEK_CUR)
+        elif marker not in _ALONE:
+            length = int.from_bytes(file.read(2), "big") - 2
+            content = file.read(max(length, 0))
+            if marker in {_SOS, _EOI} or len(content) != length:
+                return
+            yield marker, content
 
 
 def metadata_of(jpeg: bytes) -> bytes:

@@ -40,17 +40,11 @@ from tirgeo_ros.core.types.errors import CameraError
 from tirgeo_ros.io.pictures.embedded_metadata import Fields, Unreadable, embedded_metadata
 from tirgeo_ros.io.pictures.still_file import MODEL as OWN_MODEL
 
-_PREFIXES = ("drone-dji:", "drone:", "drone-skydio:", "")  # DJI, Autel, Skydio; EXIF
-_SKYDIO = "drone-skydio:{}NED/drone-skydio:{{}}"
-_CAMERA_ANGLES = (
-    *("drone-dji:Gimbal{}Degree", "drone:Gimbal{}Degree", "drone-parrot:Camera{}Degree"),
-    _SKYDIO.format("CameraOrientation"),
-)
-_MAPPING_ANGLES = ("Camera:{}",)
-_BODY_ANGLES = (
-    *("drone-dji:Flight{}Degree", "drone:Flight{}Degree", "drone-parrot:Drone{}Degree"),
-    *(_SKYDIO.format("VehicleOrientation"), "FLIR:MAV{}"),
-)
+_MAKER = re.compile(r"drone(-\w+)?:")  # before the names of DJI, Autel, Parrot and Skydio
+_MAPPING = "Camera:{}"
+#: Their angles in this order; the first that are there count.
+_CAMERA = ("Gimbal{}Degree", "Camera{}Degree", "CameraOrientationNED/{}", _MAPPING)
+_BODY = ("Flight{}Degree", "Drone{}Degree", "VehicleOrientationNED/{}", "FLIR:MAV{}")
 _DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)")
 _TIME, _ZONE = re.compile(r"\d:\d\d:\d\d"), re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d)\s*$")
 #: Models whose heights without RTK are ellipsoidal: H20T (two public flights over ground of known
@@ -73,7 +67,6 @@ class LaserTarget(NamedTuple):
     latitude_rad: float
     longitude_rad: float
     height_m: float
-    distance_m: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,7 +86,7 @@ class StillMetadata:
     surveyed: bool  # the height is RTK's
     relative_m: float  # above the take-off
     rtk_flag: int  # 50 fixed, 32 to 49 float, 16 single, 0 none
-    rtk_std_m: tuple[float, float, float]  # north, east, height
+    rtk_std_m: tuple[float, ...]  # north, east, height
     camera_q_ng: Array | None  # (4,) wxyz, camera body (FRD) to NED
     body_q_nb: Array | None  # (4,) wxyz
     laser: LaserTarget | None
@@ -107,22 +100,21 @@ def still_metadata(path: Path) -> StillMetadata:
     if not any(":" in name for name in fields):
         raise Unreadable("no XMP in it: it does not say where the camera was and looked")
     try:
-        return _interpreted(fields, size, path.stem.upper())
+        bare = {_MAKER.sub("", name): value for name, value in fields.items()}
+        return _interpreted({**bare, **fields}, size, path.stem.upper())
     except (TypeError, ValueError, LookupError, ArithmeticError) as fault:
         raise Unreadable(f"its EXIF is damaged ({fault})") from None
 
 
 def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetadata:
     maker, model = (_text(fields, name, f"tiff:{name}") for name in ("Make", "Model"))
-    letter = _SUFFIX.search(stem)
     source = _text(fields, "ImageSource", "Camera:BandName", "FLIR:BandName")
-    source = source or (letter[1] if letter else "")
+    source = source or "".join(_SUFFIX.findall(stem))
     zoom = _number(fields, "DigitalZoomRatio", unknown=1.0) or 1.0  # 0: none
     sheet = camera_of(maker, model, size, zoom, _number(fields, "FocalLength") or math.nan)
     camera, sigma = _lens(fields, size, sheet)
     absolute_m, datum = _height(fields, model.upper())
     latitude_rad, longitude_rad = _place(fields)
-    north_m, east_m, up_m = (_number(fields, f"RtkStd{axis}") for axis in ("Lat", "Lon", "Hgt"))
     return StillMetadata(
         maker=maker,
         model=model,
@@ -137,9 +129,9 @@ def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetad
         surveyed=_text(fields, "AltitudeType") == "RtkAlt",
         relative_m=_number(fields, "RelativeAltitude"),
         rtk_flag=int(_number(fields, "RtkFlag", unknown=0.0)),
-        rtk_std_m=(north_m, east_m, up_m),
-        camera_q_ng=_attitude(fields, _CAMERA_ANGLES, _MAPPING_ANGLES),
-        body_q_nb=_attitude(fields, _BODY_ANGLES),
+        rtk_std_m=tuple(_number(fields, f"RtkStd{axis}") for axis in ("Lat", "Lon", "Hgt")),
+        camera_q_ng=_attitude(fields, _CAMERA),
+        body_q_nb=_attitude(fields, _BODY),
         laser=_laser(fields),
         camera=camera,
         focal_sigma=sigma,
@@ -147,15 +139,18 @@ def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetad
 
 
 def _text(fields: Fields, *names: str) -> str:
-    """Return the first field of these names that is a text, with a drone's prefix or without."""
-    texts = (fields.get(prefix + name) for name in names for prefix in _PREFIXES)
+    """Return the first field of these names that is a text; an empty string: none."""
+    texts = (fields.get(name) for name in names)
     return next((text.strip("\0 ") for text in texts if isinstance(text, str) and text), "")
 
 
 def _number(fields: Fields, *names: str, unknown: float = math.nan) -> float:
     """Return the first field of these names as a number (``+1.5``, ``9509/100``)."""
-    values = (fields.get(prefix + name) for name in names for prefix in _PREFIXES)
-    above, _, below = str(next((x for x in values if x is not None), "")).partition("/")
+    return _float(next((fields[name] for name in names if name in fields), ""), unknown)
+
+
+def _float(value: object, unknown: float = math.nan) -> float:
+    above, _, below = str(value).partition("/")
     try:
         number = float(above) / float(below or 1)
     except (ValueError, ZeroDivisionError):
@@ -163,20 +158,24 @@ def _number(fields: Fields, *names: str, unknown: float = math.nan) -> float:
     return number if math.isfinite(number) else unknown
 
 
-def _attitude(
-    fields: Fields, forms: tuple[str, ...], mapping: tuple[str, ...] = ()
-) -> Array | None:
+def _three(fields: Fields, name: str) -> tuple[float, ...]:
+    """Return EXIF's degrees or hours, minutes and seconds; nan without them."""
+    parts = fields.get(name)
+    if not isinstance(parts, tuple) or len(parts) != 3:
+        return (math.nan,) * 3
+    return tuple(map(float, parts))
+
+
+def _attitude(fields: Fields, forms: Sequence[str]) -> Array | None:
     """Return the attitude (4,) that the first three angles (deg) give together.
 
-    Those of ``mapping`` are zero for a camera straight down, its top to the north.
+    Those for mapping are zero for a camera straight down, its top to the north.
     """
-    for form in (*forms, *mapping):
+    for form in forms:
         angles = [_number(fields, form.format(axis)) for axis in ("Roll", "Pitch", "Yaw")]
         if all(abs(angle) <= 360 for angle in angles):  # false for nan
-            rotation = matrix_from_euler(*map(math.radians, angles))
-            return quat_from_matrix(
-                rotation @ rotation_y(-math.pi / 2) if form in mapping else rotation
-            )
+            down = rotation_y(-math.pi / 2 if form == _MAPPING else 0.0)
+            return quat_from_matrix(matrix_from_euler(*map(math.radians, angles)) @ down)
     return None
 
 
@@ -188,19 +187,16 @@ def _place(fields: Fields) -> tuple[float, float]:
     latitude = _number(fields, "GpsLatitude", "Latitude")
     longitude = _number(fields, "GpsLongitude", "GpsLongtitude", "Longitude")
     if math.isnan(latitude + longitude):
-        latitude, longitude = (_sexagesimal(fields, f"GPS{x}itude") for x in ("Lat", "Long"))
+        latitude, longitude = (_exif_degrees(fields, f"GPS{x}itude") for x in ("Lat", "Long"))
     if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
         return math.nan, math.nan
     return math.radians(latitude), math.radians(longitude)
 
 
-def _sexagesimal(fields: Fields, name: str) -> float:
-    """Return the degrees of EXIF's degrees, minutes and seconds."""
-    parts = fields.get(name)
-    if not isinstance(parts, tuple) or len(parts) != 3:
-        return math.nan
-    degrees = float(parts[0]) + float(parts[1]) / 60 + float(parts[2]) / 3600
-    return -degrees if _text(fields, f"{name}Ref") in {"S", "W"} else degrees
+def _exif_degrees(fields: Fields, name: str) -> float:
+    degrees, minutes, seconds = _three(fields, name)
+    sign = -1 if _text(fields, f"{name}Ref") in {"S", "W"} else 1
+    return sign * (degrees + minutes / 60 + seconds / 3600)
 
 
 def _height(fields: Fields, model: str) -> tuple[float, str]:
@@ -228,10 +224,7 @@ def _time(fields: Fields) -> str:
     utc, fraction = _text(fields, "UTCAtExposure"), _text(fields, "SubsecTimeOriginal")
     own = _text(fields, "DateTimeOriginal", "DateTime")
     own += (f".{fraction}" if fraction.isdigit() else "") + _text(fields, "OffsetTimeOriginal")
-    of_day = fields.get("GPSTimeStamp")
-    if not isinstance(of_day, tuple) or len(of_day) != 3:
-        of_day = (math.nan,) * 3
-    hours, minutes, seconds = map(float, of_day)
+    hours, minutes, seconds = _three(fields, "GPSTimeStamp")
     position = f"{_text(fields, 'GPSDateStamp')} {hours:02.0f}:{minutes:02.0f}:{seconds:09.6f}Z"
     xmp = (_text(fields, f"xmp:{kind}Date") for kind in ("Create", "Modify"))
     written = (utc if _ZONE.search(utc) else f"{utc}Z", own, *xmp, position)
@@ -245,7 +238,7 @@ def _laser(fields: Fields) -> LaserTarget | None:
     latitude, longitude, height_m, distance_m = (_number(fields, name) for name in names)
     if _text(fields, "LRFStatus") not in {"", "Normal"} or not distance_m > 0:
         return None
-    return LaserTarget(math.radians(latitude), math.radians(longitude), height_m, distance_m)
+    return LaserTarget(math.radians(latitude), math.radians(longitude), height_m)
 
 
 def _lens(
@@ -258,17 +251,17 @@ def _lens(
     sheet's is that of another camera of the aircraft.
     """
     dewarp = _text(fields, "DewarpDataK6", "DewarpData").rpartition(";")[2].split(",")
-    fx, fy, x, y, *lens = (*(_number({"": text}, "") for text in dewarp), *[math.nan] * 4)
+    fx, fy, x, y, *lens = *map(_float, dewarp), *[math.nan] * 4
     lens = [] if _number(fields, "DewarpFlag") == 1 else lens[:-4]  # 1: it was taken out
     centre_x = _number(fields, "CalibratedOpticalCenterX")  # elsewhere for another size
     designed_px = _number(fields, "CalibratedFocalLength")
     designed_px *= 1 if abs(centre_x / size[0] - 0.5) < _MOST_APART else math.nan
     equivalent = _number(fields, "FocalLengthIn35mmFilm") / _FULL_FRAME_MM * math.hypot(*size)
     choices = (
-        (_camera(size, fx, fy, x, y, lens), 0.0),
-        (_camera(size, designed_px, designed_px), DATA_SHEET_SIGMA),
+        (_camera(size, fx, fy, x, y, *lens), 0.0),
+        (_camera(size, designed_px), DATA_SHEET_SIGMA),
         (sheet, DATA_SHEET_SIGMA),
-        (_camera(size, equivalent, equivalent), _EQUIVALENT_SIGMA),
+        (_camera(size, equivalent), _EQUIVALENT_SIGMA),
     )
     for camera, sigma in choices:
         if camera and (sheet is None or abs(camera.fx / sheet.fx - 1) < _MOST_APART):
@@ -276,15 +269,9 @@ def _lens(
     return None, 0.0
 
 
-def _camera(
-    size: tuple[int, int],
-    fx: float,
-    fy: float,
-    x: float = 0.0,
-    y: float = 0.0,
-    lens: Sequence[float] = (),
-) -> Camera | None:
-    """Return a camera with its principal point at (x, y) from the middle; None: impossible."""
+def _camera(size: tuple[int, int], fx: float, *others: float) -> Camera | None:
+    """Return a camera; ``others``: fy, centre from the middle, lens. None: impossible."""
+    fy, x, y, *lens = others or (fx, 0.0, 0.0)
     try:
         return Camera(*size, fx, fy, (size[0] - 1) / 2 + x, (size[1] - 1) / 2 + y, tuple(lens))
     except CameraError:
