@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+import re
 from datetime import datetime, timezone
 
 import numpy as np
@@ -290,3 +291,15 @@ def test_our_ray_through_the_middle_meets_the_laser_s_place(shared):
     assert len(apart_m) == 64
     assert np.median(apart_m) <= 0.35
     assert np.percentile(apart_m, 95) <= 0.75
+
+
+def test_a_note_says_at_which_heights_the_laser_met_the_ground(shared):
+    """In the datum of the positions: 24 m above the take-off in the first still's own words."""
+    options = LogOptions(takeoff_height_m=100.0)
+    notes = read_stills(shared / "real_pictures/h20t_strip", options).notes
+    (note,) = (note for note in notes if note.startswith("the laser"))
+    low_m, high_m, middle_m = map(float, re.findall(r"\d+\.\d", note))
+    assert 95.0 < low_m < middle_m < high_m < 135.0
+    one = shared / "real_pictures/h20t_strip/DJI_20220602143532_0191_T.JPG"
+    (note,) = (x for x in read_stills(one, options).notes if x.startswith("the laser"))
+    assert "at 123.9 to 123.9 m" in note  # LRFTargetAlt +23.917

@@ -233,6 +233,12 @@ def _level(q_ng: Array) -> Array:
 def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     """Yield what the stills leave open and what is assumed."""
     yield f"heights: {', '.join(dict.fromkeys(still.height_of for still in stills))}"
+    if up_m := sorted(map(_laser_height_m, filter(_has_laser, stills))):
+        yield (
+            f"the laser met the ground, or what stands on it, at {up_m[0]:.1f} to {up_m[-1]:.1f} m "
+            f"({up_m[len(up_m) // 2]:.1f} in the median): a --ground-height for the middles of "
+            "the pictures alone"
+        )
     if level := sum(still.metadata.body_q_nb is None for still in stills):
         yield (
             f"the aircraft's attitude is not recorded in {level} stills: taken as level, looking "
@@ -245,6 +251,16 @@ def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     elif any(still.metadata.focal_sigma for still in stills):
         yield f"the lens is not calibrated: focal length {', '.join(lengths)} as published"
     yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
+
+
+def _has_laser(still: _Still) -> bool:
+    return still.metadata.laser is not None
+
+
+def _laser_height_m(still: _Still) -> float:
+    """Return the ellipsoidal height of the laser's target, whose datum is AbsoluteAltitude's."""
+    assert still.metadata.laser is not None
+    return still.height_m - still.metadata.absolute_m + still.metadata.laser.height_m
 
 
 def _flights(stills: Sequence[_Still]) -> Iterator[str]:

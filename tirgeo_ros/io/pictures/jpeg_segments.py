@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from typing import BinaryIO
 
 _SOI, _SOS, _EOI, _APP0, APP1 = b"\xff\xd8", 0xDA, 0xD9, 0xE0, 0xE1
+_MOST_FILLS = 4096
 _ALONE = (0x01, *range(0xD0, 0xD9))  # markers without a length: TEM, RST, SOI
 #: How segments APP1 with metadata begin: XMP, its extension, EXIF. FLIR has raw data in others.
 XMP, EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
@@ -32,11 +33,12 @@ def segments(jpeg: bytes | BinaryIO) -> Iterator[tuple[int, bytes]]:
     """Yield marker and content of each segment up to the pixels; of a cut file, the whole ones."""
     file = io.BytesIO(jpeg) if isinstance(jpeg, bytes) else jpeg
     file.seek(0)
-    is_jpeg = file.read(2) == _SOI
-    while is_jpeg and file.read(1) == b"\xff":
+    is_jpeg, fills = file.read(2) == _SOI, 0
+    while is_jpeg and fills < _MOST_FILLS and file.read(1) == b"\xff":
         marker = int.from_bytes(file.read(1), "big")
         if marker == 0xFF:  # fill bytes may stand before a marker
             file.seek(-1, os.SEEK_CUR)
+            fills += 1
         elif marker not in _ALONE:
             length = int.from_bytes(file.read(2), "big") - 2
             content = file.read(max(length, 0))
