@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +55,9 @@ _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95]
 #: Colours of a grey picture are within this of 128, after compression.
 _GREY_TOLERANCE = 3
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p")
-_MOST_DIFFERENCE = 0.1  # between subtitles and video, of the duration
+_MOST_SHARE = 0.1  # between subtitles and video, of the duration
 _LEAST_DIFFERENCE_S = 2.0
 _DAY_NS = 86400 * SECOND_NS
-_MAKER = "DJI"  # begins the name of the encoder, which goes on with the model
 
 #: Presentation time (ticks) of a picture -> its stamp (ns), and the cue in force.
 _Wanted = dict[int, tuple[int, Moment]]
@@ -89,10 +88,12 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
         if video is None or video.codec_context is None:
             raise LogError(f"{path}: no video in it that can be decoded: copy it again")
         ticks, text = _index(container, video)
-        start, tick_s = video.start_time or 0, video.time_base
-        length_s, frames = _length_s(container, video), int(video.frames)
+        start, tick_s, frames = video.start_time or 0, video.time_base, int(video.frames)
+        length_s = (container.duration or 0) * 1e-6
         created = written_time(container.metadata.get("creation_time", ""))
-        lens = _lens(container.metadata.get("encoder", ""), (video.width, video.height))
+        maker, _, model = container.metadata.get("encoder", "").partition(" ")
+        size = video.width, video.height
+    lens = lru_cache(partial(camera_of, maker, model.strip(), size))
     if beside is not None:
         text = read_text(beside, LogError, MOST_BYTES, damaged=True)
     elif not text:
@@ -102,8 +103,7 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
         )
     contents, moments = read_cues(text, beside or path, options)
     _check_same(path, beside, moments, length_s)
-    contents.notes += _notes(beside, moments, created and created.local_ns)
-    contents.notes += _lens_notes(moments, lens)
+    contents.notes += _notes(beside, moments, created.local_ns if created else 0, lens(1.0))
     contents.parameters["north.sigma_deg"] = NORTH_SIGMA_DEG
     if lens(1.0) is not None:
         contents.parameters["confidence.focal_sigma"] = DATA_SHEET_SIGMA
@@ -116,17 +116,6 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     _refuse(contents, "cut off", frames - len(ticks))
     contents.pictures = _pictures(path, contents, wanted, lens)
     return contents
-
-
-def _lens(encoder: str, size: tuple[int, int]) -> _Lens:
-    """Return what makes the camera of a zoom, by the model that wrote the video."""
-    maker, _, model = encoder.partition(" ")
-
-    @lru_cache
-    def lens(zoom: float) -> Camera | None:
-        return camera_of(_MAKER, model.strip(), size, zoom) if maker == _MAKER else None
-
-    return lens
 
 
 @contextmanager
@@ -145,12 +134,6 @@ def _opened(path: Path) -> Iterator[Any]:
             ) from None
     with container:
         yield container
-
-
-def _length_s(container: Any, video: Any) -> float:
-    if video.duration is not None:
-        return float(video.duration * video.time_base)
-    return (container.duration or 0) * 1e-6
 
 
 def _index(container: Any, video: Any) -> tuple[list[int], str]:
@@ -188,31 +171,26 @@ def _check_same(path: Path, beside: Path | None, moments: list[Moment], length_s
     begins = _bounded(moment.begin_ns for moment in moments if moment.begin_ns is not None)
     if len(begins) < 2:
         return
-    steps = np.diff(np.sort(begins))  # of the last cue the end is not read
-    lasts_s = (np.percentile(begins, 99) / 0.99 + np.median(steps)) / SECOND_NS
-    limit_s = max(
-        _MOST_DIFFERENCE * length_s, _LEAST_DIFFERENCE_S, 2 * float(np.median(steps)) / 1e9
-    )
-    if abs(lasts_s - length_s) > limit_s:
+    # Of the last cue the end is not read.
+    step_s = float(np.median(np.diff(np.sort(begins)))) / SECOND_NS
+    lasts_s = np.percentile(begins, 99) / 0.99 / SECOND_NS + step_s
+    if abs(lasts_s - length_s) > max(_MOST_SHARE * length_s, _LEAST_DIFFERENCE_S, 2 * step_s):
         raise LogError(
             f"{beside or path}: subtitles of another video: they last {lasts_s:.1f} s, and "
             f"{path.name} {length_s:.1f} s; give each video the file of its own name"
         )
 
 
-def _notes(beside: Path | None, moments: list[Moment], created_ns: int | None) -> Iterator[str]:
-    """Yield what is assumed of a video's subtitles."""
+def _notes(
+    beside: Path | None, moments: list[Moment], created_ns: int, camera: Camera | None
+) -> Iterator[str]:
+    """Yield what is assumed of a video's subtitles and lens."""
     yield f"positions and gimbal are of {beside or 'the subtitles inside it'}"
-    begun_ns = moments[0].stamp_ns if moments else 0
-    if created_ns is not None and created_ns > 0 and abs(begun_ns - created_ns) > _DAY_NS:
-        days = abs(begun_ns - created_ns) / _DAY_NS
+    days = abs(moments[0].stamp_ns - created_ns) / _DAY_NS if created_ns > 0 else 0.0
+    if days > 1:
         yield f"by its own date the video is {days:.0f} days from its subtitles: are they its own?"
     yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
-
-
-def _lens_notes(moments: list[Moment], lens: _Lens) -> Iterator[str]:
-    """Yield what is assumed of a video's lens."""
-    if camera := lens(1.0):
+    if camera is not None:
         yield f"the lens is not calibrated: focal length {camera.fx:.0f} px as published"
         return
     lengths = sorted({m.focal_mm for m in moments if m.focal_mm})
