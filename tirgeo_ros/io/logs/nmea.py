@@ -139,8 +139,7 @@ class _NmeaLog:
                 step_ns = (each.time_ns - last.time_ns + _DAY_NS // 2) % _DAY_NS - _DAY_NS // 2
                 stamps.append(last.time_ns + step_ns)
         way = -1 if self._sentences and self._sentences[0].name in _TIMELESS else 1
-        near = accumulate(stamps[::way], lambda near, own: near if own is None else own)
-        return list(near)[::way]
+        return list(accumulate(stamps[::way], _own_or_near))[::way]
 
     def _each(self, name: str, convert: Callable[[_Sentence, int], Any]) -> int:
         """Convert the sentences of a name; return how many samples they gave."""
@@ -193,6 +192,10 @@ class _NmeaLog:
             must(getattr(fields, "mi", "A") == "A", "the receiver marks it as not valid")
             azimuth_deg = _float(fields.headt if fields.msgID == "THS" else fields.headingT)
         return self._options.heading(stamp_ns, azimuth_deg, sigma_deg)
+
+
+def _own_or_near(near_ns: int | None, own_ns: int | None) -> int | None:
+    return near_ns if own_ns is None else own_ns
 
 
 def _float(value: object) -> float:
