@@ -30,7 +30,6 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.logs import dji_video
 from tirgeo_ros.io.logs.dji_video import is_dji_video, read_dji_video
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.tools.convert.import_flight import import_flight
@@ -74,15 +73,10 @@ def test_each_picture_has_the_time_of_its_cue(video):
     assert len(of(contents, PositionSample)) == len(of(contents, ImuSample)) == COUNT
 
 
-def test_a_picture_each_so_many_seconds_decodes_no_more_than_it_needs(video, monkeypatch):
-    decoded, decode = [], dji_video._decoded
-    monkeypatch.setattr(dji_video, "_decoded", lambda p: decoded.append(p.pts) or decode(p))
-    contents = read_dji_video(video, replace(OPTIONS, every_s=0.8))
-    pictures = list(contents.pictures)
-    assert numbers(pictures) == [0, 24]  # both are key frames
-    assert len(decoded) == 2
+def test_a_picture_each_so_many_seconds(video):
     contents = read_dji_video(video, replace(OPTIONS, every_s=0.5))
     assert numbers(contents.pictures) == [0, 15, 30, 45]
+    assert contents.read["picture"] == 4
     assert not contents.damaged
 
 
@@ -135,8 +129,25 @@ def test_without_subtitles_it_says_what_is_needed(tmp_path):
     path = made_video(tmp_path / "DJI_0002_T.MP4", GROUP)
     with pytest.raises(LogError, match=r"neither subtitles in it nor DJI_0002_T\.SRT beside it"):
         read_dji_video(path, OPTIONS)
-    path.with_suffix(".SRT").write_text("")
-    with pytest.raises(LogError, match=r"DJI_0002_T\.SRT: no subtitles in it"):
+    for text in ("", "words\n"):
+        path.with_suffix(".SRT").write_text(text)
+        with pytest.raises(LogError, match=r"DJI_0002_T\.SRT: no subtitles in it"):
+            read_dji_video(path, replace(OPTIONS, start_ns=10**18))
+
+
+def test_subtitles_without_dates_or_times_that_fit(tmp_path):
+    path, file = made_video(tmp_path / "a.mp4", GROUP), tmp_path / "a.SRT"
+    words = "".join(f"{k}\n00:00:0{k},000 --> 00:00:0{k},500\nwords\n\n" for k in range(2))
+    file.write_text(words)
+    with pytest.raises(LogError, match=r"a\.SRT: no date in it: .*--start-time$"):
+        import_flight(path, tmp_path / "a.mcap", logs=OPTIONS)
+    with pytest.raises(LogError, match=r"nothing in it can be used: 2 cue: no position in it$"):
+        import_flight(path, tmp_path / "a.mcap", logs=replace(OPTIONS, start_ns=10**18))
+    years = (1979, 2005, 1980, 2003, 1993, 1983)  # all but one far from its neighbours
+    dates = [f"{k}\n{year}-12-09 15:24:09\n" for k, year in enumerate(years)]
+    dates[4] = dates[4].replace("1993", "10:00:00,000 --> 10:00:00,500\n1993")  # and that here
+    file.write_text("\n".join(dates))
+    with pytest.raises(LogError, match=r"a\.SRT: no two of its times fit together"):
         read_dji_video(path, OPTIONS)
 
 

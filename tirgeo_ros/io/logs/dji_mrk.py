@@ -40,10 +40,9 @@ from tirgeo_ros.io.logs.log_contents import (
 
 _N = r"\s*([-+]?\d+(?:\.\d+)?)\s*"
 _LINE = re.compile(
-    rf"\d+\s+{_N}\[(\d+)\]{_N},N{_N},E{_N},V{_N},Lat{_N},Lon{_N},Ellh{_N},{_N},{_N}(\d+)\s*,Q"
+    rf"\d+\s+{_N}\[(\d+)\][^,]*,N[^,]*,E[^,]*,V{_N},Lat{_N},Lon{_N},Ellh{_N},{_N},{_N}(\d+)\s*,Q"
 )
-#: Quality: no position; single; from here float; fixed.
-_NONE, _SINGLE, _FLOAT, _FIXED = 0, 16, 32, 50
+_FLOAT, _FIXED = 32, 50  # least quality; 16 is single, 0 no position
 _MARK = "mark"
 
 
@@ -54,18 +53,18 @@ def is_mrk(head: bytes) -> bool:
 
 def read_mrk(path: Path, _options: LogOptions) -> LogContents:
     """Read the marks of stills; raise LogError if the file cannot be read."""
-    contents = LogContents()
-    best = _NONE
+    contents, positions = LogContents(), []
     for line in filter(str.strip, read_text(path, LogError, damaged=True).splitlines()):
         contents.read[_MARK] += 1
         match = _LINE.match(line.strip())
-        if match is None or int(match[12]) == _NONE:
+        if match is None or not int(match[9]):
             reason = "not a whole line" if match is None else "no position in it"
             contents.refused[_MARK, reason] += 1
-            continue
-        best = max(best, int(match[12]))
-        contents.samples.append(_position(match))
-    classify_receiver(contents, "the aircraft", is_rtk=best >= _FLOAT)
+        else:
+            positions.append(_position(*match.groups()))
+    contents.samples += positions
+    is_rtk = any(position.status > FixStatus.SINGLE for position in positions)
+    classify_receiver(contents, "the aircraft", is_rtk=is_rtk)
     contents.notes.append(
         "positions are of the camera, not of the antenna: leave aircraft.rtk_antenna_m and the "
         "camera's place at zero"
@@ -73,12 +72,11 @@ def read_mrk(path: Path, _options: LogOptions) -> LogContents:
     return contents
 
 
-def _position(match: re.Match[str]) -> PositionSample:
-    of_week_s, week, _north, _east, _down, latitude, longitude, height, *rest = match.groups()
-    sigmas_m, quality = [float(sigma) for sigma in rest[:3]], int(rest[3])
+def _position(of_week_s: str, week: str, *values: str) -> PositionSample:
+    latitude_deg, longitude_deg, height_m, *sigmas_m, quality = map(float, values)
     stamp_ns = utc_ns_of_week(int(week), round(float(of_week_s) * SECOND_NS))
-    status = FixStatus.SINGLE if quality < _FLOAT else FixStatus.FLOAT
-    status = FixStatus.FIXED if quality == _FIXED else status
-    geodetic = math.radians(float(latitude)), math.radians(float(longitude)), float(height)
+    status = FixStatus.FLOAT if quality >= _FLOAT else FixStatus.SINGLE
+    status = FixStatus.FIXED if quality >= _FIXED else status
+    geodetic = math.radians(latitude_deg), math.radians(longitude_deg), height_m
     covariance_n = np.diag(np.square(sigmas_m))
     return PositionSample(stamp_ns, Source.RTK_POSITION, status, *geodetic, covariance_n)

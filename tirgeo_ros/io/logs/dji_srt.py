@@ -111,6 +111,8 @@ def read_srt(path: Path, options: LogOptions) -> LogContents:
 
 def read_cues(text: str, path: Path, options: LogOptions) -> tuple[LogContents, list[Moment]]:
     """Return the contents of subtitles, and the moment of each cue; LogError as ``read_srt``."""
+    if not _CUE.search(text):
+        raise LogError(f"{path}: no subtitles in it: copy it from the card again")
     cues = [_cue(part) for part in _CUE.split(text) if part.strip()]
     contents, moments = LogContents(), []
     heights = _Heights(path, options)

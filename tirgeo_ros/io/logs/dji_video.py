@@ -16,15 +16,14 @@
 
 The subtitles are in a file of the same name beside the video, or in a track inside it. Where they
 have one cue a picture, a picture has the time of its own cue; else its presentation time is looked
-up among the times of the cues. Pictures are decoded as they are asked for, from key frame to key
-frame, so that only packets of one such group are in memory.
+up among the times of the cues. Pictures are decoded as they are asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -53,18 +52,15 @@ from tirgeo_ros.io.logs.log_contents import (
 _BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
 _PICTURE = "picture"
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95]
-#: A group of pictures without a key frame is taken in parts of so many packets.
-_MOST_PACKETS = 300
 #: Colours of a grey picture are within this of 128, after compression.
 _GREY_TOLERANCE = 3
 _PLANAR = ("yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p")
-_MOST_DIFFERENCE = 0.1  # between subtitles and video, of the duration
+_MOST_SHARE = 0.1  # between subtitles and video, of the duration
 _LEAST_DIFFERENCE_S = 2.0
 _DAY_NS = 86400 * SECOND_NS
-_MAKER = "DJI"  # begins the name of the encoder, which goes on with the model
 
-#: Number of a picture and its time in the video (ns) -> its stamp (ns), and the cue in force.
-_Clock = Callable[[int, int], tuple[int, Moment]]
+#: Presentation time (ticks) of a picture -> its stamp (ns), and the cue in force.
+_Wanted = dict[int, tuple[int, Moment]]
 #: Digital zoom -> the camera, if it is known.
 _Lens = Callable[[float], Camera | None]
 
@@ -91,10 +87,13 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
         video = container.streams.best("video")
         if video is None or video.codec_context is None:
             raise LogError(f"{path}: no video in it that can be decoded: copy it again")
-        text = _inner_text(container) if beside is None else ""
-        length_s, frames = _length_s(container, video), int(video.frames)
+        ticks, text = _index(container, video)
+        start, tick_s, frames = video.start_time or 0, video.time_base, int(video.frames)
+        length_s = (container.duration or 0) * 1e-6
         created = written_time(container.metadata.get("creation_time", ""))
-        lens = _lens(container.metadata.get("encoder", ""), (video.width, video.height))
+        maker, _, model = container.metadata.get("encoder", "").partition(" ")
+        size = video.width, video.height
+    lens = lru_cache(partial(camera_of, maker, model.strip(), size))
     if beside is not None:
         text = read_text(beside, LogError, MOST_BYTES, damaged=True)
     elif not text:
@@ -102,29 +101,21 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
             f"{path}: neither subtitles in it nor {path.stem}.SRT beside it, which have the "
             "positions: copy that file from the card too, and record with video captions on"
         )
-    if not text.strip():
-        raise LogError(f"{beside}: no subtitles in it: copy it from the card again")
     contents, moments = read_cues(text, beside or path, options)
     _check_same(path, beside, moments, length_s)
-    contents.notes += _notes(beside, moments, created and created.local_ns)
-    contents.notes += _lens_notes(moments, lens)
+    contents.notes += _notes(beside, moments, created.local_ns if created else 0, lens(1.0))
     contents.parameters["north.sigma_deg"] = NORTH_SIGMA_DEG
     if lens(1.0) is not None:
         contents.parameters["confidence.focal_sigma"] = DATA_SHEET_SIGMA
-    clock = _clock_of(moments, frames)
-    contents.pictures = _Reader(path, contents, clock, lens, options.every_s).pictures()
+    times_ns = _bounded(round((each - start) * tick_s * SECOND_NS) for each in ticks)
+    by_number = abs(len(moments) - frames) <= 1 and len(moments) > 1
+    clock = _clock(moments, times_ns, beside or path, by_number=by_number)
+    every_ns = max(round(options.every_s * SECOND_NS), 1)
+    first_of_each = np.unique(times_ns // every_ns, return_index=True)[1]
+    wanted = {ticks[number]: clock[number] for number in first_of_each}
+    _refuse(contents, "cut off", frames - len(ticks))
+    contents.pictures = _pictures(path, contents, wanted, lens)
     return contents
-
-
-def _lens(encoder: str, size: tuple[int, int]) -> _Lens:
-    """Return what makes the camera of a zoom, by the model that wrote the video."""
-    maker, _, model = encoder.partition(" ")
-
-    @lru_cache
-    def lens(zoom: float) -> Camera | None:
-        return camera_of(_MAKER, model.strip(), size, zoom) if maker == _MAKER else None
-
-    return lens
 
 
 @contextmanager
@@ -145,38 +136,32 @@ def _opened(path: Path) -> Iterator[Any]:
         yield container
 
 
-def _length_s(container: Any, video: Any) -> float:
-    if video.duration is not None:
-        return float(video.duration * video.time_base)
-    return (container.duration or 0) * 1e-6
-
-
-def _inner_text(container: Any) -> str:
-    """Return the subtitle track inside a video as the text of an SRT; empty if there is none."""
+def _index(container: Any, video: Any) -> tuple[list[int], str]:
+    """Return the times (ticks) of the pictures in order, and the subtitles inside as an SRT."""
     from av.error import FFmpegError  # noqa: PLC0415  as above
 
-    track = next(iter(container.streams.subtitles), None)
-    if track is None:
-        return ""
-    for stream in container.streams:
-        if stream is not track and hasattr(stream, "discard"):  # else all is read
-            stream.discard = type(stream.discard)["all"]
+    ticks: set[int] = set()
     cues: list[str] = []
-    with suppress(FFmpegError):  # cut off: its pictures too, which are counted
-        for packet in container.demux(track):
-            data = bytes(packet)
-            if track.codec_context.name == "mov_text":  # two bytes of length, and boxes of style
-                data = data[2 : 2 + int.from_bytes(data[:2], "big")]
-            if data and packet.pts is not None:
-                begin_ms = round(packet.pts * packet.time_base * 1000)
-                body = data.decode("utf-8", "replace").strip()
-                cues.append(
-                    f"{len(cues) + 1}\n{_clock(begin_ms)} --> {_clock(begin_ms)}\n{body}\n"
-                )
-    return "\n".join(cues)
+    with suppress(FFmpegError):  # cut off: missing pictures are counted
+        for packet in container.demux(video, *container.streams.subtitles[:1]):
+            if packet.pts is None:
+                continue
+            if packet.stream.index == video.index:
+                ticks.add(packet.pts)
+            elif body := _body(packet):
+                begin = _written(round(packet.pts * packet.time_base * 1000))
+                cues.append(f"{len(cues) + 1}\n{begin} --> {begin}\n{body}\n")
+    return sorted(ticks), "\n".join(cues)
 
 
-def _clock(time_ms: int) -> str:
+def _body(packet: Any) -> str:
+    data = bytes(packet)
+    if packet.stream.codec_context.name == "mov_text":  # two bytes of length, and boxes of style
+        data = data[2 : 2 + int.from_bytes(data[:2], "big")]
+    return data.decode("utf-8", "replace").strip()
+
+
+def _written(time_ms: int) -> str:
     minutes, ms = divmod(time_ms, 60_000)
     return f"{minutes // 60:02}:{minutes % 60:02}:{ms // 1000:02},{ms % 1000:03}"
 
@@ -186,31 +171,26 @@ def _check_same(path: Path, beside: Path | None, moments: list[Moment], length_s
     begins = _bounded(moment.begin_ns for moment in moments if moment.begin_ns is not None)
     if len(begins) < 2:
         return
-    steps = np.diff(np.sort(begins))  # of the last cue the end is not read
-    lasts_s = (np.percentile(begins, 99) / 0.99 + np.median(steps)) / SECOND_NS
-    limit_s = max(
-        _MOST_DIFFERENCE * length_s, _LEAST_DIFFERENCE_S, 2 * float(np.median(steps)) / 1e9
-    )
-    if abs(lasts_s - length_s) > limit_s:
+    # Of the last cue the end is not read.
+    step_s = float(np.median(np.diff(np.sort(begins)))) / SECOND_NS
+    lasts_s = np.percentile(begins, 99) / 0.99 / SECOND_NS + step_s
+    if abs(lasts_s - length_s) > max(_MOST_SHARE * length_s, _LEAST_DIFFERENCE_S, 2 * step_s):
         raise LogError(
             f"{beside or path}: subtitles of another video: they last {lasts_s:.1f} s, and "
             f"{path.name} {length_s:.1f} s; give each video the file of its own name"
         )
 
 
-def _notes(beside: Path | None, moments: list[Moment], created_ns: int | None) -> Iterator[str]:
-    """Yield what is assumed of a video's subtitles."""
+def _notes(
+    beside: Path | None, moments: list[Moment], created_ns: int, camera: Camera | None
+) -> Iterator[str]:
+    """Yield what is assumed of a video's subtitles and lens."""
     yield f"positions and gimbal are of {beside or 'the subtitles inside it'}"
-    begun_ns = moments[0].stamp_ns if moments else 0
-    if created_ns is not None and created_ns > 0 and abs(begun_ns - created_ns) > _DAY_NS:
-        days = abs(begun_ns - created_ns) / _DAY_NS
+    days = abs(moments[0].stamp_ns - created_ns) / _DAY_NS if created_ns > 0 else 0.0
+    if days > 1:
         yield f"by its own date the video is {days:.0f} days from its subtitles: are they its own?"
     yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
-
-
-def _lens_notes(moments: list[Moment], lens: _Lens) -> Iterator[str]:
-    """Yield what is assumed of a video's lens."""
-    if camera := lens(1.0):
+    if camera is not None:
         yield f"the lens is not calibrated: focal length {camera.fx:.0f} px as published"
         return
     lengths = sorted({m.focal_mm for m in moments if m.focal_mm})
@@ -225,138 +205,68 @@ def _bounded(times_ns: Iterable[int]) -> IntArray:
     return np.array([min(max(time_ns, 0), LAST_NS) for time_ns in times_ns], np.int64)
 
 
-def _clock_of(moments: list[Moment], frames: int) -> _Clock:
-    """Return the clock of a video of so many pictures; cues with an outlying time are ignored."""
+def _clock(
+    moments: Sequence[Moment], times_ns: IntArray, path: Path, *, by_number: bool
+) -> list[tuple[int, Moment]]:
+    """Return stamp (ns) and cue in force of the pictures at ``times_ns`` (N,), in order.
+
+    ``by_number``: there is a cue for each picture. Cues with an outlying time are ignored; raise
+    LogError if no other is left.
+    """
     stamps = _bounded(moment.stamp_ns for moment in moments)
     begins = _bounded(moment.begin_ns or 0 for moment in moments)
-    by_number = abs(len(stamps) - frames) <= 1 and len(stamps) > 1
+    good = np.flatnonzero(~lone_stamps(stamps) & ~lone_stamps(begins))
+    if not len(good):
+        raise LogError(f"{path}: no two of its times fit together: copy it from the card again")
     places = np.arange(len(stamps)) if by_number else begins
-    good = ~lone_stamps(stamps) & ~lone_stamps(begins)
-    places, stamps = places[good], np.maximum.accumulate(stamps[good])
-    order = np.argsort(places, kind="stable")
-    moments = [moments[place] for place in np.flatnonzero(good)[order]]
-    places, since = places[order], (stamps - stamps[0])[order].astype(float)
-    first_ns = int(stamps[0])
-    step_ns = (since[-1] / max(len(since) - 1, 1)) if by_number else 1.0
-
-    def clock(number: int, time_ns: int) -> tuple[int, Moment]:
-        place = number if by_number else time_ns
-        outside = place - min(max(place, places[0]), places[-1])
-        since_ns = float(np.interp(place, places, since)) + outside * step_ns
-        begun = max(int(np.searchsorted(places, place, "right")) - 1, 0)
-        return first_ns + round(since_ns), moments[begun]
-
-    return clock
+    asked = np.arange(len(times_ns)) if by_number else times_ns
+    order = np.argsort(places[good], kind="stable")
+    places = places[good][order]
+    since = np.maximum.accumulate(stamps[good])[order] - stamps[good[0]]
+    step_ns = since[-1] / max(len(since) - 1, 1) if by_number else 1.0
+    inside = np.clip(asked, places[0], places[-1])
+    since_ns = np.interp(inside, places, since) + (asked - inside) * step_ns
+    of_pictures = stamps[good[0]] + np.clip(since_ns, -LAST_NS, LAST_NS).round().astype(np.int64)
+    begun = good[order][np.maximum(np.searchsorted(places, asked, "right") - 1, 0)]
+    return [(stamp, moments[k]) for stamp, k in zip(of_pictures.tolist(), begun, strict=True)]
 
 
-class _Reader:
-    """Decode the pictures of a video, all or one each ``every_s``, and count them."""
+def _pictures(
+    path: Path, contents: LogContents, wanted: _Wanted, lens: _Lens
+) -> Iterator[Picture]:
+    """Decode the wanted pictures in order; count those that are damaged."""
+    from av.video.reformatter import VideoReformatter  # noqa: PLC0415  as above
 
-    def __init__(
-        self, path: Path, contents: LogContents, clock: _Clock, lens: _Lens, every_s: float
-    ) -> None:
-        self._path, self._contents = path, contents
-        self._clock, self._lens = clock, lens
-        self._every_ns = round(every_s * SECOND_NS)
-        self._due_ns = self._number = 0
-        #: Presentation time (ticks) -> stamp (ns), and the cue then.
-        self._wanted: dict[int, tuple[int, Moment]] = {}
-
-    def pictures(self) -> Iterator[Picture]:
-        """Yield the pictures in order; count those that are damaged or cut off."""
-        from av.error import FFmpegError  # noqa: PLC0415  as above
-        from av.video.reformatter import VideoReformatter  # noqa: PLC0415  as above
-
-        last_ns, reformatter = -1, VideoReformatter()
-        with _opened(self._path) as container:
-            video = container.streams.best("video")
-            video.codec_context.thread_type = "AUTO"
-            try:
-                for frame in self._frames(container, video):
-                    if frame.pts not in self._wanted:
-                        continue
-                    stamp_ns, moment = self._wanted.pop(frame.pts)
-                    if frame.is_corrupt:
-                        self._refuse("damaged", 1)
-                    elif stamp_ns > last_ns:  # so that they stay in order
-                        self._contents.read[_PICTURE] += 1
-                        last_ns = stamp_ns
-                        camera = self._lens(moment.zoom or 1.0)
-                        yield Picture(stamp_ns, jpeg(frame, reformatter), camera)
-            except FFmpegError:
-                self._contents.damaged = True
-            self._refuse("cannot be decoded", len(self._wanted))
-            self._refuse("cut off", int(video.frames) - self._number)
-
-    def _refuse(self, reason: str, number: int) -> None:
-        if number > 0:
-            self._contents.damaged = True
-            self._contents.refused[_PICTURE, reason] += number
-
-    def _frames(self, container: Any, video: Any) -> Iterator[Any]:
-        """Yield decoded frames; packets behind the last wanted one of a group are not decoded."""
-        for packets, whole in _groups(container, video):
-            wanted = self._choose(packets, video)
-            if self._every_ns and whole:
-                last = max((k for k, p in enumerate(packets) if p.pts in wanted), default=-1)
-                for packet in packets[: last + 1]:
-                    yield from _decoded(packet)
-                yield from _rest(video)
-            else:
-                for packet in packets:
-                    yield from _decoded(packet)
-        yield from _rest(video)
-
-    def _choose(self, packets: list[Any], video: Any) -> set[int]:
-        """Return the presentation times (ticks) of the wanted pictures of a group."""
-        wanted = set()
-        start = video.start_time or 0
-        for ticks in sorted(packet.pts for packet in packets):
-            time_ns = round((ticks - start) * video.time_base * SECOND_NS)
-            if time_ns >= self._due_ns or not self._every_ns:
-                wanted.add(ticks)
-                self._wanted[ticks] = self._clock(self._number, time_ns)
-                self._due_ns = (
-                    (time_ns // self._every_ns + 1) * self._every_ns if self._every_ns else 0
-                )
-            self._number += 1
-        return wanted
+    last_ns, reformatter = -1, VideoReformatter()
+    with _opened(path) as container:
+        for frame in _frames(container):
+            if frame.pts not in wanted:
+                continue
+            stamp_ns, moment = wanted.pop(frame.pts)
+            if frame.is_corrupt:
+                _refuse(contents, "damaged", 1)
+            elif stamp_ns > last_ns:  # so that they stay in order
+                contents.read[_PICTURE] += 1
+                last_ns = stamp_ns
+                yield Picture(stamp_ns, jpeg(frame, reformatter), lens(moment.zoom or 1.0))
+    _refuse(contents, "cannot be decoded", len(wanted))
 
 
-def _groups(container: Any, video: Any) -> Iterator[tuple[list[Any], bool]]:
-    """Yield packets from key frame to key frame, and whether they are such a whole group."""
-    packets: list[Any] = []
-    whole = True
-    for packet in container.demux(video):
-        if packet.pts is None:
-            continue
-        if packets and (packet.is_keyframe or len(packets) == _MOST_PACKETS):
-            yield packets, whole and packet.is_keyframe
-            packets, whole = [], packet.is_keyframe
-        packets.append(packet)
-    if packets:
-        yield packets, whole
+def _frames(container: Any) -> Iterator[Any]:
+    from av.error import FFmpegError, InvalidDataError  # noqa: PLC0415  as above
+
+    video = container.streams.best("video")
+    video.codec_context.thread_type = "AUTO"
+    with suppress(FFmpegError):  # cut off
+        for packet in container.demux(video):
+            with suppress(InvalidDataError):  # a damaged packet completes no picture
+                yield from packet.decode()
 
 
-def _decoded(packet: Any) -> list[Any]:
-    """Return the frames that a packet completes; a damaged one completes none."""
-    from av.error import InvalidDataError  # noqa: PLC0415  as above
-
-    try:
-        return list(packet.decode())
-    except InvalidDataError:
-        return []
-
-
-def _rest(video: Any) -> list[Any]:
-    """Return the frames that the decoder holds back; it then begins anew."""
-    from av.error import InvalidDataError  # noqa: PLC0415  as above
-
-    frames: list[Any] = []
-    with suppress(InvalidDataError, EOFError):
-        frames = video.codec_context.decode(None)
-    video.codec_context.flush_buffers()
-    return frames
+def _refuse(contents: LogContents, reason: str, number: int) -> None:
+    if number > 0:
+        contents.damaged = True
+        contents.refused[_PICTURE, reason] += number
 
 
 def jpeg(frame: Any, reformatter: Any) -> bytes:

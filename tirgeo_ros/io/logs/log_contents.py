@@ -21,6 +21,7 @@ each leap second since (IS-GPS-200, section 3.3.4; the dates are those of IERS B
 from __future__ import annotations
 
 import bisect
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -32,7 +33,12 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.measurements import PositionSample, Source, VelocitySample
+from tirgeo_ros.core.types.measurements import (
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
 from tirgeo_ros.io.messages import SensedSample
 
 SECOND_NS = 1_000_000_000
@@ -55,6 +61,8 @@ _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoid", "sea", "takeoff")
 #: Of the direction that DJI's gimbals take for north: 0 to 5 deg off as a rule, until calibrated.
 NORTH_SIGMA_DEG = 3.0
+#: Half a wavelength of L1: more than a tape's error, less than that of most wrong ambiguities.
+_LENGTH_TOLERANCE_M = 0.1
 _ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}
 
 
@@ -182,6 +190,17 @@ class LogOptions:
         if offset_m is None:
             raise LogError(f"{path}: its heights are {mend}")
         return offset_m
+
+    def check_baseline(self, length_m: float) -> None:
+        """Raise Refused if the baseline has another length; any is right where it is not known."""
+        near = self.baseline_m is None or abs(length_m - self.baseline_m) <= _LENGTH_TOLERANCE_M
+        must(near, f"its length is more than {_LENGTH_TOLERANCE_M:g} m from the baseline's")
+
+    def heading(self, stamp_ns: int, azimuth_deg: float, sigma_deg: float) -> HeadingSample:
+        """Return the nose's heading where a receiver's points from its first antenna on."""
+        azimuth_rad = math.radians(azimuth_deg) + self.rover_first * math.pi
+        heading_rad = (azimuth_rad - self.baseline_rad) % math.tau
+        return HeadingSample(stamp_ns, heading_rad, math.radians(sigma_deg) ** 2)
 
     def utc_ns(self, written: WrittenTime, path: Path) -> int:
         """Return the Unix time of a written time. Raise LogError if its zone is not known."""

@@ -12,21 +12,21 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Read NMEA 0183: GGA and GST to positions; HDT, THS, PASHR and SkyTraq's PSTI to headings.
+"""Read NMEA 0183: GGA and GST to positions; HDT, THS, PASHR and SkyTraq's PSTI,035 to headings.
 
 Sentences are decoded by pynmeagps. GST has the sigmas of latitude, longitude and height of its
-epoch; without it the covariance is unknown. The date is that of the RMC, ZDA or PSTI nearest in
-the log. HDT and THS have no time: theirs is that of the sentence before, or of the one after it
-where the log begins with a heading.
+epoch; without it the covariance is unknown. The date is that of the last RMC, ZDA or PSTI before,
+or of the log's first one. HDT and THS have no time: theirs is that of the sentence before, or of
+the one after it where the log begins with a heading.
 """
 
 from __future__ import annotations
 
-import bisect
 import math
 import re
 from collections.abc import Callable
-from datetime import datetime, time, timezone
+from datetime import date, datetime, time, timezone
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,10 +45,9 @@ from tirgeo_ros.io.logs.log_contents import (
     must,
 )
 
-_ANY = re.compile(rb"^\$(?:[A-Z]{2}(?:GGA|RMC|GST|HDT|THS|ZDA)|PASHR|PSTI),", re.MULTILINE)
-_SENTENCE = re.compile(
-    rb"\$(?:[A-Z]{2}(?:GGA|RMC|GST|HDT|THS|ZDA)|PASHR,\d|PSTI,03[56]),?[^$*\r\n]*(?:\*[0-9A-F]{2})?"
-)
+_NAME = rb"\$(?:[A-Z]{2}(GGA|RMC|GST|HDT|THS|ZDA)|(PASHR)(?=,\d)|(PSTI)(?=,035)),"
+_FIRST = re.compile(b"^" + _NAME, re.MULTILINE)
+_SENTENCE = re.compile(_NAME + rb"[^$*\r\n]*(\*[0-9A-F]{2})?")
 #: Quality of a GGA: RTK fixed, RTK float, differential, single, PPS.
 _STATUS = {
     4: FixStatus.FIXED,
@@ -56,19 +55,17 @@ _STATUS = {
     **dict.fromkeys((1, 3), FixStatus.SINGLE),
 }
 _RTK = (4, 5)
-_VECTOR, _ANGLES = "PSTI,035", "PSTI,036"  # from the moving base to the rover
 #: Sentences with a heading; those of one log repeat the same one, and the first is used.
-_HEADINGS = (_ANGLES, "PASHR", "THS", "HDT")
+_TIMELESS = ("THS", "HDT")
+_HEADINGS = ("PSTI", "PASHR", *_TIMELESS)
 #: What a field that is missing or no number raises; the checksum has eight bits.
 _DAMAGE = (AttributeError, KeyError, TypeError, ValueError)
 _DAY_NS = 86400 * SECOND_NS
-#: As for RELPOSNED of u-blox.
-_LENGTH_TOLERANCE_M = 0.1
 
 
 def is_nmea(head: bytes) -> bool:
     """Return whether one of a file's first lines is a sentence that is read."""
-    return bool(_ANY.search(head))
+    return bool(_FIRST.search(head))
 
 
 def read_nmea(path: Path, options: LogOptions) -> LogContents:
@@ -80,18 +77,18 @@ def read_nmea(path: Path, options: LogOptions) -> LogContents:
         data = path.read_bytes()
     log = _NmeaLog(path, options)
     for match in _SENTENCE.finditer(data):
-        log.take(match[0])
+        log.take(match)
     log.finish()
     return log.contents
 
 
 class _Sentence(NamedTuple):
-    """Hold a sentence, its place in the log, its time of day (ns) and its date if it has them."""
+    """Hold a sentence and its time (Unix, ns): of 1970-01-01 if it has no date."""
 
-    number: int
+    name: str
     fields: Any
-    of_day_ns: Any  # int or None
-    day_ns: Any  # Unix time of its midnight
+    time_ns: int | None
+    is_dated: bool
 
 
 class _NmeaLog:
@@ -100,97 +97,80 @@ class _NmeaLog:
     def __init__(self, path: Path, options: LogOptions) -> None:
         self.contents = LogContents()
         self._path, self._options = path, options
-        self._sentences: dict[str, list[_Sentence]] = {}
-        self._timed: list[_Sentence] = []
-        self._number = 0
-        self._heading_first = False
+        self._sentences: list[_Sentence] = []
+        self._sigmas_m: dict[int, tuple[float, ...]] = {}
+        self._epochs: set[int] = set()
+        self._is_rtk = False
 
-    def take(self, data: bytes) -> None:
+    def take(self, match: re.Match[bytes]) -> None:
         """Take a sentence with its checksum."""
         from pynmeagps import NMEAReader  # noqa: PLC0415  an extra
         from pynmeagps.exceptions import NMEAParseError, NMEATypeError  # noqa: PLC0415  as above
 
-        faults = (Refused, NMEAParseError, NMEATypeError, *_DAMAGE)
-
-        name = data[1:9].decode() if data.startswith(b"$PSTI") else data[1:6].decode()
-        name = name if name.startswith("P") and name[1] in "AS" else name[2:]
+        name = (match[1] or match[2] or match[3]).decode()
         self.contents.read[name] += 1
         try:
-            must(b"*" in data, "cut off")
-            sentence = _sentence(self._number, NMEAReader.parse(data + b"\r\n"))
-        except faults:
+            must(match[4], "cut off")
+            sentence = _sentence(name, NMEAReader.parse(match[0] + b"\r\n"))
+        except (Refused, NMEAParseError, NMEATypeError, *_DAMAGE):
             self.contents.refused[name, "cut off, or its checksum is wrong"] += 1
-            return
-        self._heading_first |= not self._number and sentence.of_day_ns is None
-        self._number += 1
-        self._sentences.setdefault(name, []).append(sentence)
-        if sentence.of_day_ns is not None:
-            self._timed.append(sentence)
+        else:
+            self._sentences.append(sentence)
 
     def finish(self) -> None:
         """Convert the collected sentences to samples."""
-        self._dated = [sentence for sentence in self._timed if sentence.day_ns is not None]
-        self._sigmas_m: dict[int, tuple[float, ...]] = {}
-        self._lengths_m: dict[int, float] = {}
-        self._epochs: set[int] = set()
+        self._stamps = self._stamps_ns()
         self._each("GST", self._take_sigmas)
         self._each("GGA", self._position)
-        self._each(_VECTOR, self._take_length)
-        for name in _HEADINGS:
-            if self._each(name, self._heading):
-                self.contents.notes.append(f"headings are those of {name}")
-                break
-        if "GGA" in self._sentences:
-            qualities = {
-                getattr(sentence.fields, "quality", 0) for sentence in self._sentences["GGA"]
-            }
-            classify_receiver(self.contents, "GGA", is_rtk=bool(qualities & {*_RTK}))
+        if self.contents.read["GGA"]:
+            classify_receiver(self.contents, "GGA", is_rtk=self._is_rtk)
+        name = next((name for name in _HEADINGS if self._each(name, self._heading)), None)
+        self.contents.notes += [f"headings are those of {name}"] if name else []
+
+    def _stamps_ns(self) -> list[int | None]:
+        """Return the UTC (ns) of each sentence; None: not known."""
+        last = next((each for each in self._sentences if each.is_dated), None)
+        stamps: list[int | None] = []
+        for each in self._sentences:
+            last = each if each.is_dated else last
+            if each.time_ns is None or last is None or last.time_ns is None:
+                stamps.append(None)
+            else:
+                step_ns = (each.time_ns - last.time_ns + _DAY_NS // 2) % _DAY_NS - _DAY_NS // 2
+                stamps.append(last.time_ns + step_ns)
+        way = -1 if self._sentences and self._sentences[0].name in _TIMELESS else 1
+        return list(accumulate(stamps[::way], _own_or_near))[::way]
 
     def _each(self, name: str, convert: Callable[[_Sentence, int], Any]) -> int:
         """Convert the sentences of a name; return how many samples they gave."""
         before = len(self.contents.samples)
-        for sentence in self._sentences.get(name, ()):
-            self._count(name, sentence, convert)
+        for sentence, stamp_ns in zip(self._sentences, self._stamps, strict=True):
+            if sentence.name == name:
+                self._count(sentence, stamp_ns, convert)
         return len(self.contents.samples) - before
 
-    def _count(self, name: str, sentence: _Sentence, convert: Callable[..., Any]) -> None:
+    def _count(
+        self, sentence: _Sentence, stamp_ns: int | None, convert: Callable[..., Any]
+    ) -> None:
         try:
-            sample = convert(sentence, self._stamp_ns(sentence))
+            must(stamp_ns is not None, "no RMC or ZDA with its date: record one of them too")
+            sample = convert(sentence.fields, stamp_ns)
             self.contents.samples += [] if sample is None else [sample]
         except Refused as why:
-            self.contents.refused[name, str(why)] += 1
+            self.contents.refused[sentence.name, str(why)] += 1
         except _DAMAGE:
-            self.contents.refused[name, "a field of it is missing, or no number"] += 1
+            self.contents.refused[sentence.name, "a field of it is missing, or no number"] += 1
 
-    def _stamp_ns(self, sentence: _Sentence) -> int:
-        """Return the UTC (ns) of a sentence, by the date nearest to it in the log."""
-        if sentence.of_day_ns is None:
-            place = bisect.bisect(self._timed, sentence.number, key=lambda timed: timed.number)
-            near = self._timed[place - 1 + self._heading_first :][:1] if place else self._timed[:1]
-            must(near, "no sentence with a time beside it")
-            sentence = near[0]
-        place = bisect.bisect(self._dated, sentence.number, key=lambda dated: dated.number)
-        steps = {
-            (sentence.of_day_ns - d.of_day_ns + _DAY_NS // 2) % _DAY_NS - _DAY_NS // 2: d
-            for d in self._dated[max(place - 1, 0) : place + 1]
-        }
-        must(steps, "no RMC or ZDA with its date: record one of them too")
-        step_ns = min(steps, key=abs)
-        return int(steps[step_ns].day_ns + steps[step_ns].of_day_ns + step_ns)
-
-    def _take_sigmas(self, sentence: _Sentence, stamp_ns: int) -> None:
-        sigmas = (sentence.fields.stdLat, sentence.fields.stdLong, sentence.fields.stdAlt)
+    def _take_sigmas(self, gst: Any, stamp_ns: int) -> None:
+        sigmas = gst.stdLat, gst.stdLong, gst.stdAlt
         must(all(isinstance(sigma, float) and sigma > 0 for sigma in sigmas), "it has no sigmas")
         self._sigmas_m[stamp_ns] = sigmas
 
-    def _take_length(self, sentence: _Sentence, stamp_ns: int) -> None:
-        self._lengths_m[stamp_ns] = _float(sentence.fields.field_09)
-
-    def _position(self, sentence: _Sentence, stamp_ns: int) -> PositionSample:
-        gga = sentence.fields
+    def _position(self, gga: Any, stamp_ns: int) -> PositionSample:
         must(gga.quality in _STATUS, "no fix, or none of satellites")
         must(stamp_ns not in self._epochs, "another one of its epoch is used")
         self._epochs.add(stamp_ns)
+        self._is_rtk |= gga.quality in _RTK
         place = _float(gga.lat), _float(gga.lon), _float(gga.alt)
         ellipsoidal = gga.sep != ""  # the geoid that the receiver itself has used
         offset_m = gga.sep if ellipsoidal else self._options.to_ellipsoid_m(MSL, self._path)
@@ -199,30 +179,23 @@ class _NmeaLog:
         status, source = _STATUS[gga.quality], Source.RTK_POSITION
         return PositionSample(stamp_ns, source, status, *geodetic, covariance_n)
 
-    def _heading(self, sentence: _Sentence, stamp_ns: int) -> HeadingSample:
-        azimuth_deg, sigma_deg = _azimuth_deg(sentence.fields)
-        length_m, baseline_m = self._lengths_m.get(stamp_ns), self._options.baseline_m
-        near = (
-            length_m is None
-            or baseline_m is None
-            or abs(length_m - baseline_m) <= _LENGTH_TOLERANCE_M
-        )
-        must(near, f"its length is more than {_LENGTH_TOLERANCE_M:g} m from the baseline's")
-        azimuth_rad = math.radians(azimuth_deg) + self._options.rover_first * math.pi
-        heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
-        return HeadingSample(stamp_ns, heading_rad, math.radians(sigma_deg) ** 2)
+    def _heading(self, fields: Any, stamp_ns: int) -> HeadingSample:
+        sigma_deg = 0.0  # unknown
+        if fields.msgID == "STI":  # from the moving base to the rover
+            must(fields.field_05 == "R", "ambiguities are not fixed")
+            self._options.check_baseline(_float(fields.field_09))
+            azimuth_deg = _float(fields.field_10)
+        elif fields.msgID == "ASHR":
+            must(fields.gnssQual, "the receiver marks it as not valid")
+            azimuth_deg, sigma_deg = _float(fields.trueHdg), _float(fields.hdgAcc)
+        else:
+            must(getattr(fields, "mi", "A") == "A", "the receiver marks it as not valid")
+            azimuth_deg = _float(fields.headt if fields.msgID == "THS" else fields.headingT)
+        return self._options.heading(stamp_ns, azimuth_deg, sigma_deg)
 
 
-def _azimuth_deg(fields: Any) -> tuple[float, float]:
-    """Return azimuth and sigma (0: unknown) of a heading, deg; raise Refused if it has none."""
-    if fields.msgID == "STI":
-        must(fields.field_07 == "R", "ambiguities are not fixed")
-        return _float(fields.field_04), 0.0
-    if fields.msgID == "ASHR":
-        must(fields.gnssQual, "the receiver marks it as not valid")
-        return _float(fields.trueHdg), _float(fields.hdgAcc)
-    must(getattr(fields, "mi", "A") == "A", "the receiver marks it as not valid")
-    return _float(fields.headt if fields.msgID == "THS" else fields.headingT), 0.0
+def _own_or_near(near_ns: int | None, own_ns: int | None) -> int | None:
+    return near_ns if own_ns is None else own_ns
 
 
 def _float(value: object) -> float:
@@ -231,25 +204,17 @@ def _float(value: object) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def _sentence(number: int, fields: Any) -> _Sentence:
-    """Return a sentence with its time and date; raise ValueError for an impossible one."""
-    moment: Any
-    date: Any
-    if fields.msgID == "STI":
-        moment = datetime.strptime(fields.field_02[:6], "%H%M%S").time()  # noqa: DTZ007  UTC
-        fraction_ns = round(float(f"0{fields.field_02[6:]}") * SECOND_NS)
-        date = datetime.strptime(fields.field_03, "%d%m%y").date()  # noqa: DTZ007  UTC
-    else:
-        moment = getattr(fields, "time", getattr(fields, "utctime", None))
-        fraction_ns, date = 0, getattr(fields, "date", None)
-        if fields.msgID == "ZDA" and fields.year:
-            date = datetime(fields.year, fields.month, fields.day, tzinfo=timezone.utc).date()
-    of_day_ns = None
-    if isinstance(moment, time):
-        whole_s = (moment.hour * 60 + moment.minute) * 60 + moment.second
-        of_day_ns = whole_s * SECOND_NS + moment.microsecond * 1000 + fraction_ns
-    day_ns = (date.toordinal() - _EPOCH) * _DAY_NS if date and of_day_ns is not None else None
-    return _Sentence(number, fields, of_day_ns, day_ns)
+def _sentence(name: str, fields: Any) -> _Sentence:
+    """Return a sentence with its time; raise ValueError for an impossible date."""
+    from pynmeagps import date2utc, time2utc  # noqa: PLC0415  as above
 
-
-_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc).toordinal()
+    day = getattr(fields, "date", None)
+    moment = getattr(fields, "time", getattr(fields, "utctime", None))
+    if name == "PSTI":
+        moment, day = time2utc(fields.field_02), date2utc(fields.field_03)
+    elif name == "ZDA" and fields.year:
+        day = date(fields.year, fields.month, fields.day)
+    if not isinstance(moment, time):
+        return _Sentence(name, fields, None, is_dated=False)
+    utc = datetime.combine(day or date(1970, 1, 1), moment, timezone.utc)
+    return _Sentence(name, fields, round(utc.timestamp() * 1e6) * 1000, is_dated=bool(day))

@@ -34,7 +34,6 @@ import numpy as np
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
-    HeadingSample,
     PositionSample,
     Source,
     VelocitySample,
@@ -57,8 +56,6 @@ _KEYS = {b"\x01\x07": PVT, b"\x01\x3c": RELPOSNED, b"\x01\x14": HPPOSLLH}
 #: Lengths of their payloads: those of older receivers first.
 _LENGTHS = {PVT: (84, 92), RELPOSNED: (40, 64), HPPOSLLH: (36,)}
 _AROUND = 8  # bytes of a frame in addition to its payload
-#: Half a wavelength of L1: more than a tape's error, less than that of most wrong ambiguities.
-_LENGTH_TOLERANCE_M = 0.1
 _STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
 _WEEK_MS = WEEK_NS // 1_000_000
 _FIX_TYPES = (3, 4)  # 3D; GNSS and dead reckoning. 2D has no height, 1 is dead reckoning alone
@@ -157,19 +154,14 @@ class _UbxLog:
         must(valid, "the receiver marks it as not valid")
         must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
         must(vector.carrSoln == 2, "ambiguities are not fixed")
-        baseline_m, tolerance_m = self._options.baseline_m, _LENGTH_TOLERANCE_M
-        if baseline_m is None:
+        if self._options.baseline_m is None:
             raise Refused(
                 "the baseline's length is not known: set aircraft.rtk_antenna_m and "
                 "aircraft.second_antenna_m, or give --baseline"
             )
-        near = abs(vector.relPosLength * 1e-2 - baseline_m) <= tolerance_m
-        must(near, f"its length is more than {tolerance_m:g} m from the baseline's")
+        self._options.check_baseline(vector.relPosLength * 1e-2)
         stamp_ns = self._stamp_near_ns(number, vector.iTOW)
-        azimuth_rad = math.radians(vector.relPosHeading) + self._options.rover_first * math.pi
-        heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
-        variance = math.radians(vector.accHeading) ** 2
-        return [HeadingSample(stamp_ns, heading_rad, variance)]
+        return [self._options.heading(stamp_ns, vector.relPosHeading, vector.accHeading)]
 
     def _stamp_near_ns(self, number: int, of_week_ms: int) -> int:
         """Return the UTC (ns) of a time of week, by the solution before or after it in the log.

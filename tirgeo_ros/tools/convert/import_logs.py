@@ -22,7 +22,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
+from itertools import compress, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,7 @@ _ROVER = (
     "rover's antenna the first with --rover-first"
 )
 _DAMAGED = "the file is cut off or damaged: what could be read is imported"
-_POSITIONS = ("rtk/fix", "gps/fix")
+_IMU, _POSITIONS = "imu/data", ("rtk/fix", "gps/fix")
 
 
 @dataclass
@@ -170,7 +170,7 @@ def import_logs(
             sink.write(item)
         progress((item.stamp_ns - first_ns) / SECOND_NS, (last_ns - first_ns) / SECOND_NS)
     warnings = list(_doubts(logs, rover_first=options.rover_first))
-    is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
+    is_table = any(log.form == CSV.name and _IMU in log.spans for log in logs)
     for finding in imu_findings(samples, config.aircraft.rotation_bi):
         key = _KEYS.get(finding.check) if is_table else None
         warnings.append(f"{finding.line} (in --columns: {key})" if key else finding.line)
@@ -253,6 +253,10 @@ def _is_attitude_alone(sample: SensedSample) -> bool:
     return isinstance(sample, ImuSample) and sample.is_attitude_alone
 
 
+def _has_attitudes_alone(log: Log) -> bool:
+    return any(map(_is_attitude_alone, log.contents.samples))
+
+
 def _positions_of_attitudes(samples: Sequence[SensedSample]) -> list[SensedSample]:
     """Return a position of each receiver at the attitudes of pictures, where it has epochs near.
 
@@ -264,13 +268,11 @@ def _positions_of_attitudes(samples: Sequence[SensedSample]) -> list[SensedSampl
     for source in (Source.RTK_POSITION, Source.GPS_POSITION):
         epochs = [s for s in samples if isinstance(s, PositionSample) and s.source is source]
         epochs.sort(key=_stamp_ns)
-        stamps_ns = [epoch.stamp_ns for epoch in epochs]
-        for moment_ns in moments:
-            after = bisect.bisect_left(stamps_ns, moment_ns)
-            if not 0 < after < len(epochs) or stamps_ns[after] == moment_ns:
-                continue
-            if stamps_ns[after] - stamps_ns[after - 1] <= SECOND_NS:
-                made.append(_between(epochs[after - 1], epochs[after], moment_ns))
+        for before, after in pairwise(epochs):
+            if after.stamp_ns - before.stamp_ns <= SECOND_NS:
+                first = bisect.bisect_right(moments, before.stamp_ns)
+                end = bisect.bisect_left(moments, after.stamp_ns)
+                made += [_between(before, after, stamp_ns) for stamp_ns in moments[first:end]]
     return made
 
 
@@ -300,19 +302,13 @@ def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
     """
     for topic in sorted({topic for log in logs for topic in log.spans}):
         same = [log for log in logs if topic in log.spans]
-        same.sort(
-            key=lambda log: any(
-                _is_attitude_alone(s) and topic_of(s) == topic for s in log.contents.samples
-            )
-        )
-        for place, log in enumerate(same):
-            meeting = (
-                x
-                for x in same[:place]
-                if topic in x.spans and _meet(log.spans[topic], x.spans[topic])
-            )
+        kept: list[Log] = []
+        for log in sorted(same, key=_has_attitudes_alone) if topic == _IMU else same:
+            meeting = (x for x in kept if _meet(log.spans[topic], x.spans[topic]))
             if before := next(meeting, None):
                 log.leave_out(topic, f"{before.path}, named earlier, has it")
+            else:
+                kept.append(log)
 
 
 def _check_common_time(logs: Sequence[Log]) -> None:
@@ -349,7 +345,7 @@ def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
         if log.form == UBX.name and {"rtk/fix", "rtk/heading"} <= log.spans.keys():
             yield from () if rover_first else (f"{log.path}: {_ROVER}",)
     topics = {topic for log in logs for topic in log.spans}
-    if "imu/data" not in topics:
+    if _IMU not in topics:
         yield "no imu/data: the filter needs it; give a log with an IMU too"
     if not topics & {*_POSITIONS}:
         yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions too"
