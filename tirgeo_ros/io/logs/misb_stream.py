@@ -36,7 +36,7 @@ from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.dji_video import jpeg
-from tirgeo_ros.io.logs.klv_packets import Items, PacketReader, without_cell_heads
+from tirgeo_ros.io.logs.klv_packets import Items, PacketReader
 from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, Picture
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
 
@@ -92,7 +92,7 @@ class Stream:
                 self._begin_s = video_s if math.isnan(self._begin_s) else self._begin_s
             elif chosen in {None, index}:
                 time_s = _seconds(part.pts, part, video_s)
-                for packet in readers[index].take(without_cell_heads(bytes(part)), time_s):
+                for packet in readers[index].take(bytes(part), time_s):
                     self._untimed |= part.pts is None
                     chosen = index
                     yield packet
