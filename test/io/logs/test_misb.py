@@ -213,6 +213,20 @@ def test_asynchronous_metadata_gives_the_time_by_the_median(tmp_path):
     assert np.median(np.abs(errors_s)) < 1e-3
 
 
+def test_a_clock_that_drifts_is_followed(tmp_path):
+    """UTC gains 1 s in an hour; a packet each second, late by up to 20 ms, and few pictures."""
+    late_s = np.random.default_rng(5).uniform(0, 0.02, 3600).tolist()
+    drifting = 1 + 1 / 3600
+    timed = [
+        (k + late, BEGIN_NS + round(k * drifting * 1e6) * 1000) for k, late in enumerate(late_s)
+    ]
+    times_s = np.arange(0.0, 3600, 400)
+    write_stream(tmp_path / "a.ts", times_s, timed)
+    stamps_ns = [picture.stamp_ns for picture in read_misb(tmp_path / "a.ts", OPTIONS).pictures]
+    errors_s = (np.array(stamps_ns) - BEGIN_NS) * 1e-9 - times_s * drifting + 0.01
+    assert np.abs(errors_s).max() < 0.012  # half a group of packets at the ends
+
+
 def test_a_grey_picture_has_one_channel(tmp_path):
     for colour in (False, True):
         write_stream(tmp_path / "a.ts", TIMES_S[:5], synchronous()[:5], colour=colour)
