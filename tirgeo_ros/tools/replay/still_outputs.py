@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
@@ -63,15 +62,6 @@ class StillState(NamedTuple):
     place: tuple[float, float, float] | None  # of the camera: latitude, longitude (deg), height m
 
 
-@dataclass(frozen=True)
-class _Row:
-    name: str  # of the still
-    state: StillState | None = None  # None: it was never drawn
-    file: str = ""  # relative to the folder
-    thumbnail: bytes = b""
-    why: str = ""  # it was never drawn
-
-
 class StillOutputs:
     """Write the drawn stills of a flight into a folder, then the page of all.
 
@@ -87,7 +77,8 @@ class StillOutputs:
         self._source = source
         self._names = {stamp_ns: name for name, stamp_ns in names.items()}
         self._metadata: dict[int, bytes] = {}
-        self._rows: dict[str, _Row] = {}
+        self._items: dict[str, str] = {}  # of the page, by name
+        self._drawn = 0  # with a map
 
     def take(self, stamp_ns: int, original: bytes) -> None:
         """Keep the metadata of a still until it is drawn."""
@@ -95,10 +86,10 @@ class StillOutputs:
 
     def state_of(self, picture: Unpainted, plane: TangentPlane | None) -> StillState:
         """Return the state of a picture that will be drawn; ``plane`` is that of its pose."""
-        if picture.pose is None or plane is None:
-            return StillState(picture.stamp_ns, picture.notice, None)
-        latitude, longitude, height_m = plane.geodetic_from_ned(picture.pose.position_n)
-        place = math.degrees(latitude), math.degrees(longitude), float(height_m)
+        place = None
+        if picture.pose is not None and plane is not None:
+            latitude, longitude, height_m = plane.geodetic_from_ned(picture.pose.position_n)
+            place = math.degrees(latitude), math.degrees(longitude), float(height_m)
         return StillState(picture.stamp_ns, picture.notice, place)
 
     def write(self, state: StillState, jpeg: bytes) -> None:
@@ -111,17 +102,19 @@ class StillOutputs:
         made_folder(path.parent, BagError)
         whole = with_metadata(jpeg, self._metadata.pop(state.stamp_ns, b""))
         write_files({path: whole}, BagError)
-        self._rows[name] = _Row(name, state, file, _thumbnail(jpeg))
+        self._items[name] = _item(name, file, state, jpeg)
+        self._drawn += not state.notice
 
     def finish(self, refused: Sequence[tuple[str, str]], why: str) -> dict[str, object]:
         """Write the page; ``refused`` are files that were not read, ``why`` others are missing."""
-        others = [name for name in self._names.values() if name not in self._rows]
-        rows = [*self._rows.values(), *(_Row(name, why=why) for name in others)]
-        rows += [_Row(name, why=reason) for name, reason in refused]
-        drawn = sum(row.state is not None and not row.state.notice for row in rows)
-        page = self.folder / PAGE
-        write_files({page: _page(self._source.name, rows, drawn)}, BagError)
-        return {"folder": str(self.folder), "page": str(page), "stills": len(rows), "drawn": drawn}
+        others = [(name, why) for name in self._names.values() if name not in self._items]
+        items = [*self._items.values(), *(_undrawn(*each) for each in [*others, *refused])]
+        title, page = self._source.name, self.folder / PAGE
+        lead = f'<p class="lead">{self._drawn} of {len(items)} stills with a trusted pose</p>'
+        body = [f"<h1>{escape(title)}</h1>", lead, '<ul class="stills">', *items, "</ul>"]
+        write_files({page: html_page(title, _STYLE, "\n".join(body))}, BagError)
+        counts = {"stills": len(items), "drawn": self._drawn}
+        return {"folder": str(self.folder), "page": str(page), **counts}
 
 
 def _thumbnail(jpeg: bytes) -> bytes:
@@ -132,24 +125,20 @@ def _thumbnail(jpeg: bytes) -> bytes:
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _THUMBNAIL_QUALITY])[1].tobytes()
 
 
-def _page(title: str, rows: Sequence[_Row], drawn: int) -> str:
-    items = "\n".join(map(_item, rows))
-    lead = f'<p class="lead">{drawn} of {len(rows)} stills with a trusted pose</p>'
-    body = f'<h1>{escape(title)}</h1>\n{lead}\n<ul class="stills">\n{items}\n</ul>'
-    return html_page(title, _STYLE, body)
+def _undrawn(name: str, why: str) -> str:
+    notice = f'<span class="notice">not drawn: {escape(why)}</span>'
+    return f"<li><div><strong>{escape(name)}</strong>{notice}</div></li>"
 
 
-def _item(row: _Row) -> str:
-    name, url = escape(row.name), escape(quote(row.file, errors="surrogateescape"))
-    if row.state is None:
-        notice = f'<span class="notice">not drawn: {escape(row.why)}</span>'
-        return f"<li><div><strong>{name}</strong>{notice}</div></li>"
-    stamp_ns, notice, place = row.state
-    state = f'<span class="notice">{escape(notice)}</span>' if notice else "<span>drawn</span>"
-    lines = [state, f"<span>{utc(stamp_ns)[:19].replace('T', ' ')} UTC</span>"]
-    if place is not None:
-        latitude, longitude, height_m = place
+def _item(name: str, file: str, state: StillState, jpeg: bytes) -> str:
+    """Return the page's item of a still that is written, as ``file`` in the folder."""
+    link = f'<a href="{escape(quote(file, errors="surrogateescape"))}">'
+    notice = f'<span class="notice">{escape(state.notice)}</span>'
+    lines = [notice if state.notice else "<span>drawn</span>"]
+    lines.append(f"<span>{utc(state.stamp_ns)[:19].replace('T', ' ')} UTC</span>")
+    if state.place is not None:
+        latitude, longitude, height_m = state.place
         lines.append(f"<span>{latitude:.6f}, {longitude:.6f}, {height_m:.1f} m</span>")
-    picture = f'<a href="{url}">{embedded(row.thumbnail, "image/jpeg", row.name)}</a>'
-    words = f'<strong><a href="{url}">{name}</a></strong>{"".join(lines)}'
+    picture = f"{link}{embedded(_thumbnail(jpeg), 'image/jpeg', name)}</a>"
+    words = f"<strong>{link}{escape(name)}</a></strong>{''.join(lines)}"
     return f"<li>{picture}<div>{words}</div></li>"
