@@ -185,7 +185,7 @@ def _optics(stamps_ns: IntArray, values: _Values) -> Callable[[int, int, int], C
     def camera(stamp_ns: int, width: int, height: int) -> Camera | None:
         if not rows.size:
             return None
-        row = rows[max(np.searchsorted(begins_ns, stamp_ns, "right") - 1, 0)]
+        row = rows[max(int(np.searchsorted(begins_ns, stamp_ns, "right")) - 1, 0)]
         across_rad, down_rad = float(values[16][row]), float(values[17][row])
         fx = width / 2 / math.tan(across_rad / 2)
         fy = height / 2 / math.tan(down_rad / 2) if 0 < down_rad < math.pi else fx
