@@ -28,6 +28,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
+from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
@@ -117,9 +118,8 @@ class StillOutputs:
         return {"folder": str(self.folder), "page": str(page), **counts}
 
 
-def _thumbnail(jpeg: bytes) -> bytes:
-    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    assert pixels is not None  # it was encoded here
+def thumbnail(pixels: RawPixels) -> bytes:
+    """Return a small picture of a picture (h, w) or (h, w, 3), as JPEG."""
     scale = min(_THUMBNAIL_PX / pixels.shape[1], 1.0)
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _THUMBNAIL_QUALITY])[1].tobytes()
@@ -139,6 +139,8 @@ def _item(name: str, file: str, state: StillState, jpeg: bytes) -> str:
     if state.place is not None:
         latitude, longitude, height_m = state.place
         lines.append(f"<span>{latitude:.6f}, {longitude:.6f}, {height_m:.1f} m</span>")
-    picture = f"{link}{embedded(_thumbnail(jpeg), 'image/jpeg', name)}</a>"
+    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None  # it was encoded here
+    picture = f"{link}{embedded(thumbnail(pixels), 'image/jpeg', name)}</a>"
     words = f"<strong>{link}{escape(name)}</a></strong>{''.join(lines)}"
     return f"<li>{picture}<div>{words}</div></li>"
