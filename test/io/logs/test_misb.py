@@ -246,7 +246,8 @@ def test_a_programme_stream_has_its_metadata_without_times(tmp_path):
     packs = (tmp_path / "a.mpg").read_bytes().split(b"\0\0\1\xba")[1:]
     body = b"\x80\0\0" + packet(BEGIN_NS, VALUES)
     beside = b"\0\0\1\xfc" + len(body).to_bytes(2, "big") + body
-    stream = b"".join(b"\0\0\1\xba" + pack + beside for pack in packs)
+    unset = packet(0, VALUES)  # the clock was not set yet
+    stream = b"".join(b"\0\0\1\xba" + pack + beside for pack in [packs[0] + unset, *packs[1:]])
     contents = read(tmp_path, stream, name="b.mpg")
     assert len(of_kind(contents, JointSample)) == len(packs)
     stamps_s = np.array([picture.stamp_ns - BEGIN_NS for picture in contents.pictures]) * 1e-9

@@ -60,9 +60,7 @@ _IN_STREAM = 0  # no tag: the packet's time in the stream, s
 _EXTENDED_HEIGHT = 104
 _TAGS = (TIME, 5, 6, 7, *range(13, 21), 23, 24, 25, 75, 78, 90, 91)
 _COLUMNS = (_IN_STREAM, _EXTENDED_HEIGHT, *_TAGS)
-_JOINT_ORDER = "yaw-pitch-roll"
-#: Of a stream's field of view, which no calibration has measured.
-_FOCAL_SIGMA = 0.01
+_FOCAL_SIGMA = 0.01  # of a stream's field of view, which no calibration has measured
 _MIDDLE = (
     "the sensor's angles are of the picture's middle: keep to the camera of its fields of view, "
     "for a calibrated one has another axis, which would need its boresight_rpy_deg"
@@ -95,8 +93,8 @@ def read_misb(path: Path, options: LogOptions) -> LogContents:
 
 
 def _values(packets: Iterable[tuple[Items, float]], contents: LogContents) -> _Values:
-    """Return the values of packets, in little memory; refuse packets without a time."""
-    numbers = array("d")
+    """Return the values of packets in order of time; refuse packets without a time."""
+    numbers = array("d")  # in little memory
     for items, time_s in packets:
         row = [ITEMS[tag].decoded(items.get(tag, b"")) for tag in _TAGS]
         if 0 < row[0] * 1000 < LAST_NS:
@@ -105,6 +103,7 @@ def _values(packets: Iterable[tuple[Items, float]], contents: LogContents) -> _V
         else:
             contents.refused[PACKET, "no time, or none between 1970 and 2038"] += 1
     columns = np.array(numbers).reshape(-1, len(_COLUMNS)).T
+    columns = columns[:, np.argsort(columns[_COLUMNS.index(TIME)], kind="stable")]
     of_angle = [tag in ITEMS and ITEMS[tag].unit == "deg" for tag in _COLUMNS]
     columns[of_angle] = np.radians(columns[of_angle])
     return dict(zip(_COLUMNS, columns, strict=True))
@@ -144,12 +143,11 @@ def _add_attitudes(contents: LogContents, stamps_ns: list[int], values: _Values)
         contents.notes.append("the sensor's relative roll is not recorded: 0 is assumed")
     q_nb = quat_from_euler(*np.nan_to_num(platform))
     for k in _complete(contents, "heading, pitch and roll of the platform", platform):
-        imu = ImuSample(stamps_ns[k], _NOT_MEASURED, _NOT_MEASURED, q_nb[k])
-        contents.samples.append(imu)
+        contents.samples.append(ImuSample(stamps_ns[k], _NOT_MEASURED, _NOT_MEASURED, q_nb[k]))
     for k in _complete(contents, "azimuth, elevation and roll of the sensor", sensor):
         roll_rad, pitch_rad, yaw_rad = map(wrapped, sensor[:, k].tolist())
         contents.samples.append(JointSample(stamps_ns[k], yaw_rad, roll_rad, pitch_rad))
-        contents.parameters["joint_order"] = _JOINT_ORDER
+        contents.parameters["joint_order"] = "yaw-pitch-roll"
     if angles_deg := _to_centre_deg(platform, sensor, values):
         median, p90 = np.percentile(angles_deg, [50, 90])
         contents.notes.append(
@@ -179,7 +177,6 @@ def _to_centre_deg(platform: Array, sensor: Array, values: _Values) -> list[floa
 def _optics(stamps_ns: IntArray, values: _Values) -> Callable[[int, int, int], Camera | None]:
     """Return what gives a picture's camera, from the field of view recorded last before it."""
     rows = np.flatnonzero((values[16] > 0) & (values[16] < math.pi))
-    rows = rows[np.argsort(stamps_ns[rows], kind="stable")]
     begins_ns = stamps_ns[rows]
 
     def camera(stamp_ns: int, width: int, height: int) -> Camera | None:

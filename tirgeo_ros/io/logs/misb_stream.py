@@ -85,10 +85,10 @@ class Stream:
         for part in self._parts(with_data=True):
             index = part.stream.index
             if part.stream.type == "video":
-                video_s = _seconds(part.dts, part, video_s)
+                video_s = video_s if part.dts is None else float(part.dts * part.time_base)
                 begin_s = video_s if math.isnan(begin_s) else begin_s
             elif chosen in {None, index}:
-                time_s = _seconds(part.pts, part, video_s)
+                time_s = video_s if part.pts is None else float(part.pts * part.time_base)
                 for packet in readers[index].take(bytes(part), time_s):
                     chosen, untimed = index, untimed or part.pts is None
                     yield packet
@@ -98,7 +98,6 @@ class Stream:
             for items, _ in bare_packets(self._path, self._contents):
                 untimed = True
                 yield items, begin_s
-                begin_s = math.nan
         if untimed:
             self._contents.notes.append(_UNTIMED)
 
@@ -144,28 +143,24 @@ class Stream:
             self._contents.damaged = True
 
 
-def _seconds(ticks: int | None, part: Any, otherwise_s: float) -> float:
-    return otherwise_s if ticks is None else float(ticks * part.time_base)
-
-
 def clock(times_s: Array, stamps_ns: IntArray) -> Callable[[float], int]:
     """Return what gives the UTC (ns) of a time in the stream (s), or 0 where no time is finite.
 
-    ``times_s`` and ``stamps_ns`` (N,) are those of packets; one that almost fits is taken itself.
+    ``times_s`` and sorted ``stamps_ns`` (N,) are of packets; a stamp that almost fits is taken.
     """
-    order = np.argsort(times_s)[: np.isfinite(times_s).sum()]  # nan come last
+    order = np.unique(times_s, return_index=True)[1]  # of a programme stream the first packet
+    order = order[np.isfinite(times_s[order])]
     if not order.size:
         return lambda _: 0
     offsets_s = (stamps_ns - stamps_ns[0]) * 1e-9 - times_s
     parts = np.array_split(order, len(order) // _NEIGHBOURS + 1)
     middles = np.array([[np.median(x[part]) for part in parts] for x in (times_s, offsets_s)])
-    sorted_ns = np.sort(stamps_ns)
 
     def utc_ns(time_s: float) -> int:
         after_s = time_s + float(np.interp(time_s, *middles))
         stamp_ns = int(stamps_ns[0]) + round(after_s * SECOND_NS)
-        place = int(np.searchsorted(sorted_ns, stamp_ns))
-        near = sorted_ns[max(place - 1, 0) : place + 1].tolist()
+        place = int(np.searchsorted(stamps_ns, stamp_ns))
+        near = stamps_ns[max(place - 1, 0) : place + 1].tolist()
         nearest: int = min(near, key=lambda other: abs(other - stamp_ns))
         return nearest if abs(nearest - stamp_ns) < _SAME_NS else stamp_ns
 

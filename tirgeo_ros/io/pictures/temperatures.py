@@ -111,8 +111,7 @@ def _records(file: bytes) -> dict[int, bytes]:
     at, count = struct.unpack_from(f"{order}II", file, 0x18)
     records: dict[int, bytes] = {}
     for place in range(at, min(at + count * _ENTRY, len(file) - _ENTRY + 1), _ENTRY):
-        kind = struct.unpack_from(f"{order}H", file, place)[0]
-        offset, length = struct.unpack_from(f"{order}II", file, place + 0x0C)
+        kind, offset, length = struct.unpack_from(f"{order}H10xII", file, place)
         records.setdefault(kind, file[offset : offset + length])
     return records
 

@@ -60,7 +60,7 @@ class StillState(NamedTuple):
 
     stamp_ns: int
     notice: str  # why no map is drawn on it; empty if it is drawn
-    place: tuple[float, float, float] | None  # of the camera: latitude, longitude (deg), height m
+    place: str  # of the camera: latitude, longitude (deg), height (m)
 
 
 class StillOutputs:
@@ -87,10 +87,12 @@ class StillOutputs:
 
     def state_of(self, picture: Unpainted, plane: TangentPlane | None) -> StillState:
         """Return the state of a picture that will be drawn; ``plane`` is that of its pose."""
-        place = None
+        place = ""
         if picture.pose is not None and plane is not None:
             latitude, longitude, height_m = plane.geodetic_from_ned(picture.pose.position_n)
-            place = math.degrees(latitude), math.degrees(longitude), float(height_m)
+            place = (
+                f"{math.degrees(latitude):.6f}, {math.degrees(longitude):.6f}, {height_m:.1f} m"
+            )
         return StillState(picture.stamp_ns, picture.notice, place)
 
     def write(self, state: StillState, jpeg: bytes) -> None:
@@ -136,9 +138,7 @@ def _item(name: str, file: str, state: StillState, jpeg: bytes) -> str:
     notice = f'<span class="notice">{escape(state.notice)}</span>'
     lines = [notice if state.notice else "<span>drawn</span>"]
     lines.append(f"<span>{utc(state.stamp_ns)[:19].replace('T', ' ')} UTC</span>")
-    if state.place is not None:
-        latitude, longitude, height_m = state.place
-        lines.append(f"<span>{latitude:.6f}, {longitude:.6f}, {height_m:.1f} m</span>")
+    lines.append(state.place and f"<span>{state.place}</span>")
     pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None  # it was encoded here
     picture = f"{link}{embedded(thumbnail(pixels), 'image/jpeg', name)}</a>"
