@@ -89,10 +89,9 @@ class StillOutputs:
         """Return the state of a picture that will be drawn; ``plane`` is that of its pose."""
         place = ""
         if picture.pose is not None and plane is not None:
-            latitude, longitude, height_m = plane.geodetic_from_ned(picture.pose.position_n)
-            place = (
-                f"{math.degrees(latitude):.6f}, {math.degrees(longitude):.6f}, {height_m:.1f} m"
-            )
+            *angles_rad, height_m = plane.geodetic_from_ned(picture.pose.position_n)
+            degrees = ", ".join(f"{math.degrees(angle_rad):.6f}" for angle_rad in angles_rad)
+            place = f"{degrees}, {height_m:.1f} m"
         return StillState(picture.stamp_ns, picture.notice, place)
 
     def write(self, state: StillState, jpeg: bytes) -> None:
