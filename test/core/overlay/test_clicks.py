@@ -33,9 +33,10 @@ from tirgeo_ros.core.overlay.clicks import (
     MARKERS,
     REMEMBERED_S,
     Clicks,
-    Counts,
     Marker,
     PlacedMarkers,
+    counted,
+    looked_up,
 )
 from tirgeo_ros.core.overlay.map_renderer import LineRenderer
 from tirgeo_ros.core.targets.target import Target
@@ -141,15 +142,15 @@ def test_another_plane_forgets_pictures_and_moves_marks(clicks):
 
 
 def test_a_click_has_the_temperature_of_its_own_picture(clicks):
-    scale = PictureConfig(celsius_per_count=0.04)
+    degrees = counted(PictureConfig(celsius_per_count=0.04))
     pixels = np.full((512, 640), 7500, np.uint16)
     pixels[round(CENTRE[1]), round(CENTRE[0])] = 8000
-    clicks.show_thermal(S, Counts(pixels, scale))
-    clicks.show_thermal(2 * S, Counts(pixels + np.uint16(25), scale))
+    clicks.show_thermal(S, looked_up(pixels, degrees))
+    clicks.show_thermal(2 * S, looked_up(pixels + np.uint16(25), degrees))
     assert clicks.locate(CENTRE, S).temperature_c == pytest.approx(8000 * 0.04 - 273.15)
     assert clicks.locate(CENTRE, 2 * S).temperature_c == pytest.approx(8025 * 0.04 - 273.15)
     assert math.isnan(clicks.locate(CENTRE, 3 * S).temperature_c)
-    assert math.isnan(Counts(pixels, scale)(639.6, 0.0))
+    assert math.isnan(looked_up(pixels, degrees)(639.6, 0.0))
 
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)

@@ -23,7 +23,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, strategies as st
 
-from tirgeo_ros.io.logs.klv_packets import PacketReader, without_cell_heads
+from tirgeo_ros.io.logs.klv_packets import PacketReader
 from tirgeo_ros.io.logs.log_contents import LogContents
 from tirgeo_ros.io.video.frame_metadata import KEY, ber, packet
 
@@ -125,12 +125,8 @@ def test_hostile_bytes_take_bounded_memory_and_time():
     assert 0 < contents.refused[TOO_LONG] < 100  # each byte is looked at twice at most
 
 
-def test_cells_of_metadata_lose_their_heads():
-    first, second = flight(2)
-    cells = [
-        bytes((0, k, 0xD0)) + len(each).to_bytes(2, "big") + each
-        for k, each in enumerate((first, second[:50], second[50:]))
-    ]
-    assert without_cell_heads(b"".join(cells)) == first + second
-    for other in (first, b"", b"abc", b"".join(cells)[:-1]):
-        assert without_cell_heads(other) == other
+def test_heads_of_metadata_cells_are_passed_over():
+    """A head of 5 bytes before each packet, as in synchronous metadata of transport streams."""
+    packets = flight(3)
+    cells = [bytes((0, k, 0xD0)) + len(p).to_bytes(2, "big") + p for k, p in enumerate(packets)]
+    assert read(b"".join(cells)) == ([(1000, 0.0), (2000, 0.0), (3000, 0.0)], {})

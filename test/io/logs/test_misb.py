@@ -213,6 +213,20 @@ def test_asynchronous_metadata_gives_the_time_by_the_median(tmp_path):
     assert np.median(np.abs(errors_s)) < 1e-3
 
 
+def test_a_clock_that_drifts_is_followed(tmp_path):
+    """UTC gains 1 s in an hour; a packet each second, late by up to 20 ms, and few pictures."""
+    late_s = np.random.default_rng(5).uniform(0, 0.02, 3600).tolist()
+    drifting = 1 + 1 / 3600
+    timed = [
+        (k + late, BEGIN_NS + round(k * drifting * 1e6) * 1000) for k, late in enumerate(late_s)
+    ]
+    times_s = np.arange(0.0, 3600, 400)
+    write_stream(tmp_path / "a.ts", times_s, timed)
+    stamps_ns = [picture.stamp_ns for picture in read_misb(tmp_path / "a.ts", OPTIONS).pictures]
+    errors_s = (np.array(stamps_ns) - BEGIN_NS) * 1e-9 - times_s * drifting + 0.01
+    assert np.abs(errors_s).max() < 0.012  # half a group of packets at the ends
+
+
 def test_a_grey_picture_has_one_channel(tmp_path):
     for colour in (False, True):
         write_stream(tmp_path / "a.ts", TIMES_S[:5], synchronous()[:5], colour=colour)
@@ -232,7 +246,8 @@ def test_a_programme_stream_has_its_metadata_without_times(tmp_path):
     packs = (tmp_path / "a.mpg").read_bytes().split(b"\0\0\1\xba")[1:]
     body = b"\x80\0\0" + packet(BEGIN_NS, VALUES)
     beside = b"\0\0\1\xfc" + len(body).to_bytes(2, "big") + body
-    stream = b"".join(b"\0\0\1\xba" + pack + beside for pack in packs)
+    unset = packet(0, VALUES)  # the clock was not set yet
+    stream = b"".join(b"\0\0\1\xba" + pack + beside for pack in [packs[0] + unset, *packs[1:]])
     contents = read(tmp_path, stream, name="b.mpg")
     assert len(of_kind(contents, JointSample)) == len(packs)
     stamps_s = np.array([picture.stamp_ns - BEGIN_NS for picture in contents.pictures]) * 1e-9

@@ -24,7 +24,7 @@ import dataclasses
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -63,27 +63,34 @@ _THERMAL = 64
 Thermal: TypeAlias = Callable[[float, float], float]
 
 
-def counted(value: float, config: PictureConfig) -> float:
-    """Return the temperature (deg C) of a value of a 16-bit picture."""
-    return value * config.celsius_per_count + config.celsius_offset
+def counted(config: PictureConfig) -> Callable[[Any], Any]:
+    """Return what gives the temperature (deg C) of a value of a 16-bit picture."""
+    return lambda count: count * config.celsius_per_count + config.celsius_offset
+
+
+def looked_up(
+    values: Array | RawPixels,
+    degrees: Callable[[Any], Any],
+    size: tuple[int, int] | None = None,
+) -> Thermal:
+    """Return the temperatures ``degrees(value)`` of values (h, w) at the pixels of their picture.
+
+    It may have another ``size`` (width, height) than they.
+    """
+    height, width = values.shape
+    across, down = size or (width, height)
+
+    def at(u: float, v: float) -> float:
+        column = math.floor((u + 0.5) * width / max(across, 1))
+        row = math.floor((v + 0.5) * height / max(down, 1))
+        inside = 0 <= column < width and 0 <= row < height
+        return float(degrees(values[row, column])) if inside else math.nan
+
+    return at
 
 
 def _unknown(_u: float, _v: float) -> float:
     return math.nan
-
-
-class Counts:
-    """Give the temperatures of a picture (h, w) of 16 bits; a Thermal."""
-
-    def __init__(self, pixels: RawPixels, config: PictureConfig) -> None:
-        self._pixels, self._config = pixels, config
-
-    def __call__(self, u: float, v: float) -> float:
-        """Return the temperature (deg C) at a pixel; nan outside the picture."""
-        row, column = math.floor(v + 0.5), math.floor(u + 0.5)
-        height, width = self._pixels.shape
-        inside = 0 <= row < height and 0 <= column < width
-        return counted(float(self._pixels[row, column]), self._config) if inside else math.nan
 
 
 class Marker(NamedTuple):

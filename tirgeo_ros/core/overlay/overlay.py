@@ -44,7 +44,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import MapLayer
-from tirgeo_ros.core.overlay.clicks import Clicks, Counts, Thermal
+from tirgeo_ros.core.overlay.clicks import Clicks, Thermal, counted, looked_up
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.overlay.picture_painter import (
     DrawingVerdict,
@@ -346,7 +346,7 @@ class Overlay:
         of no use for a picture that is rectified.
         """
         if thermal is None and self._picture.celsius_per_count and pixels.dtype == np.uint16:
-            thermal = Counts(pixels, self._picture)
+            thermal = looked_up(pixels, counted(self._picture))
         if thermal is not None and not self._rectify:
             self.clicks.show_thermal(stamp_ns, thermal)
         self.frames.put(Frame(stamp_ns, pixels, now_ns))

@@ -25,18 +25,18 @@ something else shows there.
 
 from __future__ import annotations
 
-import bisect
 import math
 from array import array
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_euler, wrapped
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import CameraError, LogError
 from tirgeo_ros.core.types.measurements import (
     LAST_NS,
@@ -49,15 +49,18 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.io.files.whole_files import first_bytes
 from tirgeo_ros.io.logs.klv_packets import PACKET, PREFIX, Items
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
-from tirgeo_ros.io.logs.misb_stream import Stream, bare_packets, is_stream
+from tirgeo_ros.io.logs.misb_stream import Stream, bare_packets, clock, is_stream
 from tirgeo_ros.io.video.frame_metadata import ITEMS, TIME, extended
 
+#: Values (N,) of packets by tag, in the items' units, angles in rad; nan where there is none.
+_Values: TypeAlias = Mapping[int, Array]
+
+_IN_STREAM = 0  # no tag: the packet's time in the stream, s
 #: The sensor's ellipsoidal height, of a large range: not mapped as the other items.
 _EXTENDED_HEIGHT = 104
-_TAGS = (5, 6, 7, *range(13, 21), 23, 24, 25, 75, 78, 90, 91, _EXTENDED_HEIGHT)
-_JOINT_ORDER = "yaw-pitch-roll"
-#: Of a stream's field of view, which no calibration has measured.
-_FOCAL_SIGMA = 0.01
+_TAGS = (TIME, 5, 6, 7, *range(13, 21), 23, 24, 25, 75, 78, 90, 91)
+_COLUMNS = (_IN_STREAM, _EXTENDED_HEIGHT, *_TAGS)
+_FOCAL_SIGMA = 0.01  # of a stream's field of view, which no calibration has measured
 _MIDDLE = (
     "the sensor's angles are of the picture's middle: keep to the camera of its fields of view, "
     "for a calibrated one has another axis, which would need its boresight_rpy_deg"
@@ -73,51 +76,37 @@ def is_misb(head: bytes) -> bool:
 
 def read_misb(path: Path, options: LogOptions) -> LogContents:
     """Read a stream (.ts, .mpg) or its bare metadata (.klv). Raise LogError if it has none."""
-    contents, table = LogContents(), _Table()
-    head = first_bytes(path, 1 << 10, LogError)
+    contents, head = LogContents(), first_bytes(path, 1 << 10, LogError)
     stream = Stream(path, contents) if is_stream(head) else None
-    table.fill(stream.packets() if stream else bare_packets(path, contents), contents)
+    values = _values(stream.packets() if stream else bare_packets(path, contents), contents)
     if not contents.read:
         raise LogError(f"{path}: no metadata of MISB ST 0601 in it: give the video's log instead")
-    values = table.columns()
-    _add_positions(contents, table, values, options, path)
-    _add_attitudes(contents, table, values)
-    if stream and table.stamps_ns:
-        stream.set_times(table.times_s, table.stamps_ns)
+    stamps_ns = values[TIME].astype(np.int64) * 1000
+    _add_positions(contents, stamps_ns.tolist(), values, options, path)
+    _add_attitudes(contents, stamps_ns.tolist(), values)
+    if stream and stamps_ns.size:
         contents.parameters["confidence.focal_sigma"] = _FOCAL_SIGMA
         contents.notes.append(_MIDDLE)
-        contents.pictures = stream.pictures(_optics(table, values), options.every_s)
+        utc_ns, optics = clock(values[_IN_STREAM], stamps_ns), _optics(stamps_ns, values)
+        contents.pictures = stream.pictures(utc_ns, optics, options.every_s)
     return contents
 
 
-class _Table:
-    """Hold the numbers of packets in little memory: an hour has some 100,000."""
-
-    def __init__(self) -> None:
-        self.stamps_ns, self.times_s, self._values = array("q"), array("d"), array("d")
-
-    def fill(self, packets: Iterable[tuple[Items, float]], contents: LogContents) -> None:
-        """Take packets; refuse those without a time."""
-        for items, time_s in packets:
-            stamp_ns = int.from_bytes(items.get(TIME, b""), "big") * 1000
-            if 0 < stamp_ns < LAST_NS:
-                self.stamps_ns.append(stamp_ns)
-                self.times_s.append(time_s)
-                self._values.extend(_value(tag, items.get(tag)) for tag in _TAGS)
-            else:
-                contents.refused[PACKET, "no time, or none between 1970 and 2038"] += 1
-
-    def columns(self) -> dict[int, Array]:
-        """Return the values (N,) by tag, in the items' units; nan where there is none."""
-        return dict(zip(_TAGS, np.array(self._values).reshape(-1, len(_TAGS)).T, strict=True))
-
-
-def _value(tag: int, content: bytes | None) -> float:
-    if content is None:
-        return math.nan
-    if tag == _EXTENDED_HEIGHT:
-        return extended(content, -900.0, 40000.0)
-    return ITEMS[tag].decoded(content)
+def _values(packets: Iterable[tuple[Items, float]], contents: LogContents) -> _Values:
+    """Return the values of packets in order of time; refuse packets without a time."""
+    numbers = array("d")  # in little memory
+    for items, time_s in packets:
+        row = [ITEMS[tag].decoded(items.get(tag, b"")) for tag in _TAGS]
+        if 0 < row[0] * 1000 < LAST_NS:
+            height_m = extended(items.get(_EXTENDED_HEIGHT, b""), -900.0, 40000.0)
+            numbers.extend((time_s, height_m, *row))
+        else:
+            contents.refused[PACKET, "no time, or none between 1970 and 2038"] += 1
+    columns = np.array(numbers).reshape(-1, len(_COLUMNS)).T
+    columns = columns[:, np.argsort(columns[_COLUMNS.index(TIME)], kind="stable")]
+    of_angle = [tag in ITEMS and ITEMS[tag].unit == "deg" for tag in _COLUMNS]
+    columns[of_angle] = np.radians(columns[of_angle])
+    return dict(zip(_COLUMNS, columns, strict=True))
 
 
 def _or(choice: Array, other: Array) -> Array:
@@ -125,8 +114,8 @@ def _or(choice: Array, other: Array) -> Array:
     return np.where(np.isfinite(choice), choice, other)
 
 
-def _complete(contents: LogContents, lack: str, *columns: Array) -> list[int]:
-    """Return the rows in which all columns (N,) are finite; count the others."""
+def _complete(contents: LogContents, lack: str, columns: Array) -> list[int]:
+    """Return the rows in which all columns (3, N) are finite; count the others."""
     complete = np.isfinite(columns).all(axis=0)
     if refused := int((~complete).sum()):
         contents.refused[PACKET, f"no {lack}"] += refused
@@ -134,37 +123,31 @@ def _complete(contents: LogContents, lack: str, *columns: Array) -> list[int]:
 
 
 def _add_positions(
-    contents: LogContents,
-    table: _Table,
-    values: Mapping[int, Array],
-    options: LogOptions,
-    path: Path,
+    contents: LogContents, stamps_ns: list[int], values: _Values, options: LogOptions, path: Path
 ) -> None:
     height_m = _or(values[_EXTENDED_HEIGHT], values[75])
     if (np.isnan(height_m) & np.isfinite(values[15])).any():
         height_m = _or(height_m, values[15] + options.to_ellipsoid_m(MSL, path))
-    places = np.radians(values[13]), np.radians(values[14]), height_m
-    for k in _complete(contents, "position of the sensor", *places):
-        lat_rad, lon_rad, height = (float(column[k]) for column in places)
-        fix = Source.GPS_POSITION, FixStatus.SINGLE, lat_rad, lon_rad, height, _UNKNOWN
-        contents.samples.append(PositionSample(table.stamps_ns[k], *fix))
+    places = np.array([values[13], values[14], height_m])
+    for k in _complete(contents, "position of the sensor", places):
+        fix = Source.GPS_POSITION, FixStatus.SINGLE, *places[:, k].tolist(), _UNKNOWN
+        contents.samples.append(PositionSample(stamps_ns[k], *fix))
 
 
-def _add_attitudes(contents: LogContents, table: _Table, values: Mapping[int, Array]) -> None:
+def _add_attitudes(contents: LogContents, stamps_ns: list[int], values: _Values) -> None:
     """Add the platform's attitudes and the sensor's angles; compare with the frame's centre."""
-    platform = np.radians([_or(values[7], values[91]), _or(values[6], values[90]), values[5]])
-    sensor = np.radians([values[20], values[19], values[18]])
+    platform = np.array([_or(values[7], values[91]), _or(values[6], values[90]), values[5]])
+    sensor = np.array([values[20], values[19], values[18]])
     if np.isnan(sensor[0]).all() and np.isfinite(sensor[2]).any():
         sensor[0] = 0.0
         contents.notes.append("the sensor's relative roll is not recorded: 0 is assumed")
     q_nb = quat_from_euler(*np.nan_to_num(platform))
-    for k in _complete(contents, "heading, pitch and roll of the platform", *platform):
-        imu = ImuSample(table.stamps_ns[k], _NOT_MEASURED, _NOT_MEASURED, q_nb[k])
-        contents.samples.append(imu)
-    for k in _complete(contents, "azimuth, elevation and roll of the sensor", *sensor):
+    for k in _complete(contents, "heading, pitch and roll of the platform", platform):
+        contents.samples.append(ImuSample(stamps_ns[k], _NOT_MEASURED, _NOT_MEASURED, q_nb[k]))
+    for k in _complete(contents, "azimuth, elevation and roll of the sensor", sensor):
         roll_rad, pitch_rad, yaw_rad = map(wrapped, sensor[:, k].tolist())
-        contents.samples.append(JointSample(table.stamps_ns[k], yaw_rad, roll_rad, pitch_rad))
-        contents.parameters["joint_order"] = _JOINT_ORDER
+        contents.samples.append(JointSample(stamps_ns[k], yaw_rad, roll_rad, pitch_rad))
+        contents.parameters["joint_order"] = "yaw-pitch-roll"
     if angles_deg := _to_centre_deg(platform, sensor, values):
         median, p90 = np.percentile(angles_deg, [50, 90])
         contents.notes.append(
@@ -172,19 +155,15 @@ def _add_attitudes(contents: LogContents, table: _Table, values: Mapping[int, Ar
         )
 
 
-def _to_centre_deg(platform: Array, sensor: Array, values: Mapping[int, Array]) -> list[float]:
+def _to_centre_deg(platform: Array, sensor: Array, values: _Values) -> list[float]:
     """Return the angles between composed line of sight and that to the frame's centre, deg.
 
     Both attitudes (3, N) are roll, pitch, yaw, rad. The heights of both places are of one datum:
     ellipsoidal (75, 78) or above the sea (15, 25).
     """
     sea = np.isnan(values[75] + values[78])
-    here, there = (
-        np.array(
-            [*np.radians([values[lat], values[lat + 1]]), np.where(sea, values[h], values[e])]
-        )
-        for lat, h, e in ((13, 15, 75), (23, 25, 78))
-    )
+    here = np.array([values[13], values[14], np.where(sea, values[15], values[75])])
+    there = np.array([values[23], values[24], np.where(sea, values[25], values[78])])
     rows = np.flatnonzero(np.isfinite([*platform, *sensor, *here, *there]).all(axis=0))
     angles_deg = []
     for k in rows[:: len(rows) // _MOST_COMPARED + 1].tolist():
@@ -195,21 +174,18 @@ def _to_centre_deg(platform: Array, sensor: Array, values: Mapping[int, Array]) 
     return angles_deg
 
 
-def _optics(
-    table: _Table, values: Mapping[int, Array]
-) -> Callable[[int, int, int], Camera | None]:
+def _optics(stamps_ns: IntArray, values: _Values) -> Callable[[int, int, int], Camera | None]:
     """Return what gives a picture's camera, from the field of view recorded last before it."""
-    rows = zip(table.stamps_ns, values[16].tolist(), values[17].tolist(), strict=True)
-    fields = sorted(row for row in rows if 0 < row[1] < 180)
-    begins_ns = [row[0] for row in fields]
+    rows = np.flatnonzero((values[16] > 0) & (values[16] < math.pi))
+    begins_ns = stamps_ns[rows]
 
     def camera(stamp_ns: int, width: int, height: int) -> Camera | None:
-        if not fields:
+        if not rows.size:
             return None
-        place = max(bisect.bisect_right(begins_ns, stamp_ns) - 1, 0)
-        _, across_deg, down_deg = fields[place]
-        fx = width / 2 / math.tan(math.radians(across_deg) / 2)
-        fy = height / 2 / math.tan(math.radians(down_deg) / 2) if 0 < down_deg < 180 else fx
+        row = rows[max(int(np.searchsorted(begins_ns, stamp_ns, "right")) - 1, 0)]
+        across_rad, down_rad = float(values[16][row]), float(values[17][row])
+        fx = width / 2 / math.tan(across_rad / 2)
+        fy = height / 2 / math.tan(down_rad / 2) if 0 < down_rad < math.pi else fx
         try:
             return Camera(width, height, fx, fy, (width - 1) / 2, (height - 1) / 2)
         except CameraError:

@@ -15,7 +15,7 @@
 """Take metadata and pictures of MISB streams out of their containers, by PyAV.
 
 A picture's time is that of its own time stamp (ST 0604) if it has one. Else it follows from the
-metadata's time stamps and times in the stream: their difference as the median over neighbouring
+metadata's time stamps and times in the stream: their difference as medians of neighbouring
 packets, so that neither jitter nor drift of a clock counts.
 """
 
@@ -23,12 +23,11 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, IntArray
@@ -36,7 +35,7 @@ from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.dji_video import jpeg
-from tirgeo_ros.io.logs.klv_packets import Items, PacketReader, without_cell_heads
+from tirgeo_ros.io.logs.klv_packets import Items, PacketReader
 from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, Picture
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
 
@@ -45,8 +44,8 @@ _SYNC, _PROGRAMME = 0x47, b"\0\0\1\xba"
 _TRANSPORT = ((188, 0), (192, 4))
 _PICTURE = "picture"
 _OWN_TIME = b"MISPmicrosectime"
-#: Neighbouring packets whose times in the stream give a picture's: some seconds.
-_NEIGHBOURS = 101
+#: Neighbouring packets whose times in the stream give one median: some seconds.
+_NEIGHBOURS = 50
 #: A picture whose time is so near a packet's is of that packet's time.
 _SAME_NS = 2_000_000
 _UNTIMED = (
@@ -64,7 +63,7 @@ def is_stream(head: bytes) -> bool:
 
 
 def bare_packets(path: Path, contents: LogContents) -> Iterator[tuple[Items, float]]:
-    """Yield the packets of a file by their keys, whatever is between them."""
+    """Yield the packets of a file by their keys, whatever is between them; without times (nan)."""
     reader = PacketReader(contents)
     with reading(path, LogError), path.open("rb") as file:
         while piece := file.read(1 << 20):
@@ -78,44 +77,37 @@ class Stream:
     def __init__(self, path: Path, contents: LogContents) -> None:
         self._path, self._contents = path, contents
         self._av = needed("av", f"reading {path}", LogError)
-        self._begin_s, self._untimed = math.nan, False
-        self._utc_ns: Callable[[float], int] = lambda _: 0
 
     def packets(self) -> Iterator[tuple[Items, float]]:
         """Yield the packets of the first stream of metadata that has any, and their times (s)."""
         readers = defaultdict[int, PacketReader](lambda: PacketReader(self._contents))
-        chosen, video_s = None, math.nan
+        chosen, begin_s, video_s, untimed = None, math.nan, math.nan, False
         for part in self._parts(with_data=True):
             index = part.stream.index
             if part.stream.type == "video":
-                video_s = _seconds(part.dts, part, video_s)
-                self._begin_s = video_s if math.isnan(self._begin_s) else self._begin_s
+                video_s = video_s if part.dts is None else float(part.dts * part.time_base)
+                begin_s = video_s if math.isnan(begin_s) else begin_s
             elif chosen in {None, index}:
-                time_s = _seconds(part.pts, part, video_s)
-                for packet in readers[index].take(without_cell_heads(bytes(part)), time_s):
-                    self._untimed |= part.pts is None
-                    chosen = index
+                time_s = video_s if part.pts is None else float(part.pts * part.time_base)
+                for packet in readers[index].take(bytes(part), time_s):
+                    chosen, untimed = index, untimed or part.pts is None
                     yield packet
         for reader in readers.values():
             yield from reader.take(b"", last=True)
         if not self._contents.read:  # PyAV finds no metadata in a programme stream
             for items, _ in bare_packets(self._path, self._contents):
-                self._untimed = True
-                yield items, math.nan
-
-    def set_times(self, times_s: Sequence[float], stamps_ns: Sequence[int]) -> None:
-        """Set from times (s, nan: none) and UTC of packets what a picture's UTC is."""
-        if np.isfinite(times_s).any():
-            self._utc_ns = _clock(np.array(times_s), np.array(stamps_ns))
-        elif math.isfinite(self._begin_s):
-            self._utc_ns = _clock(np.array([self._begin_s]), np.array(stamps_ns[:1]))
-        if self._untimed:
+                untimed = True
+                yield items, begin_s
+        if untimed:
             self._contents.notes.append(_UNTIMED)
 
     def pictures(
-        self, camera: Callable[[int, int, int], Camera | None], every_s: float
+        self,
+        utc_ns: Callable[[float], int],
+        camera: Callable[[int, int, int], Camera | None],
+        every_s: float,
     ) -> Iterator[Picture]:
-        """Yield the pictures as JPEG, each with ``camera(stamp_ns, width, height)``."""
+        """Yield the pictures as JPEG, with ``camera(stamp_ns, width, height)``, by a ``clock``."""
         last_ns, due_ns, refused = 0, 0.0, self._contents.refused
         reformatter = self._av.video.reformatter.VideoReformatter()
         for part in self._parts(with_data=False):
@@ -126,9 +118,8 @@ class Stream:
                 continue
             for frame in frames:
                 self._contents.read[_PICTURE] += 1
-                stamp_ns = _own_time_ns(frame)
-                if not stamp_ns and frame.time is not None:
-                    stamp_ns = self._utc_ns(frame.time)
+                timed = frame.time is not None
+                stamp_ns = _own_time_ns(frame) or (utc_ns(frame.time) if timed else 0)
                 if stamp_ns <= last_ns:
                     refused[_PICTURE, "no time, or one before the last picture's"] += 1
                     continue
@@ -152,26 +143,25 @@ class Stream:
             self._contents.damaged = True
 
 
-def _seconds(ticks: int | None, part: Any, otherwise_s: float) -> float:
-    return otherwise_s if ticks is None else float(ticks * part.time_base)
+def clock(times_s: Array, stamps_ns: IntArray) -> Callable[[float], int]:
+    """Return what gives the UTC (ns) of a time in the stream (s), or 0 where no time is finite.
 
-
-def _clock(times_s: Array, stamps_ns: IntArray) -> Callable[[float], int]:
-    """Return the UTC (ns) of a time in the stream (s); that of a packet if it is almost equal."""
-    begin_ns, timed = int(stamps_ns[0]), np.isfinite(times_s)
-    order = np.argsort(times_s[timed], kind="stable")
-    known_s, offsets_s = times_s[timed][order], (stamps_ns - begin_ns)[timed][order] * 1e-9
-    padded_s = np.pad(offsets_s - known_s, _NEIGHBOURS // 2, "symmetric")
-    windows = np.array_split(sliding_window_view(padded_s, _NEIGHBOURS), len(known_s) // 1000 + 1)
-    offsets_s = np.concatenate([np.median(part, axis=1) for part in windows])  # in little memory
-    sorted_ns = np.sort(stamps_ns)
+    ``times_s`` and sorted ``stamps_ns`` (N,) are of packets; a stamp that almost fits is taken.
+    """
+    order = np.unique(times_s, return_index=True)[1]  # of a programme stream the first packet
+    order = order[np.isfinite(times_s[order])]
+    if not order.size:
+        return lambda _: 0
+    offsets_s = (stamps_ns - stamps_ns[0]) * 1e-9 - times_s
+    parts = np.array_split(order, len(order) // _NEIGHBOURS + 1)
+    middles = np.array([[np.median(x[part]) for part in parts] for x in (times_s, offsets_s)])
 
     def utc_ns(time_s: float) -> int:
-        after_s = time_s + float(np.interp(time_s, known_s, offsets_s))
-        stamp_ns = begin_ns + round(after_s * SECOND_NS)
-        place = int(np.searchsorted(sorted_ns, stamp_ns))
-        near = sorted_ns[max(place - 1, 0) : place + 1].tolist()
-        nearest = int(min(near, key=lambda other: abs(other - stamp_ns)))
+        after_s = time_s + float(np.interp(time_s, *middles))
+        stamp_ns = int(stamps_ns[0]) + round(after_s * SECOND_NS)
+        place = int(np.searchsorted(stamps_ns, stamp_ns))
+        near = stamps_ns[max(place - 1, 0) : place + 1].tolist()
+        nearest: int = min(near, key=lambda other: abs(other - stamp_ns))
         return nearest if abs(nearest - stamp_ns) < _SAME_NS else stamp_ns
 
     return utc_ns
@@ -184,6 +174,6 @@ def _own_time_ns(frame: Any) -> int:
     """
     for content in map(bytes, frame.side_data):
         if content.startswith(_OWN_TIME) and len(content) == len(_OWN_TIME) + 12:
-            digits = content[len(_OWN_TIME) + 1 :]
+            digits = content[-11:]
             return int.from_bytes(b"".join(digits[k : k + 2] for k in (0, 3, 6, 9)), "big") * 1000
     return 0

@@ -33,7 +33,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.config.overlay_parameters import PictureConfig
-from tirgeo_ros.core.overlay.clicks import Counts, Thermal, counted
+from tirgeo_ros.core.overlay.clicks import Thermal, counted, looked_up
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.files.whole_files import reading
@@ -42,27 +42,16 @@ from tirgeo_ros.io.pictures.jpeg_segments import APP1, segments
 
 _FLIR, _APP3 = b"FLIR\0", 0xE3
 _PIECE = 8  # bytes before a piece: FLIR, 0, 1, its number, the last number
-_HEAD, _ENTRY = 0x40, 0x20  # bytes of the file's head and of an entry of its directory
+_ENTRY = 0x20  # bytes of an entry of the directory
 _RAW, _CAMERA = 1, 0x20  # types of records
 _PIXELS = 0x20  # where they begin in the record of raw values
-#: Number of the camera's record -> where it is; temperatures in kelvin, humidity as a share.
+#: Where the camera's record has which numbers; humidity as a share, window is its transmission.
 _CAMERA_AT = {
-    "emissivity": 0x20,
-    "distance_m": 0x24,
-    "reflected_k": 0x28,
-    "air_k": 0x2C,
-    "window_k": 0x30,
-    "window": 0x34,
-    "humidity": 0x3C,  # window: its transmission
-    "r1": 0x58,
-    "b": 0x5C,
-    "f": 0x60,
-    "r2": 0x30C,
-    "alpha_1": 0x70,
-    "alpha_2": 0x74,
-    "beta_1": 0x78,
-    "beta_2": 0x7C,
-    "x": 0x80,
+    0x20: "emissivity distance_m reflected_k air_k window_k window",
+    0x3C: "humidity",
+    0x58: "r1 b f",
+    0x70: "alpha_1 alpha_2 beta_1 beta_2 x",
+    0x30C: "r2",
 }
 _PNG = b"\x89PNG"
 _ZERO_K = 273.15
@@ -102,19 +91,17 @@ def flir_thermal(jpeg: bytes) -> Thermal | None:
 
     Raise MessageError for damaged raw data.
     """
-    if _FLIR not in jpeg[: 1 << 17]:
-        return None
     pieces = {c[6]: c for m, c in segments(jpeg) if m == APP1 and c[:5] == _FLIR and len(c) > 8}
-    file = b"".join(pieces[number][_PIECE:] for number in sorted(pieces))
-    if not file:
+    if not pieces:
         return None
+    file = b"".join(pieces[number][_PIECE:] for number in sorted(pieces))
     try:
         records = _records(file)
         raw, camera = _raw(records[_RAW]), _camera(records[_CAMERA])
         celsius(raw[:1], camera)  # with impossible constants it cannot be computed
     except _BAD as error:
         raise MessageError(f"FLIR's raw data are damaged: {error}") from None
-    return _scaled(raw, pictures.size_of(jpeg), lambda value: float(celsius(value, camera)))
+    return looked_up(raw, lambda value: celsius(value, camera), pictures.size_of(jpeg))
 
 
 def _records(file: bytes) -> dict[int, bytes]:
@@ -124,8 +111,7 @@ def _records(file: bytes) -> dict[int, bytes]:
     at, count = struct.unpack_from(f"{order}II", file, 0x18)
     records: dict[int, bytes] = {}
     for place in range(at, min(at + count * _ENTRY, len(file) - _ENTRY + 1), _ENTRY):
-        kind = struct.unpack_from(f"{order}H", file, place)[0]
-        offset, length = struct.unpack_from(f"{order}II", file, place + 0x0C)
+        kind, offset, length = struct.unpack_from(f"{order}H10xII", file, place)
         records.setdefault(kind, file[offset : offset + length])
     return records
 
@@ -149,9 +135,11 @@ def _raw(record: bytes) -> Array:
 
 
 def _camera(record: bytes) -> dict[str, float]:
-    order = _order(record)
-    c = {name: struct.unpack_from(f"{order}f", record, at)[0] for name, at in _CAMERA_AT.items()}
-    c["o"] = float(struct.unpack_from(f"{order}i", record, 0x308)[0])
+    order, c = _order(record), dict[str, float]()
+    for at, names in _CAMERA_AT.items():
+        split = names.split()
+        c |= zip(split, struct.unpack_from(f"{order}{len(split)}f", record, at), strict=True)
+    (c["o"],) = struct.unpack_from(f"{order}i", record, 0x308)
     c["humidity"] /= 100 if c["humidity"] > 2 else 1  # some write per cent
     if not (0 < c["emissivity"] <= 1 and 0 < c["window"] <= 1 and c["air_k"] > 0):
         raise ValueError("its constants are impossible")
@@ -163,32 +151,18 @@ def tiff_thermal(path: Path, size: tuple[int, int], config: PictureConfig) -> Th
 
     Numbers with decimals are deg C, whole ones counts. Raise MessageError if it cannot be used.
     """
-    with reading(path, MessageError):
-        data = path.read_bytes()
     try:
+        with reading(path, MessageError):
+            data = path.read_bytes()
         values = pictures.unpacked(data, cv2.IMREAD_UNCHANGED, pictures.MOST_OF_FILE)
     except ValueError as error:
         raise MessageError(f"{path}: {error}") from None
     if values is None or values.ndim != 2:
         raise MessageError(f"{path}: no picture of one value a pixel")
-    if values.dtype.kind == "f":
-        return _scaled(np.asarray(values, float), size, float)
-    if not config.celsius_per_count:
+    is_counts = values.dtype.kind != "f"
+    if is_counts and not config.celsius_per_count:
         raise MessageError(f"{path}: its values are counts: set picture.celsius_per_count")
-    return _scaled(np.asarray(values, float), size, lambda value: counted(float(value), config))
-
-
-def _scaled(values: Array, size: tuple[int, int], degrees: Any) -> Thermal:
-    """Return the temperatures at the pixels of a picture that may have another size."""
-    height, width = values.shape
-
-    def at(u: float, v: float) -> float:
-        column = math.floor((u + 0.5) * width / max(size[0], 1))
-        row = math.floor((v + 0.5) * height / max(size[1], 1))
-        inside = 0 <= column < width and 0 <= row < height
-        return float(degrees(values[row, column])) if inside else math.nan
-
-    return at
+    return looked_up(values, counted(config) if is_counts else float, size)
 
 
 def thermal_of(
@@ -208,4 +182,4 @@ def thermal_of(
     if not config.celsius_per_count:
         return None
     values = pictures.pixels(topic, message)
-    return Counts(values, config) if values.dtype == np.uint16 else None
+    return looked_up(values, counted(config)) if values.dtype == np.uint16 else None

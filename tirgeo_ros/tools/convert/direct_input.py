@@ -16,13 +16,11 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 import weakref
-from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, LogError
 from tirgeo_ros.io.bags.bag import ROS2_MAGICS, BagReader, is_bag
@@ -34,14 +32,6 @@ from tirgeo_ros.tools.convert.import_flight import import_flight
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 NO_OPTIONS = LogOptions()
-#: Field of LogOptions -> the verbs' option for it.
-_OPTIONS = {
-    "geoid_undulation_m": "--geoid-undulation",
-    "takeoff_height_m": "--takeoff-height",
-    "height": "--height",
-    "utc_offset_s": "--utc-offset",
-    "every_s": "--every",
-}
 
 
 class OpenedInput(NamedTuple):
@@ -56,13 +46,13 @@ class OpenedInput(NamedTuple):
 def is_direct(path: PathLike) -> bool:
     """Return whether a path is no bag, but of a form that the import knows."""
     place = path_of(path, BagError)
-    if place.is_dir():
-        inside = (file for file in place.iterdir() if not file.is_dir())
-        is_other = is_bag(place) or any(map(is_bag, inside))
-    else:  # reading a pipe would block without end
-        is_other = not place.is_file() or is_bag(place)
-        is_other = is_other or first_bytes(place, 8, BagError).startswith(ROS2_MAGICS)
-    if is_other:
+    is_folder = place.is_dir()
+    if not (is_folder or place.is_file()):  # reading a pipe would block without end
+        return False
+    inside = [file for file in place.iterdir() if not file.is_dir()] if is_folder else []
+    if any(map(is_bag, (place, *inside))):
+        return False
+    if not is_folder and first_bytes(place, 8, BagError).startswith(ROS2_MAGICS):
         return False
     with suppress(LogError):
         return form_of(place) is not None
@@ -84,31 +74,25 @@ def open_input(
     """
     own = paths_of(params)
     if not is_direct(path):
-        for name, option in _OPTIONS.items():
-            if getattr(options, name, None) != getattr(NO_OPTIONS, name, None):
-                raise BagError(f"{path}: a bag: {option} is for stills, MP4 and MISB")
+        for name, value in vars(options).items():
+            if value != getattr(NO_OPTIONS, name):
+                option = name.removesuffix("_m").removesuffix("_s").replace("_", "-")
+                raise BagError(f"{path}: a bag: --{option} is for stills, MP4 and MISB")
         return OpenedInput(BagReader(path), own, [], [])
-    folder = Path(tempfile.mkdtemp(prefix="tirgeo-import-"))
-    try:
-        bag = folder / "flight.mcap"
+    with ExitStack() as stack:
+        temporary = TemporaryDirectory(prefix="tirgeo-import-", ignore_cleanup_errors=True)
+        bag = Path(stack.enter_context(temporary)) / "flight.mcap"
         with Progress("importing") as bar:
             shown = silent if progress is silent else bar
             result = import_flight(
                 path, bag, params=own, namespace=namespace, logs=options, progress=shown
             )
         reader = BagReader(bag)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-    weakref.finalize(reader, shutil.rmtree, folder, ignore_errors=True)
+        weakref.finalize(reader, stack.pop_all().close)
     reader.path = Path(path)  # the name for people
-    beside = result["parameter_file"]
-    return OpenedInput(reader, [*([beside] if beside else ()), *own], *_said(result))
-
-
-def _said(result: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str]]]:
-    """Return the notes of an import, and what it refused with the reasons."""
+    params = [*filter(None, [result["parameter_file"]]), *own]
     notes = [note for file in result["files"] for note in file["notes"]]
-    rows = [row for file in result["files"] for row in file["refused"]]
     notes += [*result["warnings"], *filter(None, [result["error"]])]
-    return notes, [(str(row["record"]), str(row["reason"])) for row in rows]
+    rows = [row for file in result["files"] for row in file["refused"]]
+    refused = [(str(row["record"]), str(row["reason"])) for row in rows]
+    return OpenedInput(reader, params, notes, refused)

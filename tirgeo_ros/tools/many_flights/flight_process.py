@@ -52,6 +52,7 @@ from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, writ
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import error_line, plain
 from tirgeo_ros.tools.replay.process import process
+from tirgeo_ros.tools.replay.still_outputs import thumbnail
 
 #: How often a flight is tried if its process is killed.
 ATTEMPTS = 3
@@ -66,7 +67,6 @@ run_child()
 _POLL_S = 0.2  # between two polls, or two reports of progress
 _END_S = 10.0  # time for a child that is stopped to remove its unfinished files
 _PICTURE = "tirgeo/overlay/image/compressed"
-_WIDTH_PX, _QUALITY = 320, 60  # width, and JPEG quality, of the small picture
 
 
 @final
@@ -292,6 +292,4 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
     if jpeg is None:
         return facts, b""
     pixels = picture_messages.compressed_pixels(cdr.deserialize(jpeg.data, jpeg.typename))
-    scale = min(_WIDTH_PX / pixels.shape[1], 1.0)
-    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return facts, bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
+    return facts, thumbnail(pixels)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
@@ -29,6 +28,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
+from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
@@ -60,16 +60,7 @@ class StillState(NamedTuple):
 
     stamp_ns: int
     notice: str  # why no map is drawn on it; empty if it is drawn
-    place: tuple[float, float, float] | None  # of the camera: latitude, longitude (deg), height m
-
-
-@dataclass(frozen=True)
-class _Row:
-    name: str  # of the still
-    state: StillState | None = None  # None: it was never drawn
-    file: str = ""  # relative to the folder
-    thumbnail: bytes = b""
-    why: str = ""  # it was never drawn
+    place: str  # of the camera: latitude, longitude (deg), height (m)
 
 
 class StillOutputs:
@@ -87,7 +78,8 @@ class StillOutputs:
         self._source = source
         self._names = {stamp_ns: name for name, stamp_ns in names.items()}
         self._metadata: dict[int, bytes] = {}
-        self._rows: dict[str, _Row] = {}
+        self._items: dict[str, str] = {}  # of the page, by name
+        self._drawn = 0  # with a map
 
     def take(self, stamp_ns: int, original: bytes) -> None:
         """Keep the metadata of a still until it is drawn."""
@@ -95,10 +87,11 @@ class StillOutputs:
 
     def state_of(self, picture: Unpainted, plane: TangentPlane | None) -> StillState:
         """Return the state of a picture that will be drawn; ``plane`` is that of its pose."""
-        if picture.pose is None or plane is None:
-            return StillState(picture.stamp_ns, picture.notice, None)
-        latitude, longitude, height_m = plane.geodetic_from_ned(picture.pose.position_n)
-        place = math.degrees(latitude), math.degrees(longitude), float(height_m)
+        place = ""
+        if picture.pose is not None and plane is not None:
+            *angles_rad, height_m = plane.geodetic_from_ned(picture.pose.position_n)
+            degrees = ", ".join(f"{math.degrees(angle_rad):.6f}" for angle_rad in angles_rad)
+            place = f"{degrees}, {height_m:.1f} m"
         return StillState(picture.stamp_ns, picture.notice, place)
 
     def write(self, state: StillState, jpeg: bytes) -> None:
@@ -111,45 +104,42 @@ class StillOutputs:
         made_folder(path.parent, BagError)
         whole = with_metadata(jpeg, self._metadata.pop(state.stamp_ns, b""))
         write_files({path: whole}, BagError)
-        self._rows[name] = _Row(name, state, file, _thumbnail(jpeg))
+        self._items[name] = _item(name, file, state, jpeg)
+        self._drawn += not state.notice
 
     def finish(self, refused: Sequence[tuple[str, str]], why: str) -> dict[str, object]:
         """Write the page; ``refused`` are files that were not read, ``why`` others are missing."""
-        others = [name for name in self._names.values() if name not in self._rows]
-        rows = [*self._rows.values(), *(_Row(name, why=why) for name in others)]
-        rows += [_Row(name, why=reason) for name, reason in refused]
-        drawn = sum(row.state is not None and not row.state.notice for row in rows)
-        page = self.folder / PAGE
-        write_files({page: _page(self._source.name, rows, drawn)}, BagError)
-        return {"folder": str(self.folder), "page": str(page), "stills": len(rows), "drawn": drawn}
+        others = [(name, why) for name in self._names.values() if name not in self._items]
+        items = [*self._items.values(), *(_undrawn(*each) for each in [*others, *refused])]
+        title, page = self._source.name, self.folder / PAGE
+        lead = f'<p class="lead">{self._drawn} of {len(items)} stills with a trusted pose</p>'
+        body = [f"<h1>{escape(title)}</h1>", lead, '<ul class="stills">', *items, "</ul>"]
+        write_files({page: html_page(title, _STYLE, "\n".join(body))}, BagError)
+        counts = {"stills": len(items), "drawn": self._drawn}
+        return {"folder": str(self.folder), "page": str(page), **counts}
 
 
-def _thumbnail(jpeg: bytes) -> bytes:
-    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    assert pixels is not None  # it was encoded here
+def thumbnail(pixels: RawPixels) -> bytes:
+    """Return a small picture of a picture (h, w) or (h, w, 3), as JPEG."""
     scale = min(_THUMBNAIL_PX / pixels.shape[1], 1.0)
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _THUMBNAIL_QUALITY])[1].tobytes()
 
 
-def _page(title: str, rows: Sequence[_Row], drawn: int) -> str:
-    items = "\n".join(map(_item, rows))
-    lead = f'<p class="lead">{drawn} of {len(rows)} stills with a trusted pose</p>'
-    body = f'<h1>{escape(title)}</h1>\n{lead}\n<ul class="stills">\n{items}\n</ul>'
-    return html_page(title, _STYLE, body)
+def _undrawn(name: str, why: str) -> str:
+    notice = f'<span class="notice">not drawn: {escape(why)}</span>'
+    return f"<li><div><strong>{escape(name)}</strong>{notice}</div></li>"
 
 
-def _item(row: _Row) -> str:
-    name, url = escape(row.name), escape(quote(row.file, errors="surrogateescape"))
-    if row.state is None:
-        notice = f'<span class="notice">not drawn: {escape(row.why)}</span>'
-        return f"<li><div><strong>{name}</strong>{notice}</div></li>"
-    stamp_ns, notice, place = row.state
-    state = f'<span class="notice">{escape(notice)}</span>' if notice else "<span>drawn</span>"
-    lines = [state, f"<span>{utc(stamp_ns)[:19].replace('T', ' ')} UTC</span>"]
-    if place is not None:
-        latitude, longitude, height_m = place
-        lines.append(f"<span>{latitude:.6f}, {longitude:.6f}, {height_m:.1f} m</span>")
-    picture = f'<a href="{url}">{embedded(row.thumbnail, "image/jpeg", row.name)}</a>'
-    words = f'<strong><a href="{url}">{name}</a></strong>{"".join(lines)}'
+def _item(name: str, file: str, state: StillState, jpeg: bytes) -> str:
+    """Return the page's item of a still that is written, as ``file`` in the folder."""
+    link = f'<a href="{escape(quote(file, errors="surrogateescape"))}">'
+    notice = f'<span class="notice">{escape(state.notice)}</span>'
+    lines = [notice if state.notice else "<span>drawn</span>"]
+    lines.append(f"<span>{utc(state.stamp_ns)[:19].replace('T', ' ')} UTC</span>")
+    lines.append(state.place and f"<span>{state.place}</span>")
+    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None  # it was encoded here
+    picture = f"{link}{embedded(thumbnail(pixels), 'image/jpeg', name)}</a>"
+    words = f"<strong>{link}{escape(name)}</a></strong>{''.join(lines)}"
     return f"<li>{picture}<div>{words}</div></li>"
