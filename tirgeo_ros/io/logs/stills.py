@@ -235,8 +235,8 @@ def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     yield f"heights: {', '.join(dict.fromkeys(still.height_of for still in stills))}"
     if up_m := sorted(map(_laser_height_m, filter(_has_laser, stills))):
         yield (
-            f"the laser met the ground, or what stands on it, at {up_m[0]:.1f} to {up_m[-1]:.1f} m "
-            f"({up_m[len(up_m) // 2]:.1f} in the median): a --ground-height for the middles of "
+            f"the laser met the ground, or what stands on it, at {up_m[0]:.1f} to {up_m[-1]:.1f} "
+            f"m ({up_m[len(up_m) // 2]:.1f} in the median): a --ground-height for the middles of "
             "the pictures alone"
         )
     if level := sum(still.metadata.body_q_nb is None for still in stills):
