@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from made_stills import XMP_HEAD, segment
 from PIL import Image
 from PIL.ExifTags import Base
 
@@ -51,9 +52,9 @@ def still_jpeg(number, size=(640, 512)):
     """A JPEG with EXIF, XMP and raw data, brighter with its number."""
     picture, out, exif = Image.new("L", size, 40 + number), io.BytesIO(), Image.Exif()
     exif[Base.Model], exif[Base.ImageDescription] = "H20T", f"still {number}"
-    picture.save(out, "JPEG", exif=exif, xmp=XMP % number)
+    picture.save(out, "JPEG", exif=exif)
     jpeg = out.getvalue()
-    return jpeg[:2] + RAW + jpeg[2:]
+    return jpeg[:2] + RAW + segment(XMP_HEAD + XMP % number) + jpeg[2:]
 
 
 def folder_of(path: Path, count=3, size=(640, 512)):

@@ -172,8 +172,8 @@ def test_a_video_that_was_cut_off(video, tmp_path):
     video.write_bytes(whole[: start + (len(whole) - start) // 2])
     contents = read_dji_video(video, OPTIONS)
     read = numbers(contents.pictures)
-    assert read == list(range(len(read)))
-    assert 0 < len(read) < COUNT
+    assert 0 < len(read) <= COUNT // 2
+    assert read == sorted(set(read))  # one between two others may be cut off
     assert contents.damaged
     refused = sum(n for (name, _), n in contents.refused.items() if name == "picture")
     assert len(read) + refused == COUNT

@@ -212,12 +212,10 @@ def test_units_that_gravity_contradicts(folder):
             (),
             r"noise\.bin: not a log to be merged: import it alone",
         ),
-        (("log.nmea",), (), r"log\.nmea: nothing in it can be used: 1 GGA: cut off"),
     ],
 )
 def test_files_that_cannot_be_imported(folder, names, columns, message):
     (folder / "noise.bin").write_bytes(bytes(range(256)) * 8)
-    (folder / "log.nmea").write_text("# comment\n$GNGGA,1,2\n")
     with pytest.raises(LogError, match=message):
         imported(folder, *names, columns=[folder / name for name in columns])
     assert not (folder / "out.mcap").exists()

@@ -259,6 +259,8 @@ def _frames(container: Any) -> Iterator[Any]:
     video.codec_context.thread_type = "AUTO"
     with suppress(FFmpegError):  # cut off
         for packet in container.demux(video):
+            if packet.is_corrupt:  # its error would take with it what the decoder's threads hold
+                continue
             with suppress(InvalidDataError):  # a damaged packet completes no picture
                 yield from packet.decode()
 
