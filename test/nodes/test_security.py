@@ -48,7 +48,10 @@ def test_a_profile_in_the_working_directory_opens_nothing(spawn, tmp_path, monke
     assert all(item.is_loopback for item in sockets(node.pid))
 
 
-PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
+PICTURES = (
+    *("thermal/image_raw", "thermal/image_raw/compressed"),
+    *("thermal/camera_info", "thermal/temperature/compressed"),
+)
 #: Those that others play.
 OTHERS = {"camera", "operator"}
 #: Where tf2_msgs is installed: no wheel has it.
