@@ -27,6 +27,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+import cv2
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -38,15 +39,16 @@ from overlays import PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
 from project import reader_of
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
-from sensor_msgs.msg import Image, NavSatFix
+from sensor_msgs.msg import CompressedImage, Image, NavSatFix
 from std_msgs.msg import Header, String
 
 from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, camera_pose, stamp_ns
-from tirgeo_ros.io.messages.json_codec import state_text
+from tirgeo_ros.io.messages.json_codec import answer_of, state_text
 from tirgeo_ros.io.messages.pictures import image_pixels
+from tirgeo_ros.io.messages.topics import TEMPERATURES
 from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output, sensor_input
 from tirgeo_ros.nodes.overlay_node import FrameStatistics
 
@@ -72,6 +74,7 @@ def take_off(meet):
         "tirgeo/overlay/image": Image,
         "tirgeo/locate/fix": NavSatFix,
         "tirgeo/locate/point": PoseWithCovarianceStamped,
+        "tirgeo/locate/answer": String,
     }
     return lambda: Flight(meet(**topics))
 
@@ -111,6 +114,17 @@ def a_click_becomes_a_point_on_the_ground(flown, _):
         math.radians(fix.latitude), math.radians(fix.longitude), fix.altitude
     )
     np.testing.assert_allclose(place_n, located.position_n, atol=1e-4)
+    png = cv2.imencode(".png", np.full((2, 2), 15_000, np.uint16))[1].tobytes()
+    warmth = flown.stranger.node.create_publisher(CompressedImage, TEMPERATURES, 1)
+    answers = flown.stranger.received["tirgeo/locate/answer"]
+
+    def has_temperature() -> bool:
+        Output(warmth).publish(MESSAGES.compressed(stamp_ns(picture), png))
+        flown.click(u, v, stamp_ns(picture))
+        return bool(answers) and math.isfinite(answer_of(answers[-1]).temperature_c)
+
+    flown.stranger.spin_until(has_temperature)
+    assert answer_of(answers[-1]).temperature_c == pytest.approx(26.85)
     before = len(points)
     refused = "clicks_refused_outside_picture"
     flown.until(lambda: flown.click(-5.0, 3.0) or flown.diagnostics().get(refused, "0") != "0")
