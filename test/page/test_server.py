@@ -26,7 +26,7 @@ import aiohttp
 import cv2
 import numpy as np
 import pytest
-from page_backend import WARM_C, Pictures, pixel_of, place_at
+from page_backend import Pictures, pixel_of, place_at
 from page_clients import Page, Served, ServedApart, next_picture, tile_file
 
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
@@ -69,7 +69,6 @@ def test_a_click_is_a_target_for_all_pages_and_on_the_disk(served):
             stamp_ns, _ = await next_picture(video)
             answer = await mine.click(stamp_ns, 400.5, 300.25, kind="fire")
             target = answer["target"]
-            assert answer["temperature_c"] == WARM_C
             both = [
                 await page.until("targets", lambda told: target in told["targets"])
                 for page in (mine, theirs)

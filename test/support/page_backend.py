@@ -45,7 +45,6 @@ LATITUDE, LONGITUDE, GROUND_M = 48.2081743, 16.3738189, 190.0
 M_PER_PIXEL, SKY_ROWS = 0.1, 40  # nothing above SKY_ROWS has a ground point
 NORTH_M, EAST_M = 111_200.0, 111_320.0 * math.cos(math.radians(LATITUDE))  # in a degree
 SIGMA_M = (0.5, 0.3, 0.4)
-WARM_C = 21.5
 PLOTS = [(e, n) for e in range(-60, 61, 20) for n in range(-60, 61, 20)]  # centres, m
 PLOT_M = 3.0  # half a side
 GO = {"word": "GO", "tone": "good", "kind": "", "text": "", "more": "", "alarm": False}
@@ -111,7 +110,7 @@ class SimulatedBackend:
             return "the ray does not meet the ground"
         place = place_at(click.stamp_ns, click.u, click.v)
         covariance = tuple(np.diag(SIGMA_M).ravel() ** 2)
-        return Located(click.stamp_ns, *place, GROUND_M, covariance, temperature_c=WARM_C)
+        return Located(click.stamp_ns, *place, GROUND_M, covariance, temperature_c=21.5)
 
     async def where(self, aircraft, latitude_deg, longitude_deg) -> Pixel | str:
         stamp_ns = self.newest_ns.get(aircraft)

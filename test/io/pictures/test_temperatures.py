@@ -49,20 +49,18 @@ def test_a_black_body_without_air(order, png, piece):
     assert celsius(jpeg) == pytest.approx(CELSIUS, abs=STEP)
 
 
-def test_what_the_object_reflects():
-    # U(20 C) = 21106.77 / (0.012545258 (exp(1501 / 293.15) - 1)) + 7340 = 17452.31;
-    # U_object = (17000 - 0.2 17452.31) / 0.8 = 16886.92, which is 16.7613 C.
-    jpeg = flir_jpeg(RAWS, emissivity=0.8)
-    assert celsius(jpeg)[0, 0] == pytest.approx(16.7613, abs=STEP)
+# U(20 C) = 21106.77 / (0.012545258 (exp(1501 / 293.15) - 1)) + 7340 = 17452.31;
+# U_object = (17000 - 0.2 17452.31) / 0.8 = 16886.92, which is 16.7613 C.
+# At 10 C and 60 %: water 0.6 exp(1.5587 + 0.6939 - 0.027816 + 0.00068455) = 5.5547; over 60 m
+# transmission 1.9 exp(-7.74597 (0.006569 - 0.002276 2.35684))
+# - 0.9 exp(-7.74597 (0.01262 - 0.00667 2.35684)) = 0.960477.
+# U(10 C) = 15771.11; U_object = (17000 - 0.039523 15771.11) / 0.960477 = 17050.57, 17.7107 C.
+AIR = {"distance": 60.0, "air": 283.15, "humidity": 60.0}
 
 
-def test_air_between():
-    # At 10 C and 60 %: water 0.6 exp(1.5587 + 0.6939 - 0.027816 + 0.00068455) = 5.5547; over 60 m
-    # transmission 1.9 exp(-7.74597 (0.006569 - 0.002276 2.35684))
-    # - 0.9 exp(-7.74597 (0.01262 - 0.00667 2.35684)) = 0.960477.
-    # U(10 C) = 15771.11; U_object = (17000 - 0.039523 15771.11) / 0.960477 = 17050.57, 17.7107 C.
-    jpeg = flir_jpeg(RAWS, distance=60.0, air=283.15, humidity=60.0)
-    assert celsius(jpeg)[0, 0] == pytest.approx(17.7107, abs=STEP)
+@pytest.mark.parametrize(("change", "degrees"), [({"emissivity": 0.8}, 16.7613), (AIR, 17.7107)])
+def test_what_the_object_reflects_and_the_air_between(change, degrees):
+    assert celsius(flir_jpeg(RAWS, **change))[0, 0] == pytest.approx(degrees, abs=STEP)
 
 
 def test_other_pictures_have_none():
@@ -113,8 +111,3 @@ def test_a_tiff_of_counts_or_colours_is_refused(tmp_path, values):
     tiff = written(tmp_path / "a.tif", values)
     with pytest.raises(MessageError, match=r"a\.tif: no picture of one number with decimals"):
         temperatures(STILL, still_jpeg(1), tiff)
-
-
-def test_djis_raw_data_are_refused_in_words():
-    with pytest.raises(MessageError, match="DJI's own tool: put its TIFF beside the still"):
-        temperatures(STILL, still_jpeg(1))
