@@ -22,7 +22,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from dji_videos import BEGUN, GROUP, cue, level, made_subtitles, made_video
+from dji_videos import BEGUN, GROUP, cue, inside, level, made_subtitles, made_video
 from foreign_logs import samples
 from hypothesis import HealthCheck, given, settings, strategies as st
 
@@ -119,10 +119,10 @@ def test_a_wrong_date_moves_no_picture(video):
 
 def test_subtitles_inside_the_file(video, tmp_path):
     text = made_subtitles(COUNT)
-    inside = read_dji_video(made_video(tmp_path / "in.mp4", COUNT, inside=text), OPTIONS)
+    within = read_dji_video(made_video(tmp_path / "in.mp4", COUNT, beside=inside(text)), OPTIONS)
     beside = read_dji_video(video, OPTIONS)
-    assert list(map(repr, inside.samples)) == list(map(repr, beside.samples))
-    assert [p.stamp_ns for p in inside.pictures] == [p.stamp_ns for p in beside.pictures]
+    assert list(map(repr, within.samples)) == list(map(repr, beside.samples))
+    assert [p.stamp_ns for p in within.pictures] == [p.stamp_ns for p in beside.pictures]
 
 
 def test_without_subtitles_it_says_what_is_needed(tmp_path):
@@ -161,37 +161,26 @@ def test_subtitles_of_another_video(tmp_path):
     assert any("the video is 4 days from its subtitles" in note for note in notes)
 
 
-def test_a_video_that_was_cut_off(video, tmp_path):
+def test_a_video_without_its_index_is_refused(video):
     whole = video.read_bytes()
-    video.write_bytes(whole[: whole.index(b"moov") - 4])  # its index is at the end
+    video.write_bytes(whole[: whole.index(b"moov") - 4])  # it is at the end
     with pytest.raises(LogError, match=r"DJI_0001_T\.MP4: not a whole video.*moov"):
         read_dji_video(video, OPTIONS)
-    made_video(video, COUNT, movflags="+faststart")
-    whole = video.read_bytes()
-    start = whole.index(b"mdat")
-    video.write_bytes(whole[: start + (len(whole) - start) // 2])
-    contents = read_dji_video(video, OPTIONS)
-    read = numbers(contents.pictures)
-    assert 0 < len(read) <= COUNT // 2
-    assert read == sorted(set(read))  # one between two others may be cut off
-    assert contents.damaged
-    refused = sum(n for (name, _), n in contents.refused.items() if name == "picture")
-    assert len(read) + refused == COUNT
 
 
-def test_damaged_pictures_are_counted_and_the_rest_keep_their_times(video):
-    made_video(video, COUNT, movflags="+faststart")
-    content = bytearray(video.read_bytes())
+@pytest.mark.parametrize("is_cut_off", [True, False])
+def test_lost_pictures_are_counted_and_the_rest_keep_their_times(video, is_cut_off):
+    content = bytearray(made_video(video, COUNT, movflags="+faststart").read_bytes())
     start = content.index(b"mdat") + 4
-    content[start + (len(content) - start) // 3 : start + (len(content) - start) // 2] = b""
-    content += bytes(len(video.read_bytes()) - len(content))
+    half = start + (len(content) - start) // 2
+    content[half:] = b"" if is_cut_off else content[half + 99 :] + bytes(99)
     video.write_bytes(content)
     contents = read_dji_video(video, OPTIONS)
     pictures = list(contents.pictures)
     stamps = [attitude.stamp_ns for attitude in of(contents, CameraAttitudeSample)]
-    assert contents.damaged
-    assert contents.read["picture"] + sum(contents.refused.values()) == COUNT
     assert {picture.stamp_ns for picture in pictures} <= set(stamps)
+    assert contents.damaged
+    assert 0 < contents.read["picture"] == COUNT - sum(contents.refused.values())
 
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -201,7 +190,7 @@ def test_flipped_bits_give_one_line_or_pictures(tmp_path, data):
     path = tmp_path / "whole.mp4"
     if not path.exists():
         text = made_subtitles(GROUP)
-        made_video(path, GROUP, inside=text, movflags="+faststart")
+        made_video(path, GROUP, beside=inside(text), movflags="+faststart")
     content = bytearray(path.read_bytes())
     for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=30)):
         content[place] ^= 1 << data.draw(st.integers(0, 7))

@@ -101,12 +101,12 @@ def pictures(
     due_ns = 0.0
     with opened(path) as container:
         video = container.streams.best("video")
-        for frame in _frames(container, video) if video else ():
+        for frame, own_ns in _frames(container, video) if video else ():
             if frame is None:
                 errors += 1
                 continue
             decoded += 1
-            stamp_ns = _own_time_ns(frame) or (0 if frame.time is None else utc_ns(frame.time))
+            stamp_ns = own_ns or (0 if frame.time is None else utc_ns(frame.time))
             if frame.is_corrupt:
                 _refuse(contents, "damaged", 1)
             elif stamp_ns <= last_ns:
@@ -122,21 +122,27 @@ def pictures(
     _refuse(contents, "cut off, or cannot be decoded", lost)
 
 
-def _frames(container: Any, video: Any) -> Iterator[Any]:
-    """Yield the pictures in order, and None for what cannot be decoded, as far as a file goes."""
+def _frames(container: Any, video: Any) -> Iterator[tuple[Any, int]]:
+    """Yield the pictures in order, with their own UTC (ns) or 0, as far as a file goes.
+
+    A picture is None where a packet cannot be decoded.
+    """
     from av.error import FFmpegError  # noqa: PLC0415  as above
 
     video.codec_context.thread_type = "AUTO"
     video.codec_context.options = {"max_pixels": _MOST_PIXELS}
+    own_ns: dict[int, int] = {}
     with suppress(FFmpegError):  # cut off
         for packet in container.demux(video):
             if packet.is_corrupt:  # its error would take with it what the decoder's threads hold
-                yield None
+                yield None, 0
                 continue
+            own_ns[packet.pts] = _own_time_ns(bytes(packet))
             try:
-                yield from packet.decode()
+                for frame in packet.decode():
+                    yield frame, own_ns.pop(frame.pts, 0)
             except FFmpegError:
-                yield None
+                yield None, 0
 
 
 def _refuse(contents: LogContents, reason: str, number: int) -> None:
@@ -145,16 +151,14 @@ def _refuse(contents: LogContents, reason: str, number: int) -> None:
         contents.refused[_PICTURE, reason] += number
 
 
-def _own_time_ns(frame: Any) -> int:
+def _own_time_ns(data: bytes) -> int:
     """Return the precision time stamp of a picture of H.264 or H.265 (ST 0604), or 0.
 
-    It is in the user data: name, status, microseconds with 0xff after each second byte.
+    It is in the user data: name, status, microseconds with 0xff after each second byte. (As the
+    frame's side data it would be held, with the frame, until Python's next search for cycles.)
     """
-    for content in map(bytes, frame.side_data):
-        if content.startswith(_OWN_TIME) and len(content) == len(_OWN_TIME) + 12:
-            digits = content[-11:]
-            return int.from_bytes(b"".join(digits[k : k + 2] for k in (0, 3, 6, 9)), "big") * 1000
-    return 0
+    digits = data.partition(_OWN_TIME)[2][1:12]
+    return int.from_bytes(b"".join(digits[k : k + 2] for k in (0, 3, 6, 9)), "big") * 1000
 
 
 def _jpeg(frame: Any, reformatter: Any) -> bytes:
