@@ -84,14 +84,15 @@ def is_misb(head: bytes) -> bool:
 def read_misb(path: Path, options: LogOptions) -> LogContents:
     """Read a stream (.ts, .mpg) or its bare metadata (.klv). Raise LogError if it has none."""
     contents, head = LogContents(), first_bytes(path, 1 << 10, LogError)
-    packets = stream_packets if is_stream(head) else bare_packets
-    values = _values(packets(path, contents), contents)
+    in_stream = is_stream(head)
+    packets = stream_packets(path, contents) if in_stream else bare_packets(path, contents)
+    values = _values(packets, contents)
     if not contents.read:
         raise LogError(f"{path}: no metadata of MISB ST 0601 in it: give the video's log instead")
     stamps_ns = values[TIME].astype(np.int64) * 1000
     _add_positions(contents, stamps_ns.tolist(), values, options, path)
     _add_attitudes(contents, stamps_ns.tolist(), values)
-    if is_stream(head) and stamps_ns.size:
+    if in_stream and stamps_ns.size:
         contents.parameters["confidence.focal_sigma"] = _FOCAL_SIGMA
         contents.notes.append(_MIDDLE)
         utc_ns, optics = (

@@ -113,8 +113,9 @@ class _Track:
     """Hold the bytes of a stream of metadata, with places and times (s) at which pieces begin."""
 
     def __init__(self) -> None:
-        self.data, self.begins, self.times_s = bytearray(), [], []
-        self.untimed = False
+        self.data, self.untimed = bytearray(), False
+        self.begins: list[int] = []
+        self.times_s: list[float] = []
 
     def add(self, part: Any, video_s: float) -> None:
         """Add a piece of the stream; without its own time it has that of the video."""
