@@ -27,6 +27,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from datetime import date, datetime, time, timezone
+from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,7 +47,7 @@ from tirgeo_ros.io.logs.log_contents import (
     must,
 )
 
-_NAME = rb"\$(?:[A-Z]{2}(GGA|RMC|GST|HDT|THS|ZDA)|(PASHR)(?=,\d)|(PSTI,03[56])),"
+_NAME = rb"\$(?:[A-Z]{2}(?=[A-Z]{3},))?(GGA|RMC|GST|HDT|THS|ZDA|PASHR(?=,\d)|PSTI,03[56]),"
 _FIRST = re.compile(b"^" + _NAME, re.MULTILINE)
 _SENTENCE = re.compile(_NAME + rb"[^$*\r\n]*(\*[0-9A-F]{2})?")
 #: Quality of a GGA: RTK fixed, RTK float, differential, single, PPS.
@@ -92,7 +93,9 @@ def read_nmea(path: Path, options: LogOptions) -> LogContents:
         classify_receiver(contents, "GGA", is_rtk=log.is_rtk)
     # Vectors have lengths that are checked: the other headings of such a receiver have none.
     headings = [_VECTOR] if contents.read[_VECTOR] else _HEADINGS
-    if name := next((each for each in headings if log.add(each, log.heading)), None):
+    if name := next(
+        (each for each in headings if log.add(each, partial(log.heading, each))), None
+    ):
         contents.notes.append(f"headings are those of {name}")
     return contents
 
@@ -112,10 +115,10 @@ def _sentences(data: bytes, contents: LogContents) -> Iterator[_Sentence]:
     from pynmeagps.exceptions import NMEAParseError, NMEATypeError  # noqa: PLC0415  as above
 
     for match in _SENTENCE.finditer(data):
-        name = (match[1] or match[2] or match[3]).decode()
+        name = match[1].decode()
         contents.read[name] += 1
         try:
-            must(match[4], "cut off")
+            must(match[2], "cut off")
             yield _sentence(name, NMEAReader.parse(match[0] + b"\r\n"))
         except (Refused, NMEAParseError, NMEATypeError, *_DAMAGE):
             contents.refused[name, "cut off, or its checksum is wrong"] += 1
@@ -172,7 +175,7 @@ class _NmeaLog:
                 continue
             try:
                 must(stamp_ns is not None, "no RMC or ZDA with its date: record one of them too")
-                sample = convert(*sentence[:2], stamp_ns)
+                sample = convert(sentence.fields, stamp_ns)
                 self._contents.samples += [] if sample is None else [sample]
             except Refused as why:
                 self._contents.refused[name, str(why)] += 1
@@ -180,13 +183,13 @@ class _NmeaLog:
                 self._contents.refused[name, "a field of it is missing, or no number"] += 1
         return len(self._contents.samples) - before
 
-    def take_sigmas(self, _name: str, gst: Any, stamp_ns: int) -> None:
+    def take_sigmas(self, gst: Any, stamp_ns: int) -> None:
         """Take the sigmas of an epoch (m, north, east, down); raise Refused without them."""
         sigmas = gst.stdLat, gst.stdLong, gst.stdAlt
         must(all(isinstance(sigma, float) and sigma > 0 for sigma in sigmas), "it has no sigmas")
         self._sigmas_m[stamp_ns] = sigmas
 
-    def position(self, _name: str, gga: Any, stamp_ns: int) -> PositionSample:
+    def position(self, gga: Any, stamp_ns: int) -> PositionSample:
         """Return a position; raise Refused without a fix."""
         must(gga.quality in _STATUS, "no fix, or none of satellites")
         must(stamp_ns not in self._epochs, "another one of its epoch is used")
