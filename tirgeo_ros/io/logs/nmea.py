@@ -101,12 +101,11 @@ def read_nmea(path: Path, options: LogOptions) -> LogContents:
 
 
 class _Sentence(NamedTuple):
-    """Hold a sentence and its time (Unix, ns): of 1970-01-01 if it has no date."""
+    """Hold a sentence and its time (Unix, ns): less than a day if it has no date."""
 
     name: str
     fields: Any
     time_ns: int | None
-    is_dated: bool
 
 
 def _sentences(data: bytes, contents: LogContents) -> Iterator[_Sentence]:
@@ -135,21 +134,22 @@ def _sentence(name: str, fields: Any) -> _Sentence:
     elif name == "ZDA" and fields.year:
         day = date(fields.year, fields.month, fields.day)
     if not isinstance(moment, time):
-        return _Sentence(name, fields, None, is_dated=False)
+        return _Sentence(name, fields, None)
     utc = datetime.combine(day or date(1970, 1, 1), moment, timezone.utc)
-    return _Sentence(name, fields, round(utc.timestamp() * 1e6) * 1000, is_dated=bool(day))
+    return _Sentence(name, fields, round(utc.timestamp() * 1e6) * 1000)
 
 
 def _stamps_ns(sentences: list[_Sentence]) -> list[int | None]:
     """Return the UTC (ns) of each sentence; None: not known."""
-    last_ns = next((each.time_ns for each in sentences if each.is_dated), None)
+    times_ns = [each.time_ns for each in sentences]
+    last_ns = next((time_ns for time_ns in times_ns if time_ns and time_ns >= _DAY_NS), None)
     stamps: list[int | None] = []
-    for _, _, time_ns, is_dated in sentences:
+    for time_ns in times_ns:
         if last_ns is None or time_ns is None:
             stamps.append(None)
             continue
         step_ns = (time_ns - last_ns + _DAY_NS // 2) % _DAY_NS - _DAY_NS // 2
-        last_ns = time_ns if is_dated else last_ns + step_ns
+        last_ns = time_ns if time_ns >= _DAY_NS else last_ns + step_ns
         stamps.append(last_ns)
     way = -1 if sentences and sentences[0].name in _TIMELESS else 1
     return list(accumulate(stamps[::way], lambda near, own: near if own is None else own))[::way]
