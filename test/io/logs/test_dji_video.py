@@ -71,6 +71,27 @@ def test_each_picture_has_the_time_of_its_cue(video):
     assert len(of(contents, PositionSample)) == len(of(contents, ImuSample)) == COUNT
 
 
+def test_of_two_videos_in_a_file_the_thermal_one(video, tmp_path):
+    av = pytest.importorskip("av")
+    parts = [
+        made_video(tmp_path / f"{width}.mp4", COUNT, size=(width, height))
+        for width, height in ((96, 54), (80, 64))
+    ]
+    with av.open(str(video), "w") as container:
+        sources = [av.open(str(part)) for part in parts]
+        streams = [container.add_stream_from_template(s.streams.video[0]) for s in sources]
+        for source, stream in zip(sources, streams, strict=True):
+            for packet in source.demux(video=0):
+                if packet.size:  # the last is empty
+                    packet.stream = stream
+                    container.mux(packet)
+            source.close()
+    pictures = list(read_dji_video(video, OPTIONS).pictures)
+    assert len(pictures) == COUNT
+    shapes = {cv2.imdecode(np.frombuffer(each.data, np.uint8), -1).shape for each in pictures}
+    assert shapes == {(64, 80)}
+
+
 def test_a_picture_each_so_many_seconds(video):
     contents = read_dji_video(video, replace(OPTIONS, every_s=0.5))
     assert numbers(contents.pictures) == [0, 15, 30, 45]

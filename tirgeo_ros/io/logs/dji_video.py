@@ -44,7 +44,7 @@ from tirgeo_ros.io.logs.log_contents import (
     LogOptions,
     written_time,
 )
-from tirgeo_ros.io.logs.video_pictures import clock, opened, pictures
+from tirgeo_ros.io.logs.video_pictures import clock, opened, pictures, video_of
 
 #: Kinds of the first box of a file; a MOV need not begin with ftyp.
 _BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
@@ -72,7 +72,7 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     """
     beside = own_subtitles(path)
     with opened(path) as container:
-        video = container.streams.best("video")
+        video = video_of(container)
         if video is None or video.codec_context is None:
             raise LogError(f"{path}: no video in it that can be decoded: copy it again")
         times_ns, text = _index(container, video)

@@ -66,6 +66,15 @@ def opened(path: Path) -> Iterator[Any]:
         yield container
 
 
+def video_of(container: Any) -> Any:
+    """Return the video in a container, of several the thermal one: sensors of heat are 5 to 4.
+
+    None without any.
+    """
+    thermal = [video for video in container.streams.video if video.width * 4 == video.height * 5]
+    return thermal[0] if thermal else container.streams.best("video")
+
+
 def clock(times_s: Array, stamps_ns: IntArray, neighbours: int = 1) -> Clock:
     """Return what gives the UTC of a time in the video.
 
@@ -100,7 +109,7 @@ def pictures(
     last_ns, decoded, errors, reformatter = 0, 0, 0, VideoReformatter()
     due_ns = 0.0
     with opened(path) as container:
-        video = container.streams.best("video")
+        video = video_of(container)
         for frame, own_ns in _frames(container, video) if video else ():
             if frame is None:
                 errors += 1
