@@ -99,7 +99,7 @@ class StandIn:
         level = quat_from_euler(0.0, 0.0, 0.0)
         if number not in self.lost:
             yield PositionSample(*kind, *place, np.eye(3))
-        yield ImuSample(stamp_ns, np.full(3, np.nan), np.full(3, np.nan), level)
+        yield ImuSample.of_attitude(stamp_ns, level)
         yield CameraAttitudeSample(stamp_ns, quat_from_euler(0.0, math.radians(-90.0), 0.0))
 
     def put(self, monkeypatch):

@@ -78,7 +78,6 @@ _LEVEL = (
     "the aircraft's attitude is not recorded: level, looking where the camera looks; only lever "
     "arms depend on it"
 )
-_NOT_MEASURED = np.full(3, np.nan)
 
 
 class _Cue(NamedTuple):
@@ -224,7 +223,7 @@ def _attitudes(text: str, stamp_ns: int) -> list[ImuSample | CameraAttitudeSampl
     else:  # a roll of 180 deg, which DJI writes at a pitch of -90, turns the yaw by 180
         behind = abs(angles_rad[0]) > math.pi / 2
         body_rad = [0.0, 0.0, angles_rad[2] + behind * math.pi]
-    attitude = ImuSample(stamp_ns, _NOT_MEASURED, _NOT_MEASURED, quat_from_euler(*body_rad))
+    attitude = ImuSample.of_attitude(stamp_ns, quat_from_euler(*body_rad))
     return [attitude, CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
 
 

@@ -66,7 +66,7 @@ _MIDDLE = (
     "for a calibrated one has another axis, which would need its boresight_rpy_deg"
 )
 _MOST_COMPARED = 1000  # packets, spread evenly: enough for the quantiles
-_NOT_MEASURED, _UNKNOWN = np.full(3, np.nan), np.zeros((3, 3))
+_UNKNOWN = np.zeros((3, 3))
 
 
 def is_misb(head: bytes) -> bool:
@@ -143,7 +143,7 @@ def _add_attitudes(contents: LogContents, stamps_ns: list[int], values: _Values)
         contents.notes.append("the sensor's relative roll is not recorded: 0 is assumed")
     q_nb = quat_from_euler(*np.nan_to_num(platform))
     for k in _complete(contents, "heading, pitch and roll of the platform", platform):
-        contents.samples.append(ImuSample(stamps_ns[k], _NOT_MEASURED, _NOT_MEASURED, q_nb[k]))
+        contents.samples.append(ImuSample.of_attitude(stamps_ns[k], q_nb[k]))
     for k in _complete(contents, "azimuth, elevation and roll of the sensor", sensor):
         roll_rad, pitch_rad, yaw_rad = map(wrapped, sensor[:, k].tolist())
         contents.samples.append(JointSample(stamps_ns[k], yaw_rad, roll_rad, pitch_rad))
