@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -50,6 +50,7 @@ from tirgeo_ros.io.logs.log_contents import (
     LogContents,
     LogOptions,
     Picture,
+    WrittenTime,
     classify_receiver,
     written_time,
 )
@@ -61,10 +62,6 @@ _BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
 _FIXED, _FLOAT = 50, 32  # least RtkFlag
 #: Between two flights: a landing, or a way that no drone flies (stamps may be whole seconds).
 _PAUSE_NS, _MOST_M_S, _ROUNDED_S = 1800 * SECOND_NS, 30.0, 2.0
-_LABELS: dict[str, Callable[[StillMetadata], str]] = {
-    "camera": lambda x: f"{x.maker} {x.model} {'thermal' if x.thermal else x.source}",
-    "size": lambda x: f"{x.size[0]}x{x.size[1]}",
-}
 
 
 class _Still(NamedTuple):
@@ -73,6 +70,7 @@ class _Still(NamedTuple):
     file: Path
     name: str
     metadata: StillMetadata
+    written: WrittenTime
     stamp_ns: int = 0
     height_m: float = math.nan
     height_of: str = ""
@@ -96,7 +94,7 @@ def read_stills(path: Path, options: LogOptions) -> LogContents:
     stills = _spread([_placed(still, path, options) for still in read], contents)
     contents.read["still"] = len(stills)
     contents.samples = [sample for still in stills for sample in _samples(still)]
-    if best := max((still.metadata.rtk_flag for still in stills), default=0):
+    if best := max((still.metadata.position.rtk_flag for still in stills), default=0):
         classify_receiver(contents, "the aircraft's receiver", is_rtk=best >= _FLOAT)
     if stills:
         contents.notes += [*_remarks(stills), *_flights(stills)]
@@ -122,7 +120,11 @@ def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
     for file in files:
         name = file.relative_to(path).as_posix() if path.is_dir() else file.name
         try:
-            yield _Still(file, name, _complete(still_metadata(file)))
+            metadata = still_metadata(file)
+            if written := written_time(metadata.time):
+                yield _Still(file, name, metadata, written)
+            else:
+                contents.refused[name, "no time in it"] += 1
         except Unreadable as reason:
             if file.suffix.lower() in _TIFFS and file.with_suffix("") in jpegs:
                 contents.read["TIFF beside a still"] += 1
@@ -130,57 +132,41 @@ def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
                 contents.refused[name, str(reason)] += 1
 
 
-def _complete(data: StillMetadata) -> StillMetadata:
-    """Return the metadata if it has all that is needed. Raise Unreadable."""
-    lacks = {
-        "angles of the camera": data.camera_q_ng is None,
-        "position": math.isnan(data.latitude_rad),
-        "height": math.isnan(data.absolute_m),
-        "time": written_time(data.time) is None,
-    }
-    if any(lacks.values()):
-        raise Unreadable(f"no {', no '.join(what for what, lack in lacks.items() if lack)} in it")
-    return data
-
-
 def _placed(still: _Still, path: Path, options: LogOptions) -> _Still:
     """Return a still with its stamp and height. Raise LogError for an unknown zone or datum.
 
     RTK's height comes first. That above the take-off is the next best, if the take-off's is given.
     """
-    data, datum = still.metadata, options.height or still.metadata.datum
+    at, relative_m = still.metadata.position, still.metadata.relative_m
+    datum = options.height or at.datum
     is_from_takeoff = options.takeoff_height_m is not None or datum == TAKEOFF
-    if data.surveyed:
-        height_m, datum, height_of = data.absolute_m, data.datum, "RTK's height"
-    elif is_from_takeoff and math.isfinite(data.relative_m):
-        height_m, datum = data.relative_m, TAKEOFF
+    if at.surveyed:
+        height_m, datum, height_of = at.absolute_m, at.datum, "RTK's height"
+    elif is_from_takeoff and math.isfinite(relative_m):
+        height_m, datum = relative_m, TAKEOFF
         height_of = "RelativeAltitude above the take-off"
     elif datum in {"", TAKEOFF}:
         raise LogError(
-            f"{path}: {data.model or 'its camera'} does not say what AbsoluteAltitude is above: "
+            f"{path}: {still.metadata.camera_name} does not say what AbsoluteAltitude is above: "
             "give --height ellipsoid, --height sea or --takeoff-height"
         )
     else:
-        height_m = data.absolute_m
+        height_m = at.absolute_m
         height_of = f"AbsoluteAltitude above the {datum}, metres off at times"
     height_m += options.to_ellipsoid_m(datum, path)
-    written = written_time(data.time)
-    assert written is not None  # by _complete
-    stamp_ns = options.utc_ns(written, path)
+    stamp_ns = options.utc_ns(still.written, path)
     return still._replace(stamp_ns=stamp_ns, height_m=height_m, height_of=height_of)
 
 
 def _of_one_camera(stills: list[_Still], contents: LogContents) -> list[_Still]:
     """Return the stills of the thermal camera, else of that with most; refuse the others."""
-    for what, label in _LABELS.items():
-        thermal = [still for still in stills if still.metadata.thermal]
-        counts = Counter(label(still.metadata) for still in thermal or stills)
-        kept = max(counts, key=counts.__getitem__, default="")
-        for still in stills:
-            if (other := label(still.metadata)) != kept:
-                contents.refused[still.name, f"of another {what}, {other}, not {kept}"] += 1
-        stills = [still for still in stills if label(still.metadata) == kept]
-    return stills
+    thermal = [still for still in stills if still.metadata.thermal]
+    counts = Counter(still.metadata.camera_name for still in thermal or stills)
+    kept = max(counts, key=counts.__getitem__, default="")
+    for still in stills:
+        if (other := still.metadata.camera_name) != kept:
+            contents.refused[still.name, f"of another camera, {other}, not {kept}"] += 1
+    return [still for still in stills if still.metadata.camera_name == kept]
 
 
 def _spread(stills: list[_Still], contents: LogContents) -> list[_Still]:
@@ -202,18 +188,17 @@ def _spread(stills: list[_Still], contents: LogContents) -> list[_Still]:
 
 def _samples(still: _Still) -> list[PositionSample | CameraAttitudeSample | ImuSample]:
     """Return position, camera's attitude and aircraft's attitude, all of the still's stamp."""
-    data, stamp_ns, flag = still.metadata, still.stamp_ns, still.metadata.rtk_flag
-    variances_m2 = np.square(data.rtk_std_m)
+    data, at, stamp_ns = still.metadata, still.metadata.position, still.stamp_ns
+    variances_m2 = np.square(at.rtk_std_m)
     covariance = np.diag(variances_m2) if (variances_m2 > 0).all() else np.zeros((3, 3))
-    source = Source.RTK_POSITION if flag else Source.GPS_POSITION
-    status = FixStatus.FLOAT if flag >= _FLOAT else FixStatus.SINGLE
-    status = FixStatus.FIXED if flag >= _FIXED else status
-    place = data.latitude_rad, data.longitude_rad, still.height_m
-    q_ng = np.asarray(data.camera_q_ng)
-    q_nb = _level(q_ng) if data.body_q_nb is None else data.body_q_nb
+    source = Source.RTK_POSITION if at.rtk_flag else Source.GPS_POSITION
+    status = FixStatus.FLOAT if at.rtk_flag >= _FLOAT else FixStatus.SINGLE
+    status = FixStatus.FIXED if at.rtk_flag >= _FIXED else status
+    place = at.latitude_rad, at.longitude_rad, still.height_m
+    q_nb = _level(data.camera_q_ng) if data.body_q_nb is None else data.body_q_nb
     return [
         PositionSample(stamp_ns, source, status, *place, covariance),
-        CameraAttitudeSample(stamp_ns, q_ng),
+        CameraAttitudeSample(stamp_ns, data.camera_q_ng),
         ImuSample.of_attitude(stamp_ns, q_nb),
     ]
 
@@ -232,7 +217,8 @@ def _level(q_ng: Array) -> Array:
 def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     """Yield what the stills leave open and what is assumed."""
     yield f"heights: {', '.join(dict.fromkeys(still.height_of for still in stills))}"
-    if up_m := sorted(map(_laser_height_m, filter(_has_laser, stills))):
+    laser_m = (still.height_m - still.metadata.laser_below_m for still in stills)
+    if up_m := sorted(filter(math.isfinite, laser_m)):
         yield (
             f"the laser met the ground, or what stands on it, at {up_m[0]:.1f} to {up_m[-1]:.1f} "
             f"m ({up_m[len(up_m) // 2]:.1f} in the median): a --ground-height for the middles of "
@@ -252,19 +238,9 @@ def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
 
 
-def _has_laser(still: _Still) -> bool:
-    return still.metadata.laser is not None
-
-
-def _laser_height_m(still: _Still) -> float:
-    """Return the ellipsoidal height of the laser's target, whose datum is AbsoluteAltitude's."""
-    assert still.metadata.laser is not None
-    return still.height_m - still.metadata.absolute_m + still.metadata.laser.height_m
-
-
 def _flights(stills: Sequence[_Still]) -> Iterator[str]:
     """Yield a note that names the flights, if there are several."""
-    geodetic = [(s.metadata.latitude_rad, s.metadata.longitude_rad, s.height_m) for s in stills]
+    geodetic = [(*still.metadata.position[:2], still.height_m) for still in stills]
     ways_m = np.linalg.norm(np.diff(ecef_from_geodetic(*np.array(geodetic).T), axis=0), axis=1)
     spans = [[stills[0].name, stills[0].name]]
     for (before, after), way_m in zip(pairwise(stills), ways_m, strict=True):
