@@ -50,7 +50,12 @@ def segments(jpeg: bytes | BinaryIO) -> Iterator[tuple[int, bytes]]:
 def metadata_of(jpeg: bytes) -> bytes:
     """Return the segments with EXIF and XMP as they are; empty for a file that is no JPEG."""
     kept = (c for marker, c in segments(jpeg) if marker == APP1 and c.startswith(_METADATA))
-    return b"".join(b"\xff\xe1" + (len(c) + 2).to_bytes(2, "big") + c for c in kept)
+    return b"".join(map(segment, kept))
+
+
+def segment(content: bytes) -> bytes:
+    """Return a segment APP1."""
+    return b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content
 
 
 def with_metadata(jpeg: bytes, metadata: bytes) -> bytes:
