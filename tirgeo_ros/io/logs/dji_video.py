@@ -40,11 +40,11 @@ from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.files.whole_files import read_text, reading
 from tirgeo_ros.io.logs.dji_srt import MOST_BYTES, Moment, read_cues
 from tirgeo_ros.io.logs.log_contents import (
-    NORTH_SIGMA_DEG,
     SECOND_NS,
     LogContents,
     LogOptions,
     Picture,
+    note_uncalibrated,
     written_time,
 )
 
@@ -104,9 +104,7 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     contents, moments = read_cues(text, beside or path, options)
     _check_same(path, beside, moments, length_s)
     contents.notes += _notes(beside, moments, created.local_ns if created else 0, lens(1.0))
-    contents.parameters["north.sigma_deg"] = NORTH_SIGMA_DEG
-    if lens(1.0) is not None:
-        contents.parameters["confidence.focal_sigma"] = DATA_SHEET_SIGMA
+    note_uncalibrated(contents, [camera] if (camera := lens(1.0)) else [], DATA_SHEET_SIGMA)
     times_ns = _bounded(round((each - start) * tick_s * SECOND_NS) for each in ticks)
     by_number = abs(len(moments) - frames) <= 1 and len(moments) > 1
     clock = _clock(moments, times_ns, beside or path, by_number=by_number)
@@ -189,9 +187,7 @@ def _notes(
     days = abs(moments[0].stamp_ns - created_ns) / _DAY_NS if created_ns > 0 else 0.0
     if days > 1:
         yield f"by its own date the video is {days:.0f} days from its subtitles: are they its own?"
-    yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
     if camera is not None:
-        yield f"the lens is not calibrated: focal length {camera.fx:.0f} px as published"
         return
     lengths = sorted({m.focal_mm for m in moments if m.focal_mm})
     length = f", of {lengths[0]:g} mm as for 36 x 24 mm" if lengths else ""

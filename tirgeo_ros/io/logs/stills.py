@@ -31,9 +31,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.rotations import level_quat
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -44,7 +43,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.log_contents import (
-    NORTH_SIGMA_DEG,
+    LEVEL,
     SECOND_NS,
     TAKEOFF,
     LogContents,
@@ -52,6 +51,7 @@ from tirgeo_ros.io.logs.log_contents import (
     Picture,
     WrittenTime,
     classify_receiver,
+    note_uncalibrated,
     written_time,
 )
 from tirgeo_ros.io.pictures.embedded_metadata import JPEG, TIFFS, Unreadable
@@ -98,9 +98,11 @@ def read_stills(path: Path, options: LogOptions) -> LogContents:
         classify_receiver(contents, "the aircraft's receiver", is_rtk=best >= _FLOAT)
     if stills:
         contents.notes += [*_remarks(stills), *_flights(stills)]
-        sigma = max(still.metadata.focal_sigma for still in stills)
-        focal = {"confidence.focal_sigma": sigma} if sigma else {}
-        contents.parameters = {**focal, "north.sigma_deg": NORTH_SIGMA_DEG}
+        assumed = [still.metadata for still in stills if still.metadata.focal_sigma]
+        cameras = [data.camera for data in assumed if data.camera]
+        note_uncalibrated(
+            contents, cameras, max((data.focal_sigma for data in assumed), default=0)
+        )
     contents.pictures = _pictures(stills)
     return contents
 
@@ -195,23 +197,12 @@ def _samples(still: _Still) -> list[PositionSample | CameraAttitudeSample | ImuS
     status = FixStatus.FLOAT if at.rtk_flag >= _FLOAT else FixStatus.SINGLE
     status = FixStatus.FIXED if at.rtk_flag >= _FIXED else status
     place = at.latitude_rad, at.longitude_rad, still.height_m
-    q_nb = _level(data.camera_q_ng) if data.body_q_nb is None else data.body_q_nb
+    q_nb = level_quat(data.camera_q_ng) if data.body_q_nb is None else data.body_q_nb
     return [
         PositionSample(stamp_ns, source, status, *place, covariance),
         CameraAttitudeSample(stamp_ns, data.camera_q_ng),
         ImuSample.of_attitude(stamp_ns, q_nb),
     ]
-
-
-def _level(q_ng: Array) -> Array:
-    """Return a level attitude (4,) that heads where the camera's picture has its top.
-
-    A level camera's heading is that of its axis; straight down it is that of the top. The sum of
-    both has this heading at every pitch between.
-    """
-    rotation = matrix_from_quat(q_ng)
-    north, east, _ = rotation[:, 0] - rotation[:, 2]
-    return quat_from_euler(0.0, 0.0, math.atan2(east, north))
 
 
 def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
@@ -224,18 +215,10 @@ def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
             f"m ({up_m[len(up_m) // 2]:.1f} in the median): a --ground-height for the middles of "
             "the pictures alone"
         )
-    if level := sum(still.metadata.body_q_nb is None for still in stills):
-        yield (
-            f"the aircraft's attitude is not recorded in {level} stills: taken as level, looking "
-            "where the camera looks; only lever arms depend on it"
-        )
-    cameras = [still.metadata.camera for still in stills]
-    lengths = sorted({f"{camera.fx:.0f} px" for camera in cameras if camera})
-    if None in cameras:
+    if any(still.metadata.body_q_nb is None for still in stills):
+        yield LEVEL
+    if any(still.metadata.camera is None for still in stills):
         yield "the lens is not known: give its calibration with --camera"
-    elif any(still.metadata.focal_sigma for still in stills):
-        yield f"the lens is not calibrated: focal length {', '.join(lengths)} as published"
-    yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
 
 
 def _flights(stills: Sequence[_Still]) -> Iterator[str]:
