@@ -231,6 +231,31 @@ def test_without_the_aircraft_s_attitude_a_note_says_so(folder):
 
 
 @pytest.mark.parametrize(
+    ("name", "second", "flag", "status"),
+    [
+        ("DJI_20240510080001_0001_W.JPG", 1.4, "50", FixStatus.FIXED),
+        ("DJI_20240510080001_0001_W.JPG", 1.4, "0", FixStatus.SINGLE),
+        ("DJI_20240510080001_0002_W.JPG", 1.4, "50", FixStatus.SINGLE),
+        ("DJI_20240510080001_0001_W.JPG", 9.0, "50", FixStatus.SINGLE),  # of another card
+        ("100/DJI_20240510080001_0001_W.JPG", 1.4, "50", FixStatus.SINGLE),
+    ],
+)
+def test_a_still_without_rtk_has_the_position_of_its_exposure_s_wide_one(
+    folder, name, second, flag, status
+):
+    """As an M30T writes them."""
+    wide = {"ImageSource": "WideCamera", "size": (800, 600), "RtkFlag": flag}
+    normal = {"AltitudeType": "GpsFusionAlt", "RtkFlag": None, "GpsLatitude": "51.3"}
+    files = {name: at(second, **wide), "DJI_20240510080001_0001_T_A1.JPG": at(1, **normal)}
+    contents = read_stills(folder(files), LogOptions())
+    (position,) = of_kind(contents, PositionSample)
+    assert position.status == status
+    is_wide_s = status == FixStatus.FIXED
+    assert math.degrees(position.latitude_rad) == pytest.approx(51.366 if is_wide_s else 51.3)
+    assert contents.read["position of another camera's still"] == is_wide_s
+
+
+@pytest.mark.parametrize(
     ("second", "latitude", "flights"),
     [(10, "51.3670", 1), (10, "51.3700", 2), (1900, "51.3660", 2), (1700, "51.3660", 1)],
 )

@@ -23,8 +23,10 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -60,6 +62,7 @@ from tirgeo_ros.io.pictures.still_metadata import StillMetadata, still_metadata
 _JPEGS, _TIFFS = {".jpg", ".jpeg"}, {".tif", ".tiff"}  # endings
 _BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
 _FIXED, _FLOAT = 50, 32  # least RtkFlag
+_NUMBER = re.compile(r"_(\d{4})_[A-Z](?:_|$)")  # DJI_20220602143534_0192_T_waypoint
 #: Between two flights: a landing, or a way that no drone flies (stamps may be whole seconds).
 _PAUSE_NS, _MOST_M_S, _ROUNDED_S = 1800 * SECOND_NS, 30.0, 2.0
 
@@ -90,8 +93,9 @@ def is_folder_of_stills(folder: Path) -> bool:
 def read_stills(path: Path, options: LogOptions) -> LogContents:
     """Read a folder of stills, or one. Raise LogError if a zone or a datum is missing."""
     contents = LogContents()
-    read = _of_one_camera(list(_read(path, contents)), contents)
-    stills = _spread([_placed(still, path, options) for still in read], contents)
+    read = list(_read(path, contents))
+    own = _surveyed(_of_one_camera(read, contents), read, contents)
+    stills = _spread([_placed(still, path, options) for still in own], contents)
     contents.read["still"] = len(stills)
     contents.samples = [sample for still in stills for sample in _samples(still)]
     if best := max((still.metadata.position.rtk_flag for still in stills), default=0):
@@ -132,6 +136,27 @@ def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
                 contents.read["TIFF beside a still"] += 1
             else:
                 contents.refused[name, str(reason)] += 1
+
+
+def _surveyed(own: list[_Still], every: list[_Still], contents: LogContents) -> Iterator[_Still]:
+    """Yield stills, with the position of another camera's of the same exposure if it is better.
+
+    An M30T's thermal still may have no RTK where the wide one beside it has.
+    """
+    by_flag = sorted(every, key=lambda still: still.metadata.position.rtk_flag)
+    best = {_exposure(still): still for still in by_flag}
+    for still in own:
+        data, other = still.metadata, best[_exposure(still)]
+        is_near = abs(other.written.local_ns - still.written.local_ns) <= SECOND_NS
+        if is_near and other.metadata.position.rtk_flag > data.position.rtk_flag:
+            contents.read["position of another camera's still"] += 1
+            data = replace(data, position=other.metadata.position)
+        yield still._replace(metadata=data)
+
+
+def _exposure(still: _Still) -> tuple[Path, str]:
+    """Return what the stills of one exposure share: folder and number."""
+    return still.file.parent, "".join(_NUMBER.findall(still.file.stem)) or still.name
 
 
 def _placed(still: _Still, path: Path, options: LogOptions) -> _Still:
