@@ -255,6 +255,16 @@ def test_a_still_without_rtk_has_the_position_of_its_exposure_s_wide_one(
     assert contents.read["position of another camera's still"] == is_wide_s
 
 
+def test_stills_that_are_too_large_to_be_drawn_are_imported_and_it_is_said(folder):
+    """Wide stills of 48 megapixels are; one of 100 is refused."""
+    sizes = {"a.JPG": (8064, 6048), "b.JPG": (12_000, 9000)}
+    path = folder({name: at(1, size=size, ImageSource="W") for name, size in sizes.items()})
+    contents = read_stills(path, LogOptions())
+    assert contents.read["still"] == 1
+    assert any("8.4 million pixels: a map is not drawn" in note for note in contents.notes)
+    assert refusals(contents) == {"b.JPG": "it has more than 50 million pixels"}
+
+
 @pytest.mark.parametrize(
     ("second", "latitude", "flights"),
     [(10, "51.3670", 1), (10, "51.3700", 2), (1900, "51.3660", 2), (1700, "51.3660", 1)],

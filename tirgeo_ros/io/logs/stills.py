@@ -56,6 +56,7 @@ from tirgeo_ros.io.logs.log_contents import (
     note_uncalibrated,
     written_time,
 )
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
 from tirgeo_ros.io.pictures.embedded_metadata import JPEG, TIFFS, Unreadable
 from tirgeo_ros.io.pictures.still_metadata import StillMetadata, still_metadata
 
@@ -242,6 +243,11 @@ def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
         )
     if any(still.metadata.body_q_nb is None for still in stills):
         yield LEVEL
+    if stills[0].metadata.pixels > MOST_OF_VIDEO:  # all are of one size
+        yield (
+            f"the stills have more than {MOST_OF_VIDEO * 1e-6:.1f} million pixels: a map is not "
+            "drawn on them, but their pixels can be located"
+        )
     if any(still.metadata.camera is None for still in stills):
         yield "the lens is not known: give its calibration with --camera"
 

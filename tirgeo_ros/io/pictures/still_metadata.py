@@ -78,6 +78,7 @@ class StillMetadata:
 
     camera_name: str  # maker, model, which of its cameras, size of the picture
     thermal: bool
+    pixels: int  # of the picture
     time: str  # with its zone if it is written; empty: none
     position: Position
     relative_m: float  # height above the take-off
@@ -119,6 +120,7 @@ def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetad
     return StillMetadata(
         camera_name=f"{maker} {model} {'thermal' if thermal else source} {size[0]}x{size[1]}",
         thermal=thermal,
+        pixels=math.prod(size),
         time=_time(fields),
         position=position,
         relative_m=_number(fields, "RelativeAltitude"),
