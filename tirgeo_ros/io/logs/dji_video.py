@@ -104,7 +104,7 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
     contents, moments = read_cues(text, beside or path, options)
     _check_same(path, beside, moments, length_s)
     contents.notes += _notes(beside, moments, created.local_ns if created else 0, lens(1.0))
-    note_uncalibrated(contents, [camera] if (camera := lens(1.0)) else [], DATA_SHEET_SIGMA)
+    note_uncalibrated(contents, [(camera, DATA_SHEET_SIGMA)] if (camera := lens(1.0)) else [])
     times_ns = _bounded(round((each - start) * tick_s * SECOND_NS) for each in ticks)
     by_number = abs(len(moments) - frames) <= 1 and len(moments) > 1
     clock = _clock(moments, times_ns, beside or path, by_number=by_number)

@@ -267,16 +267,15 @@ def classify_receiver(contents: LogContents, name: str, *, is_rtk: bool) -> None
     )
 
 
-def note_uncalibrated(contents: LogContents, cameras: Collection[Camera], sigma: float) -> None:
-    """Note that gimbal's north and lens are not calibrated, and set their parameters.
+def note_uncalibrated(contents: LogContents, lenses: Collection[tuple[Camera, float]]) -> None:
+    """Note that the gimbal's north and these lenses are not calibrated, and set their sigmas.
 
-    ``sigma`` is that of the focal lengths, relative; without ``cameras`` no lens is noted.
+    ``lenses`` are cameras, each with the relative sigma of its focal length.
     """
-    contents.notes.append(
-        f"the gimbal's north is not calibrated: {_NORTH_SIGMA_DEG:g} deg are assumed"
-    )
+    north = f"the gimbal's north is not calibrated: {_NORTH_SIGMA_DEG:g} deg are assumed"
+    contents.notes.append(north)
     contents.parameters["north.sigma_deg"] = _NORTH_SIGMA_DEG
-    if cameras:
-        contents.parameters["confidence.focal_sigma"] = sigma
-        lengths = ", ".join(sorted({f"{camera.fx:.0f} px" for camera in cameras}))
+    if lenses:
+        contents.parameters["confidence.focal_sigma"] = max(sigma for _, sigma in lenses)
+        lengths = ", ".join(sorted({f"{camera.fx:.0f} px" for camera, _ in lenses}))
         contents.notes.append(f"the lens is not calibrated: focal length {lengths} as published")

@@ -103,11 +103,8 @@ def read_stills(path: Path, options: LogOptions) -> LogContents:
         classify_receiver(contents, "the aircraft's receiver", is_rtk=best >= _FLOAT)
     if stills:
         contents.notes += [*_remarks(stills), *_flights(stills)]
-        assumed = [still.metadata for still in stills if still.metadata.focal_sigma]
-        cameras = [data.camera for data in assumed if data.camera]
-        note_uncalibrated(
-            contents, cameras, max((data.focal_sigma for data in assumed), default=0)
-        )
+        lenses = ((still.metadata.camera, still.metadata.focal_sigma) for still in stills)
+        note_uncalibrated(contents, [(lens, sigma) for lens, sigma in lenses if lens and sigma])
     contents.pictures = _pictures(stills)
     return contents
 

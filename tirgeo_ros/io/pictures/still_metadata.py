@@ -51,7 +51,7 @@ _TIME, _ZONE = re.compile(r"\d:\d\d:\d\d"), re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d
 _ELLIPSOIDAL = {"ZH20T", "M3T", "M3TD", "M4T", "M4TD", "ANAFI AI"}
 #: Those above sea level: XT2 (a public picture where the geoid is at -92 m), our own exports.
 _ABOVE_SEA = {"FLIR", "XT2", OWN_MODEL.upper()}
-_EXIF_3 = b"\2\4"  # version of the GPS tags from which heights are ellipsoidal, or it says sea
+_EXIF_3 = b"\2\4\0\0"  # version of GPS tags whose heights are ellipsoidal, or it says sea
 _THERMAL = re.compile(r"infra|thermal|lwir|\bir\b|^T$", re.IGNORECASE)
 _SUFFIX = re.compile(r"_([A-Z])(?:_[^_]*)?$")  # DJI_20220602143534_0192_T_waypoint
 _MOST_APART = 0.2  # of focal lengths of one lens, in the picture and in the data sheet
@@ -138,12 +138,6 @@ def _text(fields: Fields, *names: str) -> str:
     return next((text.strip("\0 ") for text in texts if isinstance(text, str) and text), "")
 
 
-def _bytes(fields: Fields, name: str) -> bytes:
-    """Return a field of EXIF that is bytes; empty: none."""
-    value = fields.get(name)
-    return value if isinstance(value, bytes) else b""
-
-
 def _number(fields: Fields, *names: str, unknown: float = math.nan) -> float:
     """Return the first field of these names as a number (``+1.5``, ``9509/100``)."""
     return _float(next((fields[name] for name in names if name in fields), ""), unknown)
@@ -209,11 +203,11 @@ def _height(fields: Fields, model: str) -> tuple[float, str]:
     height_m, kind = _number(fields, "AbsoluteAltitude"), _text(fields, "AltitudeType")
     if kind == "RtkAlt" or _text(fields, "Make").upper() == "SKYDIO":
         return height_m, "ellipsoid"
-    reference = _bytes(fields, "GPSAltitudeRef")
+    reference = fields.get("GPSAltitudeRef")
     is_exif = math.isnan(height_m)
     if is_exif:
         height_m = _number(fields, "GPSAltitude") * (-1 if reference in {b"\1", b"\3"} else 1)
-    if _bytes(fields, "GPSVersionID")[:2] >= _EXIF_3:
+    if fields.get("GPSVersionID") == _EXIF_3:
         return height_m, "sea" if reference in {b"\2", b"\3"} else "ellipsoid"
     if model in _ELLIPSOIDAL and kind in {"", "GpsFusionAlt"}:  # else by air pressure
         return height_m, "ellipsoid"
