@@ -196,6 +196,8 @@ def vast_jpeg() -> bytes:
         (lambda: picture("TIFF", bytes(2_000_000)), "XMP has more than 64 kB"),
         (vast_jpeg, "million pixels"),
         (lambda: still()[:200], "cut off"),
+        (lambda: b"\xff\xd8" + b"\xff" * 60_000_000, "no end"),
+        (lambda: b"\xff\xd8" + b"\xff\xe2\0\2" * 15_000_000, "no end"),
         (lambda: b"\x89PNG\r\n\x1a\n", "no JPEG or TIFF"),
     ],
 )

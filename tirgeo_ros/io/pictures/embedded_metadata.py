@@ -30,7 +30,7 @@ from PIL import Image
 from PIL.ExifTags import GPSTAGS, IFD, TAGS, Base
 
 from tirgeo_ros.io.messages.pictures import MOST_OF_FILE
-from tirgeo_ros.io.pictures.jpeg_segments import APP1, XMP, segments
+from tirgeo_ros.io.pictures.jpeg_segments import APP1, SOS, XMP, segments
 
 #: EXIF's tags by name, ``FocalLength``; XMP's properties by name, whatever their prefix,
 #: ``GpsLatitude``, parts behind their structure, ``CameraOrientationNED/Yaw``; Pix4D's short names
@@ -62,15 +62,19 @@ def embedded_metadata(path: Path) -> tuple[tuple[int, int], Fields, Fields]:
                 raise Unreadable("it is no JPEG or TIFF" if head else "it is empty")
             if path.stat().st_size > _MOST_BYTES:
                 raise Unreadable(f"it has more than {_MOST_BYTES >> 20} MB")
-            return _opened(file)
+            return _opened(file, is_jpeg=head.startswith(JPEG))
     except OSError as fault:
         raise Unreadable(f"it cannot be read: {fault.strerror or fault}") from None
 
 
-def _opened(file: BinaryIO) -> tuple[tuple[int, int], Fields, Fields]:
+def _opened(file: BinaryIO, *, is_jpeg: bool) -> tuple[tuple[int, int], Fields, Fields]:
     """Return size, EXIF and XMP of a picture that is whole: it is decoded, a JPEG to an eighth."""
-    packets = (c[len(XMP) :] for m, c in segments(file) if m == APP1 and c.startswith(XMP))
-    packet = next(packets, None)
+    packet, marker = b"", 0
+    for marker, content in segments(file):
+        if marker == APP1 and content.startswith(XMP):
+            packet = packet or content[len(XMP) :]
+    if is_jpeg and marker != SOS:
+        raise Unreadable("it is cut off or damaged (its header has no end)")
     try:
         with Image.open(file, formats=("JPEG", "TIFF")) as image:
             if math.prod(size := image.size) > MOST_OF_FILE:
