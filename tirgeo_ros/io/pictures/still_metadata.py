@@ -184,8 +184,12 @@ def _position(fields: Fields, model: str) -> Position:
         latitude, longitude = (_exif_degrees(fields, f"GPS{x}itude") for x in ("Lat", "Long"))
     if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
         latitude = longitude = math.nan
+    absolute_m, datum = _height(fields, model)
     return Position(
-        *(math.radians(latitude), math.radians(longitude), *_height(fields, model)),
+        latitude_rad=math.radians(latitude),
+        longitude_rad=math.radians(longitude),
+        absolute_m=absolute_m,
+        datum=datum,
         surveyed=_text(fields, "AltitudeType") == "RtkAlt",
         rtk_flag=int(_number(fields, "RtkFlag", unknown=0.0)),
         rtk_std_m=tuple(_number(fields, f"RtkStd{axis}") for axis in ("Lat", "Lon", "Hgt")),
