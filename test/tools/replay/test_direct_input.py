@@ -20,16 +20,12 @@ import csv
 import json
 import tempfile
 
-import cv2
-import numpy as np
 import pytest
 import yaml
-from flir_files import flir_jpeg
 from stills import PLACE_DEG, START_NS, STEP_NS, StandIn, folder_of
 
 from tirgeo_ros.core.types.errors import BagError, SurveyError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.pictures.temperatures import DJI_NOTE
 from tirgeo_ros.io.surveys.survey import load_observations
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.direct_input import is_direct
@@ -168,20 +164,3 @@ def test_check_evaluate_and_export_take_them_too(folder, tmp_path, capsys):
     assert raw
     assert main(["export", str(folder), "-o", str(tmp_path / "ex"), "--every", "0", *GROUND]) == 0
     assert len([*(tmp_path / "ex" / "stills").iterdir()]) == 3
-
-
-def test_a_located_pixel_has_its_temperature(folder, tmp_path, capsys):
-    # The first has FLIR's raw data, the second a TIFF beside it, the third DJI's raw data.
-    raws = np.array([[17000, 16000], [18000, 20000]])
-    (folder / "DJI_0000_T.JPG").write_bytes(flir_jpeg(raws))
-    degrees = np.array([[1.25, 2.5]], np.float32)
-    (folder / "DJI_0001_T.tiff").write_bytes(cv2.imencode(".tiff", degrees)[1].tobytes())
-    rows = ["id,picture,u,v", *(f"{n},DJI_{n:04}_T.JPG,100,100" for n in range(3))]
-    code, _, points = located(capsys, folder, tmp_path, "\n".join(rows), *GROUND, "--json")
-    assert code == 0
-    assert [row["temperature_c"] for row in points] == ["17.42", "1.25", ""]
-    words = ["locate", str(folder), "--pixels", str(tmp_path / "pixels.csv"), *GROUND]
-    assert main([*words, "-o", str(tmp_path / "points.kml"), "--json"]) == 0
-    assert "ellipsoid; 17.4 deg C" in (tmp_path / "points.kml").read_text()
-    notes = json.loads(capsys.readouterr().out)["notes"]
-    assert [note for note in notes if "DJI's own tool" in note] == [DJI_NOTE]

@@ -15,7 +15,7 @@
 """Read a folder of a drone's stills: position and attitudes of each, and the pictures themselves.
 
 A file that gives none is refused by name, and the others are read. The pictures are passed on
-byte by byte, so R-JPEG keep their temperatures. There is no IMU: the aircraft's attitude that
+byte by byte, with their temperatures beside them. There is no IMU: the aircraft's attitude that
 stands in the stills, or a level one, is written as the autopilot's.
 """
 
@@ -35,7 +35,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.rotations import level_quat
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
-from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.errors import LogError, MessageError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -59,6 +59,7 @@ from tirgeo_ros.io.logs.log_contents import (
 from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
 from tirgeo_ros.io.pictures.embedded_metadata import JPEG, TIFFS, Unreadable
 from tirgeo_ros.io.pictures.still_metadata import StillMetadata, still_metadata
+from tirgeo_ros.io.pictures.temperatures import temperatures
 
 _JPEGS, _TIFFS = {".jpg", ".jpeg"}, {".tif", ".tiff"}  # endings
 _BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
@@ -78,6 +79,7 @@ class _Still(NamedTuple):
     stamp_ns: int = 0
     height_m: float = math.nan
     height_of: str = ""
+    tiff: Path | None = None  # the file of its temperatures
 
 
 def is_still(head: bytes) -> bool:
@@ -105,7 +107,7 @@ def read_stills(path: Path, options: LogOptions) -> LogContents:
         contents.notes += [*_remarks(stills), *_flights(stills)]
         lenses = ((still.metadata.camera, still.metadata.focal_sigma) for still in stills)
         note_uncalibrated(contents, [(lens, sigma) for lens, sigma in lenses if lens and sigma])
-    contents.pictures = _pictures(stills)
+    contents.pictures = _pictures(stills, contents)
     return contents
 
 
@@ -121,12 +123,14 @@ def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
     """Yield the stills that have all that is needed; count the other files as refused."""
     files = list(_files(path)) if path.is_dir() else [path]
     jpegs = {file.with_suffix("") for file in files if file.suffix.lower() in _JPEGS}
+    tiffs = {file.with_suffix(""): file for file in files if file.suffix.lower() in _TIFFS}
     for file in files:
         name = file.relative_to(path).as_posix() if path.is_dir() else file.name
         try:
+            tiff = tiffs.get(file.with_suffix("")) if file.suffix.lower() in _JPEGS else None
             metadata = still_metadata(file)
             if written := written_time(metadata.time):
-                yield _Still(file, name, metadata, written)
+                yield _Still(file, name, metadata, written, tiff=tiff)
             else:
                 contents.refused[name, "no time in it"] += 1
         except Unreadable as reason:
@@ -263,8 +267,15 @@ def _flights(stills: Sequence[_Still]) -> Iterator[str]:
         yield f"{len(spans)} flights, all imported: {'; '.join(map(' to '.join, spans))}"
 
 
-def _pictures(stills: Sequence[_Still]) -> Iterator[Picture]:
+def _pictures(stills: Sequence[_Still], contents: LogContents) -> Iterator[Picture]:
+    """Yield the pictures; note once each reason why temperatures cannot be read."""
     for still in stills:
         with reading(still.file, LogError):
             data = still.file.read_bytes()
-        yield Picture(still.stamp_ns, data, still.metadata.camera, still.name)
+        try:
+            warm = temperatures(still.file, data, still.tiff)
+        except MessageError as error:
+            warm, note = b"", f"temperatures: {error}"
+            if note not in contents.notes:
+                contents.notes.append(note)
+        yield Picture(still.stamp_ns, data, still.metadata.camera, still.name, warm)
