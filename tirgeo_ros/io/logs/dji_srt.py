@@ -55,7 +55,7 @@ from tirgeo_ros.io.logs.log_contents import (
 MOST_BYTES = 1 << 28
 _N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number
 _CUE = re.compile(r"^\ufeff?\d+[ \t]*\n(?=\d+:\d\d:\d\d[,.]\d+\s*-->|\d{4}[-.])", re.MULTILINE)
-_BEGIN = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+_BEGIN = re.compile(r"(\d{1,2}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 #: Matrice 300: latitude first, third number a height of 0.0 M. All others: longitude first, third
 #: number satellites or a height; Phantom 4 RTK writes RTK, not GPS, while it has an RTK solution.
 _LAT_LON = (
