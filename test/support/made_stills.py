@@ -22,9 +22,11 @@ import numpy as np
 from PIL import Image
 from PIL.ExifTags import GPS, IFD, Base
 
-XMP_HEAD = b"http://ns.adobe.com/xap/1.0/\0"
-URIS = {
+_XMP = b"http://ns.adobe.com/xap/1.0/\0"
+_URIS = {
+    "drone": "http://www.autelrobotics.com/drone/1.0/",
     "drone-dji": "http://www.dji.com/drone-dji/1.0/",
+    "drone-parrot": "http://www.parrot.com/drone-parrot/1.0/",
     "drone-skydio": "https://www.skydio.com/drone-skydio/1.0/",
     "Camera": "http://pix4d.com/camera/1.0/",
     "xmp": "http://ns.adobe.com/xap/1.0/",
@@ -55,7 +57,7 @@ M3T = {
 def packet(fields: dict[str, str], *, elements: bool = False) -> bytes:
     """Return a packet of XMP, its fields as attributes or as elements; DJI's without a prefix."""
     named = {key if ":" in key else f"drone-dji:{key}": text for key, text in fields.items()}
-    spaces = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in URIS.items())
+    spaces = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _URIS.items())
     inside = "".join(f"<{key}>{text}</{key}>" for key, text in named.items()) if elements else ""
     attributes = "" if elements else " ".join(f'{key}="{text}"' for key, text in named.items())
     return (
@@ -65,37 +67,27 @@ def packet(fields: dict[str, str], *, elements: bool = False) -> bytes:
     ).encode()
 
 
-def segment(content: bytes) -> bytes:
-    """Return an APP1 segment of a JPEG."""
-    return b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content
-
-
-def jpeg_with(*packets: bytes, **exif) -> bytes:
-    """Return a JPEG with packets of XMP; ``exif`` as for ``still``."""
-    jpeg = picture("JPEG", **exif)
-    return jpeg[:2] + b"".join(segment(XMP_HEAD + each) for each in packets) + jpeg[2:]
-
-
 def still(
-    *, elements: bool = False, model: str = "M3T", size=(640, 512), tags=None, gps=None, **fields
+    form="JPEG", *, elements=False, model="M3T", size=(640, 512), tags=None, gps=None, **fields
 ):
-    """Return a Mavic 3T's still with some of its fields changed; None leaves one out.
-
-    ``tags`` and ``gps`` are EXIF's of the exposure and the position, by name.
-    """
+    """Return a Mavic 3T's still with some of its fields changed; None leaves one out."""
     kept = {key: text for key, text in (M3T | fields).items() if text is not None}
     exif = {"model": model, "size": size, "tags": tags, "gps": gps}
-    return jpeg_with(packet(kept, elements=elements), **exif)
+    return picture(form, packet(kept, elements=elements), **exif)
 
 
-def picture(form: str, *, model="M3T", size=(640, 512), tags=None, gps=None, xmp: bytes = b""):
-    """Return a grey picture's file with EXIF; ``xmp`` is for a TIFF."""
-    exif = Image.Exif()
-    exif[Base.Make], exif[Base.Model] = "DJI", model
+def picture(
+    form="JPEG", xmp=b"", *, make="DJI", model="M3T", size=(640, 512), grey=90, tags=None, gps=None
+) -> bytes:
+    """Return a grey picture's file; ``tags`` and ``gps`` are EXIF's of exposure and position."""
+    exif, out = Image.Exif(), io.BytesIO()
+    exif[Base.Make], exif[Base.Model] = make, model
     exif[IFD.Exif] = {Base[name]: value for name, value in (tags or {}).items()}
     exif[IFD.GPSInfo] = {GPS[name]: value for name, value in (gps or {}).items()}
-    if xmp:
+    if form == "TIFF" and xmp:
         exif[Base.XMLPacket] = xmp
-    out = io.BytesIO()
-    Image.fromarray(np.full(size[::-1], 90, np.uint8)).save(out, form, exif=exif.tobytes())
-    return out.getvalue()
+    Image.fromarray(np.full(size[::-1], grey, np.uint8)).save(out, form, exif=exif.tobytes())
+    file, content = out.getvalue(), _XMP + xmp
+    if form == "TIFF" or not xmp:
+        return file
+    return file[:2] + b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content + file[2:]

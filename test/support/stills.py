@@ -16,15 +16,12 @@
 
 from __future__ import annotations
 
-import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from made_stills import XMP_HEAD, segment
-from PIL import Image
-from PIL.ExifTags import Base
+from made_stills import picture
 
 from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import quat_from_euler
@@ -50,11 +47,8 @@ RAW = b"\xff\xe3\x00\x0araw data"
 
 def still_jpeg(number, size=(640, 512)):
     """A JPEG with EXIF, XMP and raw data, brighter with its number."""
-    picture, out, exif = Image.new("L", size, 40 + number), io.BytesIO(), Image.Exif()
-    exif[Base.Model], exif[Base.ImageDescription] = "H20T", f"still {number}"
-    picture.save(out, "JPEG", exif=exif)
-    jpeg = out.getvalue()
-    return jpeg[:2] + RAW + segment(XMP_HEAD + XMP % number) + jpeg[2:]
+    jpeg = picture(xmp=XMP % number, model=f"still {number}", size=size, grey=40 + number)
+    return jpeg[:2] + RAW + jpeg[2:]
 
 
 def folder_of(path: Path, count=3, size=(640, 512)):

@@ -188,3 +188,12 @@ def test_products_of_batches(p_shape, q_shape):
     both = (np.broadcast_to(each, result.shape) for each in (p, q))
     for item, left, right in zip(*(each.reshape(-1, 4) for each in (result, *both)), strict=True):
         np.testing.assert_allclose(item, att.quat_multiply(left, right), atol=2 * ROUNDING)
+
+
+@pytest.mark.parametrize("pitch", [0.0, -45.0, -90.0])
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_level_aircraft_looks_where_the_camera_looks(pitch, flipped):
+    yaw, roll = (40.0, 0.0) if not flipped else (-140.0, 180.0)
+    pitch = pitch if not flipped else -180.0 - pitch
+    q_nb = att.level_quat(att.quat_from_euler(*np.radians([roll, pitch, yaw])))
+    assert np.degrees(att.euler_from_quat(q_nb)) == pytest.approx([0, 0, 40])

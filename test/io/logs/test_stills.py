@@ -27,7 +27,6 @@ from made_stills import picture, still
 from tirgeo_ros.core.frames.rotations import (
     Q_BODY_OPTICAL,
     euler_from_quat,
-    quat_from_euler,
     quat_multiply,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -43,10 +42,12 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.logs.forms import STILLS, form_of
 from tirgeo_ros.io.logs.log_contents import LogOptions
-from tirgeo_ros.io.logs.stills import _level, read_stills
+from tirgeo_ros.io.logs.stills import read_stills
+from tirgeo_ros.io.pictures.embedded_metadata import embedded_metadata
 from tirgeo_ros.io.pictures.still_metadata import still_metadata
 
 LOCAL = {"UTCAtExposure": None, "tags": {"DateTimeOriginal": "2024:05:10 10:30:00"}}
+UNKNOWN = np.zeros((6, 6))
 BEGIN_NS = int(datetime(2024, 5, 10, 8, tzinfo=timezone.utc).timestamp()) * 10**9
 
 
@@ -81,8 +82,12 @@ def refusals(contents) -> dict[str, str]:
     return reasons
 
 
-def test_a_still_gives_place_attitudes_and_its_own_bytes(folder):
-    path = folder({"DJI_0001_T.JPG": at(1.25)}) / "DJI_0001_T.JPG"
+@pytest.mark.parametrize("elements", [False, True])
+def test_a_still_gives_place_attitudes_and_its_own_bytes(folder, elements):
+    path = (
+        folder({"DJI_0001_T.JPG": at(1.25, elements=elements, GimbalPitchDegree="-60.00")})
+        / "DJI_0001_T.JPG"
+    )
     assert form_of(path) is STILLS
     contents = read_stills(path, LogOptions())
     (position,), (gimbal,), (imu,) = (
@@ -91,9 +96,11 @@ def test_a_still_gives_place_attitudes_and_its_own_bytes(folder):
     assert position.stamp_ns == gimbal.stamp_ns == imu.stamp_ns == BEGIN_NS + 1_250_000_000
     assert (position.source, position.status) == (Source.RTK_POSITION, FixStatus.FIXED)
     assert np.sqrt(position.covariance_n.diagonal()) == pytest.approx([0.01, 0.02, 0.03])
-    assert position.height_m == 230.25
+    place = position.latitude_rad, position.longitude_rad
+    assert (*np.degrees(place), position.height_m) == pytest.approx((51.366, 12.309, 230.25))
+    assert np.degrees(euler_from_quat(gimbal.q_ng)) == pytest.approx([0, -60, 30])
     assert np.degrees(euler_from_quat(imu.autopilot_q_nb)) == pytest.approx([1, -3, 28])
-    assert np.isnan([imu.specific_force_b, imu.angular_rate_b]).all()
+    assert imu.is_attitude_alone
     (taken,) = contents.pictures
     assert taken.data == path.read_bytes()
     assert (taken.name, taken.stamp_ns) == ("DJI_0001_T.JPG", position.stamp_ns)
@@ -102,30 +109,33 @@ def test_a_still_gives_place_attitudes_and_its_own_bytes(folder):
 
 
 @pytest.mark.parametrize(
-    ("name", "is_stills"),
-    [("a.jpg", True), ("100MEDIA/a.JPG", True), ("a.tif", True), ("a.txt", False)],
+    ("names", "form"),
+    [
+        (["a.jpg"], STILLS),
+        (["100MEDIA/a.JPG"], STILLS),
+        (["a.tif"], STILLS),
+        (["a.txt"], None),
+        *((["a.jpg", bag], None) for bag in ("metadata.yaml", "a_0.mcap", "a.db3")),
+    ],
 )
-def test_a_folder_is_stills_by_its_pictures(folder, name, is_stills):
-    assert (form_of(folder({name: b"x"})) is STILLS) == is_stills
-
-
-@pytest.mark.parametrize("bag", ["metadata.yaml", "a_0.mcap", "a.db3"])
-def test_a_folder_of_a_bag_stays_one(folder, bag):
-    assert form_of(folder({"a.jpg": at(1), bag: b"x"})) is None
+def test_a_folder_with_pictures_is_stills_but_a_bag_stays_one(folder, names, form):
+    assert form_of(folder(dict.fromkeys(names, b"x"))) is form
 
 
 def test_each_bad_file_is_a_line_and_the_others_are_read(folder):
+    wide = at(2, ImageSource="WideCamera", size=(800, 600))
     files = {
         "100/1_T.JPG": at(1),
         "100/1_T.TIFF": picture("TIFF"),
         "100/2_T.JPG": at(2),
-        "100/2_W.JPG": at(2, ImageSource="WideCamera", size=(800, 600)),
+        **{f"100/{k}_W.JPG": wide for k in range(3)},
         "cut.JPG": at(3)[:-3000],
         "holiday.jpg": picture("JPEG"),
         "large_T.JPG": at(4, size=(1280, 1024)),
         "nothing.jpg": b"",
         "notes.txt": b"notes",
         "other_T.JPG": at(5, model="M30T"),
+        "timeless.JPG": still(UTCAtExposure=None),
         "without.JPG": at(6, GimbalYawDegree=None, GpsLatitude="0", GpsLongitude="0"),
         ".hidden.jpg": b"x",
     }
@@ -134,24 +144,21 @@ def test_each_bad_file_is_a_line_and_the_others_are_read(folder):
     assert [still.name for still in contents.pictures] == ["100/1_T.JPG", "100/2_T.JPG"]
     assert contents.read == {"still": 2, "TIFF beside a still": 1}
     words = {
-        "100/2_W.JPG": "another camera, DJI M3T WideCamera, not DJI M3T thermal",
+        **{
+            f"100/{k}_W.JPG": "another camera, DJI M3T WideCamera 800x600, not DJI M3T thermal"
+            for k in range(3)
+        },
         "cut.JPG": "cut off",
         "holiday.jpg": "no XMP",
-        "large_T.JPG": "another size, 1280x1024, not 640x512",
+        "large_T.JPG": "thermal 1280x1024, not DJI M3T thermal 640x512",
         "nothing.jpg": "empty",
         "notes.txt": "no JPEG",
         "other_T.JPG": "another camera",
+        "timeless.JPG": "no time",
         "without.JPG": "no angles of the camera, no position",
     }
     assert reasons.keys() == words.keys()
     assert all(words[name] in reason for name, reason in reasons.items())
-
-
-def test_the_thermal_camera_is_taken_though_the_other_has_more(folder):
-    wide = {f"{k}_W.JPG": at(k, ImageSource="WideCamera", size=(800, 600)) for k in (1, 2, 3)}
-    contents = read_stills(folder(wide | {"1_T.JPG": at(1)}), LogOptions())
-    assert [still.name for still in contents.pictures] == ["1_T.JPG"]
-    assert len(refusals(contents)) == 3
 
 
 def test_stills_of_one_second_are_spread_in_it_by_name(folder):
@@ -165,12 +172,6 @@ def test_stills_of_one_second_are_spread_in_it_by_name(folder):
     assert any("4 stills share their second" in note for note in contents.notes)
 
 
-def test_a_time_without_a_zone_is_asked_for(folder):
-    path = folder({"a.JPG": still(**LOCAL)})
-    with pytest.raises(LogError, match="--utc-offset"):
-        read_stills(path, LogOptions())
-
-
 @pytest.mark.parametrize(
     ("fields", "options", "height_m"),
     [
@@ -179,6 +180,7 @@ def test_a_time_without_a_zone_is_asked_for(folder):
         ({"AltitudeType": "PressureAlt"}, {"height": "sea", "geoid_undulation_m": 44.0}, 274.25),
         ({"AltitudeType": "PressureAlt"}, {"height": "ellipsoid"}, 230.25),
         ({"AltitudeType": "GpsFusionAlt"}, {}, 230.25),
+        ({"AltitudeType": None, "model": "FLIR"}, {"geoid_undulation_m": 44.0}, 274.25),
         ({"AltitudeType": "GpsFusionAlt"}, {"height": "sea", "geoid_undulation_m": 44.0}, 274.25),
     ],
 )
@@ -190,12 +192,14 @@ def test_heights_become_ellipsoidal(folder, fields, options, height_m):
 @pytest.mark.parametrize(
     ("fields", "options", "option"),
     [
+        (LOCAL, {}, "--utc-offset"),
         ({"AltitudeType": "PressureAlt"}, {}, "--height ellipsoid"),
+        ({"AltitudeType": None, "model": "MAVIC2"}, {}, "--height ellipsoid"),
         ({"AltitudeType": "PressureAlt"}, {"height": "sea"}, "--geoid-undulation"),
         ({"AltitudeType": "PressureAlt"}, {"height": "takeoff"}, "--takeoff-height"),
     ],
 )
-def test_a_datum_that_is_not_known_is_asked_for(folder, fields, options, option):
+def test_a_zone_or_a_datum_that_is_not_known_is_asked_for(folder, fields, options, option):
     with pytest.raises(LogError, match=option):
         read_stills(folder({"a.JPG": still(**fields)}), LogOptions(**options))
 
@@ -218,21 +222,47 @@ def test_rtk_s_flag_is_the_status(folder, flag, source, status):
     assert position.covariance_n.any() == (flag is not None)  # zero: unknown
 
 
-@pytest.mark.parametrize("pitch", [0.0, -45.0, -90.0])
-@pytest.mark.parametrize("flipped", [False, True])
-def test_a_level_aircraft_looks_where_the_camera_looks(pitch, flipped):
-    yaw, roll = (40.0, 0.0) if not flipped else (-140.0, 180.0)
-    pitch = pitch if not flipped else -180.0 - pitch
-    q_nb = _level(quat_from_euler(*np.radians([roll, pitch, yaw])))
-    assert np.degrees(euler_from_quat(q_nb)) == pytest.approx([0, 0, 40])
-
-
 def test_without_the_aircraft_s_attitude_a_note_says_so(folder):
     contents = read_stills(folder({"a.JPG": still(FlightYawDegree=None)}), LogOptions())
     assert np.degrees(euler_from_quat(of_kind(contents, ImuSample)[0].autopilot_q_nb)) == (
         pytest.approx([0, 0, 30])
     )
-    assert any("not recorded in 1 stills" in note for note in contents.notes)
+    assert any("attitude is not recorded" in note for note in contents.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "second", "flag", "status"),
+    [
+        ("DJI_20240510080001_0001_W.JPG", 1.4, "50", FixStatus.FIXED),
+        ("DJI_20240510080001_0001_W.JPG", 1.4, "0", FixStatus.SINGLE),
+        ("DJI_20240510080001_0002_W.JPG", 1.4, "50", FixStatus.SINGLE),
+        ("DJI_20240510080001_0001_W.JPG", 9.0, "50", FixStatus.SINGLE),  # of another card
+        ("100/DJI_20240510080001_0001_W.JPG", 1.4, "50", FixStatus.SINGLE),
+    ],
+)
+def test_a_still_without_rtk_has_the_position_of_its_exposure_s_wide_one(
+    folder, name, second, flag, status
+):
+    """As an M30T writes them."""
+    wide = {"ImageSource": "WideCamera", "size": (800, 600), "RtkFlag": flag}
+    normal = {"AltitudeType": "GpsFusionAlt", "RtkFlag": None, "GpsLatitude": "51.3"}
+    files = {name: at(second, **wide), "DJI_20240510080001_0001_T_A1.JPG": at(1, **normal)}
+    contents = read_stills(folder(files), LogOptions())
+    (position,) = of_kind(contents, PositionSample)
+    assert position.status == status
+    is_wide_s = status == FixStatus.FIXED
+    assert math.degrees(position.latitude_rad) == pytest.approx(51.366 if is_wide_s else 51.3)
+    assert contents.read["position of another camera's still"] == is_wide_s
+
+
+def test_stills_that_are_too_large_to_be_drawn_are_imported_and_it_is_said(folder):
+    """Wide stills of 48 megapixels are; one of 100 is refused."""
+    sizes = {"a.JPG": (8064, 6048), "b.JPG": (12_000, 9000)}
+    path = folder({name: at(1, size=size, ImageSource="W") for name, size in sizes.items()})
+    contents = read_stills(path, LogOptions())
+    assert contents.read["still"] == 1
+    assert any("8.4 million pixels: a map is not drawn" in note for note in contents.notes)
+    assert refusals(contents) == {"b.JPG": "it has more than 50 million pixels"}
 
 
 @pytest.mark.parametrize(
@@ -279,14 +309,15 @@ def test_our_ray_through_the_middle_meets_the_laser_s_place(shared):
     """The laser shares the attitude and looks beside the lens: geometry alone, at 63 to 97 m."""
     apart_m = []
     for path in (shared / "real_pictures" / "h20t_strip").glob("*.JPG"):
-        data = still_metadata(path)
-        plane = TangentPlane(data.latitude_rad, data.longitude_rad, data.absolute_m)
-        q_nc = quat_multiply(data.camera_q_ng, Q_BODY_OPTICAL)
-        pose = CameraPose(0, np.zeros(3), q_nc, np.zeros((6, 6)))
-        middle = np.array([[(data.size[0] - 1) / 2, (data.size[1] - 1) / 2]])
-        laser = data.laser
-        (ground_n,), _ = locate(data.camera, pose, middle, plane, laser.height_m)
-        laser_n = plane.ned_from_geodetic(laser.latitude_rad, laser.longitude_rad, laser.height_m)
+        data, (size, _, xmp) = still_metadata(path), embedded_metadata(path)
+        plane = TangentPlane(*data.position[:3])
+        pose = CameraPose(0, np.zeros(3), quat_multiply(data.camera_q_ng, Q_BODY_OPTICAL), UNKNOWN)
+        middle = (np.array([size]) - 1) / 2
+        latitude, longitude, height_m = (
+            float(xmp[f"LRFTarget{x}"]) for x in ("Lat", "Lon", "AbsAlt")
+        )
+        (ground_n,), _ = locate(data.camera, pose, middle, plane, height_m)
+        laser_n = plane.ned_from_geodetic(*np.radians([latitude, longitude]), height_m)
         apart_m.append(math.hypot(*(ground_n - laser_n)[:2]))
     assert len(apart_m) == 64
     assert np.median(apart_m) <= 0.35

@@ -27,7 +27,7 @@ from hypothesis import given, strategies as st
 from numpy.testing import assert_allclose
 from PIL.ExifTags import Base
 from scenes import camera_pose
-from still_reader import DJI, PIX4D, by_gimbal, by_mapping, by_open_drone_map, place_of, read_still
+from still_reader import DJI, by_gimbal, by_mapping, by_open_drone_map, place_of, read_still
 
 from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -87,26 +87,6 @@ def test_place_and_angles_are_those_of_the_pose(tmp_path_factory, place, attitud
     assert altitude == pytest.approx(place[2], abs=0.51e-4)
     assert float(read.xmp[f"{DJI}GpsLatitude"]) == pytest.approx(place[0], abs=0.51e-9)
     assert float(read.xmp[f"{DJI}GpsLongitude"]) == pytest.approx(place[1], abs=0.51e-9)
-
-
-@pytest.mark.parametrize(
-    ("attitude", "gimbal", "mapping"),
-    [
-        ((0, -90, 0), None, (0, 0, 0)),  # straight down, the picture's top to the north
-        ((0, -90, 90), None, (0, 0, 90)),
-        ((0, 0, 0), (0, 0, 0), None),  # level, to the north
-        ((0, -30, -90), (0, -30, -90), (0, 60, -90)),
-        ((5, 0, 0), (5, 0, 0), None),
-    ],
-)
-def test_the_angles_of_known_attitudes(written, attitude, gimbal, mapping):
-    read = written(still_at(attitude=attitude))
-    named = ("Roll", "Pitch", "Yaw")
-    if gimbal:
-        result = [float(read.xmp[f"{DJI}Gimbal{axis}Degree"]) for axis in named]
-        assert_allclose(result, gimbal, atol=1e-5)
-    if mapping:
-        assert_allclose([float(read.xmp[PIX4D + axis]) for axis in named], mapping, atol=1e-5)
 
 
 def test_altitudes_name_their_reference(written):

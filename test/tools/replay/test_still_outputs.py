@@ -50,7 +50,7 @@ def test_each_still_is_drawn_full_size_with_its_metadata(stand_in, sample, tmp_p
         data = (output / f"DJI_{number:04}_T.JPG").read_bytes()
         with Image.open(io.BytesIO(data)) as picture:
             assert picture.size == (640, 512)
-            assert picture.getexif()[Base.ImageDescription] == f"still {number}"
+            assert picture.getexif()[Base.Model] == f"still {number}"
         assert RAW not in data
         assert XMP % number in data
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).astype(int)

@@ -38,40 +38,35 @@ _SAME_SHAPE = 0.01
 
 
 class DataSheet(NamedTuple):
-    """Hold a camera's models as EXIF or XMP has them, and one of its lenses.
-
-    ``seen_deg`` is the field of view in the data sheet, from corner to corner (``diagonal``) or
-    across; ``source`` is what stands there.
-    """
+    """Hold a camera's models as EXIF or XMP has them, one of its lenses, and what is published."""
 
     makers: str
     models: tuple[str, ...]
     size: tuple[int, int]  # of the sensor: width, height, pixels
     pixel_um: float
     focal_mm: float
-    seen_deg: float
-    diagonal: bool
-    source: str
+    source: str  # with the field of view: from corner to corner (DFOV), or across and down
 
 
 _VGA, _PITCH, _WIDE = (640, 512), 12.0, 17.0  # um: uncooled sensors of today, of ten years ago
 _M3T, _M4T, _H20N = ("M3T", "M3TD", "M30T"), ("M4T", "M4TD"), ("ZH20N", "H20N")
 _M2EA, _H20T, _H30T = ("MAVIC2-ENTERPRISE-ADVANCED", "M2EA"), ("ZH20T", "H20T"), ("ZH30T", "H30T")
+_VT300 = ("VT300-Z_40", "VT300-L_40")
 _XT = ("XT", "XT2", "FLIR", "VUE PRO", "VUE PRO R", "VUE PRO 640", "VUE PRO R 640", "DUO PRO R")
 #: Data sheets give some focal lengths as the equivalent of a full frame: 'like 40 mm'.
 DATA_SHEETS = (
-    DataSheet("DJI", _M3T, _VGA, _PITCH, 9.1, 61, True, "9.1 mm, like 40 mm, DFOV 61 deg"),
-    DataSheet("DJI", _M4T, _VGA, _PITCH, 12.0, 45, True, "like 53 mm, DFOV 45 deg"),
-    DataSheet("DJI", _M2EA, _VGA, _PITCH, 9.0, 59.3, True, "about 9 mm, like 38 mm"),
-    DataSheet("DJI", _H20T, _VGA, _PITCH, 13.5, 40.6, True, "13.5 mm, DFOV 40.6 deg"),
-    DataSheet("DJI", _H20N, _VGA, _PITCH, 12.0, 45.5, True, "12 mm, like 53 mm, DFOV 45.5 deg"),
-    DataSheet("DJI", _H20N, _VGA, _PITCH, 44.5, 12.5, True, "44.5 mm, like 196 mm"),
-    DataSheet("DJI", _H30T, (1280, 1024), _PITCH, 24.0, 45.2, True, "24 mm, DFOV 45.2 deg"),
-    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 9.0, 69, False, "9 mm, 69 x 56 deg"),
-    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 13.0, 45, False, "13 mm, 45 x 37 deg"),
-    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 19.0, 32, False, "19 mm, 32 x 26 deg"),
-    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 25.0, 25, False, "25 mm, 25 x 20 deg"),
-    DataSheet("SKYDIO", ("VT300-Z_40", "VT300-L_40"), _VGA, _PITCH, 13.6, 40, True, "13.6 mm"),
+    DataSheet("DJI", _M3T, _VGA, _PITCH, 9.1, "9.1 mm, like 40 mm, DFOV 61 deg"),
+    DataSheet("DJI", _M4T, _VGA, _PITCH, 12.0, "like 53 mm, DFOV 45 deg"),
+    DataSheet("DJI", _M2EA, _VGA, _PITCH, 9.0, "about 9 mm, like 38 mm: DFOV 59.3 deg"),
+    DataSheet("DJI", _H20T, _VGA, _PITCH, 13.5, "13.5 mm, DFOV 40.6 deg"),
+    DataSheet("DJI", _H20N, _VGA, _PITCH, 12.0, "12 mm, like 53 mm, DFOV 45.5 deg"),
+    DataSheet("DJI", _H20N, _VGA, _PITCH, 44.5, "44.5 mm, like 196 mm: DFOV 12.5 deg"),
+    DataSheet("DJI", _H30T, (1280, 1024), _PITCH, 24.0, "24 mm, DFOV 45.2 deg"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 9.0, "9 mm, 69 x 56 deg"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 13.0, "13 mm, 45 x 37 deg"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 19.0, "19 mm, 32 x 26 deg"),
+    DataSheet("DJI FLIR", _XT, _VGA, _WIDE, 25.0, "25 mm, 25 x 20 deg"),
+    DataSheet("SKYDIO", _VT300, _VGA, _PITCH, 13.6, "13.6 mm, DFOV 40 deg"),
 )
 
 

@@ -278,6 +278,16 @@ def heading_of(q_nb: Array) -> float:
     return azimuth(rotation_of(q_nb.tolist())[0::3])
 
 
+def level_quat(q_ng: Array) -> Array:
+    """Return the level attitude (4,) wxyz that heads where a camera's picture has its top.
+
+    ``q_ng`` (4,) is the camera's body, FRD. The heading of a level camera is its axis's; straight
+    down it is that of the top. The sum of both directions has this heading at every pitch between.
+    """
+    rotation = matrix_from_quat(q_ng)
+    return quat_from_euler(0.0, 0.0, azimuth(rotation[:, 0] - rotation[:, 2]))
+
+
 def azimuth_row(direction_n: Sequence[float] | Array) -> tuple[float, float, float]:
     """Return the partials (3,) of a direction's azimuth by the attitude error ``phi_n``.
 

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import quat_from_euler
+from tirgeo_ros.core.frames.rotations import level_quat, quat_from_euler
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -40,6 +40,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.logs.log_contents import (
+    LEVEL,
     MSL,
     SECOND_NS,
     TAKEOFF,
@@ -74,10 +75,6 @@ _FOCAL, _ZOOM = (re.compile(rf"{name}\s*:{_N}") for name in ("focal_len", "dzoom
 #: What a whole number counts; one with a decimal point is in mm, or a ratio.
 _FOCAL_PARTS, _ZOOM_PARTS = 10, 10_000
 _CUE_NAME = "cue"
-_LEVEL = (
-    "the aircraft's attitude is not recorded: level, looking where the camera looks; only lever "
-    "arms depend on it"
-)
 
 
 class _Cue(NamedTuple):
@@ -136,7 +133,7 @@ def read_cues(text: str, path: Path, options: LogOptions) -> tuple[LogContents, 
     if heights.used:
         contents.notes.append(f"heights: {', '.join(heights.used)}")
     if any(_GIMBAL.search(cue.text) and not _AIRCRAFT_PRY.search(cue.text) for cue in cues):
-        contents.notes.append(_LEVEL)
+        contents.notes.append(LEVEL)
     return contents, moments
 
 
@@ -217,14 +214,12 @@ def _attitudes(text: str, stamp_ns: int) -> list[ImuSample | CameraAttitudeSampl
         yaw, pitch, roll = match.groups()
     else:
         return []
-    angles_rad = [math.radians(float(angle)) for angle in (roll, pitch, yaw)]
+    q_ng = quat_from_euler(*(math.radians(float(angle)) for angle in (roll, pitch, yaw)))
     if aircraft := _AIRCRAFT_PRY.search(text):
-        body_rad = [math.radians(float(aircraft[place])) for place in (2, 1, 3)]
-    else:  # a roll of 180 deg, which DJI writes at a pitch of -90, turns the yaw by 180
-        behind = abs(angles_rad[0]) > math.pi / 2
-        body_rad = [0.0, 0.0, angles_rad[2] + behind * math.pi]
-    attitude = ImuSample.of_attitude(stamp_ns, quat_from_euler(*body_rad))
-    return [attitude, CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
+        q_nb = quat_from_euler(*(math.radians(float(aircraft[place])) for place in (2, 1, 3)))
+    else:
+        q_nb = level_quat(q_ng)
+    return [ImuSample.of_attitude(stamp_ns, q_nb), CameraAttitudeSample(stamp_ns, q_ng)]
 
 
 def _number(pattern: re.Pattern[str], cue: _Cue, parts: int) -> float | None:

@@ -38,10 +38,10 @@ from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.logs.dji_srt import MOST_BYTES, Moment, read_cues
 from tirgeo_ros.io.logs.log_contents import (
-    NORTH_SIGMA_DEG,
     SECOND_NS,
     LogContents,
     LogOptions,
+    note_uncalibrated,
     written_time,
 )
 from tirgeo_ros.io.logs.video_pictures import clock, opened, pictures, video_of
@@ -97,9 +97,7 @@ def read_dji_video(path: Path, options: LogOptions) -> LogContents:
         moments = _fitting([m for m in moments if m.begin_ns is not None], beside or path)
         _check_same(beside or path, path.name, moments, length_s)
     contents.notes += _notes(beside, moments, created.local_ns if created else 0, lens(1.0))
-    contents.parameters["north.sigma_deg"] = NORTH_SIGMA_DEG
-    if lens(1.0) is not None:
-        contents.parameters["confidence.focal_sigma"] = DATA_SHEET_SIGMA
+    note_uncalibrated(contents, [(camera, DATA_SHEET_SIGMA)] if (camera := lens(1.0)) else [])
     stamps_ns = np.array([moment.stamp_ns for moment in moments])
     begins_s = np.array([moment.begin_ns for moment in moments], float) / SECOND_NS + start_s
 
@@ -165,9 +163,7 @@ def _notes(
     days = abs(moments[0].stamp_ns - created_ns) / _DAY_NS if created_ns > 0 else 0.0
     if days > 1:
         yield f"by its own date the video is {days:.0f} days from its subtitles: are they its own?"
-    yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
     if camera is not None:
-        yield f"the lens is not calibrated: focal length {camera.fx:.0f} px as published"
         return
     lengths = sorted({m.focal_mm for m in moments if m.focal_mm})
     length = f", of {lengths[0]:g} mm as for 36 x 24 mm" if lengths else ""

@@ -24,7 +24,7 @@ import bisect
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from itertools import islice, pairwise
@@ -60,7 +60,12 @@ _WRITTEN = re.compile(
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoid", "sea", "takeoff")
 #: Of the direction that DJI's gimbals take for north: 0 to 5 deg off as a rule, until calibrated.
-NORTH_SIGMA_DEG = 3.0
+_NORTH_SIGMA_DEG = 3.0
+#: A note where cameras' attitudes are recorded, and the aircraft's are not.
+LEVEL = (
+    "the aircraft's attitude is not recorded: level, looking where the camera looks; only lever "
+    "arms depend on it"
+)
 #: Half a wavelength of L1: more than a tape's error, less than that of most wrong ambiguities.
 _LENGTH_TOLERANCE_M = 0.1
 _ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}
@@ -261,3 +266,17 @@ def classify_receiver(contents: LogContents, name: str, *, is_rtk: bool) -> None
         f"{name} was {'' if is_rtk else 'never '}RTK float or fixed: its positions are "
         f"{'rtk/fix' if is_rtk else 'gps/fix'}"
     )
+
+
+def note_uncalibrated(contents: LogContents, lenses: Collection[tuple[Camera, float]]) -> None:
+    """Note that the gimbal's north and these lenses are not calibrated, and set their sigmas.
+
+    ``lenses`` are cameras, each with the relative sigma of its focal length.
+    """
+    north = f"the gimbal's north is not calibrated: {_NORTH_SIGMA_DEG:g} deg are assumed"
+    contents.notes.append(north)
+    contents.parameters["north.sigma_deg"] = _NORTH_SIGMA_DEG
+    if lenses:
+        contents.parameters["confidence.focal_sigma"] = max(sigma for _, sigma in lenses)
+        lengths = ", ".join(sorted({f"{camera.fx:.0f} px" for camera, _ in lenses}))
+        contents.notes.append(f"the lens is not calibrated: focal length {lengths} as published")

@@ -23,17 +23,18 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.rotations import level_quat
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError, MessageError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -44,15 +45,18 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.log_contents import (
-    NORTH_SIGMA_DEG,
+    LEVEL,
     SECOND_NS,
     TAKEOFF,
     LogContents,
     LogOptions,
     Picture,
+    WrittenTime,
     classify_receiver,
+    note_uncalibrated,
     written_time,
 )
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
 from tirgeo_ros.io.pictures.embedded_metadata import JPEG, TIFFS, Unreadable
 from tirgeo_ros.io.pictures.still_metadata import StillMetadata, still_metadata
 from tirgeo_ros.io.pictures.temperatures import temperatures
@@ -60,12 +64,9 @@ from tirgeo_ros.io.pictures.temperatures import temperatures
 _JPEGS, _TIFFS = {".jpg", ".jpeg"}, {".tif", ".tiff"}  # endings
 _BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
 _FIXED, _FLOAT = 50, 32  # least RtkFlag
+_NUMBER = re.compile(r"_(\d{4})_[A-Z](?:_|$)")  # DJI_20220602143534_0192_T_waypoint
 #: Between two flights: a landing, or a way that no drone flies (stamps may be whole seconds).
 _PAUSE_NS, _MOST_M_S, _ROUNDED_S = 1800 * SECOND_NS, 30.0, 2.0
-_LABELS: dict[str, Callable[[StillMetadata], str]] = {
-    "camera": lambda x: f"{x.maker} {x.model} {'thermal' if x.thermal else x.source}",
-    "size": lambda x: f"{x.size[0]}x{x.size[1]}",
-}
 
 
 class _Still(NamedTuple):
@@ -74,6 +75,7 @@ class _Still(NamedTuple):
     file: Path
     name: str
     metadata: StillMetadata
+    written: WrittenTime
     stamp_ns: int = 0
     height_m: float = math.nan
     height_of: str = ""
@@ -94,17 +96,17 @@ def is_folder_of_stills(folder: Path) -> bool:
 def read_stills(path: Path, options: LogOptions) -> LogContents:
     """Read a folder of stills, or one. Raise LogError if a zone or a datum is missing."""
     contents = LogContents()
-    read = _of_one_camera(list(_read(path, contents)), contents)
-    stills = _spread([_placed(still, path, options) for still in read], contents)
+    read = list(_read(path, contents))
+    own = _surveyed(_of_one_camera(read, contents), read, contents)
+    stills = _spread([_placed(still, path, options) for still in own], contents)
     contents.read["still"] = len(stills)
     contents.samples = [sample for still in stills for sample in _samples(still)]
-    if best := max((still.metadata.rtk_flag for still in stills), default=0):
+    if best := max((still.metadata.position.rtk_flag for still in stills), default=0):
         classify_receiver(contents, "the aircraft's receiver", is_rtk=best >= _FLOAT)
     if stills:
         contents.notes += [*_remarks(stills), *_flights(stills)]
-        sigma = max(still.metadata.focal_sigma for still in stills)
-        focal = {"confidence.focal_sigma": sigma} if sigma else {}
-        contents.parameters = {**focal, "north.sigma_deg": NORTH_SIGMA_DEG}
+        lenses = ((still.metadata.camera, still.metadata.focal_sigma) for still in stills)
+        note_uncalibrated(contents, [(lens, sigma) for lens, sigma in lenses if lens and sigma])
     contents.pictures = _pictures(stills, contents)
     return contents
 
@@ -126,7 +128,11 @@ def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
         name = file.relative_to(path).as_posix() if path.is_dir() else file.name
         try:
             tiff = tiffs.get(file.with_suffix("")) if file.suffix.lower() in _JPEGS else None
-            yield _Still(file, name, _complete(still_metadata(file)), tiff=tiff)
+            metadata = still_metadata(file)
+            if written := written_time(metadata.time):
+                yield _Still(file, name, metadata, written, tiff=tiff)
+            else:
+                contents.refused[name, "no time in it"] += 1
         except Unreadable as reason:
             if file.suffix.lower() in _TIFFS and file.with_suffix("") in jpegs:
                 contents.read["TIFF beside a still"] += 1
@@ -134,17 +140,25 @@ def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
                 contents.refused[name, str(reason)] += 1
 
 
-def _complete(data: StillMetadata) -> StillMetadata:
-    """Return the metadata if it has all that is needed. Raise Unreadable."""
-    lacks = {
-        "angles of the camera": data.camera_q_ng is None,
-        "position": math.isnan(data.latitude_rad),
-        "height": math.isnan(data.absolute_m),
-        "time": written_time(data.time) is None,
-    }
-    if any(lacks.values()):
-        raise Unreadable(f"no {', no '.join(what for what, lack in lacks.items() if lack)} in it")
-    return data
+def _surveyed(own: list[_Still], every: list[_Still], contents: LogContents) -> Iterator[_Still]:
+    """Yield stills, with the position of another camera's of the same exposure if it is better.
+
+    An M30T's thermal still may have no RTK where the wide one beside it has.
+    """
+    by_flag = sorted(every, key=lambda still: still.metadata.position.rtk_flag)
+    best = {_exposure(still): still for still in by_flag}
+    for still in own:
+        data, other = still.metadata, best[_exposure(still)]
+        is_near = abs(other.written.local_ns - still.written.local_ns) <= SECOND_NS
+        if is_near and other.metadata.position.rtk_flag > data.position.rtk_flag:
+            contents.read["position of another camera's still"] += 1
+            data = replace(data, position=other.metadata.position)
+        yield still._replace(metadata=data)
+
+
+def _exposure(still: _Still) -> tuple[Path, str]:
+    """Return what the stills of one exposure share: folder and number."""
+    return still.file.parent, "".join(_NUMBER.findall(still.file.stem)) or still.name
 
 
 def _placed(still: _Still, path: Path, options: LogOptions) -> _Still:
@@ -152,39 +166,36 @@ def _placed(still: _Still, path: Path, options: LogOptions) -> _Still:
 
     RTK's height comes first. That above the take-off is the next best, if the take-off's is given.
     """
-    data, datum = still.metadata, options.height or still.metadata.datum
+    at, relative_m = still.metadata.position, still.metadata.relative_m
+    datum = options.height or at.datum
     is_from_takeoff = options.takeoff_height_m is not None or datum == TAKEOFF
-    if data.surveyed:
-        height_m, datum, height_of = data.absolute_m, data.datum, "RTK's height"
-    elif is_from_takeoff and math.isfinite(data.relative_m):
-        height_m, datum = data.relative_m, TAKEOFF
+    if at.surveyed:
+        height_m, datum, height_of = at.absolute_m, at.datum, "RTK's height"
+    elif is_from_takeoff and math.isfinite(relative_m):
+        height_m, datum = relative_m, TAKEOFF
         height_of = "RelativeAltitude above the take-off"
     elif datum in {"", TAKEOFF}:
         raise LogError(
-            f"{path}: {data.model or 'its camera'} does not say what AbsoluteAltitude is above: "
+            f"{path}: {still.metadata.camera_name} does not say what AbsoluteAltitude is above: "
             "give --height ellipsoid, --height sea or --takeoff-height"
         )
     else:
-        height_m = data.absolute_m
+        height_m = at.absolute_m
         height_of = f"AbsoluteAltitude above the {datum}, metres off at times"
     height_m += options.to_ellipsoid_m(datum, path)
-    written = written_time(data.time)
-    assert written is not None  # by _complete
-    stamp_ns = options.utc_ns(written, path)
+    stamp_ns = options.utc_ns(still.written, path)
     return still._replace(stamp_ns=stamp_ns, height_m=height_m, height_of=height_of)
 
 
 def _of_one_camera(stills: list[_Still], contents: LogContents) -> list[_Still]:
     """Return the stills of the thermal camera, else of that with most; refuse the others."""
-    for what, label in _LABELS.items():
-        thermal = [still for still in stills if still.metadata.thermal]
-        counts = Counter(label(still.metadata) for still in thermal or stills)
-        kept = max(counts, key=counts.__getitem__, default="")
-        for still in stills:
-            if (other := label(still.metadata)) != kept:
-                contents.refused[still.name, f"of another {what}, {other}, not {kept}"] += 1
-        stills = [still for still in stills if label(still.metadata) == kept]
-    return stills
+    thermal = [still for still in stills if still.metadata.thermal]
+    counts = Counter(still.metadata.camera_name for still in thermal or stills)
+    kept = max(counts, key=counts.__getitem__, default="")
+    for still in stills:
+        if (other := still.metadata.camera_name) != kept:
+            contents.refused[still.name, f"of another camera, {other}, not {kept}"] += 1
+    return [still for still in stills if still.metadata.camera_name == kept]
 
 
 def _spread(stills: list[_Still], contents: LogContents) -> list[_Still]:
@@ -206,69 +217,45 @@ def _spread(stills: list[_Still], contents: LogContents) -> list[_Still]:
 
 def _samples(still: _Still) -> list[PositionSample | CameraAttitudeSample | ImuSample]:
     """Return position, camera's attitude and aircraft's attitude, all of the still's stamp."""
-    data, stamp_ns, flag = still.metadata, still.stamp_ns, still.metadata.rtk_flag
-    variances_m2 = np.square(data.rtk_std_m)
+    data, at, stamp_ns = still.metadata, still.metadata.position, still.stamp_ns
+    variances_m2 = np.square(at.rtk_std_m)
     covariance = np.diag(variances_m2) if (variances_m2 > 0).all() else np.zeros((3, 3))
-    source = Source.RTK_POSITION if flag else Source.GPS_POSITION
-    status = FixStatus.FLOAT if flag >= _FLOAT else FixStatus.SINGLE
-    status = FixStatus.FIXED if flag >= _FIXED else status
-    place = data.latitude_rad, data.longitude_rad, still.height_m
-    q_ng = np.asarray(data.camera_q_ng)
-    q_nb = _level(q_ng) if data.body_q_nb is None else data.body_q_nb
+    source = Source.RTK_POSITION if at.rtk_flag else Source.GPS_POSITION
+    status = FixStatus.FLOAT if at.rtk_flag >= _FLOAT else FixStatus.SINGLE
+    status = FixStatus.FIXED if at.rtk_flag >= _FIXED else status
+    place = at.latitude_rad, at.longitude_rad, still.height_m
+    q_nb = level_quat(data.camera_q_ng) if data.body_q_nb is None else data.body_q_nb
     return [
         PositionSample(stamp_ns, source, status, *place, covariance),
-        CameraAttitudeSample(stamp_ns, q_ng),
+        CameraAttitudeSample(stamp_ns, data.camera_q_ng),
         ImuSample.of_attitude(stamp_ns, q_nb),
     ]
-
-
-def _level(q_ng: Array) -> Array:
-    """Return a level attitude (4,) that heads where the camera's picture has its top.
-
-    A level camera's heading is that of its axis; straight down it is that of the top. The sum of
-    both has this heading at every pitch between.
-    """
-    rotation = matrix_from_quat(q_ng)
-    north, east, _ = rotation[:, 0] - rotation[:, 2]
-    return quat_from_euler(0.0, 0.0, math.atan2(east, north))
 
 
 def _remarks(stills: Sequence[_Still]) -> Iterator[str]:
     """Yield what the stills leave open and what is assumed."""
     yield f"heights: {', '.join(dict.fromkeys(still.height_of for still in stills))}"
-    if up_m := sorted(map(_laser_height_m, filter(_has_laser, stills))):
+    laser_m = (still.height_m - still.metadata.laser_below_m for still in stills)
+    if up_m := sorted(filter(math.isfinite, laser_m)):
         yield (
             f"the laser met the ground, or what stands on it, at {up_m[0]:.1f} to {up_m[-1]:.1f} "
             f"m ({up_m[len(up_m) // 2]:.1f} in the median): a --ground-height for the middles of "
             "the pictures alone"
         )
-    if level := sum(still.metadata.body_q_nb is None for still in stills):
+    if any(still.metadata.body_q_nb is None for still in stills):
+        yield LEVEL
+    if stills[0].metadata.pixels > MOST_OF_VIDEO:  # all are of one size
         yield (
-            f"the aircraft's attitude is not recorded in {level} stills: taken as level, looking "
-            "where the camera looks; only lever arms depend on it"
+            f"the stills have more than {MOST_OF_VIDEO * 1e-6:.1f} million pixels: a map is not "
+            "drawn on them, but their pixels can be located"
         )
-    cameras = [still.metadata.camera for still in stills]
-    lengths = sorted({f"{camera.fx:.0f} px" for camera in cameras if camera})
-    if None in cameras:
+    if any(still.metadata.camera is None for still in stills):
         yield "the lens is not known: give its calibration with --camera"
-    elif any(still.metadata.focal_sigma for still in stills):
-        yield f"the lens is not calibrated: focal length {', '.join(lengths)} as published"
-    yield f"the gimbal's north is not calibrated: {NORTH_SIGMA_DEG:g} deg are assumed"
-
-
-def _has_laser(still: _Still) -> bool:
-    return still.metadata.laser is not None
-
-
-def _laser_height_m(still: _Still) -> float:
-    """Return the ellipsoidal height of the laser's target, whose datum is AbsoluteAltitude's."""
-    assert still.metadata.laser is not None
-    return still.height_m - still.metadata.absolute_m + still.metadata.laser.height_m
 
 
 def _flights(stills: Sequence[_Still]) -> Iterator[str]:
     """Yield a note that names the flights, if there are several."""
-    geodetic = [(s.metadata.latitude_rad, s.metadata.longitude_rad, s.height_m) for s in stills]
+    geodetic = [(*still.metadata.position[:2], still.height_m) for still in stills]
     ways_m = np.linalg.norm(np.diff(ecef_from_geodetic(*np.array(geodetic).T), axis=0), axis=1)
     spans = [[stills[0].name, stills[0].name]]
     for (before, after), way_m in zip(pairwise(stills), ways_m, strict=True):

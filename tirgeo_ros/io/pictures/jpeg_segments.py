@@ -21,36 +21,44 @@ import os
 from collections.abc import Iterator
 from typing import BinaryIO
 
-_SOI, _SOS, _EOI, _APP0, APP1 = b"\xff\xd8", 0xDA, 0xD9, 0xE0, 0xE1
-_MOST_FILLS = 4096
-_ALONE = (0x01, *range(0xD0, 0xD9))  # markers without a length: TEM, RST, SOI
+_SOI, SOS, _APP0, APP1 = b"\xff\xd8", 0xDA, 0xE0, 0xE1
+_MOST = 1 << 14  # segments and fill bytes: the largest R-JPEG have some hundred
 #: How segments APP1 with metadata begin: XMP, its extension, EXIF. FLIR has raw data in others.
 XMP, EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _METADATA = (b"Exif\0", XMP, EXTENSION)
 
 
 def segments(jpeg: bytes | BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield marker and content of each segment up to the pixels; of a cut file, the whole ones."""
+    """Yield marker and content of each segment; the last of a whole file is SOS, before pixels.
+
+    Of a cut file the whole ones are yielded, and of one with a header without end the first.
+    """
     file = io.BytesIO(jpeg) if isinstance(jpeg, bytes) else jpeg
     file.seek(0)
-    is_jpeg, fills = file.read(2) == _SOI, 0
-    while is_jpeg and fills < _MOST_FILLS and file.read(1) == b"\xff":
+    is_jpeg, marker = file.read(2) == _SOI, 0
+    for _ in range(_MOST if is_jpeg else 0):
+        if marker == SOS or file.read(1) != b"\xff":
+            return
         marker = int.from_bytes(file.read(1), "big")
         if marker == 0xFF:  # fill bytes may stand before a marker
             file.seek(-1, os.SEEK_CUR)
-            fills += 1
-        elif marker not in _ALONE:
-            length = int.from_bytes(file.read(2), "big") - 2
-            content = file.read(max(length, 0))
-            if marker in {_SOS, _EOI} or len(content) != length:
-                return
-            yield marker, content
+            continue
+        length = int.from_bytes(file.read(2), "big") - 2
+        content = file.read(max(length, 0))
+        if len(content) != length:
+            return
+        yield marker, content
 
 
 def metadata_of(jpeg: bytes) -> bytes:
     """Return the segments with EXIF and XMP as they are; empty for a file that is no JPEG."""
     kept = (c for marker, c in segments(jpeg) if marker == APP1 and c.startswith(_METADATA))
-    return b"".join(b"\xff\xe1" + (len(c) + 2).to_bytes(2, "big") + c for c in kept)
+    return b"".join(map(segment, kept))
+
+
+def segment(content: bytes) -> bytes:
+    """Return a segment APP1."""
+    return b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content
 
 
 def with_metadata(jpeg: bytes, metadata: bytes) -> bytes:

@@ -38,6 +38,7 @@ from tirgeo_ros import __version__
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.ground.frame_geometry import CameraPlace
 from tirgeo_ros.core.types.arrays import RawPixels, Vector
+from tirgeo_ros.io.pictures.jpeg_segments import XMP, segment, with_metadata
 
 _DJI, _PIX4D = "http://www.dji.com/drone-dji/1.0/", "http://pix4d.com/camera/1.0/"
 _PACKET = """<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>
@@ -64,8 +65,6 @@ MAKE, MODEL = "tirgeo", "thermal"
 #: Assumed width of a pixel on the sensor; focal lengths in pixels do not depend on it.
 _PIXEL_MM = 0.012
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-_XMP = b"http://ns.adobe.com/xap/1.0/\0"
-_FIRST = (b"\xff\xe0", b"\xff\xe1")  # segments before the packet: JFIF and EXIF
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,13 +123,9 @@ def still_bytes(pixels: RawPixels, still: Still) -> bytes:
         Base.FlashPixVersion: b"0100",
     }
     picture = Image.fromarray(np.ascontiguousarray(rgb))
-    picture.save(out, "JPEG", quality=100, subsampling=0, exif=exif)
-    jpeg, end = out.getvalue(), 2
-    while jpeg[end : end + 2] in _FIRST:  # the packet goes behind EXIF, as cameras write it
-        end += 2 + int.from_bytes(jpeg[end + 2 : end + 4], "big")
-    content = _XMP + still_xmp(still)
-    segment = b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content
-    return jpeg[:end] + segment + jpeg[end:]
+    picture.save(out, "JPEG", quality=100, subsampling=0)
+    metadata = segment(exif.tobytes()) + segment(XMP + still_xmp(still))
+    return with_metadata(out.getvalue(), metadata)
 
 
 def still_exif(still: Still) -> Image.Exif:

@@ -40,11 +40,10 @@ from tirgeo_ros.core.types.errors import CameraError
 from tirgeo_ros.io.pictures.embedded_metadata import Fields, Unreadable, embedded_metadata
 from tirgeo_ros.io.pictures.still_file import MODEL as OWN_MODEL
 
-_MAKER = re.compile(r"drone(-\w+)?:")  # before the names of DJI, Autel, Parrot and Skydio
 _MAPPING = "Camera:{}"
 #: Their angles in this order; the first that are there count.
 _CAMERA = ("Gimbal{}Degree", "Camera{}Degree", "CameraOrientationNED/{}", _MAPPING)
-_BODY = ("Flight{}Degree", "Drone{}Degree", "VehicleOrientationNED/{}", "FLIR:MAV{}")
+_BODY = ("Flight{}Degree", "Drone{}Degree", "VehicleOrientationNED/{}", "MAV{}")
 _DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)")
 _TIME, _ZONE = re.compile(r"\d:\d\d:\d\d"), re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d)\s*$")
 #: Models whose heights without RTK are ellipsoidal: H20T (two public flights over ground of known
@@ -52,7 +51,7 @@ _TIME, _ZONE = re.compile(r"\d:\d\d:\d\d"), re.compile(r"(?:Z|UTC|[+-]\d\d:?\d\d
 _ELLIPSOIDAL = {"ZH20T", "M3T", "M3TD", "M4T", "M4TD", "ANAFI AI"}
 #: Those above sea level: XT2 (a public picture where the geoid is at -92 m), our own exports.
 _ABOVE_SEA = {"FLIR", "XT2", OWN_MODEL.upper()}
-_EXIF_3 = b"\2\4"  # version of the GPS tags from which heights are ellipsoidal, or it says sea
+_EXIF_3 = b"\2\4\0\0"  # version of GPS tags whose heights are ellipsoidal, or it says sea
 _THERMAL = re.compile(r"infra|thermal|lwir|\bir\b|^T$", re.IGNORECASE)
 _SUFFIX = re.compile(r"_([A-Z])(?:_[^_]*)?$")  # DJI_20220602143534_0192_T_waypoint
 _MOST_APART = 0.2  # of focal lengths of one lens, in the picture and in the data sheet
@@ -61,80 +60,75 @@ _FULL_FRAME_MM = math.hypot(36, 24)
 _EQUIVALENT_SIGMA = 0.05
 
 
-class LaserTarget(NamedTuple):
-    """Hold where the laser hit, in the middle of the picture; the height has the still's datum."""
+class Position(NamedTuple):
+    """Hold where a still was taken, and how that was measured."""
 
     latitude_rad: float
     longitude_rad: float
-    height_m: float
+    absolute_m: float  # height above ``datum``
+    datum: str  # ellipsoid or sea; empty: not known
+    surveyed: bool  # the height is RTK's
+    rtk_flag: int  # 50 fixed, 32 to 49 float, 16 single, 0 none
+    rtk_std_m: tuple[float, ...]  # north, east, height; nan: not known
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StillMetadata:
     """Hold what a still says; nan and None are unknown values."""
 
-    maker: str
-    model: str
-    source: str  # which camera of several took it: DJI's ImageSource, else the letter in its name
+    camera_name: str  # maker, model, which of its cameras, size of the picture
     thermal: bool
-    size: tuple[int, int]  # width, height
+    pixels: int  # of the picture
     time: str  # with its zone if it is written; empty: none
-    latitude_rad: float
-    longitude_rad: float
-    absolute_m: float  # height above ``datum``
-    datum: str  # ellipsoid or sea; empty: not known
-    surveyed: bool  # the height is RTK's
-    relative_m: float  # above the take-off
-    rtk_flag: int  # 50 fixed, 32 to 49 float, 16 single, 0 none
-    rtk_std_m: tuple[float, ...]  # north, east, height
-    camera_q_ng: Array | None  # (4,) wxyz, camera body (FRD) to NED
+    position: Position
+    relative_m: float  # height above the take-off
+    camera_q_ng: Array  # (4,) wxyz, camera body (FRD) to NED
     body_q_nb: Array | None  # (4,) wxyz
-    laser: LaserTarget | None
+    laser_below_m: float  # what the laser met in the middle of the picture, below the camera
     camera: Camera | None
     focal_sigma: float  # relative; zero: calibrated
 
 
 def still_metadata(path: Path) -> StillMetadata:
     """Read the metadata of a still. Raise Unreadable, naming the reason."""
-    size, fields = embedded_metadata(path)
-    if not any(":" in name for name in fields):
+    size, exif, xmp = embedded_metadata(path)
+    if not xmp:
         raise Unreadable("no XMP in it: it does not say where the camera was and looked")
     try:
-        bare = {_MAKER.sub("", name): value for name, value in fields.items()}
-        return _interpreted({**bare, **fields}, size, path.stem.upper())
+        return _interpreted(xmp | exif, size, path.stem.upper())
     except (TypeError, ValueError, LookupError, ArithmeticError) as fault:
         raise Unreadable(f"its EXIF is damaged ({fault})") from None
 
 
 def _interpreted(fields: Fields, size: tuple[int, int], stem: str) -> StillMetadata:
-    maker, model = (_text(fields, name, f"tiff:{name}") for name in ("Make", "Model"))
-    source = _text(fields, "ImageSource", "Camera:BandName", "FLIR:BandName")
-    source = source or "".join(_SUFFIX.findall(stem))
+    maker, model = _text(fields, "Make"), _text(fields, "Model")
     zoom = _number(fields, "DigitalZoomRatio", unknown=1.0) or 1.0  # 0: none
     sheet = camera_of(maker, model, size, zoom, _number(fields, "FocalLength") or math.nan)
-    camera, sigma = _lens(fields, size, sheet)
-    absolute_m, datum = _height(fields, model.upper())
-    latitude_rad, longitude_rad = _place(fields)
+    # DJI's name of its camera, else the letter in the file's name.
+    source = _text(fields, "ImageSource", "Camera:BandName", "BandName")
+    source = source or "".join(_SUFFIX.findall(stem))
+    thermal = bool(sheet or _THERMAL.search(source))
+    position, camera_q_ng = _position(fields, model.upper()), _attitude(fields, _CAMERA)
+    lacks = {
+        "angles of the camera": camera_q_ng is None,
+        "position": math.isnan(position.latitude_rad),
+        "height": math.isnan(position.absolute_m),
+    }
+    if camera_q_ng is None or any(lacks.values()):
+        raise Unreadable(f"no {', no '.join(what for what, lack in lacks.items() if lack)} in it")
+    camera, focal_sigma = _lens(fields, size, sheet)
     return StillMetadata(
-        maker=maker,
-        model=model,
-        source=source,
-        thermal=bool(sheet or _THERMAL.search(source)),
-        size=size,
+        camera_name=f"{maker} {model} {'thermal' if thermal else source} {size[0]}x{size[1]}",
+        thermal=thermal,
+        pixels=math.prod(size),
         time=_time(fields),
-        latitude_rad=latitude_rad,
-        longitude_rad=longitude_rad,
-        absolute_m=absolute_m,
-        datum=datum,
-        surveyed=_text(fields, "AltitudeType") == "RtkAlt",
+        position=position,
         relative_m=_number(fields, "RelativeAltitude"),
-        rtk_flag=int(_number(fields, "RtkFlag", unknown=0.0)),
-        rtk_std_m=tuple(_number(fields, f"RtkStd{axis}") for axis in ("Lat", "Lon", "Hgt")),
-        camera_q_ng=_attitude(fields, _CAMERA),
+        camera_q_ng=camera_q_ng,
         body_q_nb=_attitude(fields, _BODY),
-        laser=_laser(fields),
+        laser_below_m=_laser_below_m(fields),
         camera=camera,
-        focal_sigma=sigma,
+        focal_sigma=focal_sigma,
     )
 
 
@@ -179,18 +173,27 @@ def _attitude(fields: Fields, forms: Sequence[str]) -> Array | None:
     return None
 
 
-def _place(fields: Fields) -> tuple[float, float]:
-    """Return latitude and longitude, rad: XMP's (with DJI's own spelling), else EXIF's, else nan.
+def _position(fields: Fields, model: str) -> Position:
+    """Return the position: XMP's (with DJI's own spelling), else EXIF's, else nan.
 
-    Both are zero where there was no position.
+    Both angles are zero where there was no position.
     """
     latitude = _number(fields, "GpsLatitude", "Latitude")
     longitude = _number(fields, "GpsLongitude", "GpsLongtitude", "Longitude")
     if math.isnan(latitude + longitude):
         latitude, longitude = (_exif_degrees(fields, f"GPS{x}itude") for x in ("Lat", "Long"))
     if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
-        return math.nan, math.nan
-    return math.radians(latitude), math.radians(longitude)
+        latitude = longitude = math.nan
+    absolute_m, datum = _height(fields, model)
+    return Position(
+        latitude_rad=math.radians(latitude),
+        longitude_rad=math.radians(longitude),
+        absolute_m=absolute_m,
+        datum=datum,
+        surveyed=_text(fields, "AltitudeType") == "RtkAlt",
+        rtk_flag=int(_number(fields, "RtkFlag", unknown=0.0)),
+        rtk_std_m=tuple(_number(fields, f"RtkStd{axis}") for axis in ("Lat", "Lon", "Hgt")),
+    )
 
 
 def _exif_degrees(fields: Fields, name: str) -> float:
@@ -202,14 +205,14 @@ def _exif_degrees(fields: Fields, name: str) -> float:
 def _height(fields: Fields, model: str) -> tuple[float, str]:
     """Return the absolute height (m) and its datum, where it is known."""
     height_m, kind = _number(fields, "AbsoluteAltitude"), _text(fields, "AltitudeType")
-    if kind == "RtkAlt" or "drone-skydio:AbsoluteAltitude" in fields:
+    if kind == "RtkAlt" or _text(fields, "Make").upper() == "SKYDIO":
         return height_m, "ellipsoid"
-    reference = (fields.get("GPSAltitudeRef") or b"\0")[0]
+    reference = fields.get("GPSAltitudeRef")
     is_exif = math.isnan(height_m)
     if is_exif:
-        height_m = _number(fields, "GPSAltitude") * (-1 if reference in {1, 3} else 1)
-    if (fields.get("GPSVersionID") or b"")[:2] >= _EXIF_3:
-        return height_m, "sea" if reference in {2, 3} else "ellipsoid"
+        height_m = _number(fields, "GPSAltitude") * (-1 if reference in {b"\1", b"\3"} else 1)
+    if fields.get("GPSVersionID") == _EXIF_3:
+        return height_m, "sea" if reference in {b"\2", b"\3"} else "ellipsoid"
     if model in _ELLIPSOIDAL and kind in {"", "GpsFusionAlt"}:  # else by air pressure
         return height_m, "ellipsoid"
     # EXIF 2.3 defines its own height as above sea level; XMP's is not defined.
@@ -226,19 +229,17 @@ def _time(fields: Fields) -> str:
     own += (f".{fraction}" if fraction.isdigit() else "") + _text(fields, "OffsetTimeOriginal")
     hours, minutes, seconds = _three(fields, "GPSTimeStamp")
     position = f"{_text(fields, 'GPSDateStamp')} {hours:02.0f}:{minutes:02.0f}:{seconds:09.6f}Z"
-    xmp = (_text(fields, f"xmp:{kind}Date") for kind in ("Create", "Modify"))
-    written = (utc if _ZONE.search(utc) else f"{utc}Z", own, *xmp, position)
+    utc = utc if _ZONE.search(utc) else f"{utc}Z"
+    written = (utc, own, _text(fields, "CreateDate"), position)
     times = [_DATE.sub(r"\1-\2-\3", text, count=1) for text in written if _TIME.search(text)]
     return next(filter(_ZONE.search, times), times[0] if times else "")
 
 
-def _laser(fields: Fields) -> LaserTarget | None:
-    """Return the laser's target; None without one, and where it did not hit."""
-    names = ("LRFTargetLat", "LRFTargetLon", "LRFTargetAbsAlt", "LRFTargetDistance")
-    latitude, longitude, height_m, distance_m = (_number(fields, name) for name in names)
-    if _text(fields, "LRFStatus") not in {"", "Normal"} or not distance_m > 0:
-        return None
-    return LaserTarget(math.radians(latitude), math.radians(longitude), height_m)
+def _laser_below_m(fields: Fields) -> float:
+    """Return how far the laser's target is below the camera; nan without one, or a hit."""
+    hit = _text(fields, "LRFStatus") in {"", "Normal"} and _number(fields, "LRFTargetDistance") > 0
+    below_m = _number(fields, "AbsoluteAltitude") - _number(fields, "LRFTargetAbsAlt")
+    return below_m if hit else math.nan
 
 
 def _lens(
@@ -250,7 +251,7 @@ def _lens(
     DJI's designed focal length there, the data sheet's, then EXIF's. One that is far from the data
     sheet's is that of another camera of the aircraft.
     """
-    dewarp = _text(fields, "DewarpDataK6", "DewarpData").rpartition(";")[2].split(",")
+    dewarp = _text(fields, "DewarpData").rpartition(";")[2].split(",")
     fx, fy, x, y, *lens = *map(_float, dewarp), *[math.nan] * 4
     lens = [] if _number(fields, "DewarpFlag") == 1 else lens[:-4]  # 1: it was taken out
     centre_x = _number(fields, "CalibratedOpticalCenterX")  # elsewhere for another size
