@@ -212,6 +212,7 @@ def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> di
     if not any(name.startswith("gimbal/") for name in names):
         notes.append("the bag has no gimbal topic: no camera poses")
     status, composer = outputs.registration.navigation.status(), outputs.registration.composer
+    north_deg = math.degrees(math.sqrt(composer.north.variance))
     return {
         "warning": without,
         "method": status.method,
@@ -228,6 +229,7 @@ def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> di
         "states_s": dict(outputs.states_s),
         "verdicts": {f"{a} {b}": number for (a, b), number in status.counts.items()},
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+        "north_sigma_deg": None if composer.composition == "encoders" else north_deg,
         "gimbal": composer.counts,
         "overlay": {} if overlay is None else overlay.counts,
         "notes": notes if overlay is None else [*notes, *overlay.notes],
@@ -261,6 +263,8 @@ def six_lines(result: Mapping[str, Any]) -> str:
     )
     sigma_deg = result["heading_sigma_deg"]
     heading = f", heading to {three(sigma_deg)} deg" if math.isfinite(sigma_deg) else ""
+    if result["north_sigma_deg"] is not None:
+        heading += f", the gimbal's north to {three(result['north_sigma_deg'])} deg"
     is_wrong = not body or (bool(result["overlay"]) and not camera)
     lines.append(("poses", f"{body} of the body, {camera} of the camera{heading}", is_wrong))
     lines += [_frames_line(result), refused_line(result)]
