@@ -44,9 +44,8 @@ from typing import Any
 
 from tirgeo_ros.core.types.errors import ManyFlightsError
 from tirgeo_ros.tools.cli._verb import (
-    ANY_BAG,
-    DIRECT,
-    EVERY,
+    ANY_FLIGHT,
+    FLIGHT,
     NEEDED,
     REGISTRATION,
     WORD,
@@ -63,7 +62,8 @@ _VIDEO = (
 _WORKERS = "for several flights: processes at a time; default: the number of cores"
 _SCHEDULER = "for several flights: use the Dask cluster of this scheduler, as tcp://HOST:8786"
 OPTIONS = (
-    ("bag", "FLIGHT", f"the recorded flights: {ANY_BAG}", {"nargs": "+"}),
+    *FLIGHT,
+    ("bag", "FLIGHT", f"the recorded flights: {ANY_FLIGHT}", {"nargs": "+"}),
     ("-o --output", "OUT", _OUTPUT, WORD | NEEDED),
     *REGISTRATION,
     ("--map", "MAP", "the map to draw; without it there is no overlay"),
@@ -72,8 +72,6 @@ OPTIONS = (
     ("--video", "OUT.mp4", _VIDEO, {"nargs": "?", "const": Path()}),
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
-    *DIRECT,
-    EVERY,
 )
 _NAMES = "params map method camera dem ground_height raw_images namespace smooth"
 _ENDINGS, _STILLS = (".mp4", ".ts"), (".jpg", ".jpeg", ".tif", ".tiff")

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import re
 import weakref
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -41,6 +42,12 @@ class OpenedInput(NamedTuple):
     params: list[PathLike]  # those of the import, then the user's, which override them
     notes: list[str]
     refused: list[tuple[str, str]]  # record (the name of a still) and reason
+
+
+def given(options: LogOptions) -> list[str]:
+    """Return the names on the command line of the options that are given."""
+    names = [name for name, value in vars(options).items() if value != getattr(NO_OPTIONS, name)]
+    return ["--" + re.sub("_(m|s|rad)$", "", name).replace("_", "-") for name in names]
 
 
 def is_direct(path: PathLike) -> bool:
@@ -74,10 +81,8 @@ def open_input(
     """
     own = paths_of(params)
     if not is_direct(path):
-        for name, value in vars(options).items():
-            if value != getattr(NO_OPTIONS, name):
-                option = name.removesuffix("_m").removesuffix("_s").replace("_", "-")
-                raise BagError(f"{path}: a bag: --{option} is for stills, MP4 and MISB")
+        for option in given(options):
+            raise BagError(f"{path}: a bag: {option} is for stills, MP4 and MISB")
         return OpenedInput(BagReader(path), own, [], [])
     with ExitStack() as stack:
         temporary = TemporaryDirectory(prefix="tirgeo-import-", ignore_cleanup_errors=True)
