@@ -37,7 +37,7 @@ from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, made_folder
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.io.parameters.parameter_file import Files
@@ -93,7 +93,9 @@ def process(
     """
     wanted = raw_images or video is not None
     if (wanted or stills is not None) and not images:
-        raise ConfigError("raw_images, video and stills need images")
+        raise ConfigError("raw_images, video and stills need images: leave out --no-images")
+    if stills is not None:
+        made_folder(stills, BagError)
     where = {"map": map, "dem": dem, "ground_height": ground_height}
     options = {"method": method, "camera": camera, **where}
     opened = open_flight(
@@ -123,7 +125,7 @@ def process(
         "elapsed_s": elapsed_s,
         "speed": flight.duration_s / elapsed_s,
         "findings": finding_items(findings),
-        "stills": sheet and sheet.finish(opened.refused, _undrawn(flight)),
+        "stills": sheet and sheet.finish(opened.refused),
         "video": film and {"frames": film.frames, "rate_hz": film.rate_hz},
         "error": _error(opened.reader, result) or stop_line(findings),
     }
@@ -135,12 +137,6 @@ def _with_quality(opened: OpenedFlight) -> OpenedFlight:
         return opened
     overlay = replace(opened.configs.overlay, jpeg_quality=STILL_QUALITY)
     return opened._replace(configs=opened.configs._replace(overlay=overlay))
-
-
-def _undrawn(flight: Flight) -> str:
-    """Return why stills were not drawn, as far as is known."""
-    reasons = [why for topic, why in flight.unreadable_because.items() if topic in PICTURES]
-    return reasons[0] if reasons else "its picture did not come to be drawn"
 
 
 def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:

@@ -39,7 +39,7 @@ PAGE = "index.html"
 #: Quality of the drawn stills, unless the parameters have one: for looking at, not for a link.
 STILL_QUALITY = 92
 _THUMBNAIL_PX, _THUMBNAIL_QUALITY = 320, 60
-_JPEG = (".jpg", ".jpeg")
+_JPEG, _LOST = (".jpg", ".jpeg"), "its picture cannot be read"
 _STYLE = """
 body { max-width: 84rem; }
 .stills { display: grid; gap: 1rem; padding: 0; list-style: none;
@@ -71,7 +71,7 @@ class StillOutputs:
     """
 
     def __init__(self, folder: PathLike, flight: PathLike, names: Mapping[str, int]) -> None:
-        self.folder = made_folder(folder, BagError)
+        self.folder = Path(folder)
         inside, source = self.folder.resolve(), Path(flight).resolve()
         if source == inside or source in inside.parents:
             raise BagError(f"{folder}: the stills themselves are there: give another folder")
@@ -107,9 +107,9 @@ class StillOutputs:
         self._items[name] = _item(name, file, state, jpeg)
         self._drawn += not state.notice
 
-    def finish(self, refused: Sequence[tuple[str, str]], why: str) -> dict[str, object]:
-        """Write the page; ``refused`` are files that were not read, ``why`` others are missing."""
-        others = [(name, why) for name in self._names.values() if name not in self._items]
+    def finish(self, refused: Sequence[tuple[str, str]]) -> dict[str, object]:
+        """Write the page; ``refused`` are files that were not read, and why."""
+        others = [(name, _LOST) for name in self._names.values() if name not in self._items]
         items = [*self._items.values(), *(_undrawn(*each) for each in [*others, *refused])]
         title, page = self._source.name, self.folder / PAGE
         lead = f'<p class="lead">{self._drawn} of {len(items)} stills with a trusted pose</p>'
