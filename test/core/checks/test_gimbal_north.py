@@ -18,7 +18,7 @@ import re
 
 import numpy as np
 import pytest
-from still_flights import START_NS, Still, strip
+from stills import START_NS, Still, strip
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from process_bags import CAMERA_POSE, messages_of
-from still_flights import GROUND_M, PLANE, strip, write_ground, write_stills
+from stills import GROUND_M, PLANE, strip, write_folder, write_ground
 
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
@@ -31,14 +31,14 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample
-from tirgeo_ros.io.logs import forms
-from tirgeo_ros.io.logs.forms import Form
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.logs.stills import read_stills
-from tirgeo_ros.io.messages import camera_pose
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, camera_pose, sensed
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_flight import import_flight
 from tirgeo_ros.tools.graph.demo import demo_setup
+from tirgeo_ros.tools.graph.node_graph import _nodes
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph
 from tirgeo_ros.tools.replay.node_configs import values_without_rates
 
@@ -50,7 +50,7 @@ GROUND = ["--ground-height", str(GROUND_M)]
 def flight(tmp_path_factory):
     """The folder of the flight, and its stills."""
     folder, stills = tmp_path_factory.mktemp("stills"), strip()
-    write_stills(folder / "flight.mcap", stills)
+    import_flight(write_folder(folder / "DCIM", stills), folder / "flight.mcap")
     write_ground(folder, stills)
     return folder, stills
 
@@ -167,7 +167,11 @@ def test_joints_on_ordinary_gps(tmp_path, capsys, step_s):
         for still in strip(step_s=step_s)
         if still.gimbal_deg[2] != 180
     ]
-    bag = write_stills(tmp_path / "flight.mcap", stills, rtk=False, pictures=False)
+    bag, messages = tmp_path / "flight.mcap", Messages()
+    with BagWriter(bag) as writer:
+        for sample in (sample for still in stills for sample in still.samples(rtk=False)):
+            topic, message = sensed(messages, sample)
+            writer.write(f"/{topic}", TOPIC_TYPES[topic], message, sample.stamp_ns)
     code, summary = run(capsys, "process", bag, "-o", tmp_path / "o.mcap", "--no-images")
     assert (code, summary["method"], summary["composition"]) == (0, "raw", "encoders")
     assert_poses_are_true(tmp_path / "o.mcap", stills)
@@ -179,26 +183,13 @@ def test_the_live_graph_gets_the_same_parameters(flight, tmp_path):
     other.write_text("/**:\n  ros__parameters: {video_latency_s: 0.2}\n")
     assert values_without_rates(bag, None) == GIVEN
     assert values_without_rates(bag, other) == {"method": "rtk"}
-    words = WholeGraph(bag).arguments
-    assert not any("m600" in word for word in words)  # the lever arms of another aircraft
-    (section,) = json.loads(Path(words[words.index("--params-file") + 1]).read_text()).values()
-    assert GIVEN.items() <= section["ros__parameters"].items()
+    whole = WholeGraph(bag).arguments
+    assert not any("m600" in word for word in whole)  # the lever arms of another aircraft
     setup = demo_setup(bag, tmp_path, None, None, None, 1.0, serial=False)
-    assert setup.fitting == GIVEN
+    for words in (whole, _nodes(setup, tmp_path / "recording.mcap")["ekf_node"]):
+        (section,) = json.loads(Path(words[words.index("--params-file") + 1]).read_text()).values()
+        assert GIVEN.items() <= section["ros__parameters"].items()
 
 
 def test_a_flight_with_an_imu_is_left_as_it_is(sample):
     assert values_without_rates(sample / "flight.mcap", None) == {}
-
-
-def test_such_samples_pass_the_import(tmp_path, monkeypatch):
-    stills, path = strip(), tmp_path / "stills.log"
-    path.write_text("stills\n")
-    samples = [sample for still in stills for sample in still.samples()]
-    form = Form("made", lambda _: True, lambda *_: LogContents(samples))
-    monkeypatch.setattr(forms, "FORMS", (form,))
-    result = import_flight([path], tmp_path / "out.mcap")
-    assert result["warning"] is None
-    counts = {topic: count["messages"] for topic, count in result["written"].items()}
-    assert counts == dict.fromkeys(("/rtk/fix", "/imu/data", "/gimbal/attitude"), 12)
-    assert values_without_rates(tmp_path / "out.mcap", None) == GIVEN
