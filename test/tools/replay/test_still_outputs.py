@@ -102,6 +102,8 @@ def test_the_stills_themselves_are_never_overwritten(folder, tmp_path, capsys, p
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
     assert drawn(folder, tmp_path / place) == 1
     assert "the stills themselves are there: give another folder" in capsys.readouterr().err
+    assert main(["process", str(folder / name_of(0)), "-o", str(folder), *GROUND]) == 1
+    assert f"{name_of(0)}: would overwrite the input" in capsys.readouterr().err
     files = [file for file in folder.iterdir() if file.is_file()]
     assert {file.name: file.read_bytes() for file in files} == before
 

@@ -104,16 +104,15 @@ def process(
     draws = images and (wanted or stills is not None or bool(opened.configs.overlay.map))
     sheet = None
     if stills is not None:
-        sheet = StillOutputs(stills, bag_in, opened.reader.stills())
-        opened = _with_quality(opened)
+        sheet, opened = StillOutputs(stills, opened.reader), _with_quality(opened)
     cores = available_cores() if cores is None else cores
     with PictureStage(cores if draws else 1) as stage:
-        setup = _set_up(opened, images=images, draws=draws)
+        setup = _set_up(opened, images=images, draws=draws)._replace(stills=sheet)
         begun_s = time.perf_counter()
         if setup.overlay is not None:
             stage.begin(opened.configs.overlay, setup.overlay.painter.ground, keeps_images=wanted)
         files = (bag_out, video, progress, stage)
-        flight, outputs, film = _run(setup, *files, sheet, raw_images=raw_images, smooth=smooth)
+        flight, outputs, film = _run(setup, *files, raw_images=raw_images, smooth=smooth)
     elapsed_s = time.perf_counter() - begun_s
     findings = setup.checks.findings()  # damage is in the error
     result = _summary(setup, flight, outputs)
@@ -173,7 +172,6 @@ def _run(
     video: PathLike | None,
     progress: Report,
     stage: PictureStage,
-    stills: StillOutputs | None,
     *,
     raw_images: bool,
     smooth: bool,
@@ -186,8 +184,7 @@ def _run(
         flight = Flight(reader, setup.opened.namespace, checks=setup.checks, needs_camera=False)
         own = configs.ekf, configs.gimbal, setup.topics.values()
         poses = flight.add_poses(FlightPoses(*own), smooth=smooth)
-        extras: dict[str, Any] = {"raw_images": raw_images, "stills": stills}
-        outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, **extras)
+        outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, raw_images=raw_images)
         poses.watchers += [setup.checks.watch, outputs.watch]
         flight.read_all(progress, outputs)
         if not flight.read:
