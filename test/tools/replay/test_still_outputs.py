@@ -90,8 +90,9 @@ def test_the_page_has_each_still_and_says_what_is_missing(folder, tmp_path):
     assert re.search(rf"{name_of(1)}</strong><span class=.notice.>not drawn: it is cut", items[3])
 
 
-def test_a_still_without_a_pose_is_written_with_its_notice(folder, tmp_path):
-    drawn(folder, tmp_path / "out", "--method", "ekf")
+def test_a_still_without_a_pose_is_written_with_its_notice(folder, tmp_path, capsys):
+    assert drawn(folder, tmp_path / "out", "--method", "ekf") == 1
+    assert "neither rates nor forces: use method raw or rtk" in capsys.readouterr().err
     for number, item in enumerate(items_of(tmp_path / "out")):
         assert "NO MAP" in item
         assert (tmp_path / "out" / name_of(number)).is_file()

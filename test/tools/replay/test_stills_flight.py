@@ -119,15 +119,6 @@ def test_evaluate_and_export_run_on_it(flight, tmp_path, capsys):
         assert np.degrees(np.linalg.norm(rotvec_from_quat(turn))) < 0.1
 
 
-def test_the_filter_says_what_it_lacks(flight, tmp_path, capsys):
-    words = [flight[0] / "DCIM", "-o", tmp_path / "o.mcap", "--method", "ekf"]
-    code, summary = run(capsys, "process", *words)
-    assert code == 1
-    assert summary["error"].endswith(
-        "imu/data has an attitude but neither rates nor forces: use method raw or rtk"
-    )
-
-
 @pytest.mark.parametrize("step_s", [0.1, 5.0])
 def test_joints_on_ordinary_gps(tmp_path, capsys, step_s):
     """A level aircraft, as MISB may give it: joints alone, which are too rare to be steady."""
