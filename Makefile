@@ -7,7 +7,8 @@ VENV := .venv
 FLOOR := .venv-floor
 RELEASE := .venv-release
 BIN := $(VENV)/bin
-PYTEST := -m pytest -q
+# A test that hangs fails, and says where; the longest needs a third of this on a loaded machine.
+PYTEST := -m pytest -q --timeout=900
 # A worker more than there are processors: those of the graph mostly wait. A file is one worker's;
 # files go out in the order of test/conftest.py, not by their number of tests.
 WORKERS = --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile --no-loadscope-reorder

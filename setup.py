@@ -162,6 +162,7 @@ setup(
         # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
         "test": [
             *("pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"),
+            "pytest-timeout>=2.2",
             "coverage>=7.10.3",  # from there on its patch for processes is whole
             # Judges that are not ours: a browser's driver, a TAK server, a reader of KLV.
             *("playwright>=1.45", "axe-playwright-python>=0.1.4", "taky>=0.10", "klvdata>=0.0.3"),

@@ -41,6 +41,7 @@ OTHER_INPUTS = {
     "gimbal/attitude",
     "thermal/image_raw",
     "thermal/image_raw/compressed",
+    "thermal/temperature/compressed",
     "thermal/camera_info",
     "tirgeo/locate/pixel",
 }

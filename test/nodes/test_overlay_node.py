@@ -27,6 +27,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+import cv2
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -38,15 +39,16 @@ from overlays import PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
 from project import reader_of
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
-from sensor_msgs.msg import Image, NavSatFix
+from sensor_msgs.msg import CompressedImage, Image, NavSatFix
 from std_msgs.msg import Header, String
 
 from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, camera_pose, stamp_ns
-from tirgeo_ros.io.messages.json_codec import state_text
+from tirgeo_ros.io.messages.json_codec import answer_of, state_text
 from tirgeo_ros.io.messages.pictures import image_pixels
+from tirgeo_ros.io.messages.topics import TEMPERATURES
 from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output, sensor_input
 from tirgeo_ros.nodes.overlay_node import FrameStatistics
 
@@ -72,6 +74,7 @@ def take_off(meet):
         "tirgeo/overlay/image": Image,
         "tirgeo/locate/fix": NavSatFix,
         "tirgeo/locate/point": PoseWithCovarianceStamped,
+        "tirgeo/locate/answer": String,
     }
     return lambda: Flight(meet(**topics))
 
@@ -96,10 +99,15 @@ def a_click_becomes_a_point_on_the_ground(flown, _):
     corner = (SQUARE_N[:1] - pose_at(0).position_n) @ matrix_from_quat(pose_at(0).q_nc)
     u, v = XT2.project(corner)[0][0]
     points = flown.stranger.received["tirgeo/locate/point"]
+    answers = flown.stranger.received["tirgeo/locate/answer"]
+    warmth = flown.stranger.node.create_publisher(CompressedImage, TEMPERATURES, 1)
+    png = cv2.imencode(".png", np.full((2, 2), 15_000, np.uint16))[1].tobytes()
 
     def clicked() -> bool:
+        Output(warmth).publish(MESSAGES.compressed(stamp_ns(picture), png))
         flown.click(u, v, stamp_ns(picture))
-        return bool(points and flown.stranger.received["tirgeo/locate/fix"])
+        warm = any(answer_of(a).temperature_c == pytest.approx(26.85) for a in answers)
+        return bool(warm and points and flown.stranger.received["tirgeo/locate/fix"])
 
     flown.stranger.spin_until(clicked)
     located = camera_pose(points[0])  # of the same type; its rotation is unknown

@@ -61,7 +61,7 @@ def every_input(tmp_path) -> Path:
     """A bag with a message of each topic that a bag can bring."""
     path = tmp_path / "inputs.mcap"
     with BagWriter(path) as writer:
-        for topic in (*SENSED_TOPICS, *PICTURES):
+        for topic in (*SENSED_TOPICS, *PICTURES, "thermal/temperature/compressed"):
             data = serialize_message(message_class(TOPIC_TYPES[topic])())
             for second in (1, 100):
                 writer.write(f"/{topic}", TOPIC_TYPES[topic], data, second * 1_000_000_000)

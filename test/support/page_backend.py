@@ -109,7 +109,8 @@ class SimulatedBackend:
         if click.v < SKY_ROWS:
             return "the ray does not meet the ground"
         place = place_at(click.stamp_ns, click.u, click.v)
-        return Located(click.stamp_ns, *place, GROUND_M, tuple(np.diag(SIGMA_M).ravel() ** 2))
+        covariance = tuple(np.diag(SIGMA_M).ravel() ** 2)
+        return Located(click.stamp_ns, *place, GROUND_M, covariance, temperature_c=21.5)
 
     async def where(self, aircraft, latitude_deg, longitude_deg) -> Pixel | str:
         stamp_ns = self.newest_ns.get(aircraft)

@@ -20,7 +20,6 @@ import gc
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -32,10 +31,11 @@ from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.overlay.clicks import TEMPERATURE_SCALE
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult
 from tirgeo_ros.core.streams.stamps import Arrivals, RateLimit
-from tirgeo_ros.core.types.errors import MessageError, shown
+from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Severity, verdict_line
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
@@ -53,9 +53,8 @@ from tirgeo_ros.io.messages import (
 )
 from tirgeo_ros.io.messages.json_codec import answer_text
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
-from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
+from tirgeo_ros.io.messages.topics import IMAGE_DEPTH, TEMPERATURES
 from tirgeo_ros.io.pictures.camera_file import configured_camera
-from tirgeo_ros.io.pictures.temperatures import flir_thermal
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
@@ -139,6 +138,7 @@ class OverlayNode(GraphNode):
             self.listen(topic, take_frame, frames, wrapped=partial(self._frames.counting, topic))
         set_targets = self._overlay.clicks.set_targets
         for topic, take, qos in (
+            (TEMPERATURES, self._take_temperatures, sensor_input(_CLICKS)),
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
             ("tirgeo/targets", lambda m: set_targets(targets_of(m)), latched()),
@@ -158,14 +158,14 @@ class OverlayNode(GraphNode):
         stamp = self._arrivals.stamp_ns(topic, stamp_ns(message), now_ns)
         self._frames.arrived(stamp)
         pixels = pixels_of(message)
-        thermal = None
-        with suppress(MessageError):  # the picture itself is not damaged
-            if topic == _COMPRESSED:
-                thermal = flir_thermal(bytes(message.data))
-        self._overlay.add_frame(stamp, pixels, now_ns, thermal)
+        self._overlay.add_frame(stamp, pixels, now_ns)
         self._timer.reset()
         self._release()
         self._setup.take(self._picture_checks.frame, stamp_ns(message), pixels, now_ns)
+
+    def _take_temperatures(self, message: Any) -> None:
+        pixels = compressed_pixels(message)
+        self._overlay.add_temperatures(stamp_ns(message), pixels, TEMPERATURE_SCALE)
 
     def _take_pose(self, message: Any) -> None:
         pose = camera_pose(message)

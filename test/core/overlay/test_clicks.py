@@ -32,11 +32,11 @@ from tirgeo_ros.core.overlay.clicks import (
     MARKER_S,
     MARKERS,
     REMEMBERED_S,
+    TEMPERATURE_SCALE,
     Clicks,
     Marker,
     PlacedMarkers,
-    counted,
-    looked_up,
+    thermal_of,
 )
 from tirgeo_ros.core.overlay.map_renderer import LineRenderer
 from tirgeo_ros.core.targets.target import Target
@@ -142,15 +142,21 @@ def test_another_plane_forgets_pictures_and_moves_marks(clicks):
 
 
 def test_a_click_has_the_temperature_of_its_own_picture(clicks):
-    degrees = counted(PictureConfig(celsius_per_count=0.04))
-    pixels = np.full((512, 640), 7500, np.uint16)
-    pixels[round(CENTRE[1]), round(CENTRE[0])] = 8000
-    clicks.show_thermal(S, looked_up(pixels, degrees))
-    clicks.show_thermal(2 * S, looked_up(pixels + np.uint16(25), degrees))
+    scale = PictureConfig(celsius_per_count=0.04)
+    for stamp_ns, count in ((S, 8000), (2 * S, 8025)):
+        clicks.show_thermal(stamp_ns, thermal_of(np.full((2, 2), count, np.uint16), scale))
     assert clicks.locate(CENTRE, S).temperature_c == pytest.approx(8000 * 0.04 - 273.15)
     assert clicks.locate(CENTRE, 2 * S).temperature_c == pytest.approx(8025 * 0.04 - 273.15)
     assert math.isnan(clicks.locate(CENTRE, 3 * S).temperature_c)
-    assert math.isnan(looked_up(pixels, degrees)(639.6, 0.0))
+
+
+def test_temperatures_of_another_size_than_the_picture():
+    thermal = thermal_of(np.array([[14_000, 0], [0, 15_000]], np.uint16), TEMPERATURE_SCALE)
+    assert thermal.celsius((319.4, 255.4), CAMERA) == pytest.approx(6.85)
+    assert thermal.celsius((319.6, 255.6), CAMERA) == pytest.approx(26.85)
+    outside = (639.6, 10.0), (-0.6, 10.0)
+    assert all(math.isnan(thermal.celsius(uv, CAMERA)) for uv in ((320.0, 1.0), *outside))
+    assert thermal_of(np.zeros((2, 2), np.uint8), TEMPERATURE_SCALE) is None
 
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)

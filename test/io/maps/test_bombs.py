@@ -117,7 +117,9 @@ MARK = "<Placemark><Point><coordinates>1,2</coordinates></Point></Placemark>"
 )
 def test_a_kmz_that_unpacks_to_hundreds_of_megabytes(tmp_path, pieces, rounds):
     packed(tmp_path / "map.kmz", *pieces, rounds=rounds)
-    check_refused("does not fit into memory", str(tmp_path / "map.kmz"))
+    # A slow processor comes to the bound of computing first.
+    refusal = "does not fit into memory|reading it takes more than 7 s"
+    check_refused(refusal, str(tmp_path / "map.kmz"))
 
 
 @pytest.mark.slow

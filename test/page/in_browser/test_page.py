@@ -73,6 +73,7 @@ def test_a_press_on_an_outline_is_a_target_within_its_ellipse(serve, tablet):
     screen = tablet(page.url)
     screen.tap_on(".kind[data-kind=fire]")
     screen.tap(*still_with_corner(screen))
+    screen.reads(".answer", "21.5 °C")
     screen.reads(".row", "1")
     (target,) = page.targets
     off_m, chi_square = off_corner(target)

@@ -17,21 +17,16 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import tempfile
 from datetime import datetime, timezone
 
-import cv2
-import numpy as np
 import pytest
 import yaml
-from flir_files import flir_jpeg
 from stills import GROUND_M, PLANE, POINTS, name_of, strip, write_folder, write_ground
 
 from tirgeo_ros.core.types.errors import BagError, LogError, SurveyError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.pictures.temperatures import DJI_NOTE
 from tirgeo_ros.io.surveys.survey import load_observations
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.direct_input import direct_form
@@ -155,22 +150,3 @@ def test_an_import_writes_its_parameters_beside_the_bag(folder, tmp_path, capsys
     assert BagReader(output).stills()[name_of(2)] == STILLS[2].stamp_ns
     with pytest.raises(BagError, match=r"flight\.yaml: would overwrite the input"):
         import_flight(folder, tmp_path / "flight.mcap", params=tmp_path / "flight.yaml")
-
-
-def test_a_located_pixel_has_its_temperature(folder, tmp_path, capsys):
-    # The first has FLIR's raw data, the second a TIFF beside it, the third DJI's raw data.
-    raws = np.array([[17000, 16000], [18000, 20000]])
-    still, flir = STILLS[0].jpeg(), flir_jpeg(raws)
-    segments = flir[2 : flir.rindex(b"\xff\xe0\0\x10JFIF")]
-    (folder / "DJI_0000_T.JPG").write_bytes(still[:2] + segments + still[2:])
-    degrees = np.array([[1.25, 2.5]], np.float32)
-    (folder / "DJI_0001_T.tiff").write_bytes(cv2.imencode(".tiff", degrees)[1].tobytes())
-    rows = ["id,picture,u,v", *(f"{n},DJI_{n:04}_T.JPG,100,100" for n in range(3))]
-    code, _, points = located(capsys, folder, tmp_path, "\n".join(rows), *GROUND, "--json")
-    assert code == 0
-    assert [row["temperature_c"] for row in points] == ["17.42", "1.25", ""]
-    words = ["locate", str(folder), "--pixels", str(tmp_path / "pixels.csv"), *GROUND]
-    assert main([*words, "-o", str(tmp_path / "points.kml"), "--json"]) == 0
-    assert "ellipsoid; 17.4 deg C" in (tmp_path / "points.kml").read_text()
-    notes = json.loads(capsys.readouterr().out)["notes"]
-    assert [note for note in notes if "DJI's own tool" in note] == [DJI_NOTE]

@@ -23,8 +23,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,38 +59,35 @@ _LARGEST_PX = 2000.0  # semi-axis of an ellipse larger than any picture
 
 #: Newest pictures whose temperatures are kept: of 640x512 pixels with 16 bits, 42 MB.
 _THERMAL = 64
-#: Return the temperature (deg C) at column and row of a picture; nan outside.
-Thermal: TypeAlias = Callable[[float, float], float]
+#: Scale of the pictures of temperatures: to 1037 deg C, finer than a camera's noise (0.05 deg).
+TEMPERATURE_SCALE = PictureConfig(celsius_per_count=0.02, celsius_offset=-273.15)
 
 
-def counted(config: PictureConfig) -> Callable[[Any], Any]:
-    """Return what gives the temperature (deg C) of a value of a 16-bit picture."""
-    return lambda count: count * config.celsius_per_count + config.celsius_offset
+class Thermal(NamedTuple):
+    """Hold a picture's temperatures, which may have fewer pixels than the picture shown."""
+
+    values: RawPixels  # (h, w) uint16
+    scale: PictureConfig
+
+    def celsius(self, uv: tuple[float, float], camera: Camera) -> float:
+        """Return the temperature (deg C) at a pixel (column, row) of the camera's picture.
+
+        It is nan outside, and at or below absolute zero.
+        """
+        height, width = self.values.shape
+        column = math.floor((uv[0] + 0.5) * width / camera.width)
+        row = math.floor((uv[1] + 0.5) * height / camera.height)
+        if not (0 <= column < width and 0 <= row < height):
+            return math.nan
+        count = int(self.values[row, column])
+        degrees = count * self.scale.celsius_per_count + self.scale.celsius_offset
+        return degrees if degrees > -273.15 else math.nan
 
 
-def looked_up(
-    values: Array | RawPixels,
-    degrees: Callable[[Any], Any],
-    size: tuple[int, int] | None = None,
-) -> Thermal:
-    """Return the temperatures ``degrees(value)`` of values (h, w) at the pixels of their picture.
-
-    It may have another ``size`` (width, height) than they.
-    """
-    height, width = values.shape
-    across, down = size or (width, height)
-
-    def at(u: float, v: float) -> float:
-        column = math.floor((u + 0.5) * width / max(across, 1))
-        row = math.floor((v + 0.5) * height / max(down, 1))
-        inside = 0 <= column < width and 0 <= row < height
-        return float(degrees(values[row, column])) if inside else math.nan
-
-    return at
-
-
-def _unknown(_u: float, _v: float) -> float:
-    return math.nan
+def thermal_of(pixels: RawPixels, scale: PictureConfig) -> Thermal | None:
+    """Return the temperatures of a picture of 16 bits; None for another, and without a scale."""
+    is_thermal = pixels.dtype == np.uint16 and scale.celsius_per_count
+    return Thermal(pixels, scale) if is_thermal else None
 
 
 class Marker(NamedTuple):
@@ -206,9 +203,10 @@ class Clicks:
         )
         if isinstance(answer, Refusal):
             return dataclasses.replace(answer, stamp_ns=stamp_ns)
-        thermal = (thermal for stamp, thermal in self._thermal if stamp == stamp_ns)
-        temperature_c = next(thermal, _unknown)(*uv)
-        return dataclasses.replace(answer, stamp_ns=stamp_ns, temperature_c=temperature_c)
+        degrees = (t.celsius(uv, shown.camera) for stamp, t in self._thermal if stamp == stamp_ns)
+        return dataclasses.replace(
+            answer, stamp_ns=stamp_ns, temperature_c=next(degrees, math.nan)
+        )
 
 
 class PlacedMarkers:

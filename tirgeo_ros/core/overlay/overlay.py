@@ -34,6 +34,7 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config.overlay_parameters import PictureConfig
 from tirgeo_ros.core.frames.rotations import (
     quat_conjugate,
     quat_from_rotvec,
@@ -44,7 +45,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import MapLayer
-from tirgeo_ros.core.overlay.clicks import Clicks, Thermal, counted, looked_up
+from tirgeo_ros.core.overlay.clicks import Clicks, thermal_of
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.overlay.picture_painter import (
     DrawingVerdict,
@@ -337,19 +338,16 @@ class Overlay:
         """Record why the map that is draped elsewhere failed; keep a map that is drawn."""
         self._map_not_ready = self._map_not_ready and why
 
-    def add_frame(
-        self, stamp_ns: int, pixels: RawPixels, now_ns: int, thermal: Thermal | None = None
-    ) -> None:
-        """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take.
+    def add_frame(self, stamp_ns: int, pixels: RawPixels, now_ns: int) -> None:
+        """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take."""
+        self.add_temperatures(stamp_ns, pixels, self._picture)
+        self.frames.put(Frame(stamp_ns, pixels, now_ns))
 
-        ``thermal`` has the frame's temperatures, which its values may also be themselves. They are
-        of no use for a picture that is rectified.
-        """
-        if thermal is None and self._picture.celsius_per_count and pixels.dtype == np.uint16:
-            thermal = looked_up(pixels, counted(self._picture))
+    def add_temperatures(self, stamp_ns: int, pixels: RawPixels, scale: PictureConfig) -> None:
+        """Add a frame's temperatures (h, w) uint16; of no use for a picture that is rectified."""
+        thermal = thermal_of(pixels, scale)
         if thermal is not None and not self._rectify:
             self.clicks.show_thermal(stamp_ns, thermal)
-        self.frames.put(Frame(stamp_ns, pixels, now_ns))
 
     def take(self, now_ns: int) -> OverlayResult | None:
         """Return the newest picture that need not wait any longer, or None.

@@ -24,11 +24,11 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import math
 import os
 import platform
 import re
 import resource
+import signal
 import struct
 import threading
 from collections.abc import Callable, Iterator
@@ -71,10 +71,16 @@ def bounded_memory(most_bytes: int = MOST_BYTES) -> Iterator[None]:
 
 @contextmanager
 def bounded_time(most_s: int = MOST_S) -> Iterator[None]:
-    """Limit the process's additional seconds of computing; SIGXCPU ends it beyond them."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    with _limit(resource.RLIMIT_CPU, math.ceil(used.ru_utime + used.ru_stime) + most_s):
+    """Limit the process's additional seconds of computing; SIGPROF ends it beyond them.
+
+    RLIMIT_CPU is no way to it: it counts the kernel's ticks, of which a process that runs for
+    minutes may have some seconds more than anything tells it.
+    """
+    signal.setitimer(signal.ITIMER_PROF, most_s)
+    try:
         yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
 @contextmanager

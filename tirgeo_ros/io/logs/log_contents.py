@@ -220,6 +220,7 @@ class Picture:
     data: bytes
     camera: Camera | None = None  # None: not known
     name: str = ""  # of its file, if it is a still
+    temperatures: bytes = b""  # PNG in the scale of their topic; empty: not known
 
 
 @dataclass

@@ -15,7 +15,7 @@
 """Read a folder of a drone's stills: position and attitudes of each, and the pictures themselves.
 
 A file that gives none is refused by name, and the others are read. The pictures are passed on
-byte by byte, so R-JPEG keep their temperatures. There is no IMU: the aircraft's attitude that
+byte by byte, with their temperatures beside them. There is no IMU: the aircraft's attitude that
 stands in the stills, or a level one, is written as the autopilot's.
 """
 
@@ -34,7 +34,7 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.errors import LogError, MessageError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -55,6 +55,7 @@ from tirgeo_ros.io.logs.log_contents import (
 )
 from tirgeo_ros.io.pictures.embedded_metadata import JPEG, TIFFS, Unreadable
 from tirgeo_ros.io.pictures.still_metadata import StillMetadata, still_metadata
+from tirgeo_ros.io.pictures.temperatures import temperatures
 
 _JPEGS, _TIFFS = {".jpg", ".jpeg"}, {".tif", ".tiff"}  # endings
 _BAG_ENDINGS = {".yaml", ".mcap", ".db3", ".zstd"}
@@ -77,6 +78,7 @@ class _Still(NamedTuple):
     stamp_ns: int = 0
     height_m: float = math.nan
     height_of: str = ""
+    tiff: Path | None = None  # the file of its temperatures
 
 
 def is_still(head: bytes) -> bool:
@@ -104,7 +106,7 @@ def read_stills(path: Path, options: LogOptions) -> LogContents:
         sigma = max(still.metadata.focal_sigma for still in stills)
         focal = {"confidence.focal_sigma": sigma} if sigma else {}
         contents.parameters = {**focal, "north.sigma_deg": NORTH_SIGMA_DEG}
-    contents.pictures = _pictures(stills)
+    contents.pictures = _pictures(stills, contents)
     return contents
 
 
@@ -120,10 +122,12 @@ def _read(path: Path, contents: LogContents) -> Iterator[_Still]:
     """Yield the stills that have all that is needed; count the other files as refused."""
     files = list(_files(path)) if path.is_dir() else [path]
     jpegs = {file.with_suffix("") for file in files if file.suffix.lower() in _JPEGS}
+    tiffs = {file.with_suffix(""): file for file in files if file.suffix.lower() in _TIFFS}
     for file in files:
         name = file.relative_to(path).as_posix() if path.is_dir() else file.name
         try:
-            yield _Still(file, name, _complete(still_metadata(file)))
+            tiff = tiffs.get(file.with_suffix("")) if file.suffix.lower() in _JPEGS else None
+            yield _Still(file, name, _complete(still_metadata(file)), tiff=tiff)
         except Unreadable as reason:
             if file.suffix.lower() in _TIFFS and file.with_suffix("") in jpegs:
                 contents.read["TIFF beside a still"] += 1
@@ -277,8 +281,15 @@ def _flights(stills: Sequence[_Still]) -> Iterator[str]:
         yield f"{len(spans)} flights, all imported: {'; '.join(map(' to '.join, spans))}"
 
 
-def _pictures(stills: Sequence[_Still]) -> Iterator[Picture]:
+def _pictures(stills: Sequence[_Still], contents: LogContents) -> Iterator[Picture]:
+    """Yield the pictures; note once each reason why temperatures cannot be read."""
     for still in stills:
         with reading(still.file, LogError):
             data = still.file.read_bytes()
-        yield Picture(still.stamp_ns, data, still.metadata.camera, still.name)
+        try:
+            warm = temperatures(still.file, data, still.tiff)
+        except MessageError as error:
+            warm, note = b"", f"temperatures: {error}"
+            if note not in contents.notes:
+                contents.notes.append(note)
+        yield Picture(still.stamp_ns, data, still.metadata.camera, still.name, warm)

@@ -156,7 +156,7 @@ class MapProcess:
                 f"the process that reads it ended (exit code {error.code})"
                 f"{'; is the file damaged?' if crash else ''}{error.last}"
             )
-            if error.code == -signal.SIGXCPU:
+            if error.code == -signal.SIGPROF:
                 why = _TOO_LONG
             elif "bad_alloc" in error.said or "MemoryError" in error.said:
                 why = _TOO_LARGE

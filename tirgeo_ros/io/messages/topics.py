@@ -24,6 +24,7 @@ from tirgeo_ros.io.messages.sensor_messages import BY_TOPIC, SENSED_TOPICS
 TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in BY_TOPIC.items()} | {
     "thermal/image_raw": "sensor_msgs/msg/Image",
     "thermal/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
+    "thermal/temperature/compressed": "sensor_msgs/msg/CompressedImage",
     "thermal/camera_info": "sensor_msgs/msg/CameraInfo",
     "tirgeo/locate/pixel": "geometry_msgs/msg/PointStamped",
     "tirgeo/odometry": "nav_msgs/msg/Odometry",
@@ -50,6 +51,7 @@ TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in BY_TOPIC.it
 
 CAMERA_INFO = "thermal/camera_info"
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+TEMPERATURES = "thermal/temperature/compressed"
 
 #: For streams of which every sample counts: 2 s of an IMU at 400 Hz. A node that pauses for 2 s
 #: still gets every sample, if the transport buffers as much (``config/fastdds.xml``).

@@ -12,7 +12,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Read the temperatures of a picture: FLIR's raw data in its JPEG, a TIFF beside it, or counts.
+"""Read the temperatures of a still: FLIR's raw data in its JPEG, or the TIFF beside it.
 
 FLIR's JPEG has an FFF file in pieces (APP1): a directory of records, one with the raw values, one
 with the camera's constants, both with a byte order of their own (layout: ExifTool's tables). The
@@ -27,17 +27,15 @@ import math
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.config.overlay_parameters import PictureConfig
-from tirgeo_ros.core.overlay.clicks import Thermal, counted, looked_up
+from tirgeo_ros.core.overlay.clicks import TEMPERATURE_SCALE
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MessageError
-from tirgeo_ros.io.files.whole_files import reading
-from tirgeo_ros.io.messages import pictures
+from tirgeo_ros.io.files.whole_files import first_bytes
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.pictures.jpeg_segments import APP1, segments
 
 _FLIR, _APP3 = b"FLIR\0", 0xE3
@@ -55,8 +53,51 @@ _CAMERA_AT = {
 }
 _PNG = b"\x89PNG"
 _ZERO_K = 273.15
-DJI_NOTE = "temperatures: DJI's raw data needs DJI's own tool: put its TIFF beside the still"
+_MOST_OF_TIFF = 1 << 26  # bytes
+DJI_NOTE = "DJI's raw data needs DJI's own tool: put its TIFF beside the still"
 _BAD = struct.error, ValueError, IndexError, ArithmeticError, KeyError
+
+
+def temperatures(still: Path, jpeg: bytes, tiff: Path | None = None) -> bytes:
+    """Return a PNG of a still's temperatures in the scale of their topic; empty if it has none.
+
+    ``tiff`` is the file beside it. Raise MessageError saying why they cannot be read.
+    """
+    parts = list(segments(jpeg))
+    pieces = {c[6]: c for m, c in parts if m == APP1 and c[:5] == _FLIR and len(c) > _PIECE}
+    if tiff is not None:
+        degrees = _of_tiff(tiff)
+    elif pieces:
+        degrees = _of_flir(still, b"".join(pieces[n][_PIECE:] for n in sorted(pieces)))
+    elif any(marker == _APP3 for marker, _ in parts):
+        raise MessageError(DJI_NOTE)
+    else:
+        return b""
+    scale = TEMPERATURE_SCALE
+    counts = np.rint((degrees - scale.celsius_offset) / scale.celsius_per_count)
+    counts[~((counts > 0) & (counts <= np.iinfo(np.uint16).max))] = 0  # nan too
+    return cv2.imencode(".png", counts.astype(np.uint16))[1].tobytes()
+
+
+def _of_tiff(path: Path) -> Array:
+    """Return the temperatures (deg C, (h, w)) in a TIFF. Raise MessageError."""
+    data = first_bytes(path, _MOST_OF_TIFF, MessageError)
+    try:
+        values = unpacked(data, cv2.IMREAD_UNCHANGED, MOST_OF_VIDEO)
+    except ValueError as error:
+        raise MessageError(f"{path}: {error}") from None
+    if values is None or values.ndim != 2 or values.dtype.kind != "f":
+        raise MessageError(f"{path}: no picture of one number with decimals (deg C) a pixel")
+    return np.asarray(values, float)
+
+
+def _of_flir(still: Path, file: bytes) -> Array:
+    """Return the temperatures (deg C, (h, w)) in an FFF file. Raise MessageError."""
+    try:
+        records = _records(file)
+        return celsius(_raw(records[_RAW]), _camera(records[_CAMERA]))
+    except _BAD as error:
+        raise MessageError(f"{still}: FLIR's raw data are damaged: {error}") from None
 
 
 def transmission(c: Mapping[str, float]) -> float:
@@ -86,24 +127,6 @@ def celsius(raw: Array, c: Mapping[str, float]) -> Array:
         return np.asarray(c["b"] / ratio - _ZERO_K)
 
 
-def flir_thermal(jpeg: bytes) -> Thermal | None:
-    """Return the temperatures at the pixels of FLIR's R-JPEG; None for another picture.
-
-    Raise MessageError for damaged raw data.
-    """
-    pieces = {c[6]: c for m, c in segments(jpeg) if m == APP1 and c[:5] == _FLIR and len(c) > 8}
-    if not pieces:
-        return None
-    file = b"".join(pieces[number][_PIECE:] for number in sorted(pieces))
-    try:
-        records = _records(file)
-        raw, camera = _raw(records[_RAW]), _camera(records[_CAMERA])
-        celsius(raw[:1], camera)  # with impossible constants it cannot be computed
-    except _BAD as error:
-        raise MessageError(f"FLIR's raw data are damaged: {error}") from None
-    return looked_up(raw, lambda value: celsius(value, camera), pictures.size_of(jpeg))
-
-
 def _records(file: bytes) -> dict[int, bytes]:
     """Return the records of an FFF file by type, the first of each."""
     version = struct.unpack_from(">I", file, 0x14)[0]
@@ -124,9 +147,11 @@ def _order(record: bytes) -> str:
 def _raw(record: bytes) -> Array:
     order = _order(record)
     width, height = struct.unpack_from(f"{order}HH", record, 2)
+    if not width * height:
+        raise ValueError("they have no pixels")
     content = record[_PIXELS:]
     if content.startswith(_PNG):  # of 16 bits, written with the bytes of each value exchanged
-        values = pictures.unpacked(content, cv2.IMREAD_UNCHANGED, pictures.MOST_OF_VIDEO)
+        values = unpacked(content, cv2.IMREAD_UNCHANGED, MOST_OF_VIDEO)
         if values is None or values.dtype != np.uint16:
             raise ValueError("its PNG has no 16 bits")
         return np.asarray(values.byteswap(), float)
@@ -144,42 +169,3 @@ def _camera(record: bytes) -> dict[str, float]:
     if not (0 < c["emissivity"] <= 1 and 0 < c["window"] <= 1 and c["air_k"] > 0):
         raise ValueError("its constants are impossible")
     return c
-
-
-def tiff_thermal(path: Path, size: tuple[int, int], config: PictureConfig) -> Thermal:
-    """Return the temperatures of a TIFF beside a still of ``size`` (width, height).
-
-    Numbers with decimals are deg C, whole ones counts. Raise MessageError if it cannot be used.
-    """
-    try:
-        with reading(path, MessageError):
-            data = path.read_bytes()
-        values = pictures.unpacked(data, cv2.IMREAD_UNCHANGED, pictures.MOST_OF_FILE)
-    except ValueError as error:
-        raise MessageError(f"{path}: {error}") from None
-    if values is None or values.ndim != 2:
-        raise MessageError(f"{path}: no picture of one value a pixel")
-    is_counts = values.dtype.kind != "f"
-    if is_counts and not config.celsius_per_count:
-        raise MessageError(f"{path}: its values are counts: set picture.celsius_per_count")
-    return looked_up(values, counted(config) if is_counts else float, size)
-
-
-def thermal_of(
-    topic: str, message: Any, config: PictureConfig, tiff: Path | None = None
-) -> Thermal | None:
-    """Return the temperatures of a picture's message, or of the TIFF beside its still.
-
-    None if there are none. Raise MessageError saying why they cannot be read.
-    """
-    data = bytes(message.data) if topic.endswith("/compressed") else b""
-    if tiff is not None:
-        return tiff_thermal(tiff, pictures.size_of(data), config)
-    if thermal := flir_thermal(data):
-        return thermal
-    if any(marker == _APP3 for marker, _ in segments(data)):
-        raise MessageError(DJI_NOTE.removeprefix("temperatures: "))
-    if not config.celsius_per_count:
-        return None
-    values = pictures.pixels(topic, message)
-    return looked_up(values, counted(config)) if values.dtype == np.uint16 else None

@@ -27,7 +27,7 @@ from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.bags.bag import STILLS, BagWriter
 from tirgeo_ros.io.logs.log_contents import Picture
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, SensedSample, sensed
-from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
+from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, TEMPERATURES, resolved
 
 #: A sample that waits for others of its instant is out of order by less than this.
 _DISORDER_NS = 1_000_000_000
@@ -109,6 +109,8 @@ class ImportSink:
             self._stills[picture.name] = str(stamp_ns)
         if picture.camera is not None:
             self.pass_on(stamp_ns, CAMERA_INFO, make.camera_info(picture.camera, stamp_ns))
+        if picture.temperatures:
+            self.pass_on(stamp_ns, TEMPERATURES, make.compressed(stamp_ns, picture.temperatures))
         self.pass_on(stamp_ns, PICTURES[1], make.compressed(stamp_ns, picture.data))
 
     def pass_on(self, arrival_ns: int, topic: str, message: Any) -> None:

@@ -24,12 +24,12 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.ground.backprojection import Ground, Reason, Terrain
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
-from tirgeo_ros.core.overlay.clicks import Thermal
+from tirgeo_ros.core.overlay.clicks import TEMPERATURE_SCALE, Thermal, thermal_of
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import ConfigError, MessageError, SurveyError
 from tirgeo_ros.core.types.finding import Finding, stop_line
@@ -38,11 +38,11 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
 from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.messages import pictures
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
-from tirgeo_ros.io.messages.topics import PICTURES, resolved
+from tirgeo_ros.io.messages.topics import PICTURES, TEMPERATURES, resolved
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import configured_camera
-from tirgeo_ros.io.pictures.temperatures import thermal_of
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
 from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
@@ -97,7 +97,7 @@ def locate_pixels(
     poses = flight.registered(*used, checks.watch, smooth=smooth)
     flight.read_all(progress)
     answers = _answers(observations, exposures_ns, flight, poses, ground, opened)
-    answers, unknown = _with_temperatures(answers, opened)
+    answers, unknown = _with_temperatures(answers, flight.camera, opened)
     write_files({output: exported_answers(answers, form_of(output))}, SurveyError)
     located = _summary(opened.reader, answers, ground)
     navigation, findings = poses.registration.navigation.status(), checks.findings()
@@ -141,42 +141,34 @@ def _answers(
 
 
 def _with_temperatures(
-    answers: Sequence[Answered], opened: OpenedFlight
+    answers: Sequence[Answered], camera: Camera | None, opened: OpenedFlight
 ) -> tuple[list[Answered], list[str]]:
     """Return the answers with the temperatures at their pixels, and why some are unknown."""
     wanted = {answer.stamp_ns for _, answer in answers if isinstance(answer, Located)}
-    names = {stamp_ns: name for name, stamp_ns in opened.reader.stills().items()}
-    topics = {resolved(topic, opened.namespace): topic for topic in PICTURES}
-    config, cdr = opened.configs.overlay.picture, Cdr()
-    thermals: dict[int, Thermal] = {}
+    scales = {TEMPERATURES: TEMPERATURE_SCALE} | dict.fromkeys(
+        PICTURES, opened.configs.overlay.picture
+    )
+    topics = {resolved(t, opened.namespace): t for t, s in scales.items() if s.celsius_per_count}
+    cdr = Cdr()
+    thermals: dict[int, Thermal | None] = {}
     notes: dict[str, None] = {}  # each once, in order
     for message in opened.reader.messages(topics) if wanted else ():
-        stamp_ns = header_stamp_ns(message.data)
-        if stamp_ns not in wanted or stamp_ns in thermals:
+        stamp_ns, topic = header_stamp_ns(message.data), topics[message.topic]
+        if stamp_ns not in wanted or thermals.get(stamp_ns):
             continue
         try:
             content = cdr.deserialize(message.data, message.typename)
-            tiff = _tiff_beside(opened.reader.path, names.get(stamp_ns))
-            thermal = thermal_of(topics[message.topic], content, config, tiff)
-            thermals |= {stamp_ns: thermal} if thermal else {}
+            thermals[stamp_ns] = thermal_of(pictures.pixels(topic, content), scales[topic])
         except MessageError as error:
             notes[f"temperatures: {error}"] = None
 
     def warmed(answer: Answer) -> Answer:
-        if isinstance(answer, Refusal) or answer.stamp_ns not in thermals:
+        thermal = thermals.get(answer.stamp_ns)
+        if isinstance(answer, Refusal) or camera is None or thermal is None:
             return answer
-        return replace(answer, temperature_c=thermals[answer.stamp_ns](*answer.uv))
+        return replace(answer, temperature_c=thermal.celsius(answer.uv, camera))
 
     return [Answered(name, warmed(answer)) for name, answer in answers], list(notes)
-
-
-def _tiff_beside(flight: Path, name: str | None) -> Path | None:
-    """Return the TIFF with the temperatures of a still, if there is one in its folder."""
-    if not name or not flight.is_dir():
-        return None
-    stem = (flight / name).with_suffix("")
-    files = (stem.with_name(stem.name + end) for end in (".tif", ".tiff", ".TIF", ".TIFF"))
-    return next((file for file in files if file.is_file()), None)
 
 
 def _summary(reader: BagReader, answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
