@@ -49,10 +49,17 @@ def made_subtitles(count, step_ms=1000 / RATE_HZ):
     return "\n".join(cue(k + 1, round(k * step_ms)) for k in range(count))
 
 
-def made_video(path, count, *, inside="", colour=0, size=(WIDTH, HEIGHT), **options):
-    """Write a video of uniform pictures (see ``level``), with subtitles of an SRT ``inside``.
+def inside(srt):
+    """Return the cues of an SRT as ``made_video`` puts them into a video."""
+    texts = [part.split("\n", 2)[2].encode() for part in srt.split("\n\n")]
+    return [len(text).to_bytes(2, "big") + text for text in texts]
 
-    ``colour`` is the pictures' chroma, from grey; ``options`` are the container's.
+
+def made_video(path, count, *, beside=(), colour=0, size=(WIDTH, HEIGHT), **options):
+    """Write a video of uniform pictures (see ``level``); of a second stream one packet a picture.
+
+    ``beside`` are its packets: KLV in a .ts, else subtitles. ``colour`` is the pictures' chroma,
+    from grey; ``options`` are the container's.
     """
     width, height = size
     av = pytest.importorskip("av")
@@ -60,19 +67,19 @@ def made_video(path, count, *, inside="", colour=0, size=(WIDTH, HEIGHT), **opti
         container.metadata["creation_time"] = "2024-12-09T15:24:10Z"
         video = container.add_stream("libx264", rate=RATE_HZ, options={"g": str(GROUP)})
         video.width, video.height, video.pix_fmt = width, height, "yuv420p"
-        if inside:
+        if beside and path.suffix == ".ts":
+            track = container.add_data_stream("klv")
+        elif beside:
             track = container.add_stream("mov_text")
             track.codec_context.subtitle_header = _STYLES
-        texts = [part.partition("\n")[2].partition("\n")[2] for part in inside.split("\n\n")]
         for number in range(count):
             planes = np.full((height * 3 // 2, width), 128 + colour, np.uint8)
             planes[:height] = 16 + number % 50 * 4
             frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
             frame.pts, frame.time_base = number, Fraction(1, RATE_HZ)
             container.mux(video.encode(frame))
-            if inside and number < len(texts):
-                data = texts[number].encode()
-                packet = av.Packet(len(data).to_bytes(2, "big") + data)
+            for data in beside[number : number + 1]:
+                packet = av.Packet(data)
                 packet.stream, packet.time_base = track, Fraction(1, 1000)
                 packet.pts = packet.dts = round(number * 1000 / RATE_HZ)
                 packet.duration = 33

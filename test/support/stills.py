@@ -82,10 +82,10 @@ class Still(NamedTuple):
         """What a reader makes of it."""
         source = Source.RTK_POSITION if rtk else Source.GPS_POSITION
         status, sigma = (FixStatus.FIXED, 0.02) if rtk else (FixStatus.SINGLE, 0.0)
-        nothing, stamp_ns = np.full(3, np.nan), self.stamp_ns
+        stamp_ns = self.stamp_ns
         samples: list[Any] = [
             PositionSample(stamp_ns, source, status, *self.geodetic, np.eye(3) * sigma**2),
-            ImuSample(stamp_ns, nothing, nothing, _attitude(self.flight_deg)),
+            ImuSample.of_attitude(stamp_ns, _attitude(self.flight_deg)),
         ]
         if self.joints_deg is None:
             return [*samples, CameraAttitudeSample(stamp_ns, self.q_ng)]

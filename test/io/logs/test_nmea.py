@@ -69,11 +69,17 @@ def test_gst_has_the_covariance_of_its_epoch(tmp_path):
     assert not first.covariance_n.any()  # unknown
 
 
-def test_midnight_and_the_date_behind_it(tmp_path):
+def test_midnight_before_and_long_after_the_only_date(tmp_path):
+    """The date is behind the first sentence, of the day after; another midnight has none."""
+    times = ("120000.00", "235959.50", "000000.50", "110000.00", "220000.00", "040000.00")
+    first, *others = map(gga, times)
+    text = first + rmc("120000.00") + "".join(others)
+    stamps = [position.stamp_ns for position in of(read(tmp_path, text), PositionSample)]
+    hours = (np.array(stamps) - 1_718_107_200 * 10**9) / 3.6e12  # from 2024-06-11 12:00
+    np.testing.assert_allclose(hours, [0, 12, 12, 23, 34, 40], atol=1e-3)
     text = gga("235959.50") + rmc("000000.00", "120624") + gga("000000.50")
     stamps = [position.stamp_ns for position in of(read(tmp_path, text), PositionSample)]
-    assert np.diff(stamps) == [10**9]
-    assert stamps[1] == 1_718_150_400_500_000_000  # 2024-06-12
+    assert stamps == [1_718_150_399_500_000_000, 1_718_150_400_500_000_000]
 
 
 def test_what_is_refused_is_counted(tmp_path):
@@ -97,10 +103,10 @@ def test_a_right_checksum_over_damaged_fields_is_refused(tmp_path):
     cut = line("GNGGA,074440.00,4808.22924,N"), line("GNGST,074440.00,x"), line("PSTI,035,074440")
     contents = read(tmp_path, rmc("074439.00") + "".join(cut) + line("GNHDT,2p.5,T"))
     assert not contents.samples
-    assert {name for name, _ in contents.refused} == {"GGA", "GST", "PSTI", "HDT"}
+    assert {name for name, _ in contents.refused} == {"GGA", "GST", "PSTI,035", "HDT"}
 
 
-def test_a_real_moving_base(shared):
+def test_a_real_moving_base(shared, tmp_path):
     """SkyTraq at rest: 0.17 deg, and a baseline of 0.906 m; PSTI,036 repeats its direction."""
     path = shared / "real_pictures" / "gnss_heading" / "skytraq-PX1172RH_DS.log"
     assert form_of(path) is NMEA
@@ -112,8 +118,12 @@ def test_a_real_moving_base(shared):
     turned = LogOptions(baseline_rad=math.radians(90), rover_first=True)
     others = np.degrees([h.heading_rad for h in of(read_nmea(path, turned), HeadingSample)])
     np.testing.assert_allclose((others - headings) % 360, 90.0)
+    direction = read(tmp_path, path.read_text(errors="replace").replace("$PSTI,035", "$PSTI,x35"))
+    alone = np.degrees([heading.heading_rad for heading in of(direction, HeadingSample)])
+    np.testing.assert_allclose(alone, headings)  # of PSTI,036
     wrong = read_nmea(path, LogOptions(baseline_m=1.2))
-    assert wrong.refused["PSTI", "its length is more than 0.1 m from the baseline's"] == 9
+    assert not of(wrong, HeadingSample)  # nor those of PSTI,036 and THS
+    assert wrong.refused["PSTI,035", "its length is more than 0.1 m from the baseline's"] == 9
 
 
 def test_a_real_ins_in_a_turn(shared):

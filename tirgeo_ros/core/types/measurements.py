@@ -26,6 +26,8 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import ClassVar
 
+import numpy as np
+
 from tirgeo_ros.core.types.arrays import Array
 
 JOINTS = ("yaw", "roll", "pitch")
@@ -91,6 +93,11 @@ class ImuSample:
     specific_force_b: Array  # (3,) FRD, m/s2; (0, 0, -9.8) at rest
     angular_rate_b: Array  # (3,) FRD, rad/s
     autopilot_q_nb: Array | None = None  # (4,) wxyz; None if the message marks it as absent
+
+    @classmethod
+    def of_attitude(cls, stamp_ns: int, q_nb: Array) -> ImuSample:
+        """Return a sample of an attitude (4,) alone, body FRD to NED."""
+        return cls(stamp_ns, np.full(3, math.nan), np.full(3, math.nan), q_nb)
 
     @property
     def is_attitude_alone(self) -> bool:

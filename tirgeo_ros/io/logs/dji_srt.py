@@ -54,7 +54,7 @@ from tirgeo_ros.io.logs.log_contents import (
 MOST_BYTES = 1 << 28
 _N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number
 _CUE = re.compile(r"^\ufeff?\d+[ \t]*\n(?=\d+:\d\d:\d\d[,.]\d+\s*-->|\d{4}[-.])", re.MULTILINE)
-_BEGIN = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+_BEGIN = re.compile(r"(\d{1,2}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 #: Matrice 300: latitude first, third number a height of 0.0 M. All others: longitude first, third
 #: number satellites or a height; Phantom 4 RTK writes RTK, not GPS, while it has an RTK solution.
 _LAT_LON = (
@@ -78,7 +78,6 @@ _LEVEL = (
     "the aircraft's attitude is not recorded: level, looking where the camera looks; only lever "
     "arms depend on it"
 )
-_NOT_MEASURED = np.full(3, np.nan)
 
 
 class _Cue(NamedTuple):
@@ -224,7 +223,7 @@ def _attitudes(text: str, stamp_ns: int) -> list[ImuSample | CameraAttitudeSampl
     else:  # a roll of 180 deg, which DJI writes at a pitch of -90, turns the yaw by 180
         behind = abs(angles_rad[0]) > math.pi / 2
         body_rad = [0.0, 0.0, angles_rad[2] + behind * math.pi]
-    attitude = ImuSample(stamp_ns, _NOT_MEASURED, _NOT_MEASURED, quat_from_euler(*body_rad))
+    attitude = ImuSample.of_attitude(stamp_ns, quat_from_euler(*body_rad))
     return [attitude, CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
 
 

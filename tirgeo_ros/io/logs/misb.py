@@ -27,7 +27,8 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -47,26 +48,32 @@ from tirgeo_ros.core.types.measurements import (
     Source,
 )
 from tirgeo_ros.io.files.whole_files import first_bytes
-from tirgeo_ros.io.logs.klv_packets import PACKET, PREFIX, Items
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
-from tirgeo_ros.io.logs.misb_stream import Stream, bare_packets, clock, is_stream
-from tirgeo_ros.io.video.frame_metadata import ITEMS, TIME, extended
+from tirgeo_ros.io.logs.misb_stream import (
+    PACKET,
+    PREFIX,
+    Timed,
+    bare_packets,
+    is_stream,
+    stream_packets,
+)
+from tirgeo_ros.io.logs.video_pictures import Optics, clock, pictures
+from tirgeo_ros.io.video.frame_metadata import ITEMS, TIME
 
 #: Values (N,) of packets by tag, in the items' units, angles in rad; nan where there is none.
 _Values: TypeAlias = Mapping[int, Array]
 
 _IN_STREAM = 0  # no tag: the packet's time in the stream, s
-#: The sensor's ellipsoidal height, of a large range: not mapped as the other items.
-_EXTENDED_HEIGHT = 104
 _TAGS = (TIME, 5, 6, 7, *range(13, 21), 23, 24, 25, 75, 78, 90, 91)
-_COLUMNS = (_IN_STREAM, _EXTENDED_HEIGHT, *_TAGS)
+#: Neighbouring packets whose times in the stream give one median: some seconds.
+_NEIGHBOURS = 50
 _FOCAL_SIGMA = 0.01  # of a stream's field of view, which no calibration has measured
 _MIDDLE = (
     "the sensor's angles are of the picture's middle: keep to the camera of its fields of view, "
     "for a calibrated one has another axis, which would need its boresight_rpy_deg"
 )
 _MOST_COMPARED = 1000  # packets, spread evenly: enough for the quantiles
-_NOT_MEASURED, _UNKNOWN = np.full(3, np.nan), np.zeros((3, 3))
+_UNKNOWN = np.zeros((3, 3))
 
 
 def is_misb(head: bytes) -> bool:
@@ -77,36 +84,39 @@ def is_misb(head: bytes) -> bool:
 def read_misb(path: Path, options: LogOptions) -> LogContents:
     """Read a stream (.ts, .mpg) or its bare metadata (.klv). Raise LogError if it has none."""
     contents, head = LogContents(), first_bytes(path, 1 << 10, LogError)
-    stream = Stream(path, contents) if is_stream(head) else None
-    values = _values(stream.packets() if stream else bare_packets(path, contents), contents)
+    in_stream = is_stream(head)
+    packets = stream_packets(path, contents) if in_stream else bare_packets(path, contents)
+    values = _values(packets, contents)
     if not contents.read:
         raise LogError(f"{path}: no metadata of MISB ST 0601 in it: give the video's log instead")
     stamps_ns = values[TIME].astype(np.int64) * 1000
     _add_positions(contents, stamps_ns.tolist(), values, options, path)
     _add_attitudes(contents, stamps_ns.tolist(), values)
-    if stream and stamps_ns.size:
+    if in_stream and stamps_ns.size:
         contents.parameters["confidence.focal_sigma"] = _FOCAL_SIGMA
         contents.notes.append(_MIDDLE)
-        utc_ns, optics = clock(values[_IN_STREAM], stamps_ns), _optics(stamps_ns, values)
-        contents.pictures = stream.pictures(utc_ns, optics, options.every_s)
+        utc_ns, optics = (
+            clock(values[_IN_STREAM], stamps_ns, _NEIGHBOURS),
+            _optics(stamps_ns, values),
+        )
+        contents.pictures = pictures(path, contents, utc_ns, optics, options.every_s)
     return contents
 
 
-def _values(packets: Iterable[tuple[Items, float]], contents: LogContents) -> _Values:
+def _values(packets: Iterable[Timed], contents: LogContents) -> _Values:
     """Return the values of packets in order of time; refuse packets without a time."""
     numbers = array("d")  # in little memory
     for items, time_s in packets:
         row = [ITEMS[tag].decoded(items.get(tag, b"")) for tag in _TAGS]
         if 0 < row[0] * 1000 < LAST_NS:
-            height_m = extended(items.get(_EXTENDED_HEIGHT, b""), -900.0, 40000.0)
-            numbers.extend((time_s, height_m, *row))
+            numbers.extend((time_s, *row))
         else:
             contents.refused[PACKET, "no time, or none between 1970 and 2038"] += 1
-    columns = np.array(numbers).reshape(-1, len(_COLUMNS)).T
-    columns = columns[:, np.argsort(columns[_COLUMNS.index(TIME)], kind="stable")]
-    of_angle = [tag in ITEMS and ITEMS[tag].unit == "deg" for tag in _COLUMNS]
-    columns[of_angle] = np.radians(columns[of_angle])
-    return dict(zip(_COLUMNS, columns, strict=True))
+    columns = np.array(numbers).reshape(-1, 1 + len(_TAGS)).T
+    columns = columns[:, np.argsort(columns[1], kind="stable")]
+    angles = [tag for tag in _TAGS if ITEMS[tag].unit == "deg"]
+    values = dict(zip((_IN_STREAM, *_TAGS), columns, strict=True))
+    return values | {tag: np.radians(values[tag]) for tag in angles}
 
 
 def _or(choice: Array, other: Array) -> Array:
@@ -125,7 +135,7 @@ def _complete(contents: LogContents, lack: str, columns: Array) -> list[int]:
 def _add_positions(
     contents: LogContents, stamps_ns: list[int], values: _Values, options: LogOptions, path: Path
 ) -> None:
-    height_m = _or(values[_EXTENDED_HEIGHT], values[75])
+    height_m = values[75]
     if (np.isnan(height_m) & np.isfinite(values[15])).any():
         height_m = _or(height_m, values[15] + options.to_ellipsoid_m(MSL, path))
     places = np.array([values[13], values[14], height_m])
@@ -143,7 +153,7 @@ def _add_attitudes(contents: LogContents, stamps_ns: list[int], values: _Values)
         contents.notes.append("the sensor's relative roll is not recorded: 0 is assumed")
     q_nb = quat_from_euler(*np.nan_to_num(platform))
     for k in _complete(contents, "heading, pitch and roll of the platform", platform):
-        contents.samples.append(ImuSample(stamps_ns[k], _NOT_MEASURED, _NOT_MEASURED, q_nb[k]))
+        contents.samples.append(ImuSample.of_attitude(stamps_ns[k], q_nb[k]))
     for k in _complete(contents, "azimuth, elevation and roll of the sensor", sensor):
         roll_rad, pitch_rad, yaw_rad = map(wrapped, sensor[:, k].tolist())
         contents.samples.append(JointSample(stamps_ns[k], yaw_rad, roll_rad, pitch_rad))
@@ -174,21 +184,17 @@ def _to_centre_deg(platform: Array, sensor: Array, values: _Values) -> list[floa
     return angles_deg
 
 
-def _optics(stamps_ns: IntArray, values: _Values) -> Callable[[int, int, int], Camera | None]:
+def _optics(stamps_ns: IntArray, values: _Values) -> Optics:
     """Return what gives a picture's camera, from the field of view recorded last before it."""
     rows = np.flatnonzero((values[16] > 0) & (values[16] < math.pi))
-    begins_ns = stamps_ns[rows]
 
     def camera(stamp_ns: int, width: int, height: int) -> Camera | None:
-        if not rows.size:
-            return None
-        row = rows[max(int(np.searchsorted(begins_ns, stamp_ns, "right")) - 1, 0)]
-        across_rad, down_rad = float(values[16][row]), float(values[17][row])
-        fx = width / 2 / math.tan(across_rad / 2)
-        fy = height / 2 / math.tan(down_rad / 2) if 0 < down_rad < math.pi else fx
-        try:
+        with suppress(CameraError, IndexError):  # an impossible lens, or none at all
+            row = rows[max(np.searchsorted(stamps_ns[rows], stamp_ns, "right") - 1, 0)]
+            across_rad, down_rad = float(values[16][row]), float(values[17][row])
+            fx = width / 2 / math.tan(across_rad / 2)
+            fy = height / 2 / math.tan(down_rad / 2) if 0 < down_rad < math.pi else fx
             return Camera(width, height, fx, fy, (width - 1) / 2, (height - 1) / 2)
-        except CameraError:
-            return None
+        return None
 
     return camera

@@ -12,42 +12,52 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Take metadata and pictures of MISB streams out of their containers, by PyAV.
+"""Take the packets of MISB ST 0601 out of streams and bare files, which may be damaged.
 
-A picture's time is that of its own time stamp (ST 0604) if it has one. Else it follows from the
-metadata's time stamps and times in the stream: their difference as medians of neighbouring
-packets, so that neither jitter nor drift of a clock counts.
+A packet is a key of 16 bytes, a length in BER and items: tag in BER-OID, length in BER, value
+(SMPTE 336M). A set ends where the next key is, at the latest: a lost piece costs no packet but its
+own. Other bytes between packets, such as the heads of metadata's access unit cells (ISO 13818-1,
+2.12.4), are passed over.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from collections.abc import Callable, Iterator
+import mmap
+import re
+from bisect import bisect_right
+from collections.abc import Iterator
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-import numpy as np
-
-from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.missing_package import needed
 from tirgeo_ros.io.files.whole_files import reading
-from tirgeo_ros.io.logs.dji_video import jpeg
-from tirgeo_ros.io.logs.klv_packets import Items, PacketReader
-from tirgeo_ros.io.logs.log_contents import SECOND_NS, LogContents, Picture
-from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO
+from tirgeo_ros.io.logs.log_contents import LogContents, Refused, must
+from tirgeo_ros.io.logs.video_pictures import opened
+from tirgeo_ros.io.video.frame_metadata import CHECKSUM, KEY, checksum
 
+Items: TypeAlias = dict[int, bytes]
+#: A packet's items and its time in the stream (s); nan where it has none.
+Timed: TypeAlias = tuple[Items, float]
+
+PACKET = "packet"
+#: The beginning of every key of SMPTE.
+PREFIX = KEY[:4]
+#: Sets in such streams, by the bytes 8 to 13 of their keys, which name them.
+_SETS = {
+    KEY[8:14]: PACKET,
+    bytes.fromhex("0e0101020101"): "universal set of EG 0104, older than ST 0601",
+    bytes.fromhex("0e0103030600"): "moving targets of ST 0903",
+    bytes.fromhex("0e0103030200"): "security set of ST 0102",
+}
+_NAMES = b"|".join(map(re.escape, _SETS))
+_KEYS = re.compile(re.escape(PREFIX) + b"....(" + _NAMES + b")..", re.DOTALL)
+#: Limits a false length. A packet has some hundred bytes, with moving targets some thousand.
+_MOST_BYTES = 1 << 16
 _SYNC, _PROGRAMME = 0x47, b"\0\0\1\xba"
 #: Distance and offset of the sync bytes: in a transport stream, and with a time before each.
 _TRANSPORT = ((188, 0), (192, 4))
-_PICTURE = "picture"
-_OWN_TIME = b"MISPmicrosectime"
-#: Neighbouring packets whose times in the stream give one median: some seconds.
-_NEIGHBOURS = 50
-#: A picture whose time is so near a packet's is of that packet's time.
-_SAME_NS = 2_000_000
 _UNTIMED = (
     "the metadata has no times in the stream: a picture without a time stamp of its own has about "
     "the time of the metadata beside it"
@@ -62,118 +72,98 @@ def is_stream(head: bytes) -> bool:
     )
 
 
-def bare_packets(path: Path, contents: LogContents) -> Iterator[tuple[Items, float]]:
-    """Yield the packets of a file by their keys, whatever is between them; without times (nan)."""
-    reader = PacketReader(contents)
-    with reading(path, LogError), path.open("rb") as file:
-        while piece := file.read(1 << 20):
-            yield from reader.take(piece)
-    yield from reader.take(b"", last=True)
+def bare_packets(path: Path, contents: LogContents, time_s: float = math.nan) -> Iterator[Timed]:
+    """Yield the packets of a file by their keys, whatever is between them, all with one time."""
+    with (
+        reading(path, LogError),
+        path.open("rb") as file,
+        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
+    ):
+        for _, items in packets(data, contents):
+            yield items, time_s
 
 
-class Stream:
-    """Read a stream twice: its metadata, then its pictures. Raise LogError without PyAV."""
+def stream_packets(path: Path, contents: LogContents) -> Iterator[Timed]:
+    """Yield the packets of the first stream of metadata that has any; LogError without PyAV."""
+    from av.error import FFmpegError  # noqa: PLC0415  35 MB that only videos need
 
-    def __init__(self, path: Path, contents: LogContents) -> None:
-        self._path, self._contents = path, contents
-        self._av = needed("av", f"reading {path}", LogError)
+    tracks: dict[int, _Track] = {}
+    begin_s = video_s = math.nan
+    try:
+        with opened(path) as container:
+            for part in container.demux(*container.streams.video[:1], *container.streams.data):
+                if part.stream.type == "data":
+                    tracks.setdefault(part.stream.index, _Track()).add(part, video_s)
+                elif part.dts is not None:
+                    video_s = float(part.dts * part.time_base)
+                    begin_s = video_s if math.isnan(begin_s) else begin_s
+    except (FFmpegError, IndexError):  # of a stream that a damage has made
+        contents.damaged = True
+    track = next((track for track in tracks.values() if KEY in track.data), None)
+    if track is None or track.untimed:
+        contents.notes.append(_UNTIMED)
+    if track is None:  # PyAV finds no metadata in a programme stream
+        yield from bare_packets(path, contents, begin_s)
+    else:
+        for at, items in packets(bytes(track.data), contents):
+            yield items, track.times_s[bisect_right(track.begins, at) - 1]
 
-    def packets(self) -> Iterator[tuple[Items, float]]:
-        """Yield the packets of the first stream of metadata that has any, and their times (s)."""
-        readers = defaultdict[int, PacketReader](lambda: PacketReader(self._contents))
-        chosen, begin_s, video_s, untimed = None, math.nan, math.nan, False
-        for part in self._parts(with_data=True):
-            index = part.stream.index
-            if part.stream.type == "video":
-                video_s = video_s if part.dts is None else float(part.dts * part.time_base)
-                begin_s = video_s if math.isnan(begin_s) else begin_s
-            elif chosen in {None, index}:
-                time_s = video_s if part.pts is None else float(part.pts * part.time_base)
-                for packet in readers[index].take(bytes(part), time_s):
-                    chosen, untimed = index, untimed or part.pts is None
-                    yield packet
-        for reader in readers.values():
-            yield from reader.take(b"", last=True)
-        if not self._contents.read:  # PyAV finds no metadata in a programme stream
-            for items, _ in bare_packets(self._path, self._contents):
-                untimed = True
-                yield items, begin_s
-        if untimed:
-            self._contents.notes.append(_UNTIMED)
 
-    def pictures(
-        self,
-        utc_ns: Callable[[float], int],
-        camera: Callable[[int, int, int], Camera | None],
-        every_s: float,
-    ) -> Iterator[Picture]:
-        """Yield the pictures as JPEG, with ``camera(stamp_ns, width, height)``, by a ``clock``."""
-        last_ns, due_ns, refused = 0, 0.0, self._contents.refused
-        reformatter = self._av.video.reformatter.VideoReformatter()
-        for part in self._parts(with_data=False):
-            try:
-                frames = part.decode()
-            except self._av.error.FFmpegError:
-                refused[_PICTURE, "cannot be decoded"] += 1
-                continue
-            for frame in frames:
-                self._contents.read[_PICTURE] += 1
-                timed = frame.time is not None
-                stamp_ns = _own_time_ns(frame) or (utc_ns(frame.time) if timed else 0)
-                if stamp_ns <= last_ns:
-                    refused[_PICTURE, "no time, or one before the last picture's"] += 1
-                    continue
-                last_ns = stamp_ns
-                if stamp_ns >= due_ns:
-                    due_ns = stamp_ns + every_s * SECOND_NS - _SAME_NS
-                    optics = camera(stamp_ns, frame.width, frame.height)
-                    yield Picture(stamp_ns, jpeg(frame, reformatter), optics)
+class _Track:
+    """Hold the bytes of a stream of metadata, with places and times (s) at which pieces begin."""
 
-    def _parts(self, *, with_data: bool) -> Iterator[Any]:
-        """Yield the packets of the first video and of metadata, as far as the file is whole."""
+    def __init__(self) -> None:
+        self.data, self.untimed = bytearray(), False
+        self.begins: list[int] = []
+        self.times_s: list[float] = []
+
+    def add(self, part: Any, video_s: float) -> None:
+        """Add a piece of the stream; without its own time it has that of the video."""
+        self.untimed |= part.pts is None
+        self.begins.append(len(self.data))
+        self.times_s.append(video_s if part.pts is None else float(part.pts * part.time_base))
+        self.data += bytes(part)
+
+
+def packets(data: bytes | mmap.mmap, contents: LogContents) -> Iterator[tuple[int, Items]]:
+    """Yield the items of each packet and its place; count in ``contents`` what is refused."""
+    begins = ((match.start(), _SETS[match[1]]) for match in _KEYS.finditer(data))
+    for (at, name), (end, _) in pairwise(chain(begins, [(len(data), "")])):
+        contents.read[name] += 1
         try:
-            with self._av.open(str(self._path)) as container:
-                videos = container.streams.video[:1]
-                for video in videos:
-                    video.thread_type = "AUTO"
-                    video.codec_context.options = {"max_pixels": str(MOST_OF_VIDEO)}
-                streams = [*videos, *(container.streams.data if with_data else ())]
-                yield from container.demux(streams) if streams else ()
-        except (self._av.error.FFmpegError, IndexError):  # of a stream that a damage has made
-            self._contents.damaged = True
+            must(name == PACKET, "only ST 0601 is read")
+            items = _items(data[at : min(end, at + _MOST_BYTES)])
+        except (Refused, IndexError) as error:
+            reason = str(error) if isinstance(error, Refused) else "cut off"
+            contents.refused[name, reason] += 1
+        else:
+            yield at, items
 
 
-def clock(times_s: Array, stamps_ns: IntArray) -> Callable[[float], int]:
-    """Return what gives the UTC (ns) of a time in the stream (s), or 0 where no time is finite.
+def _items(piece: bytes) -> Items:
+    """Return the items of the packet that a piece begins with.
 
-    ``times_s`` and sorted ``stamps_ns`` (N,) are of packets; a stamp that almost fits is taken.
+    Raise Refused for a wrong checksum, IndexError if it is not whole.
     """
-    order = np.unique(times_s, return_index=True)[1]  # of a programme stream the first packet
-    order = order[np.isfinite(times_s[order])]
-    if not order.size:
-        return lambda _: 0
-    offsets_s = (stamps_ns - stamps_ns[0]) * 1e-9 - times_s
-    parts = np.array_split(order, len(order) // _NEIGHBOURS + 1)
-    middles = np.array([[np.median(x[part]) for part in parts] for x in (times_s, offsets_s)])
-
-    def utc_ns(time_s: float) -> int:
-        after_s = time_s + float(np.interp(time_s, *middles))
-        stamp_ns = int(stamps_ns[0]) + round(after_s * SECOND_NS)
-        place = int(np.searchsorted(stamps_ns, stamp_ns))
-        near = stamps_ns[max(place - 1, 0) : place + 1].tolist()
-        nearest: int = min(near, key=lambda other: abs(other - stamp_ns))
-        return nearest if abs(nearest - stamp_ns) < _SAME_NS else stamp_ns
-
-    return utc_ns
+    content, end = _value(piece, len(KEY))
+    items, at = {}, 0
+    while at < len(content):
+        tag, byte = 0, 0x80
+        while byte >= 0x80:  # seven bits a byte
+            byte, at = content[at], at + 1
+            tag = tag << 7 | byte & 0x7F
+        items[tag], at = _value(content, at)
+    of_sum = bytes((CHECKSUM, 2)) + checksum(piece[: end - 2]).to_bytes(2, "big")
+    must(CHECKSUM not in items or piece[:end].endswith(of_sum), "wrong checksum")
+    return items
 
 
-def _own_time_ns(frame: Any) -> int:
-    """Return the precision time stamp of a picture of H.264 or H.265 (ST 0604), or 0.
-
-    It is in the user data: name, status, microseconds with 0xff after each second byte.
-    """
-    for content in map(bytes, frame.side_data):
-        if content.startswith(_OWN_TIME) and len(content) == len(_OWN_TIME) + 12:
-            digits = content[-11:]
-            return int.from_bytes(b"".join(digits[k : k + 2] for k in (0, 3, 6, 9)), "big") * 1000
-    return 0
+def _value(data: bytes, at: int) -> tuple[bytes, int]:
+    """Return the value of the length in BER at a place, and its end; IndexError if cut off."""
+    length, at = data[at], at + 1
+    if length >= 0x80:
+        size = length & 0x7F
+        length, at = int.from_bytes(data[at : at + size], "big"), at + size
+    if at + length > len(data):
+        raise IndexError
+    return data[at : at + length], at + length

@@ -66,7 +66,6 @@ _LABELS: dict[str, Callable[[StillMetadata], str]] = {
     "camera": lambda x: f"{x.maker} {x.model} {'thermal' if x.thermal else x.source}",
     "size": lambda x: f"{x.size[0]}x{x.size[1]}",
 }
-_NO_RATES = np.full(3, np.nan)
 
 
 class _Still(NamedTuple):
@@ -219,7 +218,7 @@ def _samples(still: _Still) -> list[PositionSample | CameraAttitudeSample | ImuS
     return [
         PositionSample(stamp_ns, source, status, *place, covariance),
         CameraAttitudeSample(stamp_ns, q_ng),
-        ImuSample(stamp_ns, _NO_RATES, _NO_RATES, q_nb),
+        ImuSample.of_attitude(stamp_ns, q_nb),
     ]
 
 

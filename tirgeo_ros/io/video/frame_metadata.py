@@ -175,17 +175,6 @@ def checksum(head: bytes) -> int:
     return int(words.sum(dtype=np.uint64)) & 0xFFFF
 
 
-def extended(content: bytes, low: float, high: float) -> float:
-    """Return a value of an item with a free length, mapped as IMAPB (ST 1201); nan if special."""
-    bits = 8 * len(content) - 1
-    step = 2.0 ** (math.ceil(math.log2(high - low)) - bits)
-    number = int.from_bytes(content, "big")
-    if not 0 < len(content) <= 8 or number > 1 << bits:
-        return math.nan
-    zero = low / step - math.floor(low / step) if low < 0 < high else 0.0
-    return low + step * (number - zero)
-
-
 class FrameMetadata:
     """Make packets for the pictures of one camera.
 
