@@ -18,41 +18,34 @@ import re
 
 import numpy as np
 import pytest
-from still_flights import START_NS, Still, strip
+from stills import strip
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.logs.stills import read_stills
 
-_ANGLES = re.compile(rb'drone-dji:(Gimbal|Flight)(Yaw|Pitch|Roll)Degree(?:="|>)([-+.\d]+)')
 
-
-def result(stills, bias_deg=0.0, *, order=1, alone=True):
+def found(samples, bias_deg=0.0, *, alone=True):
     """The finding on the north, or None."""
-    config = config_from(GimbalConfig, {"north.bias_deg": bias_deg})
-    checks = GimbalChecks(config, None)
-    for still in stills:
-        for sample in still.samples()[::order]:
-            if isinstance(sample, ImuSample):
-                checks.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
-                if alone:
-                    checks.autopilot_alone(sample.stamp_ns, sample.autopilot_q_nb)
-            elif isinstance(sample, CameraAttitudeSample):
-                checks.reported(sample)
+    checks = GimbalChecks(config_from(GimbalConfig, {"north.bias_deg": bias_deg}), None)
+    for sample in samples:
+        if isinstance(sample, ImuSample):
+            checks.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
+            if alone:
+                checks.autopilot_alone(sample.stamp_ns, sample.autopilot_q_nb)
+        elif isinstance(sample, CameraAttitudeSample):
+            checks.reported(sample)
     return next((each for each in checks.findings() if each.check == "gimbal_north"), None)
 
 
-def recorded(folder):
-    """The attitudes of DJI's stills, from their XMP; a second apart."""
-    for number, path in enumerate(sorted(folder.glob("*.[jJ][pP][gG]"))):
-        found = {(a, b): float(value) for a, b, value in _ANGLES.findall(path.read_bytes())}
-        angles = [
-            tuple(found[of.encode(), axis] for axis in (b"Yaw", b"Pitch", b"Roll"))
-            for of in ("Flight", "Gimbal")
-        ]
-        yield Still(START_NS + number * 1_000_000_000, (0.0, 0.0, -100.0), *angles)
+def result(stills, bias_deg=0.0, *, order=1, alone=True):
+    """The finding on the samples of stills, each still's in this order."""
+    samples = [sample for still in stills for sample in still.samples()[::order]]
+    return found(samples, bias_deg, alone=alone)
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -89,7 +82,8 @@ def test_real_stills(shared, name, bias_deg):
     folder = shared / "real_pictures" / name
     if not folder.is_dir():
         pytest.skip(f"no {folder}")
-    named = result(recorded(folder))
+    options = LogOptions(0.0, takeoff_height_m=0.0, height="takeoff", utc_offset_s=0)
+    named = found(read_stills(folder, options).samples)
     assert (named is None) is (bias_deg is None)
     if named is not None:
         assert f"{bias_deg:+.1f} deg aside" in named.evidence

@@ -47,6 +47,10 @@ def test_wrapping_next_to_half_a_turn_stays_below_pi(angle, towards):
     assert -math.pi <= wrapped < math.pi
 
 
+def test_an_unknown_angle_stays_unknown():
+    np.testing.assert_array_equal(wrap_pi([math.nan, 7 * math.pi]), [math.nan, -math.pi])
+
+
 @given(quats())
 def test_matrix_is_a_rotation_and_gives_the_quaternion_back(q):
     m = att.matrix_from_quat(q)

@@ -43,6 +43,7 @@ from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.visibility import why_absent
+from tirgeo_ros.core.overlay import picture_painter
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
@@ -272,6 +273,15 @@ def test_a_map_beside_the_elevation_model_lies_on_no_ground():
     draped = drape_layers([MapLayer("m", [geo(SQUARE_N)])], PLANE, elsewhere)
     why = why_absent(draped.map, PLANE, draped.first_n, XT2, pose_at(START), 1000.0)
     assert why == "none of the map lies on the elevation model"
+
+
+def test_the_status_line_has_the_sigma_of_the_heading_that_is_drawn_with(monkeypatch):
+    """That of the camera: the gimbal's north adds to that of the body."""
+    overlay, shown = ready(), []
+    monkeypatch.setattr(picture_painter, "paint_status", lambda _, fields: shown.extend(fields))
+    pose = pictured(overlay).pose
+    sigma_deg = np.degrees(np.sqrt(pose.covariance[5, 5]))
+    assert f"heading sigma {sigma_deg:.2f} deg" in [field.text for field in shown]
 
 
 def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():

@@ -74,6 +74,12 @@ def test_geojson_has_points_in_order_then_ellipses_and_reasons():
     assert list(refused["properties"]) == list(cells)
 
 
+def test_a_height_just_below_zero_has_no_sign():
+    low = [Answered("low", dataclasses.replace(click(), uv=(1.0, 2.0), height_m=-1e-9))]
+    assert '"height_m": 0.0' in exported_answers(low, "geojson").decode()
+    assert "; 0.00 m above" in exported_answers(low, "kml").decode()
+
+
 def test_kml_holds_points_ellipses_and_reasons():
     document = ET.fromstring(exported_answers(ANSWERS, "kml"))[0]
     first, second = document.findall(f"{KML}Placemark")

@@ -17,35 +17,33 @@
 from __future__ import annotations
 
 import csv
-import json
+import math
 import tempfile
+from datetime import datetime, timezone
 
 import pytest
 import yaml
-from stills import PLACE_DEG, START_NS, STEP_NS, StandIn, folder_of
+from stills import GROUND_M, PLANE, POINTS, name_of, strip, write_folder, write_ground
 
-from tirgeo_ros.core.types.errors import BagError, SurveyError
+from tirgeo_ros.core.types.errors import BagError, LogError, SurveyError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.surveys.survey import load_observations
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.convert.direct_input import is_direct
+from tirgeo_ros.tools.convert.direct_input import direct_form
 from tirgeo_ros.tools.convert.import_flight import import_flight
 from tirgeo_ros.tools.replay.node_configs import open_flight
 
-SIGMA = "confidence.lens_sigma_px"
-GROUND = ["--ground-height", "11.5"]
+SIGMA = "confidence.focal_sigma"
+STILLS = strip()[:3]
+GROUND = ["--ground-height", str(GROUND_M)]
 
 
 @pytest.fixture
-def stand_in(monkeypatch, tmp_path):
+def folder(monkeypatch, tmp_path):
     (tmp_path / "temporary").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    return StandIn({SIGMA: 15.0, "method": "raw"}).put(monkeypatch)
-
-
-@pytest.fixture
-def folder(stand_in, tmp_path):
-    return folder_of(tmp_path / "DCIM")
+    write_ground(tmp_path, STILLS)
+    return write_folder(tmp_path / "DCIM", STILLS)
 
 
 def located(capsys, folder, tmp_path, rows, *words):
@@ -58,15 +56,17 @@ def located(capsys, folder, tmp_path, rows, *words):
 
 
 def test_a_pixel_is_named_by_its_still(folder, tmp_path, capsys):
-    rows = "id,picture,u,v\na,DJI_0001_T.JPG,349.3,251.8\nb,DJI_0002_T.JPG,349.3,251.8\n"
+    rows = (tmp_path / "observations.csv").read_text()
     code, _, points = located(capsys, folder, tmp_path, rows, *GROUND)
     assert code == 0
-    assert [int(row["stamp_ns"]) for row in points] == [START_NS + STEP_NS, START_NS + 2 * STEP_NS]
-    # The middle of a picture that looks down is below the camera: 1 and 2 m north of the first.
-    for number, row in enumerate(points, 1):
-        north_m = (float(row["latitude_deg"]) - PLACE_DEG[0]) * 111_195
-        assert north_m == pytest.approx(number, abs=0.5)
-        assert float(row["longitude_deg"]) == pytest.approx(PLACE_DEG[1], abs=1e-5)
+    stamps = {name_of(number): still.stamp_ns for number, still in enumerate(STILLS)}
+    for row, point in zip(csv.DictReader(rows.splitlines()), points, strict=True):
+        assert int(point["stamp_ns"]) == stamps[row["picture"]]
+        place = (float(point[axis]) for axis in ("latitude_deg", "longitude_deg"))
+        ned = PLANE.ned_from_geodetic(*map(math.radians, place), float(point["height_m"]))
+        # 1e-5 rad between the tangent planes, at up to 200 m
+        assert ned[:2] == pytest.approx(POINTS[row["id"]][::-1], abs=5e-3)
+        assert 0.1 < float(point["ellipse_minor_m"]) <= float(point["ellipse_major_m"]) < 15
 
 
 def test_an_unknown_still_is_an_error_that_names_row_and_file(folder, tmp_path, capsys):
@@ -82,15 +82,14 @@ def test_parameters_of_the_import_count_as_given_below_the_users(folder, tmp_pat
     params = tmp_path / "params.yaml"
     params.write_text("/**: {ros__parameters: {confidence: {map_sigma_m: 2.0}}}")
     opened = open_flight(folder, [], params, "", {})
-    assert opened.configs.given >= {SIGMA, "method", "confidence.map_sigma_m"}
-    assert opened.configs.ekf.method == "raw"
-    assert opened.configs.overlay.confidence.lens_sigma_px == 15.0
+    assert opened.configs.given >= {SIGMA, "north.sigma_deg", "confidence.map_sigma_m"}
+    assert opened.configs.overlay.confidence.focal_sigma == 0.02
     assert opened.configs.overlay.video_latency_s == 0.0  # the stamp is that of the exposure
-    params.write_text(f"/**: {{ros__parameters: {{{SIGMA}: 3.0}}}}")
-    opened = open_flight(folder, [], params, "", {"method": "rtk"})
-    assert opened.configs.overlay.confidence.lens_sigma_px == 3.0
-    assert opened.configs.ekf.method == "rtk"
-    assert "a stand-in read them" in opened.notes
+    assert any("the lens is not calibrated" in note for note in opened.notes)
+    params.write_text(f"/**: {{ros__parameters: {{{SIGMA}: 0.005}}}}")
+    opened = open_flight(folder, [], params, "", {"method": "raw"})
+    assert opened.configs.overlay.confidence.focal_sigma == 0.005
+    assert opened.configs.ekf.method == "raw"
 
 
 def test_the_temporary_bag_goes_with_its_reader(folder, tmp_path):
@@ -104,19 +103,23 @@ def test_the_temporary_bag_goes_with_its_reader(folder, tmp_path):
 def test_an_import_that_fails_leaves_nothing(folder, tmp_path):
     for file in folder.iterdir():
         file.unlink()
-    with pytest.raises(Exception, match="DCIM: nothing in it can be used"):
+    (folder / name_of(0)).write_bytes(b"")
+    with pytest.raises(LogError, match=r"DCIM: .*it is empty"):
         open_flight(folder, [], None, "", {})
     assert not [*(tmp_path / "temporary").iterdir()]
 
 
-def test_options_of_the_import_reach_the_reader(folder, stand_in, tmp_path):
-    words = "--height sea --geoid-undulation 43.2 --utc-offset=+02:00 --every 2 --no-images"
+def test_options_of_the_import_reach_the_reader(folder, tmp_path):
+    """None of a still's time, datum and sea level is in it; the zone shows in the stamps."""
+    local = {"UTCAtExposure": None, "tags": {"DateTimeOriginal": "2024:05:10 10:30:00"}}
+    for number, still in enumerate(STILLS):
+        (folder / name_of(number)).write_bytes(still.jpeg(**local, AltitudeType="PressureAlt"))
+    words = "--height sea --geoid-undulation 43.2 --utc-offset=+02:00 --no-images"
     output = tmp_path / "out.mcap"
     assert main(["process", str(folder), "-o", str(output), *words.split()]) == 0
-    options = stand_in.options
-    assert (options.height, options.geoid_undulation_m) == ("sea", 43.2)
-    assert (options.utc_offset_s, options.every_s) == (7200, 2.0)
-    assert "/tirgeo/camera_pose" in BagReader(output).topics()
+    pose = next(BagReader(output).messages(["/tirgeo/camera_pose"]))
+    utc = datetime(2024, 5, 10, 8, 30, tzinfo=timezone.utc)
+    assert pose.log_time_ns == utc.timestamp() * 10**9
 
 
 @pytest.mark.parametrize(
@@ -131,11 +134,11 @@ def test_for_a_bag_they_are_refused(sample, tmp_path, capsys, option):
 
 
 def test_what_is_direct(folder, sample, tmp_path):
-    assert is_direct(folder)
-    assert not is_direct(sample / "flight.mcap")
-    assert not is_direct(tmp_path / "absent")
+    assert direct_form(folder).name == "stills"
+    assert direct_form(sample / "flight.mcap") is None
+    assert direct_form(tmp_path / "absent") is None
     (folder / "flight_0.mcap").touch()  # a recorder that was killed leaves no metadata.yaml
-    assert not is_direct(folder)
+    assert direct_form(folder) is None
 
 
 def test_an_import_writes_its_parameters_beside_the_bag(folder, tmp_path, capsys):
@@ -143,24 +146,7 @@ def test_an_import_writes_its_parameters_beside_the_bag(folder, tmp_path, capsys
     assert main(["import", str(folder), "-o", str(output)]) == 0
     assert "use it with --params" in capsys.readouterr().out
     tree = yaml.safe_load((tmp_path / "flight.yaml").read_text())
-    values = tree["/**"]["ros__parameters"]
-    assert values == {SIGMA: 15.0, "method": "raw"}
-    assert BagReader(output).stills()["DJI_0002_T.JPG"] == START_NS + 2 * STEP_NS
+    assert tree["/**"]["ros__parameters"] == {SIGMA: 0.02, "north.sigma_deg": 3.0}
+    assert BagReader(output).stills()[name_of(2)] == STILLS[2].stamp_ns
     with pytest.raises(BagError, match=r"flight\.yaml: would overwrite the input"):
         import_flight(folder, tmp_path / "flight.mcap", params=tmp_path / "flight.yaml")
-
-
-def test_check_evaluate_and_export_take_them_too(folder, tmp_path, capsys):
-    main(["check", str(folder), *GROUND, "--json"])
-    assert json.loads(capsys.readouterr().out)["input"] == str(folder)
-    survey = tmp_path / "survey.csv"
-    latitude, longitude = PLACE_DEG
-    survey.write_text(f"id,lat,lon,h\na,{latitude},{longitude},11.5\n")
-    clicks = tmp_path / "clicks.csv"
-    clicks.write_text("id,picture,u,v\na,DJI_0000_T.JPG,349.3,251.8\n")
-    words = ["--survey", str(survey), "--observations", str(clicks), "-o", str(tmp_path / "ev")]
-    assert main(["evaluate", str(folder), *words, "--json"]) == 0
-    raw = json.loads(capsys.readouterr().out)["methods"]
-    assert raw
-    assert main(["export", str(folder), "-o", str(tmp_path / "ex"), "--every", "0", *GROUND]) == 0
-    assert len([*(tmp_path / "ex" / "stills").iterdir()]) == 3

@@ -153,6 +153,7 @@ RESULT = {
     "states_s": {"aligning": 1, "running": 29},
     "verdicts": {"imu used": 2850, "rtk_position used": 144, "rtk_position waiting": 8},
     "heading_sigma_deg": 0.0989,
+    "north_sigma_deg": None,
     "overlay": {"drawn": 256, "notices": 14, "predicted": 0},
     "notes": [],
     "video": None,
@@ -186,6 +187,7 @@ def test_six_lines_of_a_good_flight(result):
     [
         ({"state": "lost", "reason": "no rtk"}, "state    lost at the end (no rtk)"),
         ({"written": {"/tirgeo/odometry": 9}}, "poses    9 of the body, 0 of the camera"),
+        ({"written": {}, "north_sigma_deg": 3.0}, "to 0.10 deg, the gimbal's north to 3.00 deg"),
         ({"overlay": {"drawn": 256, "notices": 10}}, "10 with a notice why not, 4 lost"),
         ({"verdicts": {"imu used": 90, "imu too_old": 10}}, "refused  imu 10 of 100 too old"),
         ({"undecodable": {"/imu/data": 2}}, "refused  /imu/data 2 unreadable"),

@@ -79,12 +79,12 @@ _ALIKE = 1.5  # readings within this factor of the least are equal: the simplest
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))
 _UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
 #: The same limits for a map that is wrong by more than three ellipses.
+_FAR_OFF_RAD, _FAR_UNLIKE_RAD = np.radians((18.0, 9.0, 9.0)), math.radians(15.0)
 #: Largest constant angle between nose and camera of a gimbal that does not turn in yaw, and the
 #: largest scatter (a median of absolute differences) of a constant one.
 _ASIDE_RAD, _CONSTANT_RAD, _FEWEST_ASIDE = math.radians(20.0), math.radians(5.0), 8
 _STEEP = math.cos(math.radians(20.0))  # down component of a camera that looks down
 _LEAST_LEVEL = 0.1  # length of the horizontal part of an axis that has an azimuth
-_FAR_OFF_RAD, _FAR_UNLIKE_RAD = np.radians((18.0, 9.0, 9.0)), math.radians(15.0)
 
 
 class GimbalChecks:

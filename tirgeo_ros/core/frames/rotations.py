@@ -257,10 +257,10 @@ def wrapped(angle_rad: float) -> float:
 
 
 def wrap_pi(angle_rad: npt.ArrayLike) -> Array:
-    """Return angles, any shape, wrapped to [-pi, pi)."""
+    """Return angles, any shape, wrapped to [-pi, pi); nan stays nan."""
     angles = (np.asarray(angle_rad, float) + np.pi) % (2 * np.pi) - np.pi
     # Rounding can make the remainder 2 pi itself.
-    return np.asarray(np.where(angles < np.pi, angles, -np.pi))
+    return np.asarray(np.where(angles >= np.pi, -np.pi, angles))
 
 
 def azimuth(direction_n: Sequence[float] | Array) -> float:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
@@ -330,7 +330,7 @@ class PicturePainter:
         image = self._toner.tone(picture.pixels, picture.stamp_ns)
         if self._rectifier is not None and picture.camera is not None:
             image = self._rectifier.rectified(image)
-        notice, above_m = picture.notice, math.nan
+        notice, above_m, status = picture.notice, math.nan, picture.status
         if picture.pose is None:
             least_top = 0
             for placed in _notices(image, picture.verdict, "", None):
@@ -340,8 +340,11 @@ class PicturePainter:
         else:
             scene = picture.pose, picture.rates, picture.markers, picture.verdict
             notice, above_m, _ = self.draw(image, *scene, notice)
+            if status is not None:  # the camera's heading, with the error of the gimbal's north
+                sigma_rad = math.sqrt(picture.pose.covariance[5, 5])
+                status = replace(status, heading_sigma_rad=sigma_rad)
         video = picture.age_s, picture.rate_hz, picture.predicted_s, picture.replaced
-        paint_status(image, status_line(picture.status, *video, above_m, picture.verdict.severity))
+        paint_status(image, status_line(status, *video, above_m, picture.verdict.severity))
         return OverlayResult(
             picture.stamp_ns, image, picture.pose, notice, picture.camera, picture.predicted_s
         )

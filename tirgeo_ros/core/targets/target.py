@@ -31,6 +31,8 @@ from tirgeo_ros.core.types.errors import TargetError, cut
 # The average of clicks.
 #: Share of a click's variance that is common to all clicks of a flight. From 60 m up, looking
 #: 45 deg down, the default sigmas of ground and lens give 0.11 m along the ray, the filter 0.1 m.
+#: The gimbal's north, boresight and focal length have one error in all clicks, which clicks from
+#: opposite sides cancel: where these are not calibrated, look from several sides.
 COMMON = 0.5
 #: Correlation time of the rest, the filter's error: over simulated flights, on the ground, it is
 #: correlated by 0.7 after 8 s, 0.4 after 30 s, 0.2 after 60 s (test/core/targets/test_target.py).

@@ -119,7 +119,7 @@ def _place_cells(place: Located) -> dict[str, Any]:
         "time": utc(place.stamp_ns),
         "latitude_deg": round(place.latitude_deg, 9),
         "longitude_deg": round(place.longitude_deg, 9),
-        "height_m": round(place.height_m, 4),
+        "height_m": round(place.height_m, 4) + 0.0,  # not -0.0
         "sigma_north_m": round(math.sqrt(north2), 4),
         "sigma_east_m": round(math.sqrt(east2), 4),
         "sigma_height_m": round(math.sqrt(up2), 4),
@@ -140,10 +140,10 @@ def _utf8(text: str) -> str:
 def _words(target: Target) -> str:
     """Describe the place for a person."""
     place = target.place
-    ellipse = place.ellipse
+    ellipse, height_m = place.ellipse, round(place.height_m, 2) + 0.0  # not -0.0
     text = (
         f"95 % within {ellipse.major_m:.2f} x {ellipse.minor_m:.2f} m (semi-axes), the longer "
-        f"towards {math.degrees(ellipse.azimuth_rad):.0f} deg; {place.height_m:.2f} m above the "
+        f"towards {math.degrees(ellipse.azimuth_rad):.0f} deg; {height_m:.2f} m above the "
         "ellipsoid"
     )
     return text if target.clicks_agree else f"{text}; its clicks disagree"

@@ -22,6 +22,7 @@ import math
 import pkgutil
 import re
 from collections.abc import Callable
+from dataclasses import fields
 from datetime import datetime, timezone
 from inspect import signature
 from pathlib import Path
@@ -43,8 +44,7 @@ WORD, NEEDED = {"type": str}, {"required": True}
 
 #: Options that several verbs have, and their help.
 ANY_BAG = "a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
-_ANY_FLIGHT = f"{ANY_BAG}; or a folder of stills, an MP4 with its SRT, a MISB stream"
-FLIGHT: tuple[Option, ...] = (("bag", "FLIGHT", f"the recorded flight: {_ANY_FLIGHT}"),)
+BAG: tuple[Option, ...] = (("bag", "BAG", f"the recorded flight: {ANY_BAG}"),)
 _NAMESPACE = "namespace of the aircraft's topics in the bag, as uav1; default: none"
 NAMESPACE: tuple[Option, ...] = (("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),)
 _PARAMS = "ROS 2 parameter file; may be repeated: later files override earlier ones"
@@ -59,12 +59,7 @@ _OBSERVED = (
 )
 SURVEY: tuple[Option, ...] = (
     ("--survey", "GCPS", "GeoJSON, or CSV id,lat,lon,h", NEEDED),
-    (
-        "--observations",
-        "CSV",
-        _OBSERVED,
-        NEEDED,
-    ),
+    ("--observations", "CSV", _OBSERVED, NEEDED),
 )
 _FROM = "begin, in seconds after the first message"
 _TO = "end, in seconds after the first message; default: the end of the bag"
@@ -141,17 +136,27 @@ def offset_s(text: str) -> int:
         raise argparse.ArgumentTypeError(f"{text}: not an offset as +02:00 or -03:30") from None
 
 
-_ONLY = "; for stills, MP4 and MISB"
-HEIGHTS = {"choices": ("ellipsoid", "sea", "takeoff")}
-#: Options of flights that are no bags, and so are imported first: ``call`` makes LogOptions.
-DIRECT: tuple[Option, ...] = (
-    ("--geoid-undulation", "M", f"height of sea level above the ellipsoid{_ONLY}", NUMBER),
-    ("--takeoff-height", "M", f"ellipsoidal height of the take-off{_ONLY}", NUMBER),
-    ("--height", "DATUM", f"what unlabelled heights are above: %(choices)s{_ONLY}", HEIGHTS),
-    ("--utc-offset", "+HH:MM", f"zone of local times without one{_ONLY}", {"type": offset_s}),
+_UNDULATION = "height of sea level above the ellipsoid; default: geoid_undulation_m of --params"
+_TAKEOFF = "ellipsoidal height of the take-off, for heights above it; not for bags"
+_DATUM = "datum of heights if it is not recorded: %(choices)s; not for bags"
+_DATUMS = {"choices": ("ellipsoid", "sea", "takeoff"), "default": ""}
+_OFFSET = "offset from UTC of local times without a zone, east positive; not for bags"
+_OFFSET_S = {"type": offset_s, "dest": "utc_offset_s"}
+_EVERY = "take at most one picture of a video in S seconds; default: all; not for bags"
+#: What a log, a still or a video may not say itself; named as the fields of LogOptions.
+IMPORT: tuple[Option, ...] = (
+    ("--geoid-undulation", "M", _UNDULATION, NUMBER | {"dest": "geoid_undulation_m"}),
+    ("--takeoff-height", "M", _TAKEOFF, NUMBER | {"dest": "takeoff_height_m"}),
+    ("--height", "DATUM", _DATUM, _DATUMS),
+    ("--utc-offset", "+HH:MM", _OFFSET, _OFFSET_S),
+    ("--every", "S", _EVERY, NUMBER | {"dest": "every_s"}),
 )
-_EVERY = f"take at most one picture of a video in S seconds; default: all{_ONLY}"
-EVERY: Option = ("--every", "S", _EVERY, NUMBER | {"dest": "every_s", "default": 0.0})
+ANY_FLIGHT = f"{ANY_BAG}; or a folder of stills, an MP4 with its SRT, a MISB stream"
+#: A flight that may be no bag: it is imported first.
+FLIGHT: tuple[Option, ...] = (
+    ("bag", "FLIGHT", f"the recorded flight: {ANY_FLIGHT}"),
+    *IMPORT,
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -205,7 +210,8 @@ def add_verb(subparsers: Subparsers, module: ModuleType) -> Parser:
         for inner_module in verbs_of(module):
             add_verb(inner, inner_module)
         return parser
-    for option in module.OPTIONS:
+    own = {option[0]: option for option in module.OPTIONS}  # a later one replaces a shared one
+    for option in own.values():
         add_option(parser, *option)
     add_option(parser, "--json", None, "print the result as one JSON object on stdout")
     parser.set_defaults(verb_module=module, verb_parser=parser)
@@ -238,7 +244,7 @@ def call(tool: Callable[..., T], args: argparse.Namespace, doing: str, **more: o
     if "from_s" in values and not 0 <= args.from_s < args.to_s:
         raise UsageError("--from must be 0 or more, and less than --to")
     named = {name: values[name] for name in signature(tool).parameters if name in values}
-    if "takeoff_height" in values and "logs" in signature(tool).parameters:
+    if "logs" in signature(tool).parameters:
         named["logs"] = log_options(args)
     what, _, unit = doing.partition(", ")
     with Progress(what, unit=unit) as bar:
@@ -246,16 +252,12 @@ def call(tool: Callable[..., T], args: argparse.Namespace, doing: str, **more: o
 
 
 def log_options(args: argparse.Namespace) -> Any:
-    """Return the LogOptions of a verb that has DIRECT's options."""
+    """Return the LogOptions of a verb that imports."""
     from tirgeo_ros.io.logs.log_contents import LogOptions  # noqa: PLC0415 --help stays quick
 
-    return LogOptions(
-        geoid_undulation_m=args.geoid_undulation,
-        takeoff_height_m=args.takeoff_height,
-        height=args.height or "",
-        utc_offset_s=args.utc_offset,
-        every_s=getattr(args, "every_s", 0.0),
-    )
+    values = vars(args)
+    names = [each.name for each in fields(LogOptions) if values.get(each.name) is not None]
+    return LogOptions(**{name: values[name] for name in names})
 
 
 def names_of(permitted: tuple[str, ...]) -> Callable[[str], list[str]]:

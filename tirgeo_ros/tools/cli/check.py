@@ -29,17 +29,10 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import DIRECT, EVERY, FLIGHT, GROUND, PARAMETERS, call
+from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, PARAMETERS, call
 
 SAYS_FINDINGS = False  # ``describe`` prints them
-OPTIONS = (
-    *FLIGHT,
-    *PARAMETERS,
-    *GROUND,
-    ("--map", "MAP", "map that will be drawn"),
-    *DIRECT,
-    EVERY,
-)
+OPTIONS = (*FLIGHT, *PARAMETERS, *GROUND, ("--map", "MAP", "map that will be drawn"))
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:

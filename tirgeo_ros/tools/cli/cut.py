@@ -30,7 +30,7 @@ import math
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, call, utc_time
+from tirgeo_ros.tools.cli._verb import BAG, NEEDED, call, utc_time
 
 if TYPE_CHECKING:
     from tirgeo_ros.tools.replay.cut import Instant
@@ -51,7 +51,7 @@ def instant(text: str) -> Instant:
 
 
 OPTIONS = (
-    *FLIGHT,
+    *BAG,
     ("-o --output", "OUT", "the new bag (.mcap)", NEEDED),
     ("--from", "T", _FROM, {"dest": "begin", "type": instant, "default": 0.0}),
     ("--to", "T", _TO, {"dest": "end", "type": instant, "default": math.inf}),

@@ -30,17 +30,7 @@ from __future__ import annotations
 
 import argparse
 
-from tirgeo_ros.tools.cli._verb import (
-    DIRECT,
-    EVERY,
-    FLIGHT,
-    GROUND,
-    NEEDED,
-    PARAMETERS,
-    SMOOTH,
-    SURVEY,
-    call,
-)
+from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, NEEDED, PARAMETERS, SMOOTH, SURVEY, call
 
 OPTIONS = (
     *FLIGHT,
@@ -51,8 +41,6 @@ OPTIONS = (
     *SMOOTH,
     *GROUND,
     ("--truth", "BAG", "truth.mcap of a simulated flight: adds the errors of the aircraft's pose"),
-    *DIRECT,
-    EVERY,
 )
 
 

@@ -30,7 +30,6 @@ from __future__ import annotations
 import argparse
 
 from tirgeo_ros.tools.cli._verb import (
-    DIRECT,
     FLIGHT,
     NEEDED,
     NUMBER,
@@ -61,7 +60,6 @@ OPTIONS = (
     ("--grazing", "DEG", _GRAZING, NUMBER | {"default": 15.0}),
     ("--nearest", None, "keep the video's own values: no means, and no feathering in the mosaic"),
     ("--degrees", ("SCALE", "OFFSET"), _DEGREES, NUMBER | {"nargs": 2}),
-    *DIRECT,
 )
 
 

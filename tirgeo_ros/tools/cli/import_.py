@@ -52,18 +52,19 @@ from __future__ import annotations
 import argparse
 import math
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
 
 from tirgeo_ros.tools.cli._verb import (
-    HEIGHTS,
+    IMPORT,
     NEEDED,
     NUMBER,
     WORD,
-    Option,
     UsageError,
     call,
-    offset_s,
+    log_options,
+    number,
     utc_time,
 )
 from tirgeo_ros.tools.cli.dump import CAPTURE
@@ -79,27 +80,17 @@ _BASELINE = (
     "length between the two antennas: headings with another are refused; default: from "
     "aircraft.rtk_antenna_m to aircraft.second_antenna_m. Without those it lies along the nose"
 )
-_GEOID = "height of sea level above the ellipsoid; default: geoid_undulation_m of --params"
 _ROVER = "the first antenna is the rover's, the second the moving base's; default: the reverse"
 _COLUMNS = "meaning of a CSV's columns: one file for all, or one for each"
-_OFFSET = "offset from UTC of local times without a zone, east positive"
 _SCALE = "scale of the times if a .pos does not tell it: %(choices)s"
-_DATUM = "datum of heights if the log does not tell it: %(choices)s"
-_EVERY = "take a picture of a video each so many seconds; default: all pictures"
 _HEADING = "heading of the nose 7 s after all topics have begun, from true north, clockwise"
 
 
-LOGS: tuple[Option, ...] = (
-    ("--columns", "YAML", _COLUMNS, {"action": "append"}),
-    ("--takeoff-height", "M", "ellipsoidal height of the take-off, for heights above it", NUMBER),
-    ("--height", "DATUM", _DATUM, HEIGHTS),
-    ("--utc-offset", "+HH:MM", _OFFSET, {"type": offset_s}),
-    ("--time-scale", "SCALE", _SCALE, {"choices": ("gpst", "utc")}),
-    ("--baseline", "M", _BASELINE, NUMBER),
-    ("--rover-first", None, _ROVER),
-    ("--set-heading", "DEG", _HEADING, NUMBER),
-    ("--every", "S", _EVERY, NUMBER),
-)
+def degrees(text: str) -> float:
+    """Return an angle in radians; a type of option."""
+    return math.radians(number(text))
+
+
 OPTIONS = (
     ("flight", "IN", _FILES, {"nargs": "+"}),
     ("-o --output", "OUT.mcap", "the new bag", NEEDED),
@@ -111,14 +102,17 @@ OPTIONS = (
     ("--imu-rpy", ("R", "P", "Y"), _RPY, NUMBER | {"nargs": 3}),
     *CAPTURE,
     ("--start-time", "TIME", _TIME, WORD),
-    ("--geoid-undulation", "M", _GEOID, NUMBER),
-    *LOGS,
+    *IMPORT,
+    ("--columns", "YAML", _COLUMNS, {"action": "append", "dest": "tables", "default": []}),
+    ("--time-scale", "SCALE", _SCALE, {"choices": ("gpst", "utc")}),
+    ("--baseline", "M", _BASELINE, NUMBER | {"dest": "baseline_m"}),
+    ("--rover-first", None, _ROVER),
+    ("--set-heading", "DEG", _HEADING, {"type": degrees, "dest": "set_heading_rad"}),
 )
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Import the flight; return what was read and written."""
-    from tirgeo_ros.io.logs.log_contents import LogOptions  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_capture import CaptureOptions  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_flight import import_flight  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
@@ -127,25 +121,15 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     start_ns = None if args.start_time is None else _utc_ns(args.start_time)
     pictures = Pictures(args.image_topic, args.camera_info_topic)
     capture = CaptureOptions(str(args.packages or ""), args.key, start_ns)
-    args.columns = args.columns or ()
-    logs = LogOptions(
-        geoid_undulation_m=args.geoid_undulation,
-        baseline_m=args.baseline,
-        rover_first=args.rover_first,
-        takeoff_height_m=args.takeoff_height,
-        height=args.height or "",
-        time_scale=args.time_scale or "",
-        utc_offset_s=args.utc_offset,
-        start_ns=start_ns,
-        every_s=args.every or 0.0,
-        set_heading_rad=None if args.set_heading is None else math.radians(args.set_heading),
-    )
+    logs = replace(log_options(args), start_ns=start_ns)
     kinds = {"mapped": mapped, "pictures": pictures, "capture": capture, "logs": logs}
-    return call(import_flight, args, "importing", source=args.flight, **kinds)
+    files = {"source": args.flight, "columns": args.tables}
+    return call(import_flight, args, "importing", **files, **kinds)
 
 
 def _mapped_topics(args: argparse.Namespace) -> Any:
     """Return the topics and options of --map-topic. Raise UsageError."""
+    from tirgeo_ros.tools.convert.direct_input import given  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_mapped import MappedTopics  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.replay.registration import INPUTS  # noqa: PLC0415 heavy
 
@@ -154,8 +138,8 @@ def _mapped_topics(args: argparse.Namespace) -> Any:
             "--image-topic and --camera-info-topic are for DJI's bags: use --map-topic "
             "TOPIC=thermal/image_raw, thermal/image_raw/compressed or thermal/camera_info"
         )
-    values = {option: getattr(args, option[2:].replace("-", "_")) for option, *_ in LOGS}
-    of_logs = [o for o, value in values.items() if value is not None and value is not False]
+    of_logs = [*given(log_options(args)), *(["--columns"] if args.tables else [])]
+    of_logs = [option for option in of_logs if option != "--geoid-undulation"]
     if args.map_topic and of_logs:
         raise UsageError(f"{of_logs[0]} is for logs, not for --map-topic")
     if args.imu_rpy and not args.map_topic:
@@ -168,7 +152,7 @@ def _mapped_topics(args: argparse.Namespace) -> Any:
             raise UsageError(f"--map-topic {text}: give FROM=TO, TO one of {', '.join(INPUTS)}")
         pairs.append((topic, contract))
     rpy_deg = tuple(args.imu_rpy or (0.0, 0.0, 0.0))
-    return MappedTopics(tuple(pairs), rpy_deg, args.geoid_undulation)
+    return MappedTopics(tuple(pairs), rpy_deg, args.geoid_undulation_m)
 
 
 def _utc_ns(text: str) -> int:

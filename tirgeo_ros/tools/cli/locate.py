@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import argparse
 
-from tirgeo_ros.tools.cli._verb import DIRECT, EVERY, FLIGHT, NEEDED, REGISTRATION, call
+from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, REGISTRATION, call
 
 _PIXELS = (
     "a head id,stamp_ns,u,v, then the pixels: the picture's header stamp, column, row; or "
@@ -40,8 +40,6 @@ OPTIONS = (
     ("--pixels", "CSV", _PIXELS, NEEDED),
     ("-o --output", "OUT", _OUTPUT, NEEDED),
     *REGISTRATION,
-    *DIRECT,
-    EVERY,
 )
 
 

@@ -42,11 +42,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.core.types.errors import ManyFlightsError
 from tirgeo_ros.tools.cli._verb import (
-    ANY_BAG,
-    DIRECT,
-    EVERY,
+    ANY_FLIGHT,
+    FLIGHT,
     NEEDED,
     REGISTRATION,
     WORD,
@@ -63,7 +61,8 @@ _VIDEO = (
 _WORKERS = "for several flights: processes at a time; default: the number of cores"
 _SCHEDULER = "for several flights: use the Dask cluster of this scheduler, as tcp://HOST:8786"
 OPTIONS = (
-    ("bag", "FLIGHT", f"the recorded flights: {ANY_BAG}", {"nargs": "+"}),
+    *FLIGHT,
+    ("bag", "FLIGHT", f"the recorded flights: {ANY_FLIGHT}", {"nargs": "+"}),
     ("-o --output", "OUT", _OUTPUT, WORD | NEEDED),
     *REGISTRATION,
     ("--map", "MAP", "the map to draw; without it there is no overlay"),
@@ -72,53 +71,33 @@ OPTIONS = (
     ("--video", "OUT.mp4", _VIDEO, {"nargs": "?", "const": Path()}),
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
-    *DIRECT,
-    EVERY,
 )
 _NAMES = "params map method camera dem ground_height raw_images namespace smooth"
-_ENDINGS, _STILLS = (".mp4", ".ts"), (".jpg", ".jpeg", ".tif", ".tiff")
+_ENDINGS = (".mp4", ".ts")
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Process the flight or the flights; return a summary."""
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images cannot be used with --video or --raw-images")
-    if len(args.bag) == 1 and (_is_folder(args.output) or not Path(args.output).suffix):
-        from tirgeo_ros.tools.convert.direct_input import is_direct  # noqa: PLC0415 heavy
-
-        of_stills = args.bag[0].is_dir() or args.bag[0].suffix.lower() in _STILLS
-        if of_stills and is_direct(args.bag[0]):
-            return _stills(args)
-    if len(args.bag) > 1 or _is_folder(args.output):
-        return _many_flights(args)
+    from tirgeo_ros.io.logs.forms import STILLS  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.convert.direct_input import direct_form  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
 
+    output, one = Path(args.output), args.bag[0]
+    to_folder = args.output.endswith("/") or output.is_dir()
+    draws_stills = len(args.bag) == 1 and (to_folder or not output.suffix)
+    draws_stills = draws_stills and direct_form(one) is STILLS
+    if not draws_stills and (len(args.bag) > 1 or to_folder):
+        return _many_flights(args)
     if args.workers is not None or args.scheduler is not None:
         raise UsageError("--workers and --scheduler are for several flights: give -o DIR/")
     if args.video == Path():
         raise UsageError("--video needs a name, as OUT.mp4")
-    files = {"bag_in": args.bag[0], "bag_out": Path(args.output)}
+    files = {"bag_in": one, "bag_out": output}
+    if draws_stills:
+        files |= {"bag_out": output / f"{one.resolve().name}.mcap", "stills": output}
     return call(process, args, "processing, s", **files, images=not args.no_images)
-
-
-def _is_folder(output: str) -> bool:
-    return output.endswith("/") or Path(output).is_dir()
-
-
-def _stills(args: argparse.Namespace) -> dict[str, object]:
-    """Process a folder of stills into a folder: the stills, drawn, their page and a bag."""
-    from tirgeo_ros.io.files.whole_files import made_folder  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
-
-    if args.video == Path():
-        raise UsageError("--video needs a name, as OUT.mp4")
-    if args.workers is not None or args.scheduler is not None:
-        raise UsageError("--workers and --scheduler are for several flights")
-    if args.no_images:
-        raise UsageError("--no-images gives no stills: give -o OUT.mcap")
-    source, folder = args.bag[0], made_folder(args.output, ManyFlightsError)
-    files = {"bag_in": source, "bag_out": folder / f"{source.resolve().name}.mcap"}
-    return call(process, args, "drawing", **files, stills=folder)
 
 
 def _many_flights(args: argparse.Namespace) -> dict[str, object]:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import re
 import weakref
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -25,7 +26,7 @@ from typing import NamedTuple
 from tirgeo_ros.core.types.errors import BagError, LogError
 from tirgeo_ros.io.bags.bag import ROS2_MAGICS, BagReader, is_bag
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of
-from tirgeo_ros.io.logs.forms import form_of
+from tirgeo_ros.io.logs.forms import Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.tools.convert.import_flight import import_flight
@@ -43,20 +44,23 @@ class OpenedInput(NamedTuple):
     refused: list[tuple[str, str]]  # record (the name of a still) and reason
 
 
-def is_direct(path: PathLike) -> bool:
-    """Return whether a path is no bag, but of a form that the import knows."""
+def given(options: LogOptions) -> list[str]:
+    """Return the names on the command line of the options that are given."""
+    names = [name for name, value in vars(options).items() if value != getattr(NO_OPTIONS, name)]
+    return ["--" + re.sub("_(m|s|rad)$", "", name).replace("_", "-") for name in names]
+
+
+def direct_form(path: PathLike) -> Form | None:
+    """Return the form of what is imported before it is read; None for a bag and anything else."""
     place = path_of(path, BagError)
-    is_folder = place.is_dir()
-    if not (is_folder or place.is_file()):  # reading a pipe would block without end
-        return False
-    inside = [file for file in place.iterdir() if not file.is_dir()] if is_folder else []
-    if any(map(is_bag, (place, *inside))):
-        return False
-    if not is_folder and first_bytes(place, 8, BagError).startswith(ROS2_MAGICS):
-        return False
+    if place.is_file():
+        if is_bag(place) or first_bytes(place, 8, BagError).startswith(ROS2_MAGICS):
+            return None
+    elif not place.is_dir():  # reading a pipe would block without end
+        return None
     with suppress(LogError):
-        return form_of(place) is not None
-    return False
+        return form_of(place)
+    return None
 
 
 def open_input(
@@ -73,11 +77,9 @@ def open_input(
     and ConfigError.
     """
     own = paths_of(params)
-    if not is_direct(path):
-        for name, value in vars(options).items():
-            if value != getattr(NO_OPTIONS, name):
-                option = name.removesuffix("_m").removesuffix("_s").replace("_", "-")
-                raise BagError(f"{path}: a bag: --{option} is for stills, MP4 and MISB")
+    if direct_form(path) is None:
+        for option in given(options):
+            raise BagError(f"{path}: a bag: {option} is for stills, MP4 and MISB")
         return OpenedInput(BagReader(path), own, [], [])
     with ExitStack() as stack:
         temporary = TemporaryDirectory(prefix="tirgeo-import-", ignore_cleanup_errors=True)

@@ -61,7 +61,6 @@ from tirgeo_ros.tools.replay.registration import (
     Registered,
     Sample,
     done_without,
-    has_rates,
 )
 
 #: Topics that a method must have. Without them the filter would still run, on ordinary GPS.
@@ -141,9 +140,7 @@ def evaluate(
     experiment = load_experiment(survey, observations, reader.stills())
     heights_m = experiment.heights_m
     setups = method_setups(params, boresight, namespace, heights_m, places)
-    if not has_rates(reader, namespace):
-        fit = (each.configs.fitting(reader.topics(), namespace, rates=False) for each in setups)
-        setups = [replace(s, configs=own) for s, (own, _) in zip(setups, fit, strict=True)]
+    setups = [replace(s, configs=s.configs.for_bag(reader, namespace)[0]) for s in setups]
     last = setups[-1]  # the checks use its parameters
     overlay = last.configs.overlay
     lens, layers = configured_camera(overlay), configured_layers(overlay)

@@ -19,7 +19,6 @@ from __future__ import annotations
 import json
 import math
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from statistics import fmean, median
 from typing import TextIO
@@ -52,7 +51,7 @@ from tirgeo_ros.tools.replay.graph_outputs import (
     read_outputs,
     read_pictures,
 )
-from tirgeo_ros.tools.replay.node_configs import node_configs, values_without_rates
+from tirgeo_ros.tools.replay.node_configs import node_configs
 
 SAMPLE = "bags/sample"
 _NAMES = ("recording.mcap", "overlay.mp4", "still.png", "summary.json")
@@ -147,10 +146,8 @@ def demo_setup(
     outputs = [folder / name for name in _NAMES]
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
-    files_of = [params] if params else []
-    fitting = values_without_rates(bag, params)
-    setup = GraphSetup(bag.absolute(), folder.absolute(), files_of, map_file, method, rate, serial)
-    return replace(setup, environment=domain, fitting=fitting)
+    options = ([params] if params else [], map_file, method, rate, serial)
+    return GraphSetup(bag.absolute(), folder.absolute(), *options, environment=domain)
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:

@@ -42,6 +42,7 @@ from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.node_configs import values_without_rates
 
 #: Variables that would let other machines reach the nodes.
 _WIDER = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
@@ -206,7 +207,6 @@ class GraphSetup:
     # Send the aircraft's data as bytes on a port, through dji_node; needs rate 1.
     serial: bool = False
     topics: Sequence[str] = RECORDED
-    fitting: Mapping[str, object] = field(default_factory=dict)  # parameters for this bag
     environment: dict[str, str] = field(default_factory=dict)  # added to that of this process
 
 
@@ -320,7 +320,8 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     # The host's clock stamps the data of the serial link, so all nodes use that clock.
     clock: dict[str, object] = {} if setup.serial else {"use_sim_time": True}
     record = {"output": recording, "topics": ",".join(setup.topics)}
-    common = parameter_words({**clock, **setup.fitting}, setup.params)
+    fitting = values_without_rates(setup.bag, setup.params)
+    common = parameter_words(clock | fitting, setup.params)
     nodes = {
         "ekf_node": common + parameter_words({"method": setup.method} if setup.method else {}),
         "gimbal_node": common,

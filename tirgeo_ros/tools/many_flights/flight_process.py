@@ -46,13 +46,12 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.io.logs.log_contents import LogOptions
-from tirgeo_ros.io.messages import pictures as picture_messages
 from tirgeo_ros.io.messages.topics import resolved
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record, written_record
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import error_line, plain
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.replay.still_outputs import thumbnail
+from tirgeo_ros.tools.replay.still_outputs import thumbnail_of
 
 #: How often a flight is tried if its process is killed.
 ATTEMPTS = 3
@@ -291,5 +290,4 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
         facts |= {"place_deg": next(iter(places.values())), "distance_m": distance_m}
     if jpeg is None:
         return facts, b""
-    pixels = picture_messages.compressed_pixels(cdr.deserialize(jpeg.data, jpeg.typename))
-    return facts, thumbnail(pixels)
+    return facts, thumbnail_of(bytes(cdr.deserialize(jpeg.data, jpeg.typename).data))

@@ -21,7 +21,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -36,9 +36,7 @@ from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS, open_input
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.registration import fitting_method, has_rates, without_rates
-
-T = TypeVar("T", EkfConfig, GimbalConfig, OverlayConfig)
+from tirgeo_ros.tools.replay.registration import fitting_method, without_rates
 
 
 class NodeConfigs(NamedTuple):
@@ -55,29 +53,29 @@ class NodeConfigs(NamedTuple):
         overlay = self.overlay
         return [*map_files(overlay.map, overlay.style), *named_files(overlay.dem), overlay.camera]
 
-    def fitting(
-        self, topics: Collection[str], namespace: str, *, rates: bool = True
-    ) -> tuple[NodeConfigs, list[str]]:
+    def fitting(self, topics: Collection[str], namespace: str) -> tuple[NodeConfigs, list[str]]:
         """Return the parameters for a bag with these topics, and notes.
 
-        If no method is set, the topics choose it, and whether imu/data has ``rates``; a note says
-        why if it is not the default.
+        If no method is set, the topics choose it; a note says why if it is not the default.
         """
-        if not rates:
-            values = without_rates(topics, namespace, self.given)
-
-            def fitted_to(config: T) -> T:
-                return replace(config, **{k: v for k, v in values.items() if hasattr(config, k)})
-
-            kinds = fitted_to(self.ekf), fitted_to(self.gimbal), fitted_to(self.overlay)
-            names = ", ".join(f"{name} {value}" for name, value in values.items())
-            notes = [f"{names}: imu/data has attitudes alone, without rates"] if names else []
-            return NodeConfigs(*kinds, self.given), notes
         if "method" in self.given:
             return self, []
         method, why = fitting_method(topics, namespace)
         fitted = self._replace(ekf=replace(self.ekf, method=method))
         return fitted, [why] if why else []
+
+    def for_bag(self, reader: BagReader, namespace: str) -> tuple[NodeConfigs, list[str]]:
+        """Return the parameters for a bag, as ``fitting``, also for one without an IMU's rates."""
+        values = without_rates(reader, namespace, self.given)
+        if not values:
+            return self.fitting(reader.topics(), namespace)
+        fitted: list[Any] = [
+            replace(config, **{k: v for k, v in values.items() if hasattr(config, k)})
+            for config in (self.ekf, self.gimbal, self.overlay)
+        ]
+        words = ", ".join(f"{name} {value}" for name, value in values.items())
+        note = f"{words}: imu/data has attitudes alone, without rates"
+        return NodeConfigs(*fitted, self.given), [note]
 
 
 def node_configs(
@@ -164,10 +162,9 @@ def open_flight(
     read = open_input(bag, params, namespace, logs, progress)
     if read.params != paths_of(params):
         configs = node_configs(read.params, namespace, **options)
-    topics, rates = read.reader.topics(), has_rates(read.reader, namespace)
-    configs, notes = configs.fitting(topics, namespace, rates=rates)
-    notes = read.notes + notes
-    return OpenedFlight(read.reader, configs, read.params, namespace, notes, read.refused)
+    configs, notes = configs.for_bag(read.reader, namespace)
+    files, notes = read.params, read.notes + notes
+    return OpenedFlight(read.reader, configs, files, namespace, notes, read.refused)
 
 
 def values_without_rates(bag: PathLike, params: Files, namespace: str = "") -> dict[str, Any]:
@@ -177,10 +174,7 @@ def values_without_rates(bag: PathLike, params: Files, namespace: str = "") -> d
     is no bag, which the player refuses. Raise ConfigError.
     """
     with suppress(BagError):
-        reader = BagReader(bag)
-        if has_rates(reader, namespace):
-            return {}
-        return without_rates(reader.topics(), namespace, node_configs(params, namespace).given)
+        return without_rates(BagReader(bag), namespace, node_configs(params, namespace).given)
     return {}
 
 

@@ -37,7 +37,7 @@ from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.core.types.verdicts import QUIET, Outcome
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, made_folder
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.messages.topics import PICTURES
 from tirgeo_ros.io.parameters.parameter_file import Files
@@ -93,7 +93,9 @@ def process(
     """
     wanted = raw_images or video is not None
     if (wanted or stills is not None) and not images:
-        raise ConfigError("raw_images, video and stills need images")
+        raise ConfigError("raw_images, video and stills need images: leave out --no-images")
+    if stills is not None:
+        made_folder(stills, BagError)
     where = {"map": map, "dem": dem, "ground_height": ground_height}
     options = {"method": method, "camera": camera, **where}
     opened = open_flight(
@@ -102,16 +104,15 @@ def process(
     draws = images and (wanted or stills is not None or bool(opened.configs.overlay.map))
     sheet = None
     if stills is not None:
-        sheet = StillOutputs(stills, bag_in, opened.reader.stills())
-        opened = _with_quality(opened)
+        sheet, opened = StillOutputs(stills, opened.reader), _with_quality(opened)
     cores = available_cores() if cores is None else cores
     with PictureStage(cores if draws else 1) as stage:
-        setup = _set_up(opened, images=images, draws=draws)
+        setup = _set_up(opened, images=images, draws=draws)._replace(stills=sheet)
         begun_s = time.perf_counter()
         if setup.overlay is not None:
             stage.begin(opened.configs.overlay, setup.overlay.painter.ground, keeps_images=wanted)
         files = (bag_out, video, progress, stage)
-        flight, outputs, film = _run(setup, *files, sheet, raw_images=raw_images, smooth=smooth)
+        flight, outputs, film = _run(setup, *files, raw_images=raw_images, smooth=smooth)
     elapsed_s = time.perf_counter() - begun_s
     findings = setup.checks.findings()  # damage is in the error
     result = _summary(setup, flight, outputs)
@@ -123,7 +124,7 @@ def process(
         "elapsed_s": elapsed_s,
         "speed": flight.duration_s / elapsed_s,
         "findings": finding_items(findings),
-        "stills": sheet and sheet.finish(opened.refused, _undrawn(flight)),
+        "stills": sheet and sheet.finish(opened.refused),
         "video": film and {"frames": film.frames, "rate_hz": film.rate_hz},
         "error": _error(opened.reader, result) or stop_line(findings),
     }
@@ -135,12 +136,6 @@ def _with_quality(opened: OpenedFlight) -> OpenedFlight:
         return opened
     overlay = replace(opened.configs.overlay, jpeg_quality=STILL_QUALITY)
     return opened._replace(configs=opened.configs._replace(overlay=overlay))
-
-
-def _undrawn(flight: Flight) -> str:
-    """Return why stills were not drawn, as far as is known."""
-    reasons = [why for topic, why in flight.unreadable_because.items() if topic in PICTURES]
-    return reasons[0] if reasons else "its picture did not come to be drawn"
 
 
 def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
@@ -177,7 +172,6 @@ def _run(
     video: PathLike | None,
     progress: Report,
     stage: PictureStage,
-    stills: StillOutputs | None,
     *,
     raw_images: bool,
     smooth: bool,
@@ -190,8 +184,7 @@ def _run(
         flight = Flight(reader, setup.opened.namespace, checks=setup.checks, needs_camera=False)
         own = configs.ekf, configs.gimbal, setup.topics.values()
         poses = flight.add_poses(FlightPoses(*own), smooth=smooth)
-        extras: dict[str, Any] = {"raw_images": raw_images, "stills": stills}
-        outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, **extras)
+        outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, raw_images=raw_images)
         poses.watchers += [setup.checks.watch, outputs.watch]
         flight.read_all(progress, outputs)
         if not flight.read:
@@ -212,6 +205,7 @@ def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> di
     if not any(name.startswith("gimbal/") for name in names):
         notes.append("the bag has no gimbal topic: no camera poses")
     status, composer = outputs.registration.navigation.status(), outputs.registration.composer
+    north_deg = math.degrees(math.sqrt(composer.north.variance))
     return {
         "warning": without,
         "method": status.method,
@@ -228,6 +222,7 @@ def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> di
         "states_s": dict(outputs.states_s),
         "verdicts": {f"{a} {b}": number for (a, b), number in status.counts.items()},
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+        "north_sigma_deg": None if composer.composition == "encoders" else north_deg,
         "gimbal": composer.counts,
         "overlay": {} if overlay is None else overlay.counts,
         "notes": notes if overlay is None else [*notes, *overlay.notes],
@@ -261,6 +256,8 @@ def six_lines(result: Mapping[str, Any]) -> str:
     )
     sigma_deg = result["heading_sigma_deg"]
     heading = f", heading to {three(sigma_deg)} deg" if math.isfinite(sigma_deg) else ""
+    if result["north_sigma_deg"] is not None:
+        heading += f", the gimbal's north to {three(result['north_sigma_deg'])} deg"
     is_wrong = not body or (bool(result["overlay"]) and not camera)
     lines.append(("poses", f"{body} of the body, {camera} of the camera{heading}", is_wrong))
     lines += [_frames_line(result), refused_line(result)]

@@ -47,7 +47,7 @@ from tirgeo_ros.io.messages import (
     navigation_item,
 )
 from tirgeo_ros.io.messages.json_codec import state_text
-from tirgeo_ros.io.messages.topics import PICTURES, prefix, resolved
+from tirgeo_ros.io.messages.topics import prefix, resolved
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
@@ -56,8 +56,9 @@ from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, OpenedFlight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
 from tirgeo_ros.tools.replay.registration import Registered, Registration, Sample
-from tirgeo_ros.tools.replay.still_outputs import StillOutputs, StillState
+from tirgeo_ros.tools.replay.still_outputs import StillOutputs
 
+DRAWN = "tirgeo/overlay/image/compressed"
 #: Time between two reports of the state, as in the nodes.
 REPORT_PERIOD_NS = 1_000_000_000
 _TRACK_HZ = 0.1  # rate of the track, which is sent whole each time
@@ -133,7 +134,6 @@ class _Picture(NamedTuple):
     camera: Camera | None
     packet: bytes  # metadata for the video
     log_time_ns: int
-    still: StillState | None  # None if no stills are written
 
 
 class PictureOutputs:
@@ -148,9 +148,7 @@ class PictureOutputs:
         footprint_rate_hz: float,
         *,
         raw_images: bool,
-        stills: StillOutputs | None = None,
     ) -> None:
-        self._stills = stills
         self._stage, self._messages, self._write, self._film = stage, messages, write, film
         self._footprint_rate = RateLimit(footprint_rate_hz)
         self._raw_images = raw_images
@@ -176,11 +174,7 @@ class PictureOutputs:
         due = self._footprint_rate.due(picture.stamp_ns)
         packet = self._film.packet(picture, body_at) if self._film is not None else b""
         self._stage.send(picture, overlay.painter.scene, with_outline=due)
-        still = None
-        if self._stills is not None:
-            still = self._stills.state_of(picture, overlay.plane)
-        sent = _Picture(picture.stamp_ns, picture.camera, packet, log_time_ns, still)
-        self._waiting.append(sent)
+        self._waiting.append(_Picture(picture.stamp_ns, picture.camera, packet, log_time_ns))
         self._under_way += 1
         while self._under_way > self._stage.most_under_way:
             self._receive()
@@ -208,13 +202,11 @@ class PictureOutputs:
     def _write_picture(self, picture: _Picture) -> None:
         """Write a finished picture, its calibration, and its footprint if it is due."""
         painted, messages = self._stage.receive(), self._messages
-        stamp_ns, camera, packet, log_time_ns, still = picture
-        if self._stills is not None and still is not None:
-            self._stills.write(still, painted.jpeg)
+        stamp_ns, camera, packet, log_time_ns = picture
         if self._film is not None and painted.image is not None:
             self._film.video.add(stamp_ns, painted.image, packet)
         jpeg = messages.compressed(stamp_ns, painted.jpeg)
-        self._write("tirgeo/overlay/image/compressed", jpeg, log_time_ns)
+        self._write(DRAWN, jpeg, log_time_ns)
         if self._raw_images and painted.image is not None:
             image = messages.image(stamp_ns, painted.image)
             self._write("tirgeo/overlay/image", image, log_time_ns)
@@ -260,6 +252,7 @@ class ProcessSetup(NamedTuple):
     overlay: Overlay | None  # None if no pictures are drawn
     checks: FlightChecks
     notes: Sequence[str]
+    stills: StillOutputs | None = None
 
 
 class ProcessOutputs:
@@ -279,9 +272,8 @@ class ProcessOutputs:
         stage: PictureStage,
         *,
         raw_images: bool = False,
-        stills: StillOutputs | None = None,
     ) -> None:
-        self._stills = stills
+        self._stills = setup.stills
         configs, namespace, overlay = setup.opened.configs, setup.opened.namespace, setup.overlay
         self.topics = setup.topics
         self.written: Counter[str] = Counter()
@@ -295,9 +287,7 @@ class ProcessOutputs:
             film = OverlayFilm(video, overlay, configs.overlay, dji.geoid_undulation_m)
         rate_hz = configs.overlay.footprint_rate_hz
         self._pictures = PictureOutputs(
-            *(stage, self._messages, self._write_one, film, rate_hz),
-            raw_images=raw_images,
-            stills=stills,
+            stage, self._messages, self._write_one, film, rate_hz, raw_images=raw_images
         )
         self._write = self._pictures.put  # writes after the older pictures
         self._poses = PoseOutputs(configs, self._messages, self._write)
@@ -356,8 +346,6 @@ class ProcessOutputs:
         pixels, stamp_ns = self._stage.pixels(topic, content), convert.stamp_ns(content)
         self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
         stamp_ns = self._flight.arrivals.stamp_ns(topic, stamp_ns, arrival_ns)
-        if self._stills is not None and topic == PICTURES[1]:
-            self._stills.take(stamp_ns, bytes(content.data))
         self._overlay.add_frame(stamp_ns, pixels, arrival_ns)
 
     def proceed(self, arrival_ns: int) -> None:
@@ -383,10 +371,14 @@ class ProcessOutputs:
         """Output the frame, if any, that is drawn at ``now_ns``, after all poses."""
         picture = None if self._overlay is None else self._overlay.take_unpainted(now_ns)
         if picture is not None and self._overlay is not None:
+            if self._stills is not None:
+                self._stills.note(picture, self._overlay.plane)
             body_at = self.registration.composer.body_at
             self._pictures.add(picture, self._overlay, body_at, log_time_ns)
 
-    def _write_one(self, topic: str, message: object, log_time_ns: int) -> None:
+    def _write_one(self, topic: str, message: Any, log_time_ns: int) -> None:
+        if self._stills is not None and topic == DRAWN:
+            self._stills.write(convert.stamp_ns(message), bytes(message.data))
         name = self._names[topic]
         self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
         self.written[name] += 1

@@ -227,14 +227,15 @@ def has_rates(reader: BagReader, namespace: str) -> bool:
     return True
 
 
-def without_rates(
-    present: Collection[str], namespace: str, given: Collection[str]
-) -> dict[str, Any]:
+def without_rates(reader: BagReader, namespace: str, given: Collection[str]) -> dict[str, Any]:
     """Return the parameters for a bag whose imu/data has no rates, but for those that are given.
 
     Attitudes, gimbal and pictures of such a bag come from one file: their stamps are the same, and
-    may be too rare for joints to become steady.
+    may be too rare for joints to become steady. Empty for any other bag.
     """
+    if has_rates(reader, namespace):
+        return {}
+    present = reader.topics()
     on_rtk = resolved("rtk/fix", namespace) in present
     values: dict[str, Any] = {"method": "rtk" if on_rtk else "raw", "video_latency_s": 0.0}
     gimbal = [name for name in GIMBAL_TOPICS["auto"] if resolved(name, namespace) in present]

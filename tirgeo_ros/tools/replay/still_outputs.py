@@ -17,10 +17,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import NamedTuple
 from urllib.parse import quote
 
 import cv2
@@ -28,10 +27,10 @@ import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
-from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.texts import utc
-from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.pictures.jpeg_segments import metadata_of, with_metadata
 from tirgeo_ros.tools.presentation.plots import embedded, html_page
 
@@ -39,7 +38,7 @@ PAGE = "index.html"
 #: Quality of the drawn stills, unless the parameters have one: for looking at, not for a link.
 STILL_QUALITY = 92
 _THUMBNAIL_PX, _THUMBNAIL_QUALITY = 320, 60
-_JPEG = (".jpg", ".jpeg")
+_JPEG, _LOST = (".jpg", ".jpeg"), "its picture cannot be read"
 _STYLE = """
 body { max-width: 84rem; }
 .stills { display: grid; gap: 1rem; padding: 0; list-style: none;
@@ -55,61 +54,47 @@ a { color: inherit; }
 """
 
 
-class StillState(NamedTuple):
-    """Hold what is known of a still before it is drawn."""
-
-    stamp_ns: int
-    notice: str  # why no map is drawn on it; empty if it is drawn
-    place: str  # of the camera: latitude, longitude (deg), height (m)
-
-
 class StillOutputs:
     """Write the drawn stills of a flight into a folder, then the page of all.
 
-    ``names`` are the stamps (ns) of the stills by their names. Raise BagError for a folder in
+    ``flight`` is a folder of stills, or one, that is imported. Raise BagError for a folder in
     which a drawn still would be among the stills themselves.
     """
 
-    def __init__(self, folder: PathLike, flight: PathLike, names: Mapping[str, int]) -> None:
-        self.folder = made_folder(folder, BagError)
-        inside, source = self.folder.resolve(), Path(flight).resolve()
+    def __init__(self, folder: PathLike, flight: BagReader) -> None:
+        self.folder, self._source = Path(folder), Path(flight.path)
+        inside, source = self.folder.resolve(), self._source.resolve()
         if source == inside or source in inside.parents:
             raise BagError(f"{folder}: the stills themselves are there: give another folder")
-        self._source = source
-        self._names = {stamp_ns: name for name, stamp_ns in names.items()}
-        self._metadata: dict[int, bytes] = {}
+        self._names = {stamp_ns: name for name, stamp_ns in flight.stills().items()}
+        self._known: dict[int, tuple[str, str]] = {}  # notice, and place, of what is being drawn
         self._items: dict[str, str] = {}  # of the page, by name
         self._drawn = 0  # with a map
 
-    def take(self, stamp_ns: int, original: bytes) -> None:
-        """Keep the metadata of a still until it is drawn."""
-        self._metadata[stamp_ns] = metadata_of(original)
-
-    def state_of(self, picture: Unpainted, plane: TangentPlane | None) -> StillState:
-        """Return the state of a picture that will be drawn; ``plane`` is that of its pose."""
+    def note(self, picture: Unpainted, plane: TangentPlane | None) -> None:
+        """Note why a picture will have no map, and its place; ``plane`` is that of its pose."""
         place = ""
         if picture.pose is not None and plane is not None:
             *angles_rad, height_m = plane.geodetic_from_ned(picture.pose.position_n)
             degrees = ", ".join(f"{math.degrees(angle_rad):.6f}" for angle_rad in angles_rad)
             place = f"{degrees}, {height_m:.1f} m"
-        return StillState(picture.stamp_ns, picture.notice, place)
+        self._known[picture.stamp_ns] = picture.notice, place
 
-    def write(self, state: StillState, jpeg: bytes) -> None:
-        """Write a drawn still under its own name."""
-        name = self._names.get(state.stamp_ns, f"{state.stamp_ns}.jpg")
+    def write(self, stamp_ns: int, jpeg: bytes) -> None:
+        """Write a drawn still under its own name, with its own metadata."""
+        name, (notice, place) = self._names[stamp_ns], self._known.pop(stamp_ns)
         file = name if name.lower().endswith(_JPEG) else f"{name}.jpg"
-        path = self.folder / file
-        if self._source in (path.resolve(), *path.resolve().parents):
-            raise BagError(f"{path}: would overwrite an input; give another folder")
-        made_folder(path.parent, BagError)
-        whole = with_metadata(jpeg, self._metadata.pop(state.stamp_ns, b""))
-        write_files({path: whole}, BagError)
-        self._items[name] = _item(name, file, state, jpeg)
-        self._drawn += not state.notice
+        original = self._source / name if self._source.is_dir() else self._source
+        path = made_folder((self.folder / file).parent, BagError) / Path(file).name
+        check_outputs([original], [path], BagError)
+        write_files({path: with_metadata(jpeg, metadata_of(original.read_bytes()))}, BagError)
+        lines = f"{utc(stamp_ns)[:19].replace('T', ' ')} UTC", place
+        self._items[name] = _item(name, file, notice, lines, thumbnail_of(jpeg))
+        self._drawn += not notice
 
-    def finish(self, refused: Sequence[tuple[str, str]], why: str) -> dict[str, object]:
-        """Write the page; ``refused`` are files that were not read, ``why`` others are missing."""
-        others = [(name, why) for name in self._names.values() if name not in self._items]
+    def finish(self, refused: Sequence[tuple[str, str]]) -> dict[str, object]:
+        """Write the page; ``refused`` are files that were not read, and why."""
+        others = [(name, _LOST) for name in self._names.values() if name not in self._items]
         items = [*self._items.values(), *(_undrawn(*each) for each in [*others, *refused])]
         title, page = self._source.name, self.folder / PAGE
         lead = f'<p class="lead">{self._drawn} of {len(items)} stills with a trusted pose</p>'
@@ -119,27 +104,24 @@ class StillOutputs:
         return {"folder": str(self.folder), "page": str(page), **counts}
 
 
-def thumbnail(pixels: RawPixels) -> bytes:
-    """Return a small picture of a picture (h, w) or (h, w, 3), as JPEG."""
+def thumbnail_of(picture: bytes) -> bytes:
+    """Return a small JPEG of a picture that was encoded here."""
+    pixels = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None
     scale = min(_THUMBNAIL_PX / pixels.shape[1], 1.0)
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _THUMBNAIL_QUALITY])[1].tobytes()
 
 
+def _item(name: str, file: str, notice: str, lines: Iterable[str], jpeg: bytes) -> str:
+    """Return the page's item of a still that is written, as ``file`` in the folder."""
+    link = f'<a href="{escape(quote(file, errors="surrogateescape"))}">'
+    words = f'<span class="notice">{escape(notice)}</span>' if notice else "<span>drawn</span>"
+    words += "".join(f"<span>{line}</span>" for line in lines if line)
+    picture = f"{link}{embedded(jpeg, 'image/jpeg', name)}</a>"
+    return f"<li>{picture}<div><strong>{link}{escape(name)}</a></strong>{words}</div></li>"
+
+
 def _undrawn(name: str, why: str) -> str:
     notice = f'<span class="notice">not drawn: {escape(why)}</span>'
     return f"<li><div><strong>{escape(name)}</strong>{notice}</div></li>"
-
-
-def _item(name: str, file: str, state: StillState, jpeg: bytes) -> str:
-    """Return the page's item of a still that is written, as ``file`` in the folder."""
-    link = f'<a href="{escape(quote(file, errors="surrogateescape"))}">'
-    notice = f'<span class="notice">{escape(state.notice)}</span>'
-    lines = [notice if state.notice else "<span>drawn</span>"]
-    lines.append(f"<span>{utc(state.stamp_ns)[:19].replace('T', ' ')} UTC</span>")
-    lines.append(state.place and f"<span>{state.place}</span>")
-    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    assert pixels is not None  # it was encoded here
-    picture = f"{link}{embedded(thumbnail(pixels), 'image/jpeg', name)}</a>"
-    words = f"<strong>{link}{escape(name)}</a></strong>{''.join(lines)}"
-    return f"<li>{picture}<div>{words}</div></li>"

@@ -19,7 +19,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from still_flights import PLANE, START_NS, strip
+from stills import PLANE, START_NS, strip
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation

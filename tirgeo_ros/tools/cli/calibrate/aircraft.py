@@ -30,7 +30,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, call, names_of
+from tirgeo_ros.tools.cli._verb import BAG, NAMESPACE, PARAMS, call, names_of
 
 _DELAYS = ("position_delay", "velocity_delay", "heading_delay")
 _NAMES = ("antenna", "baseline", *_DELAYS, "level", "rtk")
@@ -40,7 +40,7 @@ _HOLD_HELP = (
     "IMU's delay"
 )
 OPTIONS = (
-    *FLIGHT,
+    *BAG,
     ("-o --output", "YAML", "parameter file to write (default: show only)"),
     *PARAMS,
     *NAMESPACE,

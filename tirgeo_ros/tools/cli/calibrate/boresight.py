@@ -29,8 +29,6 @@ import argparse
 from typing import Any
 
 from tirgeo_ros.tools.cli._verb import (
-    DIRECT,
-    EVERY,
     FLIGHT,
     NEEDED,
     PARAMETERS,
@@ -55,8 +53,6 @@ OPTIONS = (
     *SMOOTH,
     ("--estimate", "LIST", _ESTIMATE_HELP, _LIST),
     ("--hold", "LIST", "parameters that keep their values in --params", _LIST | {"default": []}),
-    *DIRECT,
-    EVERY,
 )
 
 

@@ -29,10 +29,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, WINDOW, call
+from tirgeo_ros.tools.cli._verb import BAG, NAMESPACE, PARAMS, WINDOW, call
 
 OPTIONS = (
-    *FLIGHT,
+    *BAG,
     ("-o --output", "YAML", "parameter file to write (default: show only)"),
     *PARAMS,
     *NAMESPACE,
