@@ -190,7 +190,8 @@ def _optics(stamps_ns: IntArray, values: _Values) -> Optics:
 
     def camera(stamp_ns: int, width: int, height: int) -> Camera | None:
         with suppress(CameraError, IndexError):  # an impossible lens, or none at all
-            row = rows[max(np.searchsorted(stamps_ns[rows], stamp_ns, "right") - 1, 0)]
+            place = int(np.searchsorted(stamps_ns[rows], stamp_ns, "right"))
+            row = rows[max(place - 1, 0)]
             across_rad, down_rad = float(values[16][row]), float(values[17][row])
             fx = width / 2 / math.tan(across_rad / 2)
             fy = height / 2 / math.tan(down_rad / 2) if 0 < down_rad < math.pi else fx

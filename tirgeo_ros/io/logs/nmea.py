@@ -28,7 +28,6 @@ import re
 from collections.abc import Callable, Iterator
 from datetime import date, datetime, time, timezone
 from functools import partial
-from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -152,7 +151,10 @@ def _stamps_ns(sentences: list[_Sentence]) -> list[int | None]:
         last_ns = time_ns if time_ns >= _DAY_NS else last_ns + step_ns
         stamps.append(last_ns)
     way = -1 if sentences and sentences[0].name in _TIMELESS else 1
-    return list(accumulate(stamps[::way], lambda near, own: near if own is None else own))[::way]
+    near: int | None = None
+    for place in range(len(stamps))[::way]:
+        near = stamps[place] = near if stamps[place] is None else stamps[place]
+    return stamps
 
 
 class _NmeaLog:

@@ -21,7 +21,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS, open_input
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.registration import fitting_method, without_rates
+
+T = TypeVar("T", EkfConfig, GimbalConfig, OverlayConfig)
 
 
 class NodeConfigs(NamedTuple):
@@ -69,12 +71,14 @@ class NodeConfigs(NamedTuple):
         values = without_rates(reader, namespace, self.given)
         if not values:
             return self.fitting(reader.topics(), namespace)
-        fitted: list[Any] = [
-            replace(config, **{k: v for k, v in values.items() if hasattr(config, k)})
-            for config in (self.ekf, self.gimbal, self.overlay)
-        ]
+
+        def fit(config: T) -> T:
+            own = {name: value for name, value in values.items() if hasattr(config, name)}
+            return replace(config, **own)
+
         words = ", ".join(f"{name} {value}" for name, value in values.items())
         note = f"{words}: imu/data has attitudes alone, without rates"
+        fitted = fit(self.ekf), fit(self.gimbal), fit(self.overlay)
         return NodeConfigs(*fitted, self.given), [note]
 
 
