@@ -119,6 +119,20 @@ def test_evaluate_and_export_run_on_it(flight, tmp_path, capsys):
         assert np.degrees(np.linalg.norm(rotvec_from_quat(turn))) < 0.1
 
 
+def test_a_boresight_that_is_set_wrong_is_found(flight, tmp_path, capsys):
+    """But for roll, which looking down is one with the gimbal's north."""
+    folder, _ = flight
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("/**:\n  ros__parameters: {boresight_rpy_deg: [0.0, -0.8, 1.5]}\n")
+    ground = ["--survey", folder / "survey.csv", "--observations", folder / "observations.csv"]
+    more = ["--params", wrong, "--hold", "roll", "-o", tmp_path / "boresight.yaml"]
+    code, result = run(capsys, "calibrate", "boresight", folder / "DCIM", *ground, *more)
+    assert (code, result["without_pose"]) == (0, 0)
+    assert set(result["parameters"]) == {"pitch", "yaw"}  # a still has no latency
+    for row in result["parameters"].values():  # its pixels are exact, to the tangent planes' axes
+        assert abs(row["found"]) < 0.005
+
+
 @pytest.mark.parametrize("step_s", [0.1, 5.0])
 def test_joints_on_ordinary_gps(tmp_path, capsys, step_s):
     """A level aircraft, as MISB may give it: joints alone, which are too rare to be steady."""

@@ -141,10 +141,9 @@ def corrected_pose(
     if posed is None:
         return None
     pose, rates = posed
-    if rates is None:
-        return None
     slopes = np.zeros((6, len(PARAMETERS)))
-    slopes[:, _LATENCY] = -np.concatenate(rates)
+    if rates is not None:  # of a still, which has no latency, they are not known
+        slopes[:, _LATENCY] = -np.concatenate(rates)
     for name, stepped in flight.stepped.items():
         other = stepped.poses(exposed_ns)
         if other is None:

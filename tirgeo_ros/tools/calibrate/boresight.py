@@ -62,6 +62,7 @@ from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, open_flight
+from tirgeo_ros.tools.replay.registration import has_rates
 
 #: Parameters estimated by default, and the one estimated only if the flight can determine it.
 USUAL = ("roll", "pitch", "yaw", "latency")
@@ -117,6 +118,8 @@ def calibrate_boresight(
     reader, configs = opened.reader, opened.configs
     clicks = load_observations(observations, reader.stills())
     observed = (clicks, load_survey(survey), click_sigma_px, progress)
+    if estimate is None and not has_rates(reader, namespace):
+        hold = {*hold, "latency"}  # one file has the still and its pose
     wanted = _wanted(estimate, hold, configs)
     read = _read(reader, namespace, configs, wanted, *observed, smooth=smooth)
     try:
