@@ -205,13 +205,13 @@ def test_a_hostile_file_is_refused_in_a_line_at_once(tmp_path, make, reason):
     path = tmp_path / "hostile.jpg"
     path.write_bytes(make())
     tracemalloc.start()
-    begin = time.perf_counter()
+    begin = time.process_time()
     try:
         with pytest.raises(Unreadable, match=reason) as refused:
             still_metadata(path)
         peak_bytes = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert time.perf_counter() - begin < 1
+    assert time.process_time() - begin < 2  # each took 10 s and more once
     assert peak_bytes < 20e6
     assert "\n" not in str(refused.value)

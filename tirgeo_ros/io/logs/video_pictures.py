@@ -71,7 +71,8 @@ def video_of(container: Any) -> Any:
 
     None without any.
     """
-    thermal = [video for video in container.streams.video if video.width * 4 == video.height * 5]
+    decodable = [video for video in container.streams.video if video.codec_context is not None]
+    thermal = [video for video in decodable if video.width * 4 == video.height * 5]
     return thermal[0] if thermal else container.streams.best("video")
 
 
