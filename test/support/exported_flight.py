@@ -20,7 +20,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from tirgeo_ros.tools.export.frames import ExportFrame, FlightPictures, Window, frames, register
+from tirgeo_ros.tools.export.frames import ExportFrame, frames, register
+from tirgeo_ros.tools.replay.flight_pictures import FlightPictures, Window
 from tirgeo_ros.tools.presentation.progress import silent
 from tirgeo_ros.tools.replay.node_configs import open_flight
 

@@ -30,8 +30,8 @@ from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.export import export as driver
 from tirgeo_ros.tools.export.export import export
-from tirgeo_ros.tools.export.frames import FlightPictures, Window
 from tirgeo_ros.tools.export.rasters import RasterOptions
+from tirgeo_ros.tools.replay.flight_pictures import FlightPictures, Window
 
 rasterio = pytest.importorskip("rasterio")
 

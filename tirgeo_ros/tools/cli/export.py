@@ -66,7 +66,7 @@ OPTIONS = (
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Make the products; return a summary."""
     from tirgeo_ros.tools.export.export import export  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.export.frames import Window  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.flight_pictures import Window  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.export.rasters import RasterOptions  # noqa: PLC0415 heavy
 
     if args.degrees and not args.degrees[0]:

@@ -35,19 +35,13 @@ from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.export import PRODUCTS, RASTERS
-from tirgeo_ros.tools.export.frames import (
-    ExportFrame,
-    FlightPictures,
-    RegisteredFlight,
-    Window,
-    frames,
-    register,
-)
+from tirgeo_ros.tools.export.frames import ExportFrame, RegisteredFlight, frames, register
 from tirgeo_ros.tools.export.rasters import Mosaic, Orthophotos, RasterOptions, raster_setup
 from tirgeo_ros.tools.export.stills import Stills
 from tirgeo_ros.tools.export.subtitles import Subtitles
 from tirgeo_ros.tools.export.vectors import Vectors
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.flight_pictures import FlightPictures, Window
 from tirgeo_ros.tools.replay.node_configs import open_flight
 
 #: Files of the products directly in the folder.

@@ -12,16 +12,13 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Choose pictures of a flight, register them, and read them with the data of their products."""
+"""Register chosen pictures of a flight, and read them with the data of their products."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
@@ -29,21 +26,19 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.streams.stamps import exposure_ns
-from tirgeo_ros.core.types.arrays import Pixels, RawPixels
-from tirgeo_ros.core.types.errors import BagError, MessageError, TirgeoError
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.messages import pictures as picture_messages
-from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_pictures import Chosen, FlightPictures
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
-from tirgeo_ros.tools.replay.registration import Registered, Sample, picture_topic
+from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 #: Why a picture has no pose.
 _WHY_NOT = {
@@ -52,72 +47,6 @@ _WHY_NOT = {
     Miss.TOO_NEW: "after the last pose",
     Miss.GAP: "no pose near the exposure",
 }
-
-
-class Window(NamedTuple):
-    """Hold which pictures are wanted; times are seconds after the first message."""
-
-    from_s: float = 0.0
-    to_s: float = math.inf
-    every_s: float = 0.0  # at most one picture in each interval of this length; 0: all
-
-
-class Chosen(NamedTuple):
-    """Hold a chosen picture's number in the flight, from 0, and its stamp."""
-
-    number: int
-    stamp_ns: int
-
-
-class FlightPictures:
-    """Read a bag's pictures, of the raw topic or else the compressed one. Raise BagError."""
-
-    def __init__(self, reader: BagReader, namespace: str) -> None:
-        self._reader, self._cdr = reader, Cdr()
-        self._topic, self._name = picture_topic(reader, namespace)
-
-    @cached_property
-    def _times_ns(self) -> list[tuple[int, int]]:
-        """Return the log time and the stamp of each picture; the bag is read once for them."""
-        times_ns = []
-        for message in self._reader.messages([self._name]):
-            stamp_ns = 0  # without a stamp or a header, a picture gets its log time
-            with suppress(MessageError):
-                stamp_ns = header_stamp_ns(message.data)
-            times_ns.append((message.log_time_ns, stamp_ns or message.log_time_ns))
-        return times_ns
-
-    @property
-    def stamps_ns(self) -> list[int]:
-        """Return the stamps of all pictures."""
-        return [stamp_ns for _, stamp_ns in self._times_ns]
-
-    def chosen(self, window: Window) -> list[Chosen]:
-        """Return the pictures in a window, the first in each interval of ``every_s``."""
-        pictures: list[Chosen] = []
-        first_ns, newest = self._reader.span_ns[0], None
-        for number, (log_time_ns, stamp_ns) in enumerate(self._times_ns):
-            since_s = (log_time_ns - first_ns) * 1e-9
-            if since_s > window.to_s:
-                break
-            interval = number if window.every_s <= 0 else since_s // window.every_s
-            if since_s >= window.from_s and interval != newest:
-                newest = interval
-                pictures.append(Chosen(number, stamp_ns))
-        return pictures
-
-    def read(self, numbers: Collection[int]) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
-        """Yield the pictures of these numbers, in order; an error for one that is damaged."""
-        last = max(numbers, default=-1)
-        for number, message in enumerate(self._reader.messages([self._name])):
-            if number > last:
-                return
-            if number in numbers:
-                try:
-                    content = self._cdr.deserialize(message.data, message.typename, message.topic)
-                    yield number, picture_messages.pixels(self._topic, content)
-                except TirgeoError as error:
-                    yield number, error
 
 
 class Posed(NamedTuple):
