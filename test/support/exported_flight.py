@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.tools.export.frames import ExportFrame, frames, register
-from tirgeo_ros.tools.replay.flight_pictures import FlightPictures, Window
 from tirgeo_ros.tools.presentation.progress import silent
+from tirgeo_ros.tools.replay.flight_pictures import FlightPictures, Window
 from tirgeo_ros.tools.replay.node_configs import open_flight
 
 GROUND_M = 11.5

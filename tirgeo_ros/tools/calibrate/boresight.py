@@ -12,18 +12,14 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Estimate boresight, latency and more from a recorded flight: ``tirgeo calibrate boresight``.
-
-The flight runs through the nodes' core objects with the parameters as they are and, in the same
-pass, with a step in each parameter that acts before the camera pose is computed.
-"""
+"""Estimate boresight, latency and more from a recorded flight: ``tirgeo calibrate boresight``."""
 
 from __future__ import annotations
 
 import math
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,33 +39,29 @@ from tirgeo_ros.core.calibration.boresight_model import (
     PARAMETERS,
     PointSighting,
     SightedFlight,
-    Stepped,
     corrected_pose,
 )
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files, Value
-from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, open_flight
 from tirgeo_ros.tools.replay.registration import has_rates
+from tirgeo_ros.tools.replay.stepped_flight import SteppedFlight
 
 #: Parameters estimated by default, and the one estimated only if the flight can determine it.
 USUAL = ("roll", "pitch", "yaw", "latency")
 IF_DETERMINED = "gimbal_north"
 #: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
 CLICK_SIGMA_PX = 1.0
-_STEP_RAD = math.radians(1.0)  # step of a parameter that acts before the pose is computed
 #: Residuals larger than expected by this factor cause a note.
 _MUCH = 2.0
 _UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
@@ -170,33 +162,20 @@ def _read(
     smooth: bool = False,
 ) -> _ReadFlight:
     """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
-    recorded = Flight(reader, namespace, camera=configured_camera(configs.overlay))
-    passes = _passes(recorded, configs, wanted, observed, smooth=smooth)
-    recorded.read_all(progress)
-    usual = passes.pop("")
-    if usual.plane is None:
-        raise CalibrationError(
-            f"{reader.path}: the filter computed no pose for this flight; run 'tirgeo process' "
-            "to see why"
-        )
-    composer = usual.registration.composer
-    follows_north = not composer.sees_joints and composer.counts.get("north_used", 0) > 0
-    # Joint angles, or estimates during the flight, give the north without this uncertainty.
-    has_north = composer.sees_joints or follows_north
-    variance = 0.0 if has_north else math.radians(configs.gimbal.north.sigma_deg) ** 2
-    flight = SightedFlight(
-        camera=recorded.camera,
-        poses=usual.at,
-        boresight_rpy_rad=np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
-        latency_s=configs.overlay.video_latency_s,
-        camera_offset_g=configs.gimbal.aircraft.camera_from_pivot_g,
-        click_sigma_px=click_sigma_px,
-        stepped={name: Stepped(each.at, _STEP_RAD) for name, each in passes.items()},
-        north_variance=variance,
+    stamps_ns = [observation.stamp_ns for observation in observed]
+    stepped = SteppedFlight(
+        reader,
+        namespace,
+        configs,
+        stamps_ns,
+        progress,
+        north=IF_DETERMINED in wanted,
+        smooth=smooth,
     )
+    flight, plane = stepped.sighted(click_sigma_px), stepped.plane
     points = {point.id: point for point in survey}
     surveyed = [observation for observation in observed if observation.id in points]
-    present, plane = np.zeros(len(PARAMETERS)), usual.plane
+    present = np.zeros(len(PARAMETERS))
     points_n = {
         name: plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
         for name, point in points.items()
@@ -214,31 +193,9 @@ def _read(
         unknown=len(observed) - len(surveyed),
         lost=len(surveyed) - len(posed),
         ground_m=float(np.median(heights)) if heights else math.nan,
-        by_encoders=composer.sees_joints,
-        follows_north=follows_north,
+        by_encoders=stepped.by_encoders,
+        follows_north=stepped.follows_north,
     )
-
-
-def _passes(
-    recorded: Flight,
-    configs: NodeConfigs,
-    wanted: Sequence[str],
-    observed: Sequence[Observation],
-    *,
-    smooth: bool,
-) -> dict[str, FlightPoses]:
-    """Return a run as it is (key ""), and one with a step of each wanted parameter."""
-    ekf, gimbal = configs.ekf, configs.gimbal
-    latency_s = configs.overlay.video_latency_s
-    at_ns = [exposure_ns(observation.stamp_ns, latency_s) for observation in observed]
-    passes = {"": recorded.registered(ekf, gimbal, at_ns, smooth=smooth)}
-    if "gimbal_north" in wanted:
-        # Only the parameter of the composition in use has an effect.
-        step_deg = math.degrees(_STEP_RAD)
-        north = replace(gimbal.north, bias_deg=gimbal.north.bias_deg + step_deg)
-        stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + step_deg)
-        passes["gimbal_north"] = recorded.registered(ekf, stepped, at_ns, smooth=smooth)
-    return passes
 
 
 def _wanted(

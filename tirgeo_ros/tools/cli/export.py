@@ -66,8 +66,8 @@ OPTIONS = (
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Make the products; return a summary."""
     from tirgeo_ros.tools.export.export import export  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.replay.flight_pictures import Window  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.export.rasters import RasterOptions  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.flight_pictures import Window  # noqa: PLC0415 heavy
 
     if args.degrees and not args.degrees[0]:
         raise UsageError("--degrees: SCALE must not be 0")
