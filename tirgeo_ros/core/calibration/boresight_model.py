@@ -64,7 +64,9 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 #: The parameters, in the order of every vector of corrections: rad, s and m.
 PARAMETERS = ("roll", "pitch", "yaw", "latency", "gimbal_north", "ground_height")
-_LATENCY, _GROUND = PARAMETERS.index("latency"), PARAMETERS.index("ground_height")
+_LATENCY, _NORTH, _GROUND = (
+    PARAMETERS.index(name) for name in ("latency", "gimbal_north", "ground_height")
+)
 #: Position sigma of a surveyed point, per axis: that of an RTK rover.
 _SURVEY_SIGMA_M = 0.02
 
@@ -156,6 +158,24 @@ def corrected_pose(
     return _turned(flight, pose, moved @ correction, correction[:3], slopes)
 
 
+def mounting_slopes(flight: SightedFlight, pose: CameraPose) -> Array:
+    """Return the slopes (6, 6) of any pose of a flight by its mounting and the gimbal's north.
+
+    As in ``corrected_pose``; those by latency and height of the ground are left zero.
+    """
+    slopes = np.zeros((6, len(PARAMETERS)))
+    _turned(flight, pose, np.zeros(6), np.zeros(3), slopes)
+    slopes[:, _NORTH] = -_about_down(flight, pose)
+    return slopes
+
+
+def _about_down(flight: SightedFlight, pose: CameraPose) -> Array:
+    """Return the motion (6,), m and rad, of the camera by a unit turn about down of its pivot."""
+    mounted = quat_conjugate(_mounting(tuple(flight.boresight_rpy_rad.tolist()))[0])
+    offset_n = matrix_from_quat(quat_multiply(pose.q_nc, mounted)) @ flight.camera_offset_g
+    return np.array([-offset_n[1], offset_n[0], 0.0, 0.0, 0.0, 1.0])
+
+
 def _turned(
     flight: SightedFlight, pose: CameraPose, move: Array, turn_rpy: Array, slopes: Array
 ) -> tuple[CameraPose, Array]:
@@ -165,9 +185,7 @@ def _turned(
     q_gc, axes_g = _mounting(tuple((flight.boresight_rpy_rad + turn_rpy).tolist()))
     rotation_ng = matrix_from_quat(q_ng)
     slopes[3:, :3] = rotation_ng @ axes_g
-    # A unit turn about down of the camera's offset from its pivot.
-    north, east, _ = rotation_ng @ flight.camera_offset_g
-    about_down = np.array([-east, north, 0.0, 0.0, 0.0, 1.0])
+    about_down = _about_down(flight, pose)
     covariance = pose.covariance - flight.north_variance * np.outer(about_down, about_down)
     position_n, q_nc = pose.position_n + move[:3], quat_multiply(q_ng, q_gc)
     return CameraPose(pose.stamp_ns, position_n, q_nc, covariance), slopes

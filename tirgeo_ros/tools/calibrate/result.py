@@ -31,8 +31,8 @@ from tirgeo_ros.io.files.whole_files import PathLike, write_files
 from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 
 #: Unit -> how many units make one rad, s or m.
-PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
-_DIGITS = {"deg": 3, "ms": 1, "m": 3}
+PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0, "px": 1.0, "1": 1.0}
+_DIGITS = {"deg": 3, "ms": 1, "m": 3, "px": 1, "1": 3}
 _COLUMNS = ("before", "found", "sigma")
 
 Estimates = Mapping[str, Mapping[str, Any]]
@@ -53,16 +53,23 @@ class Result(NamedTuple):
 
 
 def estimate(key: str, unit: str, *numbers: float) -> dict[str, Any]:
-    """Return an estimate of numbers in rad, s or m, in the order of the columns."""
-    columns = zip(_COLUMNS, numbers, strict=True)
+    """Return an estimate of numbers in rad, s or m, in the order of the columns.
+
+    A fourth one is the sigma that was known before.
+    """
+    columns = zip((*_COLUMNS, "prior_sigma")[: len(numbers)], numbers, strict=True)
     return {"key": key, "unit": unit} | {c: float(x) * PER_UNIT[unit] for c, x in columns}
 
 
 def estimates_table(estimates: Estimates) -> list[str]:
     """Return the lines of a table with a row for each parameter."""
-    lines = [f"{'parameter':<18}{''.join(f'{name:>10}' for name in _COLUMNS)}       key"]
+    columns = list(_COLUMNS)
+    if any("prior_sigma" in row for row in estimates.values()):
+        columns.append("prior_sigma")
+    head = "".join(f"{name.removesuffix('_sigma'):>10}" for name in columns)
+    lines = [f"{'parameter':<18}{head}       key"]
     for name, row in estimates.items():
-        numbers = "".join(f"{row[key]:>10.{_DIGITS[row['unit']]}f}" for key in _COLUMNS)
+        numbers = "".join(f"{row[key]:>10.{_DIGITS[row['unit']]}f}" for key in columns)
         lines.append(f"{name:<18}{numbers} {row['unit']:<5} {row['key']}")
     return lines
 

@@ -54,6 +54,8 @@ PARAMETERS = (*PARAMS, ("--camera", "YAML", _CAMERA), *NAMESPACE)
 _METHOD = "%(choices)s; default: as in --params, else ekf_heading, or ekf without rtk/heading"
 _SMOOTH = "use later measurements too: slower, but better poses, above all without RTK"
 SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
+_ADJUST = "correct the camera's poses by what pictures show twice: slower; most with --smooth"
+ADJUST: tuple[Option, ...] = (("--adjust", None, _ADJUST),)
 _OBSERVED = (
     "id,stamp_ns,u,v: the picture's header stamp, column, row; or id,picture,u,v: a still's name"
 )
@@ -104,6 +106,7 @@ REGISTRATION: tuple[Option, ...] = (
     *PARAMETERS,
     ("--method", "M", _METHOD, {"choices": METHODS}),
     *SMOOTH,
+    *ADJUST,
     *GROUND,
 )
 BOARD: tuple[Option, ...] = (

@@ -30,7 +30,16 @@ from __future__ import annotations
 
 import argparse
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, NEEDED, PARAMETERS, SMOOTH, SURVEY, call
+from tirgeo_ros.tools.cli._verb import (
+    ADJUST,
+    FLIGHT,
+    GROUND,
+    NEEDED,
+    PARAMETERS,
+    SMOOTH,
+    SURVEY,
+    call,
+)
 
 OPTIONS = (
     *FLIGHT,
@@ -39,6 +48,7 @@ OPTIONS = (
     *PARAMETERS,
     ("--boresight", "YAML", "file that tirgeo calibrate boresight wrote"),
     *SMOOTH,
+    *ADJUST,
     *GROUND,
     ("--truth", "BAG", "truth.mcap of a simulated flight: adds the errors of the aircraft's pose"),
 )

@@ -72,7 +72,7 @@ OPTIONS = (
     ("--workers", "N", _WORKERS, {"type": int}),
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
 )
-_NAMES = "params map method camera dem ground_height raw_images namespace smooth"
+_NAMES = "params map method camera dem ground_height raw_images namespace smooth adjust"
 _ENDINGS = (".mp4", ".ts")
 
 

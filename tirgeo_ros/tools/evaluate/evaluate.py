@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from tirgeo_ros.core.adjustment.adjustment import Adjustment
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
@@ -55,6 +56,7 @@ from tirgeo_ros.tools.evaluate.result import (
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_ties import flight_adjustment
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, node_configs
 from tirgeo_ros.tools.replay.registration import (
     FILTERS,
@@ -73,6 +75,7 @@ class _Run:
 
     setup: MethodSetup
     truth: TruePoses | None
+    adjustment: Adjustment | None = None
     has_poses: bool = False
     bodies: list[BodyPose] = field(default_factory=list)
     poses: FlightPoses = field(init=False)
@@ -115,6 +118,7 @@ def evaluate(
     truth: PathLike | None = None,
     camera: PathLike | None = None,
     smooth: bool = False,
+    adjust: bool = False,
     logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> Evaluation:
@@ -124,7 +128,8 @@ def evaluate(
     ``boresight``, one more parameter file, adds the method ``calibrated``. ``dem`` or
     ``ground_height`` (ellipsoidal m) and ``camera`` override the parameters; if none gives a
     ground, it is level at the median of the observed points' heights. A method whose topics the
-    bag lacks is reported as missing. ``smooth``: filter poses use later measurements too.
+    bag lacks is reported as missing. ``smooth``: filter poses use later measurements
+    too. ``adjust``: what pictures show twice corrects the camera's poses.
     Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
     CalibrationError if no method can be run.
     """
@@ -149,10 +154,12 @@ def evaluate(
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     true_poses = None if truth is None else load_truth(Path(truth))
     runs = [_Run(setup, true_poses) for setup in setups]
+    adjusted = _adjust(runs, opened, progress, smooth=smooth) if adjust else []
     runs, missing = _read(runs, flight, checks, experiment, reader, namespace, smooth, progress)
     methods = [run.result(flight.camera, experiment) for run in runs]
     notes = [
         *read.notes,
+        *adjusted,
         *setup_notes(setups, heights_m),
         *_run_notes(runs, namespace, smooth=smooth),
         *(f"{method} is left out: {why}" for method, why in missing.items()),
@@ -163,6 +170,19 @@ def evaluate(
     error = _error(reader, methods) or stop_line(findings)
     paths = os.fspath(bag), os.fspath(survey), os.fspath(observations)
     return Evaluation(*paths, experiment, methods, missing, notes, error, findings, smooth)
+
+
+def _adjust(
+    runs: Sequence[_Run], opened: OpenedFlight, progress: Report, *, smooth: bool
+) -> list[str]:
+    """Find the correction of each method's camera poses by ties; return notes."""
+    notes = []
+    for run in runs:
+        own = opened._replace(configs=run.setup.configs)
+        smoothed = smooth and run.ekf_method in FILTERS
+        run.adjustment, why = flight_adjustment(own, progress, adjust=True, smooth=smoothed)
+        notes += [f"{run.setup.method}: {note}" for note in why]
+    return notes
 
 
 def _run_notes(runs: Sequence[_Run], namespace: str, *, smooth: bool) -> Iterator[str]:
@@ -214,7 +234,9 @@ def _begin(
     ]
     smooth = smooth and run.ekf_method in FILTERS
     try:
-        run.poses = flight.registered(ekf, gimbal, instants_ns, run.watch, smooth=smooth)
+        run.poses = flight.registered(
+            ekf, gimbal, instants_ns, run.watch, smooth=smooth, adjustment=run.adjustment
+        )
     except BagError as error:
         return str(error)
     return ""

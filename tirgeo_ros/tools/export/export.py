@@ -71,6 +71,7 @@ def export(
     ground_height: float | None = None,
     only: Collection[str] = (),
     smooth: bool = False,
+    adjust: bool = False,
     window: Window | None = None,
     targets: PathLike | None = None,
     rasters: RasterOptions | None = None,
@@ -80,9 +81,9 @@ def export(
     """Write the products of a bag into a folder; return a summary, also as ``summary.json``.
 
     ``only`` names products: all by default. ``smooth``: poses from all measurements, also later
-    ones. ``targets`` is a file of targets for the layers. Pictures that cannot be used are
-    counted by reason. Raise BagError, CameraError, ConfigError, ElevationError,
-    ExportError, MapError, TargetError.
+    ones; ``adjust``: what pictures show twice corrects them. ``targets`` is a file of targets for
+    the layers. Pictures that cannot be used are counted by reason. Raise BagError, CameraError,
+    ConfigError, ElevationError, ExportError, MapError, TargetError.
     """
     wanted, window = only or PRODUCTS, window or Window()
     places = [Path(output) / name for name in FILES]
@@ -95,7 +96,9 @@ def export(
         needed("rasterio", "writing orthophotos and mosaics", MapError)
     pictures = FlightPictures(opened.reader, namespace)
     chosen = pictures.chosen(window)
-    flight = register(opened, chosen, _part(progress, 0.0, _REGISTRATION), smooth=smooth)
+    flight = register(
+        opened, chosen, _part(progress, 0.0, _REGISTRATION), smooth=smooth, adjust=adjust
+    )
     products, lattice = _rasters(flight, rasters or RasterOptions(), Path(output), wanted)
     dji = ParameterFile(opened.params).config("dji_node", DjiConfig, namespace)
     if "stills" in wanted:

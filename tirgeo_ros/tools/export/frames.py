@@ -37,6 +37,7 @@ from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_pictures import Chosen, FlightPictures
+from tirgeo_ros.tools.replay.flight_ties import flight_adjustment
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
@@ -71,7 +72,12 @@ class RegisteredFlight(NamedTuple):
 
 
 def register(
-    opened: OpenedFlight, chosen: Sequence[Chosen], progress: Report, *, smooth: bool = False
+    opened: OpenedFlight,
+    chosen: Sequence[Chosen],
+    progress: Report,
+    *,
+    smooth: bool = False,
+    adjust: bool = False,
 ) -> RegisteredFlight:
     """Find the poses of pictures. Raise BagError without any; CameraError, ElevationError."""
     reader, namespace, overlay = opened.reader, opened.namespace, opened.configs.overlay
@@ -80,7 +86,8 @@ def register(
     flight = Flight(reader, namespace, pictures=True, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(each.stamp_ns, overlay.video_latency_s) for each in chosen]
     ekf, gimbal = opened.configs.ekf, opened.configs.gimbal
-    poses = flight.registered(ekf, gimbal, exposures_ns, smooth=smooth)
+    adjustment, adjusted = flight_adjustment(opened, progress, adjust=adjust, smooth=smooth)
+    poses = flight.registered(ekf, gimbal, exposures_ns, smooth=smooth, adjustment=adjustment)
     bodies = _Bodies(exposures_ns, poses)
     poses.watchers += [bodies.watch, checks.watch]
     flight.read_all(progress)
@@ -107,7 +114,11 @@ def register(
         "state": status.state.value,
         "smoothed": smooth,
         "findings": finding_items(findings),
-        "notes": [*opened.notes, *(ground.notes if isinstance(ground, Terrain) else ())],
+        "notes": [
+            *opened.notes,
+            *adjusted,
+            *(ground.notes if isinstance(ground, Terrain) else ()),
+        ],
     }
     place = flight.camera, poses.plane, ground
     return RegisteredFlight(*place, posed, refused, bodies.states, summary, stop_line(findings))

@@ -28,6 +28,7 @@ from contextlib import suppress
 from itertools import islice
 from typing import Any, Protocol
 
+from tirgeo_ros.core.adjustment.adjustment import Adjustment
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.checks.input_checks import size_fault
@@ -188,16 +189,17 @@ class Flight:
         instants_ns: Sequence[int],
         *watchers: Watcher,
         smooth: bool = False,
+        adjustment: Adjustment | None = None,
     ) -> FlightPoses:
         """Add a registration of the samples to poses, and return it.
 
         Raise BagError if a needed topic is absent. ``smooth``: each pose uses later measurements
-        too.
+        too. ``adjustment`` corrects the camera's poses.
         """
         topics = inputs_of(
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
         )
-        poses = FlightPoses(ekf, gimbal, topics.values(), instants_ns, watchers)
+        poses = FlightPoses(ekf, gimbal, topics.values(), instants_ns, watchers, adjustment)
         return self.add_poses(poses, smooth=smooth)
 
     def add_poses(self, poses: FlightPoses, *, smooth: bool = False) -> FlightPoses:
@@ -336,12 +338,14 @@ class FlightPoses:
         topics: Collection[str],
         instants_ns: Sequence[int] | None = (),
         watchers: Sequence[Watcher] = (),
+        adjustment: Adjustment | None = None,
     ) -> None:
         self.ekf, self._gimbal, self.topics = ekf, gimbal, topics
+        self._adjustment = adjustment
         self.watchers = list(watchers)
         self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
         self._instants_ns = None if instants_ns is None else sorted(instants_ns)
-        self.registration = Registration(ekf, gimbal)
+        self.registration = Registration(ekf, gimbal, None, adjustment)
         self._recording: RecordingNavigation | None = None
 
     @property
@@ -366,7 +370,8 @@ class FlightPoses:
     def smooth(self) -> None:
         """Begin a second pass, with the smoothed poses of the first one."""
         assert self._recording is not None
-        self.registration = Registration(self.ekf, self._gimbal, self._recording.smoothed())
+        smoothed = self._recording.smoothed()
+        self.registration = Registration(self.ekf, self._gimbal, smoothed, self._adjustment)
 
     def take(self, sample: Sample) -> None:
         """Process a sample in filter and gimbal, and keep the camera poses near the instants."""

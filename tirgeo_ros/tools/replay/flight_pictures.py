@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from functools import cached_property
 from typing import NamedTuple
@@ -82,13 +82,18 @@ class FlightPictures:
                 pictures.append(Chosen(number, stamp_ns))
         return pictures
 
-    def read(self, numbers: Collection[int]) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
-        """Yield the pictures of these numbers, in order; an error for one that is damaged."""
+    def read(
+        self, numbers: Collection[int], wants: Callable[[int], bool] = lambda _: True
+    ) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
+        """Yield the pictures of these numbers, in order; an error for one that is damaged.
+
+        Just before a picture would be decoded, ``wants`` may decline it.
+        """
         last = max(numbers, default=-1)
         for number, message in enumerate(self._reader.messages([self._name])):
             if number > last:
                 return
-            if number in numbers:
+            if number in numbers and wants(number):
                 try:
                     content = self._cdr.deserialize(message.data, message.typename, message.topic)
                     yield number, picture_messages.pixels(self._topic, content)

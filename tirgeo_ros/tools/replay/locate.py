@@ -50,6 +50,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
+from tirgeo_ros.tools.replay.flight_ties import flight_adjustment
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 
 
@@ -65,16 +66,18 @@ def locate_pixels(
     namespace: str = "",
     camera: PathLike | None = None,
     smooth: bool = False,
+    adjust: bool = False,
     logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Locate pixels of a flight's pictures; return a summary.
 
-    ``pixels`` is a CSV ``id,stamp_ns,u,v``, or ``id,picture,u,v`` with the names of stills.
-    The ending of ``output`` chooses the format; an unknown one means GeoJSON. ``dem`` or
+    ``pixels`` is a CSV ``id,stamp_ns,u,v``, or ``id,picture,u,v`` with the names of stills. The
+    ending of ``output`` chooses the format; an unknown one means GeoJSON. ``dem`` or
     ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A
     pixel that cannot be located is written with the reason. ``smooth``: camera poses use later
-    measurements too. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError.
+    measurements too; ``adjust``: what pictures show twice corrects them. Raise BagError,
+    CameraError, ConfigError, SurveyError, ElevationError.
     """
     needed("mgrs", f"writing {os.fspath(output)}", SurveyError)
     options = {"method": method, "dem": dem, "ground_height": ground_height, "camera": camera}
@@ -94,7 +97,8 @@ def locate_pixels(
     flight = Flight(opened.reader, namespace, camera=lens, checks=checks)
     exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
     used = opened.configs.ekf, opened.configs.gimbal, exposures_ns
-    poses = flight.registered(*used, checks.watch, smooth=smooth)
+    adjustment, adjusted = flight_adjustment(opened, progress, adjust=adjust, smooth=smooth)
+    poses = flight.registered(*used, checks.watch, smooth=smooth, adjustment=adjustment)
     flight.read_all(progress)
     answers = _answers(observations, exposures_ns, flight, poses, ground, opened)
     answers, unknown = _with_temperatures(answers, flight.camera, opened)
@@ -107,7 +111,7 @@ def locate_pixels(
         "method": navigation.method,
         "smoothed": smooth,
         "composition": poses.registration.composer.composition,
-        "notes": [*opened.notes, *unknown],
+        "notes": [*opened.notes, *adjusted, *unknown],
         "state": navigation.state.value,
         "messages": flight.read.total(),
         "messages_refused": flight.refused,

@@ -48,6 +48,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.presentation.results import finding_items, summary
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
+from tirgeo_ros.tools.replay.flight_ties import flight_adjustment
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
@@ -75,6 +76,7 @@ def process(
     namespace: str = "",
     camera: PathLike | None = None,
     smooth: bool = False,
+    adjust: bool = False,
     stills: PathLike | None = None,
     logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
@@ -87,9 +89,10 @@ def process(
     ``camera``, a calibration file, override them. ``images`` need the gimbal's topics. They are
     drawn if there is a map, or for ``raw_images`` or ``video``, in another process unless
     ``cores`` (None: as many as this process may use) is 1: the bytes are the same. ``smooth``:
-    each pose uses later measurements too. ``stills`` is a folder for pictures that were stills,
-    drawn, with their contact page. Raise BagError (no bag, a needed topic absent, nothing
-    readable), CameraError, ConfigError, MapError, ElevationError, PictureError, VideoError.
+    each pose uses later measurements too. ``adjust``: what pictures show twice corrects them.
+    ``stills`` is a folder for pictures that were stills, drawn, with their contact page. Raise
+    BagError (no bag, a needed topic absent, nothing readable), CameraError, ConfigError, MapError,
+    ElevationError, PictureError, VideoError.
     """
     wanted = raw_images or video is not None
     if (wanted or stills is not None) and not images:
@@ -108,11 +111,16 @@ def process(
     cores = available_cores() if cores is None else cores
     with PictureStage(cores if draws else 1) as stage:
         setup = _set_up(opened, images=images, draws=draws)._replace(stills=sheet)
+        adjustment, adjusted = flight_adjustment(opened, progress, adjust=adjust, smooth=smooth)
+        setup = setup._replace(notes=[*setup.notes, *adjusted])
         begun_s = time.perf_counter()
         if setup.overlay is not None:
             stage.begin(opened.configs.overlay, setup.overlay.painter.ground, keeps_images=wanted)
         files = (bag_out, video, progress, stage)
-        flight, outputs, film = _run(setup, *files, raw_images=raw_images, smooth=smooth)
+        poses = FlightPoses(
+            opened.configs.ekf, opened.configs.gimbal, setup.topics.values(), adjustment=adjustment
+        )
+        flight, outputs, film = _run(setup, poses, *files, raw_images=raw_images, smooth=smooth)
     elapsed_s = time.perf_counter() - begun_s
     findings = setup.checks.findings()  # damage is in the error
     result = _summary(setup, flight, outputs)
@@ -168,6 +176,7 @@ def _set_up(opened: OpenedFlight, *, images: bool, draws: bool) -> ProcessSetup:
 
 def _run(
     setup: ProcessSetup,
+    poses: FlightPoses,
     bag_out: PathLike,
     video: PathLike | None,
     progress: Report,
@@ -177,13 +186,12 @@ def _run(
     smooth: bool,
 ) -> tuple[Flight, ProcessOutputs, VideoFile | None]:
     """Process all messages and write the outputs."""
-    reader, configs = setup.opened.reader, setup.opened.configs
+    reader = setup.opened.reader
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
         flight = Flight(reader, setup.opened.namespace, checks=setup.checks, needs_camera=False)
-        own = configs.ekf, configs.gimbal, setup.topics.values()
-        poses = flight.add_poses(FlightPoses(*own), smooth=smooth)
+        flight.add_poses(poses, smooth=smooth)
         outputs = ProcessOutputs(setup, flight, poses, writer, film, stage, raw_images=raw_images)
         poses.watchers += [setup.checks.watch, outputs.watch]
         flight.read_all(progress, outputs)

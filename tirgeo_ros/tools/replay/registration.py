@@ -26,6 +26,7 @@ from contextlib import suppress
 from itertools import islice
 from typing import Any, NamedTuple
 
+from tirgeo_ros.core.adjustment.adjustment import Adjustment
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
@@ -84,25 +85,37 @@ class Registered(NamedTuple):
 class Registration:
     """Feed the filter and the gimbal composition with samples in order of arrival.
 
-    The poses are those of ``smoothed`` runs of the same samples, if given.
+    The poses are those of ``smoothed`` runs of the same samples, if given, and the camera's are
+    corrected by an ``adjustment``.
     """
 
     def __init__(
-        self, ekf: EkfConfig, gimbal: GimbalConfig, smoothed: Sequence[SmoothedRun] | None = None
+        self,
+        ekf: EkfConfig,
+        gimbal: GimbalConfig,
+        smoothed: Sequence[SmoothedRun] | None = None,
+        adjustment: Adjustment | None = None,
     ) -> None:
         self.navigation = (
             Navigation(ekf) if smoothed is None else SmoothedNavigation(ekf, smoothed)
         )
         self.composer = GimbalComposer(gimbal)
+        self._adjustment = adjustment
 
     def take(self, sample: Sample) -> Registered:
         """Process a sample in the objects that use it; return their outputs."""
         solution = navigated(self.navigation, sample)
         plane = self.navigation.plane
         if solution is None or plane is None:
-            return Registered(cameras=composed(self.composer, sample, None), plane=plane)
+            return Registered(cameras=self._cameras(sample, None), plane=plane)
         body = plane.body_pose(solution)
-        return Registered(solution, body, composed(self.composer, sample, body), plane)
+        return Registered(solution, body, self._cameras(sample, body), plane)
+
+    def _cameras(self, sample: Sample, body: BodyPose | None) -> list[CameraPose]:
+        cameras = composed(self.composer, sample, body)
+        if self._adjustment is None:
+            return cameras
+        return [self._adjustment.corrected(camera) for camera in cameras]
 
 
 def navigated(navigation: Navigation, sample: Sample) -> NavSolution | None:

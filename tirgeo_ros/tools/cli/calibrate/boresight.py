@@ -15,12 +15,15 @@
 r"""Find the camera's mounting error and the video's latency from a flight.
 
 Finds how the camera is mounted on its gimbal and how late the video is, from surveyed points and
-their pixels in one flight. Refuses parameters that the flight cannot separate. Give the file to
---params and to the nodes after the aircraft's own file.
+their pixels in one flight, or with --ties from what its own pictures show twice, without a
+surveyed point; then the gimbal's north, focal length and the ground's height too. What the flight
+cannot tell is refused, with --ties kept, and said. Give the file to --params and to the nodes
+after the aircraft's own file.
 
 example:
   tirgeo calibrate boresight bags/sample/flight.mcap --survey bags/sample/survey.geojson \
     --observations bags/sample/observations.csv --params bags/sample/params.yaml -o boresight.yaml
+  tirgeo calibrate boresight DCIM/ --ties --ground-height 212 -o boresight.yaml
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._verb import (
     FLIGHT,
+    GROUND,
     NEEDED,
     PARAMETERS,
     SMOOTH,
@@ -39,38 +43,63 @@ from tirgeo_ros.tools.cli._verb import (
     names_of,
 )
 
-_NAMES = ("roll", "pitch", "yaw", "latency", "gimbal_north", "ground_height")
+_POINTS = ("roll", "pitch", "yaw", "latency", "gimbal_north", "ground_height")
+_NAMES = (*_POINTS, "focal", "k1")
 _ESTIMATE_HELP = (
-    f"parameters to estimate, of {', '.join(_NAMES)}, separated by commas; default: the first "
+    f"parameters to estimate, of {', '.join(_POINTS)}, separated by commas; default: the first "
     "four, and gimbal_north if the flight separates it from them"
 )
+_HOLD_HELP = f"parameters that keep their values in --params, of {', '.join(_NAMES)}"
 _LIST = {"type": names_of(_NAMES)}
 OPTIONS = (
     *FLIGHT,
-    *SURVEY,
+    ("--ties", None, "no surveyed points: calibrate by what the pictures show twice"),
+    *(option[:3] for option in SURVEY),
+    *GROUND,
     ("-o --output", "YAML", "parameter file to write", NEEDED),
     *PARAMETERS,
     *SMOOTH,
-    ("--estimate", "LIST", _ESTIMATE_HELP, _LIST),
-    ("--hold", "LIST", "parameters that keep their values in --params", _LIST | {"default": []}),
+    ("--estimate", "LIST", _ESTIMATE_HELP, {"type": names_of(_POINTS)}),
+    ("--hold", "LIST", _HOLD_HELP, _LIST | {"default": []}),
 )
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
+    points = {"--survey": args.survey, "--observations": args.observations}
+    for_one = (
+        {"--estimate": args.estimate, **points}
+        if args.ties
+        else {"--dem": args.dem, "--ground-height": args.ground_height}
+    )
+    for option in [name for name, value in for_one.items() if value is not None]:
+        raise UsageError(f"{option} is not for --ties" if args.ties else f"{option} is for --ties")
+    if args.ties:
+        from tirgeo_ros.tools.calibrate.tie_calibration import (  # noqa: PLC0415 heavy
+            calibrate_by_ties,
+        )
+
+        return call(calibrate_by_ties, args, "calibrating")
+    for option in [name for name, value in points.items() if value is None]:
+        raise UsageError(f"{option} is needed, or --ties")
     from tirgeo_ros.tools.calibrate.boresight import calibrate_boresight  # noqa: PLC0415 heavy
 
     both = sorted(set(args.estimate or ()) & set(args.hold))
     if both:
         raise UsageError(f"{', '.join(both)}: name it in --estimate or in --hold, not in both")
-    if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
+    if not set(_POINTS[:5] if args.estimate is None else args.estimate) - set(args.hold):
         raise UsageError("nothing to estimate: change --estimate or --hold")
     return call(calibrate_boresight, args, "calibrating, s")
 
 
 def describe(result: dict[str, Any]) -> str:
     """Return the estimates as a table, and how well they fit."""
-    from tirgeo_ros.tools.calibrate.boresight import boresight_lines  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.result import described  # noqa: PLC0415 heavy
+
+    if "disagreement_m" in result:
+        from tirgeo_ros.tools.calibrate.tie_calibration import ties_lines  # noqa: PLC0415 heavy
+
+        return described(ties_lines(result), result)
+    from tirgeo_ros.tools.calibrate.boresight import boresight_lines  # noqa: PLC0415 heavy
 
     return described(boresight_lines(result), result)
