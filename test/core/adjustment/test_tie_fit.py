@@ -1,0 +1,188 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a fit to ties finds of planted errors, how honest it is, and what it cannot tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import PLANE
+from tied_flights import (
+    GROUND_M,
+    PLANTED,
+    Course,
+    error_of,
+    fitted,
+    pose_errors,
+    tied_truth,
+)
+
+from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, fit_ties
+from tirgeo_ros.core.adjustment.tied_views import PARAMETERS
+from tirgeo_ros.core.types.errors import CalibrationError
+
+NONE = np.zeros(8)
+NORTH_KNOWN = np.where(np.array(PARAMETERS) == "gimbal_north", 0.0, PRIOR_SIGMA)
+SMALL = Course(leg_m=40, strips=4, spacing_m=12)
+HIGH = Course(leg_m=80, strips=2, spacing_m=25, height_m=75)
+FOCAL, LATENCY = PARAMETERS.index("focal"), PARAMETERS.index("latency")
+
+
+def over_sigma(fit, planted=PLANTED):
+    free = fit.sigma > 0
+    return (planted - fit.correction)[free] / fit.sigma[free]
+
+
+def test_mounting_latency_and_focal_length_are_found_without_a_surveyed_point():
+    fit = fitted(tied_truth((SMALL, HIGH), points=500), NORTH_KNOWN)
+    assert not fit.undetermined
+    assert np.abs(over_sigma(fit)).max() < 3.5  # eight of a normal distribution: 0.4 %
+    assert abs(fit.correction - PLANTED)[FOCAL] < 0.003
+    assert abs(fit.correction - PLANTED)[LATENCY] < 0.005
+    assert fit.correction[3] == fit.sigma[3] == 0.0
+    assert fit.noise.pixel_sigma == pytest.approx(0.5, rel=0.1)
+    assert fit.used.mean() > 0.99
+
+
+def test_wrong_ties_do_not_matter():
+    clean, spoilt = (
+        fitted(tied_truth((SMALL,), points=500, wrong=wrong), NORTH_KNOWN) for wrong in (0.0, 0.2)
+    )
+    apart = (spoilt.correction - clean.correction)[NORTH_KNOWN > 0]
+    assert (np.abs(apart) < clean.sigma[NORTH_KNOWN > 0]).all()
+    assert 0.85 < spoilt.used.mean() < 0.97  # one in five places has a wrong sighting, of four
+    assert spoilt.noise.pixel_sigma == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.parametrize(("actual", "reported"), [(0.4, 0.2), (0.2, 0.5)])
+def test_the_attitudes_noise_is_estimated(actual, reported):
+    truth = tied_truth(
+        (Course(),), NONE, points=600, attitude_deg=actual, reported_deg=reported, tau_s=3.0
+    )
+    fit = fitted(truth, NONE, again=False)
+    assert fit.noise.attitude_factor == pytest.approx(actual / reported, rel=0.25)
+    assert fit.noise.taus_s[3] == pytest.approx(3.0, rel=0.6)
+    errors, covariances = pose_errors(fit, truth)
+    before = [error_of(v.view.pose, p) for v, p in zip(truth.views, truth.true_poses, strict=True)]
+    after = np.sqrt((errors**2).mean(0))[3:]
+    assert (after < 0.4 * np.sqrt(np.square(before).mean(0))[3:]).all()
+    whole = np.einsum("pi,pij,pj->p", errors, np.linalg.inv(covariances), errors)
+    assert 0.6 < np.sqrt(whole.mean() / 6) < 1.5
+
+
+def test_a_single_strip_names_what_it_cannot_tell():
+    fit = fitted(tied_truth((Course(strips=1),), points=400), PRIOR_SIGMA, again=False)
+    assert {"focal", "latency", "yaw"} <= fit.undetermined.keys()
+    assert "without turns" in fit.undetermined["latency"]
+    assert "one heading" in fit.undetermined["yaw"]
+    held = [PARAMETERS.index(name) for name in fit.undetermined]
+    assert (fit.correction[held] == 0).all()
+    assert fit.sigma[held] == pytest.approx(PRIOR_SIGMA[held])
+    assert np.abs(over_sigma(fit)).max() < 3.5
+
+
+def test_straight_down_the_mounting_and_the_gimbals_north_are_one():
+    planted = PLANTED * 0
+    planted[3] = np.radians(3.0)
+    fit = fitted(tied_truth((SMALL,), planted, points=500), PRIOR_SIGMA, again=False)
+    assert "gimbal's north are one" in fit.undetermined["roll"]
+    assert np.abs(over_sigma(fit, planted)).max() < 3.5
+    # What is determined is corrected: the poses are right although the two are not told apart.
+    assert fit.correction[3] == pytest.approx(np.radians(3.0), abs=np.radians(0.3))
+
+
+@pytest.mark.parametrize(("height_sigma_m", "told"), [(10.0, False), (0.2, True)])
+def test_from_one_height_the_focal_length_wants_the_height_of_the_ground(height_sigma_m, told):
+    sigma = NORTH_KNOWN.copy()
+    sigma[-1] = height_sigma_m
+    planted = PLANTED * [0, 0, 0, 0, 1, 0, 0, 0]
+    course = HIGH._replace(leg_m=150)
+    fit = fitted(tied_truth((course,), planted, points=500), sigma, again=False)
+    assert ("focal" in fit.undetermined) is not told
+    assert np.abs(over_sigma(fit, planted)).max() < 3.5
+    if told:
+        assert fit.sigma[FOCAL] < 0.01
+    else:
+        assert "ground are one" in fit.undetermined["focal"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("course", [Course(), Course(pitch_deg=-60.0)], ids=["down", "oblique"])
+def test_ten_flights_are_calibrated_and_honest(course):
+    errors, shares, squares = [], [], []
+    for seed in range(10, 20):
+        truth = tied_truth((course,), seed=seed, points=1000, attitude_deg=0.1)
+        fit = fitted(truth, NORTH_KNOWN)
+        errors.append(fit.correction - PLANTED)
+        shares.append(over_sigma(fit))
+        off, covariances = pose_errors(fit, truth)
+        squares.append(off**2 / np.einsum("pii->pi", covariances))
+    angles = np.degrees(np.array(errors)[:, :3])
+    assert np.sqrt((angles**2).mean()) < 0.05
+    assert np.abs(angles).max() < 0.12
+    assert np.abs(np.array(errors)[:, LATENCY]).max() < 0.005
+    if course.pitch_deg > -90:
+        assert np.abs(np.array(errors)[:, FOCAL]).max() < 0.003
+    shares = np.array(shares)
+    assert 0.8 < np.sqrt((shares**2).mean()) < 1.25
+    assert (np.abs(shares) < 2).mean() > 0.9  # 95 %, of 70
+    assert np.abs(shares).max() < 4
+    assert 0.8 < np.sqrt(np.mean(squares)) < 1.25
+
+
+@pytest.mark.slow
+def test_200_pictures_take_no_more_than_40_s_of_one_core():
+    import time  # noqa: PLC0415
+
+    truth = tied_truth((Course(strips=16),), points=26000, wrong=0.1, most_sightings=4)
+    start = time.process_time()
+    fitted(truth, PRIOR_SIGMA, again=False)
+    assert time.process_time() - start < 40
+
+
+def test_what_is_too_thin_is_refused():
+    truth = tied_truth((SMALL,), points=30)
+    tracks = truth.tracks
+    few = tracks.point < 5
+    thin = tracks._replace(picture=tracks.picture[few], point=tracks.point[few], uv=tracks.uv[few])
+    with pytest.raises(CalibrationError, match=r"5 tied places .* fly strips"):
+        fitted(truth._replace(tracks=thin), PRIOR_SIGMA, again=False)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ties_that_do_not_agree_are_refused(seed):
+    truth = tied_truth((SMALL,), points=300)
+    uv = np.random.default_rng(seed).uniform(0, 500, truth.tracks.uv.shape)
+    with pytest.raises(CalibrationError, match=r"ties (agree|scatter|lead)|converge"):
+        fitted(truth._replace(tracks=truth.tracks._replace(uv=uv)), PRIOR_SIGMA, again=False)
+
+
+def test_ties_above_the_horizon_are_left_out():
+    truth = tied_truth((SMALL._replace(pitch_deg=-15.0),), points=2000)
+    uv, above = truth.tracks.uv.copy(), truth.tracks.point % 10 == 0
+    uv[above, 1] = -5.0
+    fit = fitted(truth._replace(tracks=truth.tracks._replace(uv=uv)), NORTH_KNOWN, again=False)
+    assert not fit.used[above].any()
+    assert fit.used[~above].mean() > 0.98
+    assert np.abs(over_sigma(fit)).max() < 3.5
+
+
+def test_an_impossible_covariance_is_refused():
+    truth = tied_truth((SMALL,), points=300)
+    (view, _), *others = truth.views
+    pose = view.pose.__class__(view.stamp_ns, view.pose.position_n, view.pose.q_nc, -np.eye(6))
+    views = [truth.views[0]._replace(view=view._replace(pose=pose)), *others]
+    with pytest.raises(CalibrationError, match="impossible covariance"):
+        fit_ties(views, truth.tracks, PLANE, GROUND_M)

@@ -1,0 +1,208 @@
+# Copyright 2026 The tirgeo maintainers
+# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Solve a bundle adjustment: robust Gauss-Newton steps, and the noise along with it.
+
+Cauchy weights first keep wrong ties from dominating; then least squares over the sightings that
+agree. The noise of the ties comes from their residuals. That of the camera's attitudes (sigma and
+correlation time) is the most likely one, with everything else integrated out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.adjustment.normal_equations import Noise, Reduced, prior, reduced
+from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedFlight
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.missing_package import needed
+
+_MOST_SIGMAS = 4.5  # as for clicks: one of 2000 good sightings exceeds it with 8 % probability
+_MEDIAN_SIGMAS = math.sqrt(2 * math.log(2))  # median distance of a two-dimensional normal error
+_CAUCHY_SIGMAS = 2.4  # 95 % of the efficiency of least squares if no tie is wrong
+_LEAST_SHARE = 0.5  # of the sightings that must agree
+#: Weight of a sighting that is left out: its point still follows the pictures.
+_LEFT_OUT = 1e-6
+_ROBUST_STEPS, _MOST_STEPS = 15, 30
+_SETTLED, _DIVERGED = 2e-3, 0.1  # largest last step of x, in prior sigmas
+#: Noise of the ties over the assumed one: the least that is believed, and the most that is a fit.
+_PIXEL_FACTORS = (0.3, 8.0)
+#: Prior sigmas of the logarithms of the attitudes' noise factor and correlation time.
+_SPREAD = np.array([0.7, 1.0])
+
+
+@dataclass(frozen=True)
+class AdjustmentConfig:
+    """Hold what is assumed of ties, relief and the poses' noise."""
+
+    pixel_sigma: float = 0.7  # of a tie, px, per axis; scaled by the residuals
+    relief_sigma_m: float = 10.0  # of the ties' heights about the ground's
+    tau_position_s: float = 60.0  # correlation time of the positions' errors
+    tau_attitude_s: float = 5.0  # of the attitudes' errors; estimated
+
+
+class Solver:
+    """Hold the state of a bundle adjustment; each method improves it, or returns a part."""
+
+    def __init__(self, flight: TiedFlight, config: AdjustmentConfig) -> None:
+        self._flight, self._config = flight, config
+        taus_s = np.repeat([config.tau_position_s, config.tau_attitude_s], 3)
+        self.noise = Noise(config.pixel_sigma, 1.0, taus_s)
+        self.x = np.zeros(8 + 6 * len(flight.views))
+        self.free = np.ones(len(self.x), bool)
+        self.free[:8] = flight.prior_sigma > 0
+        np.divide(flight.applied, flight.prior_sigma, out=self.x[:8], where=self.free[:8])
+        self.points_n = flight.first_points()
+        self.used: BoolArray = np.zeros(len(flight.tracks.uv), bool)
+        self._normal: Reduced
+        self._at: Array  # x at which the normal equations are
+
+    @property
+    def residual(self) -> Array:
+        """Return the residuals (N, 2), px, at the present state; nan if not in view."""
+        return self._flight.linearised(self.x, self.points_n)[0][: len(self.used)]
+
+    def hold(self, names: Iterable[str]) -> None:
+        """Hold parameters at their present values in the aircraft's set-up."""
+        held = np.flatnonzero(np.isin(PARAMETERS, list(names)))
+        self.free[held], self.x[held] = False, 0.0
+
+    def solve(self, *, robust: bool = False) -> None:
+        """Iterate until the steps are small.
+
+        Raises CalibrationError if the ties do not agree, or the iteration diverges.
+        """
+        for _ in range(_ROBUST_STEPS if robust else _MOST_STEPS):
+            before = self.used
+            step = self._step(robust)
+            if step < _SETTLED and (robust or (before == self.used).all()):
+                return
+        if not robust and step > _DIVERGED:
+            raise CalibrationError(
+                "the fit to the ties does not converge: check stamps, focal length and mounting"
+            )
+
+    def _step(self, robust: bool) -> float:
+        """Make one step; return its largest element of x."""
+        point = self._flight.tracks.point
+        residual, slopes = self._flight.linearised(self.x, self.points_n)
+        # A sighting's residual is smaller than its error, as its point is fitted to it.
+        seen = np.bincount(point)[point]
+        sigmas = np.hypot(*residual[: len(point)].T) / self.noise.pixel_sigma
+        sigmas = np.nan_to_num(sigmas / np.sqrt(1 - 1.5 / seen), nan=np.inf)
+        scale = max(1.0, float(np.median(sigmas)) / _MEDIAN_SIGMAS)
+        near = sigmas < _MOST_SIGMAS * scale
+        self.used = near & (np.bincount(point, weights=near)[point] > 1)
+        if not math.isfinite(scale) or not (robust or self.used.mean() >= _LEAST_SHARE):
+            raise CalibrationError(
+                f"only {self.used.sum()} of {len(point)} sightings of ties agree: check stamps, "
+                "focal length and mounting, and fly over ground with texture that does not move"
+            )
+        weights = 1 / (1 + (sigmas / (_CAUCHY_SIGMAS * scale)) ** 2) if robust else self.used
+        self._linearise(residual, slopes, np.maximum(weights, _LEFT_OUT))
+        step = np.zeros_like(self.x)
+        pull = self._normal.gradient - self._prior() @ self.x
+        step[self.free] = np.linalg.solve(self._within(self._information()), pull[self.free])
+        self.x = self.x + step
+        self.points_n = self.points_n + self._normal.point_step(step)
+        return float(np.abs(step).max())
+
+    def _linearise(self, residual: Array, slopes: Array, weights: Array) -> None:
+        """Set up the normal equations; ``weights`` (N,) are relative to a tie's own."""
+        tracks, points = self._flight.tracks, len(self.points_n)
+        heights = np.full(points, self._config.relief_sigma_m**-2)
+        weights = np.concatenate([weights / self.noise.pixel_sigma**2, heights])
+        picture = np.concatenate([tracks.picture, np.zeros(points, int)])
+        point = np.concatenate([tracks.point, np.arange(points)])
+        residual = np.nan_to_num(residual)
+        self._normal = reduced(residual, slopes, weights, picture, point, len(self.x))
+        self._at = self.x
+
+    def _prior(self) -> Array:
+        return prior(self._flight.times_s, self.noise)[0]
+
+    def _information(self) -> Array:
+        return np.asarray(self._normal.information + self._prior())
+
+    def _within(self, matrix: Array) -> Array:
+        """Return the rows and columns of a matrix (n, n) that are estimated."""
+        return np.asarray(matrix[np.ix_(self.free, self.free)])
+
+    def covariance(self, considered: Iterable[str] = ()) -> Array:
+        """Return the covariance (n, n) of x; held parameters count as exact, or as their prior."""
+        covariance = np.zeros((len(self.x),) * 2)
+        covariance[np.ix_(self.free, self.free)] = np.linalg.inv(self._within(self._information()))
+        others = np.flatnonzero(np.isin(PARAMETERS, list(considered)))
+        # An error of a held parameter moves the solution: by -inv(S_ff) S_fh.
+        moves = -covariance @ self._information()[:, others]
+        moves[others] = np.eye(len(others))
+        return np.asarray(covariance + moves @ moves.T)
+
+    def estimate_noise(self) -> None:
+        """Estimate the noise of the ties and of the attitudes from the solution.
+
+        Raises CalibrationError if the ties scatter more than ties do.
+        """
+        used, old = self.used, self.noise.pixel_sigma
+        fitted = np.bincount(self._flight.tracks.point, weights=used) > 1
+        # Each unknown takes up a freedom as far as the ties and not its prior determine it.
+        by_prior = (self._normal.inverse_roots[fitted, :, 2] ** 2).sum()
+        by_prior /= self._config.relief_sigma_m**2
+        by_prior += (self.covariance() * self._prior()).sum()
+        freedom = 2 * used.sum() - 3 * fitted.sum() - self.free.sum() + by_prior
+        sigma = math.sqrt((self.residual[used] ** 2).sum() / max(freedom, 1.0))
+        least, most = np.multiply(self._config.pixel_sigma, _PIXEL_FACTORS).tolist()
+        if sigma > most:
+            raise CalibrationError(
+                f"the ties scatter by {sigma:.1f} px about any fit: check stamps, focal length "
+                "and mounting, and fly over ground with texture that does not move"
+            )
+        sigma = max(sigma, least)
+        self.noise = self._most_likely((old / sigma) ** 2)._replace(pixel_sigma=sigma)
+
+    def _most_likely(self, gain: float) -> Noise:
+        """Return the most likely noise of the attitudes; ``gain`` is on the ties' information.
+
+        With the ties' information N and gradient b at x = 0, and the prior information L, the
+        likelihood is det(L)^0.5 det(N + L)^-0.5 exp(b' (N + L)^-1 b / 2).
+        """
+        optimize, linalg = (
+            needed(f"scipy.{part}", "adjusting pictures by their ties", CalibrationError)
+            for part in ("optimize", "linalg")
+        )
+        normal, taus_s = self._normal, self.noise.taus_s[:3]
+        ties = gain * self._within(normal.information)
+        pull = gain * (normal.gradient + normal.information @ self._at)[self.free]
+
+        def noise(logs: Array) -> Noise:
+            factor, tau = np.exp(logs).tolist()
+            tau_s = np.repeat(tau * self._config.tau_attitude_s, 3)
+            return Noise(self.noise.pixel_sigma, factor, np.concatenate([taus_s, tau_s]))
+
+        def unlikeliness(logs: Array) -> float:
+            information, log_determinant = prior(self._flight.times_s, noise(logs))
+            root = np.linalg.cholesky(ties + self._within(information))
+            half = linalg.solve_triangular(root, pull, lower=True)  # its square is the exponent
+            fit = 2 * np.log(np.diag(root)).sum() - log_determinant - half @ half
+            return float(fit + ((logs / _SPREAD) ** 2).sum())
+
+        corners = [[0.0, 0.0], [0.3, 0.0], [0.0, 0.5]]
+        options = {"initial_simplex": corners, "xatol": 0.03, "fatol": 0.03}
+        found = optimize.minimize(unlikeliness, corners[0], method="Nelder-Mead", options=options)
+        return noise(found.x)
