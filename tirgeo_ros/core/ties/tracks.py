@@ -51,11 +51,12 @@ def tracks_of(pairs: Sequence[TiedPair]) -> Tracks:
         empty = np.empty(0, np.int64)
         return Tracks(empty, empty, empty, np.empty((0, 2)))
     stamps = np.unique([[pair.first_ns, pair.second_ns] for pair in pairs]).astype(np.int64)
-    ends = []
-    for side in (0, 1):
-        picture = [np.full(len(pair[2 + side]), pair[side]) for pair in pairs]
-        index = np.searchsorted(stamps, np.concatenate(picture))
-        ends.append(np.column_stack([index, np.concatenate([pair[2 + side] for pair in pairs])]))
+    firsts = [(pair.first_ns, pair.first_uv) for pair in pairs]
+    seconds = [(pair.second_ns, pair.second_uv) for pair in pairs]
+    ends = [
+        np.insert(uv, 0, float(np.searchsorted(stamps, stamp_ns)), axis=1)
+        for stamp_ns, uv in [*firsts, *seconds]
+    ]
     seen, where = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
     point = _joined(len(seen), where.reshape(2, -1).T)
     return _without_contradictions(stamps, seen[:, 0].astype(np.int64), point, seen[:, 1:])
