@@ -36,6 +36,7 @@ from tirgeo_ros.core.types.missing_package import needed
 _MOST_SIGMAS = 4.5  # as for clicks: one of 2000 good sightings exceeds it with 8 % probability
 _MEDIAN_SIGMAS = math.sqrt(2 * math.log(2))  # median distance of a two-dimensional normal error
 _CAUCHY_SIGMAS = 2.4  # 95 % of the efficiency of least squares if no tie is wrong
+_CELL_M = 50.0  # over which relief is alike: crowns, slopes, roofs
 _LEAST_SHARE = 0.5  # of the sightings that must agree
 #: Weight of a sighting that is left out: its point still follows the pictures.
 _LEFT_OUT = 1e-6
@@ -69,6 +70,10 @@ class Solver:
         self.free[:8] = flight.prior_sigma > 0
         np.divide(flight.applied, flight.prior_sigma, out=self.x[:8], where=self.free[:8])
         self.points_n = flight.first_points()
+        #: (M,) m-2: heights near each other have one error, so a cell's tell as much as one.
+        cells = np.floor(np.nan_to_num(self.points_n[:, :2]) / _CELL_M)
+        _, cell, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        self._by_height = 1 / (config.relief_sigma_m**2 * counts[cell.ravel()])
         self.used: BoolArray = np.zeros(len(flight.tracks.uv), bool)
         self._normal: Reduced
         self._at: Array  # x at which the normal equations are
@@ -126,8 +131,7 @@ class Solver:
     def _linearise(self, residual: Array, slopes: Array, weights: Array) -> None:
         """Set up the normal equations; ``weights`` (N,) are relative to a tie's own."""
         tracks, points = self._flight.tracks, len(self.points_n)
-        heights = np.full(points, self._config.relief_sigma_m**-2)
-        weights = np.concatenate([weights / self.noise.pixel_sigma**2, heights])
+        weights = np.concatenate([weights / self.noise.pixel_sigma**2, self._by_height])
         picture = np.concatenate([tracks.picture, np.zeros(points, int)])
         point = np.concatenate([tracks.point, np.arange(points)])
         residual = np.nan_to_num(residual)
@@ -162,8 +166,9 @@ class Solver:
         used, old = self.used, self.noise.pixel_sigma
         fitted = np.bincount(self._flight.tracks.point, weights=used) > 1
         # Each unknown takes up a freedom as far as the ties and not its prior determine it.
-        by_prior = (self._normal.inverse_roots[fitted, :, 2] ** 2).sum()
-        by_prior /= self._config.relief_sigma_m**2
+        by_prior = ((self._normal.inverse_roots[:, :, 2] ** 2).sum(1) * self._by_height)[
+            fitted
+        ].sum()
         by_prior += (self.covariance() * self._prior()).sum()
         freedom = 2 * used.sum() - 3 * fitted.sum() - self.free.sum() + by_prior
         sigma = math.sqrt((self.residual[used] ** 2).sum() / max(freedom, 1.0))

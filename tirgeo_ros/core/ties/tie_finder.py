@@ -23,6 +23,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ties.features import Features, features_of, nearest, standing
 from tirgeo_ros.core.ties.matching import tied
 from tirgeo_ros.core.ties.tie_config import TieConfig
@@ -50,14 +51,15 @@ class _Picture(NamedTuple):
 class TieFinder:
     """Collect the features of pictures, choose pairs of pictures that overlap, and match them.
 
-    ``plane`` is the plane of the poses, ``ground_height_m`` the ellipsoidal height of the ground.
+    ``plane`` is the plane of the poses, ``ground`` the ellipsoidal height of the ground, m,
+    or an elevation model.
     The same pictures in the same order give the same ties.
     """
 
     def __init__(
-        self, plane: TangentPlane, ground_height_m: float, config: TieConfig | None = None
+        self, plane: TangentPlane, ground: Ground, config: TieConfig | None = None
     ) -> None:
-        self._plane, self._ground_m = plane, ground_height_m
+        self._plane, self._ground = plane, ground
         self._config = config or TieConfig()
         self._pictures: list[_Picture] = []
         self._last: tuple[View, Array] | None = None  # the last one wanted, and its samples
@@ -65,7 +67,7 @@ class TieFinder:
 
     def wants(self, view: View) -> bool:
         """Return whether a picture differs enough from the last one taken, and shows ground."""
-        if not np.isfinite(view.samples(self._plane, self._ground_m)).any():
+        if not np.isfinite(view.samples(self._plane, self._ground)).any():
             return False
         if self._last is None:
             return True
@@ -81,13 +83,13 @@ class TieFinder:
         """
         if not self.wants(view):
             return
-        samples_n = view.samples(self._plane, self._ground_m)
+        samples_n = view.samples(self._plane, self._ground)
         self._last = view, samples_n
         self._wanted += 1
         if (self._wanted - 1) % self._every:
             return
         most = self._config.features
-        features = features_of(view, pixels, self._plane, self._ground_m, most)
+        features = features_of(view, pixels, self._plane, self._ground, most)
         self._pictures.append(_Picture(view, samples_n, features))
         if len(self._pictures) > self._config.most_pictures:
             self._pictures, self._every = self._pictures[::2], 2 * self._every

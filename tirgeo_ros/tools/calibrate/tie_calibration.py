@@ -19,8 +19,9 @@ Every fifth pair of pictures is left out of the fit, and judges it.
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ from tirgeo_ros.core.ties.view import View
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.missing_package import needed
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files, Value
@@ -49,6 +51,8 @@ from tirgeo_ros.tools.replay.registration import has_rates
 
 _UNITS = {"latency": "ms", "ground_height": "m", "focal": "px", "k1": "1"}  # all others: deg
 _LENS = ("focal", "k1")
+_SCALE_M = 0.3  # sigma of positions from which on they are no scale
+_WORSE = 1.1  # share of the disagreement before from which on a result is refused
 _OPPOSITE = -0.5  # cosine between the headings of two pictures
 
 
@@ -107,12 +111,15 @@ def calibrate_by_ties(
     )
     reader, configs = opened.reader, opened.configs
     ties = flight_ties(reader, namespace, configs, progress, smooth=smooth)
-    held = {*hold} if has_rates(reader, namespace) else {*hold, "latency"}
+    held, loose = {*hold}, _without_scale(ties)
+    held |= {"focal"} if loose else set()
+    held |= set() if has_rates(reader, namespace) else {"latency"}  # a still has none
     try:
         fit = ties.fit(_prior_sigma(ties, held))
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     judged = _judged(ties, fit)
+    _check(reader, judged)
     found = _found(ties, fit, configs)
     lens = [name for name in _LENS if fit.correction[PARAMETERS.index(name)]]
     calibration = camera_yaml(corrected_camera(ties.stepped.recorded.camera, fit.correction))
@@ -126,11 +133,11 @@ def calibrate_by_ties(
         "pairs": len(ties.pairs),
         "ties": sum(len(pair.first_uv) for pair in ties.pairs),
         "points": len(fit.points_n),
-        "residual_px": fit.rms_px,
+        "residual_px": fit.noise.pixel_sigma,
     }
-    result = Result(numbers, nodes, [*opened.notes, *_notes(fit)])
+    result = Result(numbers, nodes, [*opened.notes, *loose, *_notes(fit)])
     lines = ties_lines(numbers)
-    files = [
+    files: list[tuple[PathLike | None, Callable[[], str | bytes]]] = [
         (output, lambda: result.yaml("boresight --ties", bag, lines)),
         (beside[0], lambda: _plot(judged["all"])),
         (beside[1] if lens else None, lambda: calibration),
@@ -144,6 +151,14 @@ def _prior_sigma(ties: FlightTies, held: Collection[str]) -> Array:
     sigma[PARAMETERS.index("gimbal_north")] = ties.stepped.north_sigma_rad
     sigma[[PARAMETERS.index(name) for name in held]] = 0.0
     return sigma
+
+
+def _without_scale(ties: FlightTies) -> list[str]:
+    """Return a note if positions are too uncertain for the pictures to tell a focal length."""
+    variances = [np.trace(tied.view.pose.covariance[:2, :2]) for tied in ties.views.values()]
+    if math.sqrt(float(np.median(variances or [0.0]))) < _SCALE_M:
+        return []
+    return ["focal keeps its value: without RTK the flight has no scale to tell it"]
 
 
 def _judged(ties: FlightTies, fit: TieFit) -> dict[str, _Judged]:
@@ -162,6 +177,20 @@ def _judged(ties: FlightTies, fit: TieFit) -> dict[str, _Judged]:
     known = [pair for pair in ties.judges if {pair.first_ns, pair.second_ns} <= before.keys()]
     parts = {"all": known, "opposite": [pair for pair in known if _is_opposite(pair, before)]}
     return {name: judged(part) for name, part in parts.items() if part}
+
+
+def _check(reader: BagReader, judged: Mapping[str, _Judged]) -> None:
+    """Raise CalibrationError if pictures that the fit has not seen agree less with it."""
+    for name, each in judged.items():
+        before, after = float(np.nanmedian(each.before)), float(np.nanmedian(each.at_own_heights))
+        if after > _WORSE * before:
+            of = "" if name == "all" else f" of {name} headings"
+            raise CalibrationError(
+                f"{reader.path}: no result: {each.pairs} pairs{of} that the fit has not seen "
+                f"disagree by {before:.2f} m before, by {after:.2f} m with it: the positions are "
+                "too uncertain, or the height of the ground is wrong; fly with RTK, at two "
+                "heights, or --hold a part"
+            )
 
 
 def _is_opposite(pair: TiedPair, views: Mapping[int, View]) -> bool:
@@ -192,7 +221,7 @@ def _found(ties: FlightTies, fit: TieFit, configs: NodeConfigs) -> dict[str, dic
     }
     rows = {}
     for name, change, sigma, prior in zip(
-        PARAMETERS, fit.correction, fit.sigma, fit.prior_sigma, strict=True
+        PARAMETERS, fit.correction, fit.sigma, fit.flight.prior_sigma, strict=True
     ):
         if prior > 0 and name not in fit.undetermined:
             before, where, scale = present[name]

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.adjustment.adjustment import Adjustment, Downs, disagreement
+from tirgeo_ros.core.adjustment.adjustment import Adjustment, Downs, disagreement, known_downs
 from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, TieFit, fit_ties
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedView
 from tirgeo_ros.core.calibration.boresight_model import (
@@ -154,9 +154,11 @@ def flight_adjustment(
     except CalibrationError as error:
         return None, [f"not adjusted: {error}"]
     before = {stamp_ns: ties.views[stamp_ns].view for stamp_ns in fit.views}
-    medians = [
-        float(np.nanmedian(ties.apart_m(each, ties.judges))) for each in (before, fit.views)
-    ]
+    ways = (before, None), (before, known_downs(fit)), (fit.views, known_downs(fit))
+    level, own, after = (
+        float(np.nanmedian(ties.apart_m(views, ties.judges, downs))) for views, downs in ways
+    )
+    medians = min(level, own), after
     words = "ties that the fit has not seen are {:.2f} m apart, {:.2f} m after it".format(*medians)
     if not medians[1] < medians[0]:
         return None, [f"not adjusted, for it would not help: {words}"]
