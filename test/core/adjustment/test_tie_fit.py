@@ -29,6 +29,7 @@ from tied_flights import (
     tied_truth,
 )
 
+from tirgeo_ros.core.adjustment.solver import AdjustmentConfig
 from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, fit_ties
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -103,13 +104,19 @@ def test_straight_down_the_mounting_and_the_gimbals_north_are_one():
     assert fit.correction[3] == pytest.approx(np.radians(3.0), abs=np.radians(0.3))
 
 
-@pytest.mark.parametrize(("height_sigma_m", "told"), [(10.0, False), (0.2, True)])
-def test_from_one_height_the_focal_length_wants_the_height_of_the_ground(height_sigma_m, told):
+@pytest.mark.parametrize(
+    ("height_sigma_m", "relief_m", "told"),
+    [(10.0, 10.0, False), (0.2, 10.0, False), (0.2, 0.5, True)],
+)
+def test_from_one_height_the_focal_length_wants_the_height_of_the_ground(
+    height_sigma_m, relief_m, told
+):
     sigma = NORTH_KNOWN.copy()
     sigma[-1] = height_sigma_m
     planted = PLANTED * [0, 0, 0, 0, 1, 0, 0, 0]
     course = HIGH._replace(leg_m=150)
-    fit = fitted(tied_truth((course,), planted, points=500), sigma, again=False)
+    truth = tied_truth((course,), planted, points=500)
+    fit = fitted(truth, sigma, again=False, config=AdjustmentConfig(relief_sigma_m=relief_m))
     assert ("focal" in fit.undetermined) is not told
     assert np.abs(over_sigma(fit, planted)).max() < 3.5
     if told:

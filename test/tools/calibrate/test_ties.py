@@ -40,7 +40,6 @@ def run(capsys, *words):
         (["--ties", "--survey", "x.csv"], "--survey is not for --ties"),
         (["--ties", "--estimate", "roll"], "--estimate is not for --ties"),
         (["--survey", "x.csv"], "--observations is needed, or --ties"),
-        (["--ground-height", "3"], "--ground-height is for --ties"),
     ],
 )
 def test_points_or_ties(capsys, words, message):
@@ -78,6 +77,7 @@ def test_a_flight_with_too_few_ties_is_not_adjusted(brief, params, tmp_path, cap
 
 
 @pytest.mark.slow
+@pytest.mark.long  # the ties and the fit of 99 pictures
 def test_the_sample_calibrates_itself(sample, params, tmp_path, capsys):
     """Truth: no mounting error, 50 ms, 803.6 px. The bounds are four of its own sigmas."""
     output = tmp_path / "boresight.yaml"

@@ -51,15 +51,14 @@ _REASONS = {
         "looking straight down, the yaw of the mounting (its roll, about the optical axis) and "
         "the gimbal's north are one; tilt the camera in a part of the flight"
     ),
-    frozenset(("focal", "ground_height")): (
-        "from one height straight down, the focal length and the height of the ground are one; "
-        "fly at two heights or tilted, or give the height by an elevation model or a laser"
-    ),
     "roll": _ONE_HEADING,
     "pitch": _ONE_HEADING,
     "yaw": _ONE_HEADING,
     "gimbal_north": "few pictures overlap from other places; fly strips that overlap by half",
-    "focal": "the pictures overlap too little; fly strips that overlap by half, at two heights",
+    "focal": (
+        "from one height straight down, the focal length and the height of the ground are one; "
+        "fly at two heights or tilted, or give the height by an elevation model or a laser"
+    ),
     "k1": "the ties don't reach the pictures' corners, or are too few; fly more overlap",
     "latency": (
         "the camera moved alike in all pictures, without turns (and a delay of the gimbal's "

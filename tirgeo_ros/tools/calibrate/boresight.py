@@ -83,6 +83,8 @@ def calibrate_boresight(
     namespace: str = "",
     click_sigma_px: float = CLICK_SIGMA_PX,
     camera: PathLike | None = None,
+    dem: PathLike | None = None,
+    ground_height: float | None = None,
     smooth: bool = False,
     logs: LogOptions = NO_OPTIONS,
     progress: Report = silent,
@@ -91,11 +93,12 @@ def calibrate_boresight(
 
     ``estimate`` lists names of ``core.calibration.boresight_model.PARAMETERS``; None: USUAL, and
     IF_DETERMINED if the flight can determine it. Parameters in ``hold`` keep their values in
-    ``params``. ``smooth``: camera poses from all measurements, also later ones. Raise
-    CalibrationError if the flight does not determine a parameter, BagError, ConfigError,
-    SurveyError.
+    ``params``; ``camera``, ``dem`` and ``ground_height`` (ellipsoidal m) override these.
+    ``smooth``: camera poses from all measurements, also later ones. Raise CalibrationError if the
+    flight does not determine a parameter, BagError, ConfigError, SurveyError.
     """
-    options, inputs = {"camera": camera}, (survey, observations)
+    options = {"camera": camera, "dem": dem, "ground_height": ground_height}
+    inputs = survey, observations
     opened = open_flight(
         bag,
         (output,),

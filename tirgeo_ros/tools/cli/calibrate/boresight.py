@@ -67,14 +67,9 @@ OPTIONS = (
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
     points = {"--survey": args.survey, "--observations": args.observations}
-    for_one = (
-        {"--estimate": args.estimate, **points}
-        if args.ties
-        else {"--dem": args.dem, "--ground-height": args.ground_height}
-    )
-    for option in [name for name, value in for_one.items() if value is not None]:
-        raise UsageError(f"{option} is not for --ties" if args.ties else f"{option} is for --ties")
     if args.ties:
+        for option in [n for n, x in (points | {"--estimate": args.estimate}).items() if x]:
+            raise UsageError(f"{option} is not for --ties")
         from tirgeo_ros.tools.calibrate.tie_calibration import (  # noqa: PLC0415 heavy
             calibrate_by_ties,
         )
