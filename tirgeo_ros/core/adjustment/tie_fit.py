@@ -44,17 +44,20 @@ LEAST_POINTS, LEAST_PICTURES = 20, 3
 #: the second share if it is as good as one with another parameter (by their correlation).
 MOST_SHARE, _MOST_SHARE_OF_ONE, _ONE = 0.7, 0.3, 0.98
 _PARTNER = 0.8  # correlation from which on another parameter is named as the reason
-_ONE_HEADING = "all pictures have one heading, so it moves them alike; fly opposite headings"
+_ALIKE = (
+    "it moves pictures of one heading alike, and those of others as their positions' errors do; "
+    "fly opposite and crossing strips that overlap by half, with RTK"
+)
 #: Parameter, or two that are one -> why it cannot be told, and what to fly.
 _REASONS = {
     frozenset(("roll", "gimbal_north")): (
         "looking straight down, the yaw of the mounting (its roll, about the optical axis) and "
         "the gimbal's north are one; tilt the camera in a part of the flight"
     ),
-    "roll": _ONE_HEADING,
-    "pitch": _ONE_HEADING,
-    "yaw": _ONE_HEADING,
-    "gimbal_north": "few pictures overlap from other places; fly strips that overlap by half",
+    "roll": _ALIKE,
+    "pitch": _ALIKE,
+    "yaw": _ALIKE,
+    "gimbal_north": _ALIKE,
     "focal": (
         "from one height straight down, the focal length and the height of the ground are one; "
         "fly at two heights or tilted, or give the height by an elevation model or a laser"
