@@ -45,7 +45,7 @@ from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table,
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight_ties import FlightTies, flight_ties
+from tirgeo_ros.tools.replay.flight_ties import FlightTies, flight_ties, median
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, open_flight
 from tirgeo_ros.tools.replay.registration import has_rates
 
@@ -113,6 +113,7 @@ def calibrate_by_ties(
     ties = flight_ties(reader, namespace, configs, progress, smooth=smooth)
     held, loose = {*hold}, _without_scale(ties)
     held |= {"focal"} if loose else set()
+    held |= {"ground_height"} if configs.overlay.dem else set()  # the model has it
     held |= set() if has_rates(reader, namespace) else {"latency"}  # a still has none
     try:
         fit = ties.fit(_prior_sigma(ties, held))
@@ -176,14 +177,14 @@ def _judged(ties: FlightTies, fit: TieFit) -> dict[str, _Judged]:
 
     known = [pair for pair in ties.judges if {pair.first_ns, pair.second_ns} <= before.keys()]
     parts = {"all": known, "opposite": [pair for pair in known if _is_opposite(pair, before)]}
-    return {name: judged(part) for name, part in parts.items() if part}
+    return {name: judged(part) for name, part in parts.items() if part or name == "all"}
 
 
 def _check(reader: BagReader, judged: Mapping[str, _Judged]) -> None:
     """Raise CalibrationError if pictures that the fit has not seen agree less with it."""
     for name, each in judged.items():
-        before, after = float(np.nanmedian(each.before)), float(np.nanmedian(each.at_own_heights))
-        if after > _WORSE * before:
+        before, after = median(each.before), median(each.at_own_heights)
+        if not after <= _WORSE * before:  # nan: there are none
             of = "" if name == "all" else f" of {name} headings"
             raise CalibrationError(
                 f"{reader.path}: no result: {each.pairs} pairs{of} that the fit has not seen "

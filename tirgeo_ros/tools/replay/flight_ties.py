@@ -155,12 +155,10 @@ def flight_adjustment(
         return None, [f"not adjusted: {error}"]
     before = {stamp_ns: ties.views[stamp_ns].view for stamp_ns in fit.views}
     ways = (before, None), (before, known_downs(fit)), (fit.views, known_downs(fit))
-    level, own, after = (
-        float(np.nanmedian(ties.apart_m(views, ties.judges, downs))) for views, downs in ways
-    )
-    medians = min(level, own), after
-    words = "ties that the fit has not seen are {:.2f} m apart, {:.2f} m after it".format(*medians)
-    if not medians[1] < medians[0]:
+    level, own, after = (median(ties.apart_m(views, ties.judges, at)) for views, at in ways)
+    before_m = min(level, own)
+    words = f"ties that the fit has not seen are {before_m:.2f} m apart, {after:.2f} m after it"
+    if not after < before_m:  # nan: there are none
         return None, [f"not adjusted, for it would not help: {words}"]
     flight = ties.stepped.sighted(click_sigma_px=1.0)
 
@@ -168,6 +166,12 @@ def flight_adjustment(
         return _tied_slopes(mounting_slopes(flight, pose))
 
     return Adjustment(fit, slopes), [f"adjusted by {len(fit.points_n)} points: {words}"]
+
+
+def median(apart_m: Array) -> float:
+    """Return the median of the known distances (K,); nan without any."""
+    known = apart_m[np.isfinite(apart_m)]
+    return float(np.median(known)) if len(known) else math.nan
 
 
 def _prior_sigma(stepped: SteppedFlight, configs: NodeConfigs) -> Array:
