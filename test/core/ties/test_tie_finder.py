@@ -231,7 +231,8 @@ def test_what_is_burned_in_is_never_tied(shots, pairs):
     assert still.sum() > 400
     for pair, off in zip(tied, errors_px(shots, tied), strict=True):
         on = still[tuple(np.rint(pair.first_uv).astype(int).T[::-1])]
-        assert (off[on] < 3.0).all()  # of the ground around the thin crosshair, not of itself
+        # Of the ground around the thin crosshair: itself it would be off by the ground's motion.
+        assert (off[on] < 8.0).all()
 
 
 @pytest.mark.parametrize("count", [2, 10])
