@@ -23,6 +23,7 @@ import pytest
 import yaml
 from project import PROJECT
 
+from tirgeo_ros.core.adjustment.tied_views import PARAMETERS as TIED
 from tirgeo_ros.core.calibration.boresight_model import PARAMETERS
 from tirgeo_ros.core.config import GimbalConfig, OverlayConfig
 from tirgeo_ros.core.types.errors import CalibrationError, ConfigError
@@ -185,8 +186,9 @@ def test_inseparable_parameters_are_refused_and_nothing_is_written(flown):
 
 def test_the_verbs_have_the_same_names():
     """The verbs repeat them, so that they start without the heavy modules."""
-    assert boresight._NAMES == PARAMETERS
-    assert boresight._NAMES[:5] == (*USUAL, IF_DETERMINED)
+    assert boresight._POINTS == PARAMETERS
+    assert boresight._POINTS[:5] == (*USUAL, IF_DETERMINED)
+    assert {*boresight._NAMES} == {*TIED}
     assert tuple(HOLDS) == aircraft._NAMES
 
 
