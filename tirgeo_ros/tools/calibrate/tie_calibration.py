@@ -69,8 +69,8 @@ class _Judged(NamedTuple):
         each = {name: getattr(self, name) for name in ("before", "after", "at_own_heights")}
         quantiles = {name: np.nanquantile(apart, (0.5, 0.95)) for name, apart in each.items()}
         return {"pairs": self.pairs, "ties": len(self.before)} | {
-            name: {"median": float(median), "p95": float(p95)}
-            for name, (median, p95) in quantiles.items()
+            name: {"median": float(middle), "p95": float(p95)}
+            for name, (middle, p95) in quantiles.items()
         }
 
 

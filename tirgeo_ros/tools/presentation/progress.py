@@ -105,3 +105,9 @@ def three(value: float) -> str:
     """Return a number with three digits, or with all digits of its integer: 1.23, 12.3, 1234."""
     digits = next((n for n in (2, 1) if abs(round(value, n)) < 10 ** (3 - n)), 0)
     return f"{value:.{digits}f}"
+
+
+def part(progress: Report, begin: float, end: float) -> Report:
+    """Return a Report that converts the progress of a part to that of the whole."""
+    share = end - begin
+    return lambda done, total: progress(begin * (total or 0.0) + share * done, total)

@@ -49,7 +49,7 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, pictures as picture_messages
 from tirgeo_ros.io.messages.cdr import header_stamp_ns
 from tirgeo_ros.io.messages.topics import CAMERA_INFO, PICTURES, resolved
-from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.progress import Report, part
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.registration import (
     FILTERS,
@@ -232,10 +232,10 @@ class Flight:
             first = Flight(self._reader, self._namespace, needs_camera=False)
             for poses in self._to_smooth:
                 first.add(METHOD_TOPICS[poses.ekf.method], poses.recorder())
-            first.read_all(_part(progress, 0.0, _FIRST_SHARE))
+            first.read_all(part(progress, 0.0, _FIRST_SHARE))
             for poses in self._to_smooth:
                 poses.smooth()
-            progress = _part(progress, _FIRST_SHARE, 1.0)
+            progress = part(progress, _FIRST_SHARE, 1.0)
         wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
         present = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
         topics = present if sink is None else sink.topics
@@ -391,12 +391,6 @@ class FlightPoses:
     def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
         """Return the pose at one of the instants and the camera's motion there, or None."""
         return pose_at(self.cameras, stamp_ns)
-
-
-def _part(progress: Report, begin: float, end: float) -> Report:
-    """Return a Report that converts the progress of a part to that of the whole."""
-    share = end - begin
-    return lambda done, total: progress(begin * (total or 0.0) + share * done, total)
 
 
 def pose_at(

@@ -41,7 +41,7 @@ from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.progress import Report, part
 from tirgeo_ros.tools.replay.flight_pictures import FlightPictures
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, OpenedFlight
 from tirgeo_ros.tools.replay.stepped_flight import SteppedFlight
@@ -110,7 +110,7 @@ def flight_ties(
         raise CalibrationError("height of the ground not known: give --ground-height or --dem")
     pictures = FlightPictures(reader, namespace)
     stamps_ns = pictures.stamps_ns
-    first, second = _parts(progress)
+    first, second = part(progress, 0.0, _POSES_SHARE), part(progress, _POSES_SHARE, 1.0)
     stepped = SteppedFlight(
         reader, namespace, configs, stamps_ns, first, north=True, smooth=smooth
     )
@@ -202,12 +202,3 @@ def _tied_slopes(sighted: Array) -> Array:
 
 def _fits(shape: Sequence[int], camera: Camera) -> bool:
     return (shape[0], shape[1]) == (camera.height, camera.width)
-
-
-def _parts(progress: Report) -> tuple[Report, Report]:
-    """Return the progress of the poses and that of the pictures."""
-
-    def part(begin: float, share: float) -> Report:
-        return lambda done, total: progress(begin + share * done / (total or 1.0), 1.0)
-
-    return part(0.0, _POSES_SHARE), part(_POSES_SHARE, 1 - _POSES_SHARE)
