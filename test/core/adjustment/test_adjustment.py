@@ -71,11 +71,11 @@ def test_the_parameters_corrections_are_applied_where_slopes_are_given():
     fit = fitted(truth, np.where(np.arange(8) == 3, 0.0, PRIOR_SIGMA), again=False)
     flown = {t.view.pose.stamp_ns: f for t, f in zip(truth.views, truth.flown, strict=True)}
 
-    def slopes(pose):
+    def mounted(pose):
         time_s, course, _ = flown[pose.stamp_ns]
-        return slopes_of(course, time_s, pose, NONE)
+        return pose, slopes_of(course, time_s, pose, NONE)
 
-    shares, before, after = between(truth, Adjustment(fit, slopes))
+    shares, before, after = between(truth, Adjustment(fit, mounted))
     assert np.degrees(np.abs(before[:, 3:]).max()) > 1.5
     assert np.degrees(np.sqrt((after[:, 3:] ** 2).mean())) < 0.15
     assert 0.5 < np.sqrt((shares**2).mean()) < 1.5

@@ -92,9 +92,9 @@ def seen(view, ground):
 
 
 def flight(ground, seed=0, each=5):
-    """Return shots of two strips, 6 m between pictures and 8 m between strips."""
+    """Return shots of two strips, 12 m between pictures and 8 m between strips."""
     rng = np.random.default_rng(seed)
-    along = 6.0 * (np.arange(each) - each / 2)
+    along = 12.0 * (np.arange(each) - each / 2)
     places = [(north, 0.0, 0.0) for north in along]
     places += [(north, 8.0, np.pi) for north in along[::-1]]
     shots = []
@@ -148,9 +148,9 @@ def headings_differ(shots, pair):
 
 def test_ties_are_right_though_the_poses_are_not(shots, pairs):
     errors = np.concatenate(errors_px(shots, pairs))
-    assert len(errors) > 1000
+    assert len(errors) > 20 * len(pairs)
     assert np.sqrt((errors**2).mean()) < 1.0
-    assert (errors < 1.5).mean() > 0.95
+    assert (errors < 3.0).mean() > 0.98
     below_n = np.array([0.0, 0.0, ABOVE_M])
     moved = [
         np.subtract(*(view.pixels_of(truth.pose.position_n + below_n) for view in (view, truth)))
@@ -229,7 +229,7 @@ def test_what_is_burned_in_is_never_tied(shots, pairs):
     labels = [labelled(shot) for shot in shots]
     tied = found(labels)
     errors = np.concatenate(errors_px(shots, tied))
-    assert (errors < 1.5).mean() > 0.95
+    assert (errors < 3.0).mean() > 0.98
     assert len(errors) > 0.7 * sum(len(pair.first_uv) for pair in pairs)
     still = np.all([label.pixels == 255 for label in labels], axis=0)
     assert still.sum() > 400
@@ -258,7 +258,7 @@ def test_people_who_walk_are_not_tied():
             cv2.circle(busy, place, 4, 255, -1)
         shots.append(shot._replace(pixels=seen(shot.truth, busy)))
     errors = np.concatenate(errors_px(shots, found(shots)))
-    assert len(errors) > 500
+    assert len(errors) > 200
     assert (errors < 3.0).mean() > 0.98
 
 
@@ -269,7 +269,7 @@ def test_pictures_are_kept_by_overlap_or_turn():
     finder.add(view_at(0, 0.0, 0.0, 0.0), pixels)
     # of the 41 m that a picture is high
     assert not finder.wants(view_at(1, 2.0, 0.0, 0.0))
-    assert finder.wants(view_at(1, 8.0, 0.0, 0.0))
+    assert finder.wants(view_at(1, 12.0, 0.0, 0.0))
     assert finder.wants(view_at(1, 0.0, 0.0, np.radians(12)))
     sky = view_at(2, 0.0, 0.0, 0.0, phi=(0.0, np.pi, 0.0))
     assert not finder.wants(sky)
@@ -303,8 +303,8 @@ def real_strip(folder):
     for k, (path, still) in enumerate(zip(files, stills, strict=True)):
         q_nc = quat_multiply(still.camera_q_ng, Q_BODY_OPTICAL)
         position_n = plane.ned_from_geodetic(*still.position[:3])
-        pose = CameraPose(k, position_n, q_nc, np.diag(sigmas**2))
-        yield plane, View(k, still.camera, pose), cv2.imread(str(path))
+        pose = CameraPose(k * 10**9, position_n, q_nc, np.diag(sigmas**2))
+        yield plane, View(k * 10**9, still.camera, pose), cv2.imread(str(path))
 
 
 @pytest.mark.slow

@@ -38,13 +38,18 @@ Downs = Mapping[tuple[int, float, float], float]
 class Adjustment:
     """Correct any camera pose of a flight by the fit to its pictures' ties.
 
-    ``slopes`` returns the derivatives (6, 8) of a pose by PARAMETERS, and is needed if the fit
-    estimated any: without it only the poses' own errors are corrected, as is right for poses that
-    were composed with the corrected parameters, or whose parameters were all held.
+    ``mounted`` returns a pose without the variance that it has by PARAMETERS, and its derivatives
+    (6, 8) by them. It is needed if the fit estimated any: without it only the poses' own errors
+    are corrected, as is right for poses that were composed with the corrected parameters, or
+    whose parameters were all held.
     """
 
-    def __init__(self, fit: TieFit, slopes: Callable[[CameraPose], Array] | None = None) -> None:
-        self._fit, self._slopes = fit, slopes
+    def __init__(
+        self,
+        fit: TieFit,
+        mounted: Callable[[CameraPose], tuple[CameraPose, Array]] | None = None,
+    ) -> None:
+        self._fit, self._mounted = fit, mounted
         self._start_ns = fit.flight.views[0].view.pose.stamp_ns
 
     def corrected(self, pose: CameraPose) -> CameraPose:
@@ -53,8 +58,10 @@ class Adjustment:
         Between two pictures the correction is the mean of a Gauss-Markov process that is known at
         both; before the first and after the last one it decays.
         """
-        fit, root = self._fit, pose_root(pose)
-        slopes = np.zeros((6, 8)) if self._slopes is None else self._slopes(pose)
+        fit, slopes = self._fit, np.zeros((6, 8))
+        if self._mounted is not None:
+            pose, slopes = self._mounted(pose)
+        root = pose_root(pose)
         shares, variance = self._bridge((pose.stamp_ns - self._start_ns) * 1e-9)
         move = slopes @ (fit.correction - fit.flight.applied)
         columns, by_x = list(range(8)), [slopes * fit.flight.prior_sigma]

@@ -41,7 +41,10 @@ _LEAST_SHARE = 0.5  # of the sightings that must agree
 #: Weight of a sighting that is left out: its point still follows the pictures.
 _LEFT_OUT = 1e-6
 _ROBUST_STEPS, _MOST_STEPS = 15, 30
-_SETTLED, _DIVERGED = 2e-3, 0.1  # largest last step of x, in prior sigmas
+#: A last step of the parameters and of the poses, in prior sigmas. Points seen at small angles
+#: keep the poses moving a little.
+_SETTLED, _POSES_SETTLED = 2e-3, 0.05
+_DIVERGED = 20.0  # of these
 #: Noise of the ties over the assumed one: the least that is believed, and the most that is a fit.
 _PIXEL_FACTORS = (0.3, 8.0)
 #: Prior sigmas of the logarithms of the attitudes' noise factor and correlation time.
@@ -94,9 +97,8 @@ class Solver:
         Raises CalibrationError if the ties do not agree, or the iteration diverges.
         """
         for _ in range(_ROBUST_STEPS if robust else _MOST_STEPS):
-            before = self.used
             step = self._step(robust)
-            if step < _SETTLED and (robust or (before == self.used).all()):
+            if step < 1:
                 return
         if not robust and step > _DIVERGED:
             raise CalibrationError(
@@ -104,7 +106,7 @@ class Solver:
             )
 
     def _step(self, robust: bool) -> float:
-        """Make one step; return its largest element of x."""
+        """Make one step; return its largest element of x, in those that count as settled."""
         point = self._flight.tracks.point
         residual, slopes = self._flight.linearised(self.x, self.points_n)
         # A sighting's residual is smaller than its error, as its point is fitted to it.
@@ -126,7 +128,9 @@ class Solver:
         step[self.free] = np.linalg.solve(self._within(self._information()), pull[self.free])
         self.x = self.x + step
         self.points_n = self.points_n + self._normal.point_step(step)
-        return float(np.abs(step).max())
+        return float(
+            max(np.abs(step[:8]).max() / _SETTLED, np.abs(step[8:]).max() / _POSES_SETTLED)
+        )
 
     def _linearise(self, residual: Array, slopes: Array, weights: Array) -> None:
         """Set up the normal equations; ``weights`` (N,) are relative to a tie's own."""

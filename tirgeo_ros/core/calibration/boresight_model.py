@@ -158,15 +158,15 @@ def corrected_pose(
     return _turned(flight, pose, moved @ correction, correction[:3], slopes)
 
 
-def mounting_slopes(flight: SightedFlight, pose: CameraPose) -> Array:
-    """Return the slopes (6, 6) of any pose of a flight by its mounting and the gimbal's north.
+def by_mounting(flight: SightedFlight, pose: CameraPose) -> tuple[CameraPose, Array]:
+    """Return any pose of a flight without the variance of north, and its slopes (6, 6).
 
-    As in ``corrected_pose``; those by latency and height of the ground are left zero.
+    As in ``corrected_pose``; the slopes by latency and height of the ground are left zero.
     """
     slopes = np.zeros((6, len(PARAMETERS)))
-    _turned(flight, pose, np.zeros(6), np.zeros(3), slopes)
+    pose, slopes = _turned(flight, pose, np.zeros(6), np.zeros(3), slopes)
     slopes[:, _NORTH] = -_about_down(flight, pose)
-    return slopes
+    return pose, slopes
 
 
 def _about_down(flight: SightedFlight, pose: CameraPose) -> Array:

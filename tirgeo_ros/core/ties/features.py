@@ -55,10 +55,12 @@ class Features(NamedTuple):
     uv: Array  # (N, 2) px
     points_n: Array  # (N, 3) ground points, NED, m, by the predicted pose
     descriptors: Pixels  # (N, 128)
+    strength: Array  # (N,) of the detector's response
 
     def only(self, kept: BoolArray | IntArray) -> Features:
         """Return some features, by a mask (N,) or by indices."""
-        return Features(self.uv[kept], self.points_n[kept], self.descriptors[kept])
+        points_n, descriptors = self.points_n[kept], self.descriptors[kept]
+        return Features(self.uv[kept], points_n, descriptors, self.strength[kept])
 
 
 def local_contrast(pixels: RawPixels) -> Pixels:
@@ -86,7 +88,8 @@ def features_of(
     for each, (u, v) in zip(upright, north[kept].tolist(), strict=True):
         each.angle = float(np.degrees(np.arctan2(v, u))) % 360
     descriptors = sift.compute(grey, upright)[1] if upright else np.empty((0, _LENGTH))
-    return Features(uv[first[kept]], points_n[kept], descriptors.astype(np.uint8))
+    strength = np.array([each.response for each in upright])
+    return Features(uv[first[kept]], points_n[kept], descriptors.astype(np.uint8), strength)
 
 
 def standing(pictures: Sequence[Array], width: int, height: int) -> BoolArray:

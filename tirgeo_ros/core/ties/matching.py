@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import pixel_jacobian
 from tirgeo_ros.core.ties.features import Features
 from tirgeo_ros.core.ties.tie_config import TieConfig
@@ -86,7 +87,8 @@ def tied(
         return none
     if not _is_alone(distance, found - (places + shifts)[:, None], relief):
         return none
-    return first.uv[one[kept]], second.uv[other[kept]]
+    spread = _spread(first.only(one[kept]), views[0].camera, config)
+    return first.uv[one[kept]][spread], second.uv[other[kept]][spread]
 
 
 def _prediction(first: View, second: View, points_n: Array, config: TieConfig) -> Prediction:
@@ -106,6 +108,15 @@ def _prediction(first: View, second: View, points_n: Array, config: TieConfig) -
     for view, moved in ((first, through @ by_first), (second, by_second)):
         covariance += moved @ (view.pose.covariance + mounting) @ moved.transpose(0, 2, 1)
     return Prediction(second.pixels_of(points_n), relief, covariance)
+
+
+def _spread(features: Features, camera: Camera, config: TieConfig) -> IntArray:
+    """Return the indices of the strongest feature in each cell of a picture."""
+    columns, rows = config.cells
+    cells = (features.uv + 0.5) * [columns / camera.width, rows / camera.height]
+    column, row = cells.astype(np.int64).T
+    order = np.argsort(-features.strength, kind="stable")
+    return np.sort(order[np.unique((columns * row + column)[order], return_index=True)[1]])
 
 
 def _distances(first: Features, second: Features, predicted: Prediction) -> Array:

@@ -24,8 +24,11 @@ class TieConfig:
     """Hold the sizes and limits of the search; the defaults suit stills and videos."""
 
     features: int = 1500  # of a picture, at most: the strongest ones; some places count twice
-    #: A picture is taken if it shows less than this share of what the last one taken shows.
+    #: A picture is taken if it shows less than this share of what the last one taken shows; if it
+    #: is nearer in time than ``apart_s``, less than ``most_overlap_soon``.
     most_overlap: float = 0.9
+    most_overlap_soon: float = 0.75
+    apart_s: float = 0.9  # stills come once a second and slower
     #: Pictures kept, at most, 0.25 MB each. When there are more, every second one is dropped, and
     #: every second one of those that follow is left out.
     most_pictures: int = 600
@@ -35,3 +38,4 @@ class TieConfig:
     #: the mounting. With 1 deg, half of the pairs of opposite headings of a real strip are lost.
     mounting_sigma_deg: float = 2.0
     least_ties: int = 12  # of a pair, and those expected by chance besides
+    cells: tuple[int, int] = (10, 8)  # of a picture, across and down; each keeps one tie of a pair

@@ -73,8 +73,9 @@ class TieFinder:
             return True
         last, samples_n = self._last
         turn_rad = _turns_rad(np.stack([last.pose.q_nc, view.pose.q_nc]))[0, 1]
-        shared = view.shows(samples_n).mean()
-        return bool(turn_rad >= _TURN_RAD or shared < self._config.most_overlap)
+        is_soon = view.stamp_ns - last.stamp_ns < self._config.apart_s * 1e9
+        most = self._config.most_overlap_soon if is_soon else self._config.most_overlap
+        return bool(turn_rad >= _TURN_RAD or view.shows(samples_n).mean() < most)
 
     def add(self, view: View, pixels: RawPixels) -> None:
         """Take the next picture, (h, w) or (h, w, 3) BGR, 8 or 16 bits, if it is wanted.

@@ -28,8 +28,8 @@ from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedView
 from tirgeo_ros.core.calibration.boresight_model import (
     PARAMETERS as SIGHTED,
     SightedFlight,
+    by_mounting,
     corrected_pose,
-    mounting_slopes,
 )
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.ground.backprojection import Ground
@@ -112,7 +112,7 @@ def flight_ties(
     stamps_ns = pictures.stamps_ns
     first, second = part(progress, 0.0, _POSES_SHARE), part(progress, _POSES_SHARE, 1.0)
     stepped = SteppedFlight(
-        reader, namespace, configs, stamps_ns, first, north=True, smooth=smooth
+        reader, namespace, configs, stamps_ns, first, north=False, smooth=smooth
     )
     views = tied_views(stepped, stamps_ns)
     finder = TieFinder(stepped.plane, ground)
@@ -162,10 +162,11 @@ def flight_adjustment(
         return None, [f"not adjusted, for it would not help: {words}"]
     flight = ties.stepped.sighted(click_sigma_px=1.0)
 
-    def slopes(pose: CameraPose) -> Array:
-        return _tied_slopes(mounting_slopes(flight, pose))
+    def mounted(pose: CameraPose) -> tuple[CameraPose, Array]:
+        bare, sighted = by_mounting(flight, pose)
+        return bare, _tied_slopes(sighted)
 
-    return Adjustment(fit, slopes), [f"adjusted by {len(fit.points_n)} points: {words}"]
+    return Adjustment(fit, mounted), [f"adjusted by {len(fit.points_n)} points: {words}"]
 
 
 def median(apart_m: Array) -> float:
@@ -190,6 +191,8 @@ def _tied_view(flight: SightedFlight, stamp_ns: int) -> TiedView | None:
     if posed is None:
         return None
     pose, slopes = posed
+    north = SIGHTED.index("gimbal_north")  # not stepped: its effect is known where it matters
+    slopes[:, north] = by_mounting(flight, pose)[1][:, north]
     return TiedView(View(stamp_ns, flight.camera, pose), _tied_slopes(slopes))
 
 
