@@ -144,7 +144,8 @@ def _matches(
     stays = np.hypot(*(second_uv[other] - first_uv).T) < _STAYS_PX
     overlay = stays & (np.hypot(*(predicted_uv - first_uv).T) > _MOVES_PX)
     one, other = one[mutual & ~overlay], other[mutual & ~overlay]
-    away = np.linalg.norm(second_uv[other, None] - second_uv, axis=2) > _ONE_PLACE_PX
+    u, v = second_uv.T.astype(np.float32)
+    away = (u[other, None] - u) ** 2 + (v[other, None] - v) ** 2 > _ONE_PLACE_PX**2
     rival = np.where(away, distance[one], np.inf).min(axis=1)
     sure = distance[one, other] < _RATIO**2 * rival
     return one[sure], other[sure]

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 class TieConfig:
     """Hold the sizes and limits of the search; the defaults suit stills and videos."""
 
-    features: int = 1500  # of a picture, at most: the strongest ones; some places count twice
+    features: int = 1200  # of a picture, at most: the strongest ones; some places count twice
     #: A picture is taken if it shows less than this share of what the last one taken shows; if it
     #: is nearer in time than ``apart_s``, less than ``most_overlap_soon``.
     most_overlap: float = 0.9
