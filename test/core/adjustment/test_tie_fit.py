@@ -105,18 +105,18 @@ def test_straight_down_the_mounting_and_the_gimbals_north_are_one():
 
 
 @pytest.mark.parametrize(
-    ("height_sigma_m", "relief_m", "told"),
-    [(10.0, 10.0, False), (0.2, 10.0, False), (0.2, 0.5, True)],
+    ("height_sigma_m", "relief", "told"),
+    [(10.0, 0.13, False), (0.2, 0.13, False), (0.2, 0.007, True)],
 )
 def test_from_one_height_the_focal_length_wants_the_height_of_the_ground(
-    height_sigma_m, relief_m, told
+    height_sigma_m, relief, told
 ):
     sigma = NORTH_KNOWN.copy()
     sigma[-1] = height_sigma_m
     planted = PLANTED * [0, 0, 0, 0, 1, 0, 0, 0]
     course = HIGH._replace(leg_m=150)
     truth = tied_truth((course,), planted, points=500)
-    fit = fitted(truth, sigma, again=False, config=AdjustmentConfig(relief_sigma_m=relief_m))
+    fit = fitted(truth, sigma, again=False, config=AdjustmentConfig(relief=relief))
     assert ("focal" in fit.undetermined) is not told
     assert np.abs(over_sigma(fit, planted)).max() < 3.5
     if told:

@@ -35,6 +35,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.ties.features import features_of
 from tirgeo_ros.core.ties.tie_config import TieConfig
 from tirgeo_ros.core.ties.tie_finder import TieFinder
 from tirgeo_ros.core.ties.tracks import TiedPair, tracks_of
@@ -157,6 +158,23 @@ def test_ties_are_right_though_the_poses_are_not(shots, pairs):
         for truth, view, _ in shots
     ]
     assert np.median(np.linalg.norm(moved, axis=2)) > 5.0  # the poses alone are farther off
+
+
+def test_features_are_where_they_are():
+    """Warm spots, 5 and 10 px wide, at places between pixels."""
+    places = np.array([[60.3, 70.6], [200.5, 60.0], [120.0, 180.25], [260.8, 200.1]])
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    grey = np.full((CAMERA.height, CAMERA.width), 40.0)
+    for k, (at_u, at_v) in enumerate(places):
+        grey += 150 * np.exp(
+            -((u - at_u) ** 2 + (v - at_v) ** 2) / (2 * (2.5 + 2.5 * (k % 2)) ** 2)
+        )
+    ground_m = PLANE.height_m - ABOVE_M
+    for phi in ((0.0, 0.0, 0.0), (0.0, 0.6, 0.0)):  # down, and 34 deg from it
+        view = view_at(0, 0.0, 0.0, 0.7, phi)
+        uv = features_of(view, grey.astype(np.uint8), PLANE, ground_m, 50).uv
+        off = np.linalg.norm(uv[:, None] - places, axis=2).min(axis=0)
+        assert off.max() < 0.3
 
 
 def test_pairs_are_bounded_and_prefer_other_headings(shots, pairs):

@@ -56,7 +56,7 @@ class AdjustmentConfig:
     """Hold what is assumed of ties, relief and the poses' noise."""
 
     pixel_sigma: float = 0.7  # of a tie, px, per axis; scaled by the residuals
-    relief_sigma_m: float = 10.0  # of the ties' heights about the ground's
+    relief: float = 0.1  # sigma of the ties' heights about the ground's, in heights above it
     tau_position_s: float = 60.0  # correlation time of the positions' errors
     tau_attitude_s: float = 5.0  # of the attitudes' errors; estimated
 
@@ -76,10 +76,16 @@ class Solver:
         #: (M,) m-2: heights near each other have one error, so a cell's tell as much as one.
         cells = np.floor(np.nan_to_num(self.points_n[:, :2]) / _CELL_M)
         _, cell, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-        self._by_height = 1 / (config.relief_sigma_m**2 * counts[cell.ravel()])
+        relief_m = config.relief * self._height_m()
+        self._by_height = 1 / (relief_m**2 * counts[cell.ravel()])
         self.used: BoolArray = np.zeros(len(flight.tracks.uv), bool)
         self._normal: Reduced
         self._at: Array  # x at which the normal equations are
+
+    def _height_m(self) -> float:
+        """Return the usual height of the cameras above the points, m."""
+        cameras = [tied.view.pose.position_n[2] for tied in self._flight.views]
+        return float(np.nanmedian(self.points_n[:, 2]) - np.median(cameras))
 
     @property
     def residual(self) -> Array:

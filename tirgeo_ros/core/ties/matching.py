@@ -58,7 +58,7 @@ class Prediction(NamedTuple):
     """Hold where N ground points that one picture shows should be in another one."""
 
     uv: Array  # (N, 2) px
-    relief: Array  # (N, 2) px by which a point moves for each metre of height
+    relief: Array  # (N, 2) px by which a standard deviation of height moves a point
     covariance: Array  # (N, 2, 2) px2, of both poses, relief and detection
 
 
@@ -81,7 +81,7 @@ def tied(
     if len(one) < config.least_ties:
         return none
     places, found = _complex(predicted.uv), _complex(second.uv)
-    relief = config.relief_m * _complex(predicted.relief)
+    relief = _complex(predicted.relief)
     kept, shifts = _fitted(places, relief, one, found[other] - places[one])
     if kept.sum() < config.least_ties:
         return none
@@ -101,8 +101,8 @@ def _prediction(first: View, second: View, points_n: Array, config: TieConfig) -
     by_second, by_point = pixel_jacobian(second.camera, second.pose, points_n)
     through = by_point[:, :, :2] @ np.linalg.pinv(by_place[:, :, :2])
     offset_n = points_n - first.pose.position_n
-    relief = np.einsum("nij,nj->ni", by_point, -offset_n / offset_n[:, 2:])
-    covariance = config.relief_m**2 * relief[:, :, None] * relief[:, None]
+    relief = np.einsum("nij,nj->ni", by_point, -config.relief * offset_n)
+    covariance = relief[:, :, None] * relief[:, None]
     covariance += _DETECTION_PX**2 * np.eye(2)
     mounting = np.diag([0.0] * 3 + [np.radians(config.mounting_sigma_deg) ** 2] * 3)
     for view, moved in ((first, through @ by_first), (second, by_second)):

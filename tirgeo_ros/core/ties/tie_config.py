@@ -33,7 +33,7 @@ class TieConfig:
     #: every second one of those that follow is left out.
     most_pictures: int = 600
     pairs_per_picture: int = 4  # that a picture asks for: P pictures have P times this at most
-    relief_m: float = 10.0  # standard deviation of the ground's height
+    relief: float = 0.1  # standard deviation of the ground's height, in heights above the ground
     #: Standard deviation, about each axis, of what the poses' covariances leave out: the angles of
     #: the mounting. With 1 deg, half of the pairs of opposite headings of a real strip are lost.
     mounting_sigma_deg: float = 2.0
