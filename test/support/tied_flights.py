@@ -121,8 +121,13 @@ def tied_truth(
     pixel_sigma=0.5,
     wrong=0.0,
     most_sightings=6,
+    velocity_n=(0.0, 0.0, 0.0),
+    moving=1.0,
 ):
-    """Fly courses one after the other; the attitude's sigma is reported as it is, if not given."""
+    """Fly courses one after the other; the attitude's sigma is reported as it is, if not given.
+
+    A share of the ground, ``moving``, its west, moves with a velocity, m/s.
+    """
     rng = np.random.default_rng(seed)
     starts = np.cumsum([0.0, *(c.duration_s + 20 for c in courses)])
     flown = [
@@ -149,7 +154,9 @@ def tied_truth(
     low, high = places.min(0)[:2] - 20, places.max(0)[:2] + 20
     points_n = np.column_stack([rng.uniform(low, high, (points, 2)), np.zeros(points)])
     points_n[:, 2] = np.sin(points_n[:, 0] / 20) + rng.normal(0, 1.0, points) - planted[7]
-    tracks, kept = _tracks(rng, camera, views, true_poses, points_n, most_sightings)
+    moves = points_n[:, 1] <= low[1] + moving * (high - low)[1]
+    ways_n = (times - times.mean())[:, None, None] * (moves[:, None] * np.array(velocity_n))
+    tracks, kept = _tracks(rng, camera, views, true_poses, points_n + ways_n, most_sightings)
     uv = tracks.uv + rng.normal(0, pixel_sigma, tracks.uv.shape)
     first = np.unique(tracks.point, return_index=True)[1]
     bad = rng.permutation(first)[: int(wrong * len(first))]
@@ -181,7 +188,7 @@ def slopes_of(course, time_s, pose, correction):
 def _tracks(rng, camera, views, poses, points_n, most):
     picture, point, uv = [], [], []
     for k, pose in enumerate(poses):
-        seen, valid = camera.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))
+        seen, valid = camera.project((points_n[k] - pose.position_n) @ matrix_from_quat(pose.q_nc))
         with np.errstate(invalid="ignore"):
             inside = valid & ((seen >= 0) & (seen < [camera.width, camera.height])).all(1)
         own = np.flatnonzero(inside)

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 from scenes import PLANE
@@ -174,6 +176,34 @@ def test_ties_that_do_not_agree_are_refused(seed):
     uv = np.random.default_rng(seed).uniform(0, 500, truth.tracks.uv.shape)
     with pytest.raises(CalibrationError, match=r"ties (agree|scatter|lead)|converge"):
         fitted(truth._replace(tracks=truth.tracks._replace(uv=uv)), PRIOR_SIGMA, again=False)
+
+
+@pytest.mark.parametrize("mounting", [NONE, PRIOR_SIGMA], ids=["held", "free"])
+@pytest.mark.parametrize(("speed_mps", "moving"), [(0.05, 1.0), (0.3, 0.4)])
+def test_what_moves_alike_is_refused(speed_mps, moving, mounting):
+    """A herd that creeps, and land beside drifting waves: the poses would follow both."""
+    velocity_n = (0.6 * speed_mps, 0.8 * speed_mps, 0.0)
+    truth = tied_truth((SMALL, HIGH), NONE, points=500, velocity_n=velocity_n, moving=moving)
+    with pytest.raises(CalibrationError, match=r"places move alike, by .* fly over ground"):
+        fitted(truth, mounting, again=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_what_moves_alike_makes_no_wrong_result(seed):
+    """All 20 flights over still ground are taken; over moving ground the fit is right or none.
+
+    What moves fast beside a larger still part is left out as wrong ties are.
+    """
+    rng = np.random.default_rng(seed)
+    angle, speed_mps = rng.uniform(0, 2 * np.pi), 10 ** rng.uniform(-1.3, 0.3)
+    velocity_n = speed_mps * np.array([np.cos(angle), np.sin(angle), 0.0])
+    given = {"planted": PLANTED * rng.normal(size=8), "points": 500, "attitude_deg": 0.3}
+    fitted(tied_truth((SMALL, HIGH), seed=seed, **given), NORTH_KNOWN, again=False)
+    given |= {"velocity_n": velocity_n, "moving": rng.uniform(0.3, 1.0)}
+    with contextlib.suppress(CalibrationError):
+        fit = fitted(tied_truth((SMALL, HIGH), seed=seed, **given), NORTH_KNOWN, again=False)
+        assert np.abs(over_sigma(fit, given["planted"])).max() < 4.5
 
 
 def test_ties_above_the_horizon_are_left_out():

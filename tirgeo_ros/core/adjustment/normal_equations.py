@@ -64,22 +64,33 @@ class Reduced(NamedTuple):
 
 
 def reduced(
-    residual: Array, slopes: Array, weights: Array, picture: IntArray, point: IntArray, size: int
+    residual: Array,
+    slopes: Array,
+    weights: Array,
+    picture: IntArray,
+    point: IntArray,
+    size: int,
+    group: IntArray | None = None,
 ) -> Reduced:
     """Return the normal equations of R residuals (R, 2) with slopes (R, 2, 17), weights (R,).
 
-    ``size`` is that of x. Each point needs a residual, if only one without weight.
+    ``size`` is that of x. Each point needs a residual, if only one without weight. With a
+    ``group`` (R,) x starts with two more for each group, and slopes (R, 2, 19) with its own two.
     """
     sparse = needed("scipy.sparse", "adjusting pictures by their ties", CalibrationError)
     rows, roots = np.arange(len(weights) + 1), np.sqrt(weights)
     whitened = slopes * roots[:, None, None]
     r = (residual * roots[:, None]).ravel()
-    # Blocks of two columns: four of gamma, and three of the picture's z.
-    by_x = whitened[:, :, :14].reshape(-1, 2, 7, 2).swapaxes(1, 2).reshape(-1, 2, 2)
-    gammas = np.broadcast_to(np.arange(4), (len(weights), 4))
-    columns = np.hstack([gammas, 4 + 3 * picture[:, None] + np.arange(3)]).ravel()
-    a = sparse.bsr_matrix((by_x, columns, 7 * rows), shape=(len(r), size))
-    b = sparse.bsr_matrix((whitened[:, :, 14:], point, rows))
+    # Blocks of two columns: the group's, four of gamma, and three of the picture's z.
+    own = np.empty((len(weights), 0), int) if group is None else group[:, None]
+    first = int(own.max(initial=-1)) + 1
+    gammas = np.broadcast_to(first + np.arange(4), (len(weights), 4))
+    zs = first + 4 + 3 * picture[:, None] + np.arange(3)
+    columns = np.hstack([own, gammas, zs])
+    each = columns.shape[1]
+    by_x = whitened[:, :, :-3].reshape(-1, 2, each, 2).swapaxes(1, 2).reshape(-1, 2, 2)
+    a = sparse.bsr_matrix((by_x, columns.ravel(), each * rows), shape=(len(r), size))
+    b = sparse.bsr_matrix((whitened[:, :, -3:], point, rows))
 
     blocks = (b.T @ b).data + _POINT_PRIOR * np.eye(3)
     inverse_roots = np.linalg.inv(np.linalg.cholesky(blocks))

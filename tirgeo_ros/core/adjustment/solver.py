@@ -45,6 +45,10 @@ _ROBUST_STEPS, _MOST_STEPS = 15, 30
 #: keep the poses moving a little.
 _SETTLED, _POSES_SETTLED = 2e-3, 0.05
 _DIVERGED = 20.0  # of these
+#: Velocity of a cell's ties: its prior sigma, the least one that counts, as a fit to still ground
+#: may seem to move by mm/s, and by how many sigmas: errors alone exceed them once in 3e5 cells.
+_SPEED_MPS, _STILL_MPS, _STILL_SIGMAS = 1.0, 0.01, 5.0
+_MOST_FACTOR = 10.0  # of the attitudes' noise: 8.6 on real stills, 10 to 30 over drifting waves
 #: Noise of the ties over the assumed one: the least that is believed, and the most that is a fit.
 _PIXEL_FACTORS = (0.3, 8.0)
 #: Prior sigmas of the logarithms of the attitudes' noise factor and correlation time.
@@ -76,8 +80,9 @@ class Solver:
         #: (M,) m-2: heights near each other have one error, so a cell's tell as much as one.
         cells = np.floor(np.nan_to_num(self.points_n[:, :2]) / _CELL_M)
         _, cell, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        self._cell, self._cells = cell.ravel(), len(counts)
         relief_m = config.relief * self._height_m()
-        self._by_height = 1 / (relief_m**2 * counts[cell.ravel()])
+        self._by_height = 1 / (relief_m**2 * counts[self._cell])
         self.used: BoolArray = np.zeros(len(flight.tracks.uv), bool)
         self._normal: Reduced
         self._at: Array  # x at which the normal equations are
@@ -108,7 +113,8 @@ class Solver:
                 return
         if not robust and step > _DIVERGED:
             raise CalibrationError(
-                "the fit to the ties does not converge: check stamps, focal length and mounting"
+                f"the fit to {len(self.points_n)} tied places does not converge: check stamps, "
+                "focal length and mounting, and fly over ground with texture that does not move"
             )
 
     def _step(self, robust: bool) -> float:
@@ -128,7 +134,8 @@ class Solver:
                 "focal length and mounting, and fly over ground with texture that does not move"
             )
         weights = 1 / (1 + (sigmas / (_CAUCHY_SIGMAS * scale)) ** 2) if robust else self.used
-        self._linearise(residual, slopes, np.maximum(weights, _LEFT_OUT))
+        self._normal = self._reduced(residual, slopes, weights)
+        self._at = self.x
         step = np.zeros_like(self.x)
         pull = self._normal.gradient - self._prior() @ self.x
         step[self.free] = np.linalg.solve(self._within(self._information()), pull[self.free])
@@ -138,15 +145,61 @@ class Solver:
             max(np.abs(step[:8]).max() / _SETTLED, np.abs(step[8:]).max() / _POSES_SETTLED)
         )
 
-    def _linearise(self, residual: Array, slopes: Array, weights: Array) -> None:
-        """Set up the normal equations; ``weights`` (N,) are relative to a tie's own."""
+    def _reduced(
+        self, residual: Array, slopes: Array, weights: Array | BoolArray, *, moving: bool = False
+    ) -> Reduced:
+        """Return the normal equations; ``weights`` (N,) are relative to a tie's own."""
         tracks, points = self._flight.tracks, len(self.points_n)
-        weights = np.concatenate([weights / self.noise.pixel_sigma**2, self._by_height])
+        by_tie = np.maximum(weights, _LEFT_OUT) / self.noise.pixel_sigma**2
+        each = np.concatenate([by_tie, self._by_height])
         picture = np.concatenate([tracks.picture, np.zeros(points, int)])
         point = np.concatenate([tracks.point, np.arange(points)])
-        residual = np.nan_to_num(residual)
-        self._normal = reduced(residual, slopes, weights, picture, point, len(self.x))
-        self._at = self.x
+        size = len(self.x) + 2 * self._cells * moving
+        group = self._cell[point] if moving else None
+        return reduced(np.nan_to_num(residual), slopes, each, picture, point, size, group)
+
+    def check_stillness(self) -> None:
+        """Raise CalibrationError if all ties of a cell move alike, or poses follow what moves.
+
+        Waves, smoke, or a herd may look like ground.
+        """
+        if self.noise.attitude_factor > _MOST_FACTOR:
+            raise CalibrationError(
+                f"{len(self.points_n)} tied places agree only if attitudes are off by "
+                f"{self.noise.attitude_factor:.0f} times their sigmas: check stamps and mounting, "
+                "and fly over ground with texture that does not move"
+            )
+        velocities, covariances = self._velocities()
+        speeds = np.hypot(*velocities.T)
+        squares = np.einsum("ca,cab,cb->c", velocities, np.linalg.inv(covariances), velocities)
+        moves = (speeds > _STILL_MPS) & (squares > _STILL_SIGMAS**2)
+        if moves.any():
+            raise CalibrationError(
+                f"{moves[self._cell].sum()} of {len(self._cell)} tied places move alike, by up to "
+                f"{speeds[moves].max():.2f} m/s, as waves, smoke or a herd do: fly over ground "
+                "with texture that does not move"
+            )
+
+    def _velocities(self) -> tuple[Array, Array]:
+        """Return the velocities (C, 2) of the cells' ties, m/s, and their covariances (C, 2, 2).
+
+        They are one more step from the solution, with everything else free: a score test.
+        """
+        residual, slopes = self._flight.linearised(self.x, self.points_n)
+        picture, times_s = self._flight.tracks.picture, self._flight.times_s
+        since_s = np.zeros(len(slopes))
+        since_s[: len(picture)] = (times_s - times_s.mean())[picture]
+        slopes = np.concatenate([slopes[:, :, 14:16] * since_s[:, None, None], slopes], axis=2)
+        normal = self._reduced(residual, slopes, self.used, moving=True)
+        count = 2 * self._cells
+        normal.information[:count, :count] += np.eye(count) / _SPEED_MPS**2
+        normal.information[count:, count:] += self._prior()
+        normal.gradient[count:] -= self._prior() @ self.x
+        free = np.concatenate([np.ones(count, bool), self.free])
+        covariance = np.linalg.inv(normal.information[np.ix_(free, free)])
+        blocks = covariance[:count, :count].reshape(self._cells, 2, self._cells, 2)
+        step = covariance[:count] @ normal.gradient[free]
+        return step.reshape(-1, 2), np.einsum("cacb->cab", blocks)
 
     def _prior(self) -> Array:
         return prior(self._flight.times_s, self.noise)[0]

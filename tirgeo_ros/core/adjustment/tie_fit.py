@@ -137,6 +137,7 @@ def fit_ties(
     solver.solve()
     solver.estimate_noise()
     solver.solve()
+    solver.check_stillness()
     reasons = _undetermined(solver.covariance()[:8, :8])
     solver.hold(reasons)
     solver.solve()

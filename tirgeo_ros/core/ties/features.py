@@ -16,7 +16,7 @@
 
 SIFT (Lowe 2004) in a picture with local contrast (CLAHE), rectified: as it would look from
 straight above. Each feature is described with north up: the predicted heading is more certain than
-SIFT's own direction. AKAZE isn't in every OpenCV from 4.6 to 5. Measured on two real strips without
+SIFT's own direction. AKAZE is not in all OpenCV from 4.6 to 5. Measured on two real strips without
 RTK, looking down: pairs of opposite headings that were tied, of those chosen, and their ties, with
 nothing masked and all ties kept; seconds a picture, one core.
 
